@@ -162,7 +162,9 @@ impl Axis {
     fn new(draw: &mut Draw, number: usize) -> Self {
         let plant = &PLANTS[draw.below(PLANTS.len())];
         let units = Vec::from_iter(known_units());
-        let commands = units.iter().filter(|unit| Command::of_port(unit).is_some());
+        let commands = units
+            .iter()
+            .filter(|unit| Command::in_port_unit(unit).is_some());
         let (inputs, output) = match plant.name {
             "fmu" => {
                 let input = draw.choose(&Vec::from_iter(commands));
@@ -178,8 +180,8 @@ impl Axis {
             signal: draw
                 .choose(&["position", "speed", "valve_opening", "force"])
                 .to_owned(),
-            unit: draw.choose(&Unit::of_port(unit_in(&output))),
-            command: Command::of_port(unit_in(&inputs[0])).unwrap(),
+            unit: draw.choose(&Unit::fitting_port(unit_in(&output))),
+            command: Command::in_port_unit(unit_in(&inputs[0])).unwrap(),
         };
         let can_be_external = inputs.len() == 1 && measurand.command == Command::Current;
         // Some names begin or end like limits.
@@ -255,9 +257,9 @@ impl Axis {
             return format!("[controller{below}.{law}.nominal_model]\nload_kilograms = 0.05\n");
         }
         // Gains may be per any unit of the quantity.
-        let units = known_units().filter(|by| conversion(unit.of_laws(), by).is_some());
+        let units = known_units().filter(|by| conversion(unit.law_word(), by).is_some());
         let by = Measurand {
-            unit: Unit::Own(draw.choose(&Vec::from_iter(units)).to_owned()),
+            unit: Unit::Other(draw.choose(&Vec::from_iter(units)).to_owned()),
             ..self.measurand.clone()
         };
         let (law, more) = match self.inputs.len() {
@@ -332,7 +334,7 @@ impl Axis {
             Time::Instant => "at_seconds = 2.5\n",
             Time::Boot => "",
         };
-        if kind.is_of_a_drive() {
+        if kind.is_drive_fault() {
             text += &format!("node = \"{}\"\n", self.drive(0));
         }
         for key in kind.keys {

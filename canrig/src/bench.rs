@@ -5,9 +5,9 @@ use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 use clap::FromArgMatches;
-use controller::catalogue::{InvalidOwnLaw, LawRow, register_laws};
+use controller::catalogue::{InvalidCustomLaw, LawRow, register_laws};
 use controller::law::Law;
-use plant_emulator::catalogue::{InvalidOwnPlant, PlantRow, register_plants};
+use plant_emulator::catalogue::{InvalidCustomPlant, PlantRow, register_plants};
 use plant_emulator::plant::Plant;
 use platform::terminal::printable;
 use recording::frames::LogChanged;
@@ -35,9 +35,9 @@ pub struct Bench {
 #[derive(Debug, thiserror::Error)]
 enum InvalidBench {
     #[error(transparent)]
-    Plant(#[from] InvalidOwnPlant),
+    Plant(#[from] InvalidCustomPlant),
     #[error(transparent)]
-    Law(#[from] InvalidOwnLaw),
+    Law(#[from] InvalidCustomLaw),
 }
 
 impl Bench {

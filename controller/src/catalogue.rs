@@ -5,12 +5,12 @@ use std::sync::OnceLock;
 
 use dbc::{LawTerm, layout};
 use scenario::Objection;
-use scenario::controller::{Controller, is_of_format};
+use scenario::controller::{Controller, is_built_in};
 use scenario::custom::{CustomTable, Section, defaults, is_name};
-use scenario::law_ports::{LawWires, WrongPort, terms_of_one};
+use scenario::law_ports::{LawWires, WrongPort, one_loop_terms};
 use scenario::port::{Measurand, Ports, Unit};
-use scenario::registration::{InvalidOwn, register};
-use scenario::wiring::{LoopOfRig, Wiring};
+use scenario::registration::{InvalidRegistration, register};
+use scenario::wiring::{LoopFacts, Wiring};
 
 use crate::law::{AnyLaw, Law};
 use crate::laws::SHIPPED;
@@ -62,10 +62,10 @@ pub enum LawError {
 
 /// Reason why a custom law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidOwnLaw {
+pub enum InvalidCustomLaw {
     /// Its table is invalid.
     #[error(transparent)]
-    Table(#[from] InvalidOwn),
+    Table(#[from] InvalidRegistration),
     /// A port has no meaning, or there are too many terms.
     #[error("the law `{law}`: {wrong}")]
     Port {
@@ -83,29 +83,29 @@ static OWN: OnceLock<Vec<LawRow>> = OnceLock::new();
 ///
 /// # Errors
 /// A law has an invalid name, parameters or ports.
-pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidOwnLaw> {
+pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidCustomLaw> {
     laws.iter().try_for_each(check)?;
-    let shipped = SHIPPED.iter().filter(|row| !is_of_format(row.name));
+    let shipped = SHIPPED.iter().filter(|row| !is_built_in(row.name));
     let tables = shipped.chain(&laws).map(|row| (row.table)());
     let tables = Vec::from_iter(tables);
     if !tables.is_empty() {
         register(Section::Controller, tables)?;
     }
     OWN.set(laws)
-        .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::RegisteredAlready))
+        .map_err(|_| InvalidCustomLaw::Table(InvalidRegistration::RegisteredAlready))
 }
 
 /// Checks whether the bus can carry the outputs of a law of one loop.
-fn check(row: &LawRow) -> Result<(), InvalidOwnLaw> {
+fn check(row: &LawRow) -> Result<(), InvalidCustomLaw> {
     let Some(ports) = (row.ports)() else {
         return Ok(());
     };
-    let wires = LawWires::of_one(&ports, &Unit::Millimetres);
+    let wires = LawWires::for_one_loop(&ports, &Unit::Millimetres);
     let described = |(name, port)| described(name, port, &Measurand::default());
-    let terms = || Vec::from_iter(terms_of_one(&ports).map(described));
+    let terms = || Vec::from_iter(one_loop_terms(&ports).map(described));
     let checked = wires.and_then(|_| check_terms(&terms()));
     let law = row.name;
-    checked.map_err(|wrong| InvalidOwnLaw::Port { law, wrong })
+    checked.map_err(|wrong| InvalidCustomLaw::Port { law, wrong })
 }
 
 /// Checks whether the terms have valid names of columns, and fit into the frames of a loop.
@@ -184,14 +184,14 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
             let help = "write schema = 2, rig = \"FILE.toml\" and [controller.all.LAW]";
             return Some(objection(message, label, Some(help.to_owned())));
         }
-        Some(first) if is_of_all && first.name != wiring.of_loop => return None,
+        Some(first) if is_of_all && first.name != wiring.loop_name => return None,
         _ => {}
     }
     if let Some(objection) = process_law::objection(controller, wiring) {
         return Some(objection);
     }
     let mut each = wiring.loops.iter();
-    let of_each = |one: &LoopOfRig| check_terms(&law.terms_of(one));
+    let of_each = |one: &LoopFacts| check_terms(&law.loop_terms(one));
     let checked = law.wires(wiring).and_then(|_| {
         if is_of_all {
             each.try_for_each(of_each)
@@ -271,7 +271,7 @@ mod tests {
         // The law is registered already.
         assert!(matches!(
             register_laws(vec![LawRow::of::<Pid>()]),
-            Err(InvalidOwnLaw::Table(_))
+            Err(InvalidCustomLaw::Table(_))
         ));
     }
 

@@ -6,11 +6,13 @@ use std::time::Duration;
 use dbc::LawTerm;
 pub use scenario::CurrentRange;
 use scenario::custom::Parameters;
-use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output, terms_of, terms_of_one};
+use scenario::law_ports::{
+    LOOP_INPUTS, LawWires, WrongPort, loop_output, loop_terms, one_loop_terms,
+};
 pub use scenario::port::{Port, Ports, Width};
 use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
-use scenario::wiring::{LoopOfRig, Wiring};
+use scenario::wiring::{LoopFacts, Wiring};
 
 use crate::process_law::{NotStarted, Part, Player, StartPlayer, Window};
 use crate::terms::described;
@@ -218,9 +220,11 @@ impl AnyLaw {
     /// Returns the connections of its ports at the drive with this wiring.
     pub(crate) fn wires(&self, wiring: &Wiring) -> Result<LawWires, WrongPort> {
         match (self.drives, self.names_loops) {
-            (None, _) => LawWires::of_all(&self.ports, &wiring.loops),
-            (Some(_), true) => LawWires::of_all(&self.ports, &wiring.led_loops()),
-            (Some(_), false) => LawWires::of_one(&self.ports, &wiring.feedback.measurand.unit),
+            (None, _) => LawWires::for_all_loops(&self.ports, &wiring.loops),
+            (Some(_), true) => LawWires::for_all_loops(&self.ports, &wiring.led_loops()),
+            (Some(_), false) => {
+                LawWires::for_one_loop(&self.ports, &wiring.feedback.measurand.unit)
+            }
         }
     }
 
@@ -228,23 +232,23 @@ impl AnyLaw {
     #[must_use]
     pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
         let measurand = &wiring.feedback.measurand;
-        match (self.names_loops, wiring.own_loop()) {
+        match (self.names_loops, wiring.rig_loop()) {
             (false, _) => {
-                let terms = terms_of_one(&self.ports);
+                let terms = one_loop_terms(&self.ports);
                 terms
                     .map(|(name, port)| described(name, port, measurand))
                     .collect()
             }
-            (true, Some(own)) => self.terms_of(own),
+            (true, Some(facts)) => self.loop_terms(facts),
             (true, None) => Vec::new(),
         }
     }
 
     /// Returns the terms that a law of all loops publishes for one loop.
-    pub(crate) fn terms_of(&self, of_loop: &LoopOfRig) -> Vec<LawTerm> {
-        let terms = terms_of(&self.ports, of_loop);
+    pub(crate) fn loop_terms(&self, facts: &LoopFacts) -> Vec<LawTerm> {
+        let terms = loop_terms(&self.ports, facts);
         terms
-            .map(|(name, port)| described(name, port, &of_loop.measurand))
+            .map(|(name, port)| described(name, port, &facts.measurand))
             .collect()
     }
 

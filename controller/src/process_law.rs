@@ -9,7 +9,7 @@ use scenario::controller::Controller;
 use scenario::law_ports::{LawWires, Writing, WrongPort};
 use scenario::port::{Port, Ports};
 use scenario::process_law::{PlayedPort, Plays, ProcessLaw};
-use scenario::wiring::{LoopOfRig, Wiring};
+use scenario::wiring::{LoopFacts, Wiring};
 use scenario::{CurrentRange, Objection};
 use toml::Value;
 
@@ -31,7 +31,7 @@ pub struct Part {
     /// Program, library or FMU that plays it.
     pub plays: Plays,
     /// Name of its loop among several; empty for an only loop.
-    pub of_loop: String,
+    pub loop_name: String,
     /// Names of the values that it reads.
     pub reads: Vec<String>,
     /// Names of its commands.
@@ -98,7 +98,7 @@ impl Part {
         let all = [&law.reads, &law.writes, &law.terms].into_iter().flatten();
         let variables = all.filter_map(|port| Some((name(port), port.variable.clone()?)));
         let part = Self {
-            of_loop: wiring.loop_among_several().to_owned(),
+            loop_name: wiring.loop_among_several().to_owned(),
             reads: named(&law.reads),
             writes: named(&law.writes),
             terms: named(&law.terms),
@@ -135,9 +135,9 @@ fn output(port: &PlayedPort, wiring: &Wiring) -> Port {
 /// Returns the smallest and largest command of a drive, in the unit of the port.
 fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
     let loops = wiring.led_loops();
-    match LawWires::of_port(&output(port, wiring), &loops).map(|wires| wires.outputs) {
-        Ok(outputs) if let [Writing::Current { of_loop, factor }] = outputs[..] => {
-            let CurrentRange { min, max, .. } = loops[of_loop].current;
+    match LawWires::for_port(&output(port, wiring), &loops).map(|wires| wires.outputs) {
+        Ok(outputs) if let [Writing::Current { index, factor }] = outputs[..] => {
+            let CurrentRange { min, max, .. } = loops[index].current;
             [min / factor, max / factor]
         }
         _ => ANY,
@@ -149,14 +149,16 @@ fn whole_name(signal: &str, wiring: &Wiring) -> String {
     if signal.contains('.') {
         signal.to_owned()
     } else {
-        format!("{}.{signal}", wiring.of_loop)
+        format!("{}.{signal}", wiring.loop_name)
     }
 }
 
 /// Returns the name of a signal in the process: without the loop if it is the own one.
 fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
     match signal.split_once('.') {
-        Some((owner, name)) if owner == wiring.of_loop || owner == wiring.nodes.drive.name => name,
+        Some((owner, name)) if owner == wiring.loop_name || owner == wiring.nodes.drive.name => {
+            name
+        }
         _ => signal,
     }
 }
@@ -169,7 +171,7 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
         let mut ports = ports.iter().enumerate();
         ports.find_map(|(place, port)| {
             let wrong = match key {
-                "reads" => LawWires::of_port(&input(port, wiring), &loops).err(),
+                "reads" => LawWires::for_port(&input(port, wiring), &loops).err(),
                 _ => wrong_output(&output(port, wiring), &loops, is_command),
             };
             let WrongPort { message, label } = wrong?;
@@ -188,20 +190,20 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
 }
 
 /// Returns the error of an output, which must be a command, or a term of the law's own loop.
-fn wrong_output(port: &Port, loops: &[LoopOfRig], is_command: bool) -> Option<WrongPort> {
+fn wrong_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Option<WrongPort> {
     let name = &port.name;
-    let writing = match LawWires::of_port(port, loops) {
+    let writing = match LawWires::for_port(port, loops) {
         Ok(wires) => wires.outputs.into_iter().next()?,
         Err(wrong) => return Some(wrong),
     };
     let (message, label) = match (writing, is_command) {
-        (Writing::Current { .. }, true) | (Writing::Term { of_loop: 0, .. }, false) => return None,
+        (Writing::Current { .. }, true) | (Writing::Term { index: 0, .. }, false) => return None,
         (Writing::Current { .. }, false) => (
             format!("`{name}` is a command, not a term"),
             "what the law commands stands in `writes`".to_owned(),
         ),
-        (Writing::Term { of_loop, .. }, true) => {
-            let right = loops[of_loop].measurand.name("{command}_{command_unit}");
+        (Writing::Term { index, .. }, true) => {
+            let right = loops[index].measurand.name("{command}_{command_unit}");
             (
                 format!("`{name}` is no command of a drive"),
                 format!("a command is `{right}`; what else the law writes stands in `terms`"),
@@ -225,7 +227,7 @@ mod tests {
     #[test]
     fn a_command_has_the_name_and_the_unit_of_its_amplifier() {
         let written = |command: Command, name: &str| {
-            let one = LoopOfRig {
+            let one = LoopFacts {
                 name: "x".to_owned(),
                 drive: "drive".to_owned(),
                 measurand: Measurand::position(Unit::Millimetres).commanding(command),
@@ -237,7 +239,7 @@ mod tests {
                 led_by: None,
             };
             let wiring = Wiring {
-                of_loop: "x".to_owned(),
+                loop_name: "x".to_owned(),
                 loops: vec![one],
                 ..Wiring::default()
             };

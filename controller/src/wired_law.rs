@@ -53,7 +53,7 @@ impl WiredLaw {
         let ports = law.ports();
         let wires = law.wires(wiring)?;
         let readings = wires.inputs.iter().map(|reading| Reading {
-            of_loop: places[reading.of_loop],
+            index: places[reading.index],
             ..*reading
         });
         let drives = wiring.currents(law.drives());
@@ -79,7 +79,7 @@ impl WiredLaw {
     pub(crate) fn waits_for(&self) -> Vec<usize> {
         let positions = self.readings.iter();
         let positions = positions.filter(|reading| reading.quantity == Quantity::Position);
-        let mut places = Vec::from_iter(positions.map(|reading| reading.of_loop));
+        let mut places = Vec::from_iter(positions.map(|reading| reading.index));
         if places.is_empty() {
             places = self.currents.iter().map(|wire| wire.place).collect();
         }
@@ -96,7 +96,7 @@ impl WiredLaw {
         seen: impl Fn(usize) -> &'a Seen,
     ) -> bool {
         for (value, reading) in self.reads.iter_mut().zip(&self.readings) {
-            *value = seen(reading.of_loop)[reading.quantity as usize] * reading.factor;
+            *value = seen(reading.index)[reading.quantity as usize] * reading.factor;
         }
         self.has_new_terms = true;
         (self.law).step(cycle, window, &self.reads, &mut self.writes)
@@ -146,7 +146,7 @@ fn current(
     };
     let mut wired = wires.outputs.iter().zip(outputs).enumerate();
     let found = wired.find_map(|(output, (writing, port))| match writing {
-        Writing::Current { of_loop, factor } if *of_loop == place => Some(CurrentWire {
+        Writing::Current { index, factor } if *index == place => Some(CurrentWire {
             output: Some(output),
             range: port.range,
             factor: *factor,
@@ -165,7 +165,7 @@ fn terms<'a>(
 ) -> impl Iterator<Item = (usize, &'a Port, f64)> {
     let wired = wires.outputs.iter().zip(outputs).enumerate();
     wired.filter_map(move |(output, (writing, port))| match writing {
-        Writing::Term { of_loop, factor } if *of_loop == place => Some((output, port, *factor)),
+        Writing::Term { index, factor } if *index == place => Some((output, port, *factor)),
         _ => None,
     })
 }

@@ -13,15 +13,15 @@ const CONTROLLER: &str = "controller";
 const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
 /// Messages that belong to the bus.
-const OF_BUS: [&str; 2] = ["nmt_command", "sync"];
+const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
 /// Pattern, name behind that of the node, and function code of each message (CiA 301, 7.3.5).
-const OF_CONTROLLER: [(&str, &str, u32); 4] = [
+const CONTROLLER_SERVICES: [(&str, &str, u32); 4] = [
     ("controller_emergency", names::EMERGENCY, 0x080),
     ("controller_sdo_answer", names::SDO_ANSWER, 0x580),
     ("controller_sdo_request", names::SDO_REQUEST, 0x600),
     ("controller_heartbeat", names::HEARTBEAT, 0x700),
 ];
-const OF_DRIVE: [(&str, &str, u32); 8] = [
+const DRIVE_SERVICES: [(&str, &str, u32); 8] = [
     ("drive_emergency", names::EMERGENCY, 0x080),
     (FEEDBACK, names::TPDO1, 0x180),
     ("drive_rpdo1", names::RPDO1, 0x200),
@@ -32,12 +32,12 @@ const OF_DRIVE: [(&str, &str, u32); 8] = [
     ("drive_heartbeat", names::HEARTBEAT, 0x700),
 ];
 /// Messages in which an emulated drive publishes the truth about its plant.
-const OF_PLANT: [(&str, &str, u32); 3] = [
+const PLANT_SERVICES: [(&str, &str, u32); 3] = [
     (PLANT_SIGNALS, names::TPDO2, 0x280),
     (PLANT_SIGNALS, names::TPDO3, 0x380),
     ("drive_truth", names::TRUTH, 0x6A0),
 ];
-const OF_IO: [(&str, &str, u32); 5] = [
+const IO_SERVICES: [(&str, &str, u32); 5] = [
     ("disturbance_emergency", names::EMERGENCY, 0x080),
     ("disturbance_rpdo1", names::RPDO1, 0x200),
     ("disturbance_sdo_answer", names::SDO_ANSWER, 0x580),
@@ -54,7 +54,7 @@ const FLOAT_BITS: u8 = 32;
 const CURRENT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
 /// Texts of the shipped DBC about a wire in the controller's emergencies, and their forms for any other plant.
-const WORDS_OF_A_WIRE: [(&str, &str); 2] = [
+const WIRE_LABELS: [(&str, &str); 2] = [
     (
         "position changes faster than the wire moves",
         "position changes faster than the plant moves",
@@ -128,9 +128,9 @@ impl Composer {
             drives: Vec::new(),
             io_nodes: Vec::new(),
             nodes: Vec::new(),
-            messages: OF_BUS.map(pattern).into(),
+            messages: BUS_MESSAGES.map(pattern).into(),
         };
-        composer.add_node(controller, node_id, &OF_CONTROLLER);
+        composer.add_node(controller, node_id, &CONTROLLER_SERVICES);
         composer
     }
 
@@ -142,20 +142,20 @@ impl Composer {
     }
 
     fn add(&mut self, name: &str, node_id: u8, messages: &[(&str, &str, u32)]) {
-        let own = messages.iter().map(|(like, end, function)| {
+        let copies = messages.iter().map(|(like, end, function)| {
             let mut message = pattern(like);
             message.name = names::message(name, end);
             message.raw_id = function + u32::from(node_id);
-            message.sender = message.sender.map(|sender| self.own(&sender, name));
+            message.sender = message.sender.map(|sender| self.renamed(&sender, name));
             for signal in &mut message.signals {
                 for receiver in &mut signal.receivers {
-                    *receiver = self.own(receiver, name);
+                    *receiver = self.renamed(receiver, name);
                 }
             }
             message
         });
-        let own = Vec::from_iter(own);
-        self.messages.extend(own);
+        let copies = Vec::from_iter(copies);
+        self.messages.extend(copies);
     }
 
     /// Returns the message of a node for a service, if it has been added.
@@ -165,10 +165,10 @@ impl Composer {
     }
 
     /// Returns the name on this bus of a node of the shipped DBC, in a message of `own`.
-    fn own(&self, shipped: &str, own: &str) -> String {
+    fn renamed(&self, shipped: &str, name: &str) -> String {
         match shipped {
             CONTROLLER => self.controller.clone(),
-            DRIVE | IO => own.to_owned(),
+            DRIVE | IO => name.to_owned(),
             other => other.to_owned(),
         }
     }
@@ -182,7 +182,7 @@ impl Composer {
         layout: Option<&ExternalFrames<'_>>,
         unit: Option<&LoopUnits<'_>>,
     ) -> Self {
-        let first = self.add_node(name, node_id, &OF_DRIVE);
+        let first = self.add_node(name, node_id, &DRIVE_SERVICES);
         if let Some(layout) = layout {
             self.lay_out(name, layout);
         }
@@ -192,11 +192,12 @@ impl Composer {
         self.drives.push(name.to_owned());
         if let Some(unit) = unit {
             let feedback = names::message(name, names::TPDO1);
-            let of_plant = published.unwrap_or_default();
-            let is_own = |signal: &Signal| of_plant.iter().all(|other| other.name != signal.name);
+            let published = published.unwrap_or_default();
+            let is_shipped =
+                |signal: &Signal| published.iter().all(|other| other.name != signal.name);
             for message in &mut self.messages[first..] {
                 let is_feedback = message.name == feedback;
-                unit.apply(message, is_feedback, is_own);
+                unit.apply(message, is_feedback, is_shipped);
             }
         }
         self
@@ -242,9 +243,9 @@ impl Composer {
         let heartbeat = names::message(name, names::HEARTBEAT);
         for message in &mut self.messages {
             let (place, coding) = match &message.name {
-                own if *own == feedback => (0, layout.feedback),
-                own if *own == command => (1, layout.command),
-                own if *own == heartbeat => {
+                name if *name == feedback => (0, layout.feedback),
+                name if *name == command => (1, layout.command),
+                name if *name == heartbeat => {
                     message.cycle_time_milliseconds = layout.heartbeat_milliseconds;
                     continue;
                 }
@@ -262,7 +263,7 @@ impl Composer {
     fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[PlantSignal]) {
         let (first, others) = published.split_at(published.len().min(SIGNALS_IN_TPDO2));
         let place = self.messages.len();
-        self.add(name, node_id, &OF_PLANT);
+        self.add(name, node_id, &PLANT_SERVICES);
         let [tpdo2, tpdo3, _] = &mut self.messages[place..] else {
             return;
         };
@@ -287,12 +288,12 @@ impl Composer {
         outputs: &[PlantSignal],
         first: usize,
     ) -> Self {
-        self.add_node(name, node_id, &OF_IO);
+        self.add_node(name, node_id, &IO_SERVICES);
         self.io_nodes.push(name.to_owned());
         let message = self.message_mut(name, names::RPDO1);
         if let Some(message) = message.filter(|_| !outputs.is_empty()) {
-            let own = laid_out(outputs, &message.signals).into_iter().zip(first..);
-            let own = own.map(|(mut signal, place)| {
+            let placed = laid_out(outputs, &message.signals).into_iter().zip(first..);
+            let signals = placed.map(|(mut signal, place)| {
                 let place = u8::try_from(place).unwrap_or(u8::MAX);
                 signal.coding.start_bit = place.saturating_mul(BITS);
                 // Write analogue output 16-bit (CiA 401).
@@ -300,9 +301,9 @@ impl Composer {
                 signal.object = format!("0x6411:{:02X}", place.saturating_add(1));
                 signal
             });
-            let own = Vec::from_iter(own);
+            let signals = Vec::from_iter(signals);
             message.signals.truncate(first);
-            message.signals.extend(own);
+            message.signals.extend(signals);
             message.length_bytes = bytes_of(&message.signals);
         }
         self
@@ -403,7 +404,7 @@ impl Composer {
         let listeners = Vec::from_iter(listeners.chain([names::BENCH.to_owned()]));
         let heartbeat = names::message(&self.controller, names::HEARTBEAT);
         let is_for_all = |message: &&mut Message| {
-            OF_BUS.contains(&message.name.as_str()) || message.name == heartbeat
+            BUS_MESSAGES.contains(&message.name.as_str()) || message.name == heartbeat
         };
         for message in self.messages.iter_mut().filter(is_for_all) {
             message.sender = Some(self.controller.clone());
@@ -415,9 +416,9 @@ impl Composer {
         if !signals.any(|signal| signal.name == WIRE_TEMPERATURE) {
             let signals = self.messages.iter_mut().flat_map(|one| &mut one.signals);
             for (_, label) in signals.flat_map(|signal| &mut signal.labels) {
-                let mut words = WORDS_OF_A_WIRE.iter();
-                if let Some((_, of_a_plant)) = words.find(|(of_a_wire, _)| label == of_a_wire) {
-                    (*of_a_plant).clone_into(label);
+                let mut labels = WIRE_LABELS.iter();
+                if let Some((_, plant_label)) = labels.find(|(wire_label, _)| label == wire_label) {
+                    (*plant_label).clone_into(label);
                 }
             }
         }
@@ -429,9 +430,14 @@ impl Composer {
 
 impl LoopUnits<'_> {
     /// Puts the units of the loop into the signals of a message that have them.
-    fn apply(&self, message: &mut Message, is_feedback: bool, is_own: impl Fn(&Signal) -> bool) {
+    fn apply(
+        &self,
+        message: &mut Message,
+        is_feedback: bool,
+        is_shipped: impl Fn(&Signal) -> bool,
+    ) {
         let signals = message.signals.iter_mut();
-        for signal in signals.filter(|signal| is_own(signal)) {
+        for signal in signals.filter(|signal| is_shipped(signal)) {
             let coding = &mut signal.coding;
             let Some(pattern) = names::pattern(&signal.name) else {
                 continue;
@@ -521,7 +527,7 @@ mod tests {
         }
     }
 
-    fn database_of(signals: &[PlantSignal]) -> Database {
+    fn composed(signals: &[PlantSignal]) -> Database {
         let composer = Composer::new("controller", 1);
         let composer = composer.with_drive(("drive", 0x10), Some(signals), None, None);
         composer.finish()
@@ -565,7 +571,7 @@ mod tests {
 
     #[test]
     fn a_third_signal_goes_into_a_message_of_its_own() {
-        let database = database_of(&[signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)]);
+        let database = composed(&[signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)]);
         let frame = CanFrame::new(0x390, &[0xFE, 0xFF]);
         let handle = database.signal("drive_tpdo3.c").unwrap();
         assert_eq!(handle.decode(&frame), Some(-1.0));
@@ -574,7 +580,7 @@ mod tests {
         assert!(has("drive_tpdo2.b") && has("drive_tpdo2.true_position_millimetres"));
         assert!(!has("drive_tpdo2.martensite_fraction"));
         assert!(
-            database_of(&[signal("a", 0.0)])
+            composed(&[signal("a", 0.0)])
                 .message("drive_tpdo3")
                 .is_none()
         );
@@ -583,7 +589,7 @@ mod tests {
     #[test]
     fn an_emergency_speaks_of_a_wire_only_where_there_is_one() {
         let count = |signals: &[PlantSignal], word: &str| {
-            let database = database_of(signals);
+            let database = composed(signals);
             let message = database.message("controller_emergency").unwrap();
             let labels = message.signals.iter().flat_map(|signal| &signal.labels);
             labels.filter(|(_, label)| label.contains(word)).count()

@@ -21,13 +21,13 @@ const IO_WATCH_MILLISECONDS: i64 = 0xFA;
 
 /// Returns the entry by which an io node watches the heartbeat of its manager.
 #[must_use]
-pub fn watch_of_io(manager: u8) -> Preset {
+pub fn io_watch(manager: u8) -> Preset {
     Preset::new(0x1016, 1, i64::from(manager) << 16 | IO_WATCH_MILLISECONDS)
 }
 
 /// Values of a node's data sheet that depend on the rig.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
-pub struct OwnValues {
+pub struct NodeValues {
     /// Objects with their values.
     pub presets: Vec<Preset>,
     /// Word of the unit of a drive's positions, if it is not the millimetre.
@@ -46,7 +46,7 @@ const OPTIONAL_OBJECTS: &str = "[OptionalObjects]\n";
 /// # Panics
 /// Never: a test checks the texts that are compiled in.
 #[must_use]
-pub fn of_controller(servers: &[u8]) -> String {
+pub fn controller_sheet(servers: &[u8]) -> String {
     let (before, clients) = CONTROLLER_EDS
         .split_once(FIRST_CLIENT)
         .expect("it has an SDO client");
@@ -97,8 +97,8 @@ fn with_clients_listed(text: &str, count: usize) -> String {
 
 /// Returns an EDS for one node of a rig, with the node's name and number, and with the values that depend on the rig.
 #[must_use]
-pub fn of_node(eds: &str, name: &str, node_id: u8, values: &OwnValues) -> String {
-    let OwnValues { presets, unit } = values;
+pub fn node_sheet(eds: &str, name: &str, node_id: u8, values: &NodeValues) -> String {
+    let NodeValues { presets, unit } = values;
     let mut preset = None;
     let mut sheet = String::with_capacity(eds.len());
     for line in eds.lines() {
@@ -269,9 +269,9 @@ mod tests {
 
     #[test]
     fn the_controller_has_a_client_for_each_node_of_its_rig() {
-        assert_eq!(of_controller(&[0x10, 0x11]), CONTROLLER_EDS);
+        assert_eq!(controller_sheet(&[0x10, 0x11]), CONTROLLER_EDS);
         let clients = |servers: &[u8]| {
-            let text = of_controller(servers);
+            let text = controller_sheet(servers);
             let dictionary = eds::parse(&text, 1).unwrap().dictionary;
             let value = |index, sub_index| dictionary.unsigned(index, sub_index);
             let found = CLIENTS.map_while(|index| {

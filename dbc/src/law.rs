@@ -84,15 +84,17 @@ pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
 /// Returns the messages of a law with these terms, still without names and identifiers.
 pub(crate) fn messages(terms: &[LawTerm]) -> Vec<Message> {
     let objects = layout(terms).unwrap_or_default();
-    let own = (0..TERMS_MAX).map(|place| message(place, terms, &objects));
-    own.filter(|message| !message.signals.is_empty()).collect()
+    let messages = (0..TERMS_MAX).map(|place| message(place, terms, &objects));
+    messages
+        .filter(|message| !message.signals.is_empty())
+        .collect()
 }
 
 fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
     let numbered = (LAW_TERMS_OBJECT..).zip(objects);
-    let own = numbered.filter(|(_, object)| object.message == place);
-    let length_bits: u8 = own.clone().map(|(_, object)| object.bits).sum();
-    let signals = own.flat_map(|(number, object)| {
+    let objects = numbered.filter(|(_, object)| object.message == place);
+    let length_bits: u8 = objects.clone().map(|(_, object)| object.bits).sum();
+    let signals = objects.flat_map(|(number, object)| {
         let terms = (object.terms.iter()).map(|(term, bit)| (&terms[*term], bit));
         terms.map(move |(term, bit)| signal(number, term, object.start_bit + bit))
     });

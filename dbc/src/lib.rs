@@ -76,7 +76,7 @@ pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError>
 }
 
 /// Dictionaries of the shipped texts for other nodes than theirs, each read once.
-static OF_OTHER_NODES: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTreeMap::new());
+static RENUMBERED: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTreeMap::new());
 
 fn parsed(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
     let parse = || Ok(eds::parse(text, node_id)?.dictionary);
@@ -86,9 +86,7 @@ fn parsed(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
     else {
         return parse();
     };
-    let mut parsed = OF_OTHER_NODES
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner);
+    let mut parsed = RENUMBERED.lock().unwrap_or_else(PoisonError::into_inner);
     match parsed.entry((place, node_id)) {
         Entry::Occupied(known) => Ok(known.get().clone()),
         Entry::Vacant(unknown) => Ok(unknown.insert(parse()?).clone()),
@@ -141,11 +139,11 @@ mod tests {
             Preset::new(0x60A9, 0, 0xFD41_0300),
             target,
         ];
-        let text = data_sheets::of_node(
+        let text = data_sheets::node_sheet(
             DRIVE_EDS,
             "y",
             0x12,
-            &data_sheets::OwnValues {
+            &data_sheets::NodeValues {
                 presets: presets.into(),
                 unit: Some("degrees".to_owned()),
             },

@@ -23,7 +23,7 @@ pub struct LoopPlace {
 /// Returns the seed of a drive's random numbers: each drive has noise of its own, that of the shipped rig has the scenario's
 /// seed.
 #[must_use]
-pub fn seed_of_drive(seed: u64, drive_node_id: u8) -> u64 {
+pub fn drive_seed(seed: u64, drive_node_id: u8) -> u64 {
     let distance = u64::from(drive_node_id) ^ u64::from(DRIVE_NODE_ID);
     seed ^ distance.wrapping_mul(GOLDEN_RATIO)
 }
@@ -61,7 +61,7 @@ impl LoopPlace {
             0 if every_cycles > 1 => every_cycles,
             cycle => cycle,
         };
-        let [second, third] = OF_TRUTH;
+        let [second, third] = TRUTH_PDOS;
         [
             Preset::new(second, TRANSMISSION_TYPE, every_cycles.into()),
             Preset::new(second, SYNC_START_VALUE, start.into()),
@@ -72,7 +72,7 @@ impl LoopPlace {
 }
 
 /// Communication parameters of the TPDOs that hold the truth about a drive's plant.
-const OF_TRUTH: [u16; 2] = [0x1801, 0x1802];
+const TRUTH_PDOS: [u16; 2] = [0x1801, 0x1802];
 /// Sub-indices of the transmission type and the SYNC start value (CiA 301, 7.5.2.37).
 const TRANSMISSION_TYPE: u8 = 2;
 const SYNC_START_VALUE: u8 = 6;

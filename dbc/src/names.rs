@@ -33,11 +33,11 @@ pub const TPDO3: &str = "tpdo3";
 /// The report of an emulated plant about itself, in scenarios with faults.
 pub const TRUTH: &str = "truth";
 /// The messages of a controller, other than those of its laws.
-pub const OF_CONTROLLER: [&str; 4] = [EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
+pub const CONTROLLER_SERVICES: [&str; 4] = [EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
 /// The messages of an io node.
-pub const OF_IO: [&str; 5] = [EMERGENCY, RPDO1, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
+pub const IO_SERVICES: [&str; 5] = [EMERGENCY, RPDO1, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
 /// Messages of a drive, including those of an emulated one.
-pub const OF_DRIVE: [&str; 11] = [
+pub const DRIVE_SERVICES: [&str; 11] = [
     EMERGENCY,
     TPDO1,
     RPDO1,

@@ -37,7 +37,7 @@ impl Database {
         let (mut messages, mut unplaced) = (Vec::new(), Vec::new());
         for message in dbc.messages.iter().filter(is_used) {
             let read = read_message(&dbc, message)?;
-            match message_of_signals(&dbc, message) {
+            match owning_message(&dbc, message) {
                 Some(name) => unplaced.extend(read_unplaced(&dbc, message, read, &name)?),
                 None => messages.push(read),
             }
@@ -98,7 +98,7 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
 }
 
 /// Returns the message that the signals of this message belong to, if it is another one.
-fn message_of_signals(dbc: &Dbc, message: &can_dbc::Message) -> Option<String> {
+fn owning_message(dbc: &Dbc, message: &can_dbc::Message) -> Option<String> {
     match dbc.message_attribute(message.id, MESSAGE_OF_SIGNAL) {
         Some(AttributeValue::String(name)) if !name.is_empty() => Some(unescaped(name)),
         _ => None,

@@ -9,8 +9,8 @@ use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::Trial;
 use scenario::custom::{CustomTable, Section, defaults};
-use scenario::plant::is_of_format;
-use scenario::registration::{InvalidOwn, register};
+use scenario::plant::is_built_in;
+use scenario::registration::{InvalidRegistration, register};
 
 use crate::plant::{Plant, Ports};
 use crate::plants::SHIPPED;
@@ -43,10 +43,10 @@ impl PlantRow {
 
 /// Reason why a custom plant cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidOwnPlant {
+pub enum InvalidCustomPlant {
     /// Its table is invalid.
     #[error(transparent)]
-    Table(#[from] InvalidOwn),
+    Table(#[from] InvalidRegistration),
     /// A port is invalid.
     #[error("the port `{port}` of the plant `{plant}` {reason}")]
     Port {
@@ -74,24 +74,24 @@ pub fn register_fmu(row: PlantRow) {
 ///
 /// # Errors
 /// A plant has an invalid name, parameters or ports.
-pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidOwnPlant> {
+pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidCustomPlant> {
     plants.iter().try_for_each(check_ports)?;
-    let shipped = SHIPPED.iter().filter(|row| !is_of_format((row.name)()));
+    let shipped = SHIPPED.iter().filter(|row| !is_built_in((row.name)()));
     let tables = shipped.chain(&plants).map(|row| (row.table)());
     let tables = Vec::from_iter(tables);
     if !tables.is_empty() {
         register(Section::Plant, tables)?;
     }
     OWN.set(plants)
-        .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::RegisteredAlready))
+        .map_err(|_| InvalidCustomPlant::Table(InvalidRegistration::RegisteredAlready))
 }
 
 /// Checks that the bus can carry the ports.
-fn check_ports(row: &PlantRow) -> Result<(), InvalidOwnPlant> {
+fn check_ports(row: &PlantRow) -> Result<(), InvalidCustomPlant> {
     let ports = (row.default_ports)().unwrap_or_default();
     match ports.flaw() {
         None => Ok(()),
-        Some((port, reason)) => Err(InvalidOwnPlant::Port {
+        Some((port, reason)) => Err(InvalidCustomPlant::Port {
             plant: (row.name)(),
             port: port.name.clone(),
             reason,
@@ -182,7 +182,7 @@ mod tests {
         let ports = Ports::joined([(&*trial.wiring.plant, ports(trial).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| PlantSignal {
-            name: port.own_name().to_owned(),
+            name: port.local_name().to_owned(),
             unit: port.symbol.clone(),
             comment: port.comment.clone(),
             resolution: 1.0 / port.steps_per_unit,

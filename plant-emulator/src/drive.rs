@@ -19,7 +19,7 @@ use canopen::{
     AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, NodeId, ObjectDictionary,
     Services,
 };
-use dbc::loops::seed_of_drive;
+use dbc::loops::drive_seed;
 use scenario::Trial;
 
 pub(crate) use objects::declare;
@@ -100,7 +100,7 @@ impl Drive {
     ) -> Result<Self, MissingObject> {
         let objects = Objects::find(dictionary, &wires)?;
         let wiring = &trial.wiring;
-        let seed = seed_of_drive(trial.run.seed, wiring.nodes.drive.id);
+        let seed = drive_seed(trial.run.seed, wiring.nodes.drive.id);
         Ok(Self {
             machine: StateMachine::new(),
             sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)

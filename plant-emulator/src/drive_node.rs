@@ -52,7 +52,7 @@ impl DriveNode {
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
         let sound = parts.device(plant)?;
-        if !of.trial.has_own_faults() {
+        if !of.trial.has_loop_faults() {
             return Ok(Self::Sound(sound));
         }
         let plan = FaultPlan::new(&of.trial.drive_faults(), of.place.drive_node_id);

@@ -442,7 +442,7 @@ fn disturbance(
     });
     let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, &Vec::from_iter(outputs));
     let mut objects = dictionary(node_id, &text)?;
-    objects.preset(&dbc::data_sheets::watch_of_io(manager));
+    objects.preset(&dbc::data_sheets::io_watch(manager));
     let module = DisturbanceModule::new(&objects)?;
     Ok(Device::new(node_id, objects, module)?)
 }

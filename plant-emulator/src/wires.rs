@@ -109,7 +109,7 @@ impl Wires {
 
 fn published(output: usize, port: &Port, wiring: &Wiring) -> Published {
     Published {
-        name: wiring.name_of_recorded(port),
+        name: wiring.recorded_name(port),
         output,
         steps_per_unit: port.steps_per_unit,
         is_signed: port.range[0] < 0.0,

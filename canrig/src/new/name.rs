@@ -1,7 +1,7 @@
 //! The name of a plant or a law, of its crate and of its type.
 
 use scenario::custom::Section;
-use scenario::registration::{InvalidOwn, is_free};
+use scenario::registration::{InvalidRegistration, is_free};
 
 /// Names of crates that Rust or cargo reserves.
 const KEPT: [&str; 58] = [
@@ -108,7 +108,7 @@ const TAKEN: [&str; 35] = [
 pub(super) enum InvalidName {
     /// A table cannot have this name.
     #[error(transparent)]
-    Table(#[from] InvalidOwn),
+    Table(#[from] InvalidRegistration),
     /// A crate cannot have this name.
     #[error(
         "`{0}` has a meaning of its own in Rust, so no crate can have this name; choose another one"

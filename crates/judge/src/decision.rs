@@ -7,7 +7,7 @@ use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Pass;
-use scenario::metrics::is_of_traffic;
+use scenario::metrics::is_traffic_metric;
 use scenario::node::{LoopNodes, Part};
 
 use crate::attribution::breaches::Duty;
@@ -110,7 +110,7 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
         Some(end) => {
             // A value that a node kept from being seen is missed. If the bench broke off, only the traffic is meaningful.
             let is_kept = |metric: &Metric| {
-                broke_off.is_some() || is_of_traffic(&metric.name) && metric.value.is_some()
+                broke_off.is_some() || is_traffic_metric(&metric.name) && metric.value.is_some()
             };
             metrics.retain(is_kept);
             let foreign = two_sources(evidence).filter(|_| end.by != EndedBy::User);

@@ -4,7 +4,7 @@ use plan::{ControlLoop, Plan};
 use recording::ending::EarlyEnd;
 use scenario::contour::Contour;
 use scenario::expect::{Expect, Limit};
-use scenario::metrics::is_of_bus;
+use scenario::metrics::is_bus_metric;
 
 use crate::metric::Metric;
 use crate::metrics;
@@ -15,7 +15,7 @@ use crate::verdict::{Outcome, Verdict};
 #[must_use]
 pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
     let is_timing = one.trial.expect.timing.rows().any(|name| name == row);
-    if is_timing || is_of_bus(row) {
+    if is_timing || is_bus_metric(row) {
         row.to_owned()
     } else {
         format!("{}{row}", one.prefix())
@@ -86,7 +86,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         for metric in verdict.metrics.iter().cloned() {
             if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
                 contours.push((place, metric));
-            } else if !is_of_bus(&metric.name) {
+            } else if !is_bus_metric(&metric.name) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
             } else if shared.iter().all(|other| other.name != metric.name) || metric.limit.is_some()

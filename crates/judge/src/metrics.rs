@@ -64,7 +64,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let mut rows = rows_of_metrics(evidence);
     rows.extend(signals::metrics(evidence));
     rows.extend(sequences::metrics(evidence));
-    let requirements = expect.requirements_of_rows();
+    let requirements = expect.row_requirements();
     let measurand = &evidence.trial.wiring.feedback.measurand;
     for row in &mut rows {
         row.name = measurand.name(&row.name);
@@ -96,7 +96,7 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
         let row = measure(evidence).metric(evidence, name, metric.limit(expect));
         rows.extend(row.map(|row| {
-            if is_cut && metric.is_of_traffic() {
+            if is_cut && metric.is_traffic_metric() {
                 without_pass(row)
             } else {
                 row

@@ -27,7 +27,7 @@ const ESTIMATED: &str = "estimated_";
 /// Measures the highest temperature: always in a scenario with faults, in others if it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
-    if trial.expect.of("temperature_celsius").is_none() && !trial.has_own_faults() {
+    if trial.expect.of("temperature_celsius").is_none() && !trial.has_loop_faults() {
         return Measurement::NotAsked;
     }
     if !evidence.has_all() && temperatures(evidence).next().is_none() {
@@ -142,7 +142,7 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
 /// Measures the time from the first fault to the start of the first stretch without current, in milliseconds.
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
-    if !trial.has_own_faults() {
+    if !trial.has_loop_faults() {
         return without_faults(
             trial
                 .expect
@@ -186,7 +186,7 @@ fn without_faults(is_limited: bool) -> Measurement {
 
 /// Returns the begin of the first fault; faults of the boot begin at the start of the recording.
 fn first_fault_seconds(trial: &Trial) -> f64 {
-    let starts = trial.own_faults().map(|fault| fault.from_seconds);
+    let starts = trial.loop_faults().map(|fault| fault.from_seconds);
     starts
         .map(|start| start.unwrap_or(f64::NEG_INFINITY))
         .fold(f64::INFINITY, f64::min)
@@ -225,7 +225,7 @@ fn is_heated(truth: &PlantTruth) -> bool {
 /// Measures the time from the end of the last fault until the deviation stays small.
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
-    if !trial.has_own_faults() {
+    if !trial.has_loop_faults() {
         return Measurement::Meaningless("no fault in the scenario".to_owned());
     }
     if trial.reference.is_empty() {
@@ -251,7 +251,7 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
 /// Returns the end of the last fault; `None` if a fault lasts to the end.
 fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
     let ends = trial
-        .own_faults()
+        .loop_faults()
         .map(|fault| match fault.from_seconds {
             // Booting is over when the scenario begins.
             None => Some(0.0),
@@ -264,7 +264,7 @@ fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
 /// Measures safety: 1 if the bench is safe at the end, else 0.
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
-    if !trial.has_own_faults() {
+    if !trial.has_loop_faults() {
         return without_faults(trial.expect.of("safe_state").is_some());
     }
     if evidence.timeline.truth.is_empty() {

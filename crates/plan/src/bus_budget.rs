@@ -103,7 +103,7 @@ impl BusBudget {
             pace: EACH,
         };
         let loops = plan.loops.iter();
-        let of_loops = loops.flat_map(|one| of_loop(controller, &one.nodes.drive.name, one));
+        let shares = loops.flat_map(|one| loop_shares(controller, &one.nodes.drive.name, one));
         let every = plan.set_points_every_cycles();
         let set_points = every.into_iter().flat_map(|every| {
             let loops = plan.loops.iter();
@@ -120,7 +120,7 @@ impl BusBudget {
                 },
             })
         });
-        let all = [sync].into_iter().chain(of_loops).chain(set_points);
+        let all = [sync].into_iter().chain(shares).chain(set_points);
         let mut shares = Vec::from_iter(all.chain(heartbeats(plan)));
         let id = |name: &str| {
             plan.nodes()
@@ -181,8 +181,8 @@ impl BusBudget {
                 None => nodes.push((node, *bits)),
             }
         }
-        let words = nodes.iter().map(|(node, bits)| format!("{node} {bits:.0}"));
-        Vec::from_iter(words).join(", ")
+        let shares = nodes.iter().map(|(node, bits)| format!("{node} {bits:.0}"));
+        Vec::from_iter(shares).join(", ")
     }
 
     /// Returns the share of the bus that all frames occupy on average.
@@ -213,9 +213,9 @@ impl BusBudget {
         if self.bits_per_millisecond() >= bitrate {
             return None;
         }
-        let of_fullest = self.needed_bits() / bitrate;
-        let of_all = self.bits_per_cycle() / (bitrate - self.bits_per_millisecond());
-        let period = of_fullest.max(of_all);
+        let for_fullest = self.needed_bits() / bitrate;
+        let for_all = self.bits_per_cycle() / (bitrate - self.bits_per_millisecond());
+        let period = for_fullest.max(for_all);
         // A sum of whole bits is no tenth of a bit above a step.
         let steps = (period / PERIOD_STEP_MILLISECONDS - 1e-9).ceil();
         Some(steps * PERIOD_STEP_MILLISECONDS)
@@ -264,7 +264,7 @@ fn by_clock(message: &Message) -> Pace {
 }
 
 /// Returns the traffic of one loop.
-fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
+fn loop_shares(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     let place = &one.place;
     let LoopNodes {
         controller: leader,
@@ -273,7 +273,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     } = &one.nodes;
     let truth = Sent::of(one.database.plant_messages(&led.name));
     let terms = Sent::of(one.database.term_messages(&leader.name, one.name()));
-    let of_drive = |service| one.message(led, service).ok();
+    let frame = |service| one.message(led, service).ok();
     let share = |node: &str, what, sent: &Sent, pace| BusShare {
         node: node.to_owned(),
         what,
@@ -282,18 +282,18 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // For a drive without faults only the truth is published.
-    let beside_faults = of_drive(names::TRUTH).filter(|_| one.trial.has_own_faults());
+    let beside_faults = frame(names::TRUTH).filter(|_| one.trial.has_loop_faults());
     let shares = [
         share(
             drive,
             "sample (TPDO1)".to_owned(),
-            &Sent::of(of_drive(names::TPDO1)),
+            &Sent::of(frame(names::TPDO1)),
             EACH,
         ),
         share(
             controller,
             format!("command to {drive} (RPDO1)"),
-            &Sent::of(of_drive(names::RPDO1)),
+            &Sent::of(frame(names::RPDO1)),
             EACH,
         ),
         share(

@@ -90,7 +90,7 @@ impl Catalogue {
         let published = Published {
             signals: match self.find_ports {
                 Some(_) => self.signals(trial).unwrap_or_default(),
-                None => signals_of_the_wire(),
+                None => wire_signals(),
             },
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
@@ -113,7 +113,7 @@ impl Catalogue {
         let recorded = trial.wiring.recorded(&ports).ok()?;
         let signals = recorded
             .into_iter()
-            .map(|(_, port)| signal_of(port, trial.wiring.name_of_recorded(port)));
+            .map(|(_, port)| signal_of(port, trial.wiring.recorded_name(port)));
         Some(signals.collect())
     }
 
@@ -121,15 +121,15 @@ impl Catalogue {
     #[must_use]
     pub fn ports(&self, trial: &Trial) -> Option<Ports> {
         let plants = trial.on_each_plant();
-        let of_plants = plants.iter().map(|one| {
+        let plant_ports = plants.iter().map(|one| {
             let plant = one.wiring.plant.as_str();
-            Some((plant, self.ports_of_plant(one)?))
+            Some((plant, self.plant_ports(one)?))
         });
-        Some(Ports::joined(of_plants.collect::<Option<Vec<_>>>()?))
+        Some(Ports::joined(plant_ports.collect::<Option<Vec<_>>>()?))
     }
 
     /// Returns the ports of a loop's own plant; `None` if they are not known here.
-    pub(crate) fn ports_of_plant(&self, trial: &Trial) -> Option<Ports> {
+    pub(crate) fn plant_ports(&self, trial: &Trial) -> Option<Ports> {
         (self.find_ports?)(trial)
     }
 
@@ -207,7 +207,7 @@ fn is_wired_fmu(trial: &Trial) -> bool {
 /// Finds two signals that would be one column: a term of the law with the name of another signal of its loop, or of an output of
 /// the plant.
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
-    let name = name_of_two_columns(&frames.database, &frames.wiring)?;
+    let name = ambiguous_name(&frames.database, &frames.wiring)?;
     let mut terms = frames.published.terms.iter().flatten();
     let (path, owner) = if terms.any(|term| term.name == name) {
         (
@@ -230,7 +230,7 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
 
 /// Returns a name that two columns of a loop would have.
 #[must_use]
-pub fn name_of_two_columns(database: &Database, wiring: &Wiring) -> Option<String> {
+pub fn ambiguous_name(database: &Database, wiring: &Wiring) -> Option<String> {
     let mut seen = BTreeSet::new();
     let signals = columns(database, wiring).flat_map(|message| message.signals);
     let mut names = signals.map(|(name, _)| name);
@@ -261,14 +261,16 @@ pub fn columns<'a>(
         io,
     } = &wiring.nodes;
     let is_feedback = [drive, followed_node].map(|node| message(&node.name, TPDO1));
-    let of_drive = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&drive.name, service));
-    let of_drive = of_drive.into_iter().map(move |name| (name, Some(drive)));
+    let drive_messages = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&drive.name, service));
+    let drive_messages = drive_messages
+        .into_iter()
+        .map(move |name| (name, Some(drive)));
     let name = wiring.loop_among_several();
-    let of_law = (0..TERMS_MAX).map(move |place| names::terms(&controller.name, name, place));
-    let of_law = of_law.map(|name| (name, None));
-    let of_io = io.iter().map(|io| (message(&io.name, RPDO1), Some(io)));
-    let own = of_drive.chain(of_law).chain(of_io);
-    let own = own.filter_map(move |(name, node)| {
+    let law_messages = (0..TERMS_MAX).map(move |place| names::terms(&controller.name, name, place));
+    let law_messages = law_messages.map(|name| (name, None));
+    let io_messages = io.iter().map(|io| (message(&io.name, RPDO1), Some(io)));
+    let messages = drive_messages.chain(law_messages).chain(io_messages);
+    let columns = messages.filter_map(move |(name, node)| {
         let message = database.message(&name)?;
         let name_of = |signal: &Signal| match node {
             Some(node) if node == drive => name_in_loop(signal, wiring),
@@ -283,7 +285,8 @@ pub fn columns<'a>(
     });
     let followed = followed(database, wiring);
     let followed = followed.map(|(message, signal)| (message, vec![(signal.name.clone(), signal)]));
-    own.chain(followed)
+    columns
+        .chain(followed)
         .map(move |(message, signals)| ColumnMessage {
             is_measured: is_feedback.contains(&message.name),
             message,
@@ -341,7 +344,7 @@ impl Frames {
             with_followed(composer, wiring)
         };
         let composer = published.compose(composer, wiring, Player::Emulator);
-        let frames = Self::of_recording(Arc::new(composer.finish()), wiring);
+        let frames = Self::from_recording(Arc::new(composer.finish()), wiring);
         Self {
             published,
             ..frames
@@ -349,7 +352,7 @@ impl Frames {
     }
 
     /// Makes the frames of a loop of a recording with this database.
-    pub(crate) fn of_recording(database: Arc<Database>, wiring: &Wiring) -> Self {
+    pub(crate) fn from_recording(database: Arc<Database>, wiring: &Wiring) -> Self {
         Self {
             published: Published::default(),
             wiring: wiring.clone(),
@@ -405,8 +408,8 @@ impl Published {
             }
         };
         let io = wiring.io.iter().zip(&self.outputs);
-        let own = io.filter(|(io, _)| nodes.io.contains(&io.node));
-        let composer = own.fold(composer, |composer, (io, outputs)| {
+        let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
+        let composer = outputs.fold(composer, |composer, (io, outputs)| {
             with_io(composer, &io.node, outputs)
         });
         let Identifiers {
@@ -416,8 +419,8 @@ impl Published {
             ..
         } = *identifiers;
         let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
-        let of_loop = wiring.loop_among_several();
-        composer.with_terms(of_loop, terms, self.terms.as_deref())
+        let loop_name = wiring.loop_among_several();
+        composer.with_terms(loop_name, terms, self.terms.as_deref())
     }
 }
 
@@ -466,11 +469,11 @@ fn unit_of<'a>(
 }
 
 /// Returns the signals of the wire, which the shipped DBC has.
-fn signals_of_the_wire() -> Vec<PlantSignal> {
+fn wire_signals() -> Vec<PlantSignal> {
     let messages = Database::shipped().plant_messages("drive");
     let signals = messages.flat_map(|message| &message.signals);
-    let own = signals.filter(|signal| names::pattern(&signal.name) != Some(TRUE_POSITION));
-    let wire = own.map(|signal| PlantSignal {
+    let others = signals.filter(|signal| names::pattern(&signal.name) != Some(TRUE_POSITION));
+    let wire = others.map(|signal| PlantSignal {
         name: signal.name.clone(),
         unit: signal.unit.clone(),
         comment: signal.comment.clone(),

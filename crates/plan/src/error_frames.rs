@@ -79,22 +79,22 @@ fn describe(frame: &CanFrame) -> ErrorMessage {
     let class = frame.raw_id();
     let [_, controller, protocol, _, _, node, ..] = frame.buffer();
     let has = |class_bit: u32| class & class_bit != 0;
-    let of_bits = |bits: u8, names: &[(u8, &'static str)]| {
+    let named_bits = |bits: u8, names: &[(u8, &'static str)]| {
         let set = names.iter().filter(move |(mask, _)| bits & mask != 0);
         set.map(|(_, name)| *name).collect::<Vec<_>>()
     };
-    let of_class = |names: &[(u32, &'static str)]| {
+    let named_class = |names: &[(u32, &'static str)]| {
         let set = names.iter().filter(|(bit, _)| has(*bit));
         set.map(|(_, name)| *name).collect::<Vec<_>>()
     };
-    let mut details = of_class(&[(BUS_OFF, "bus-off"), (RESTARTED, "back from bus-off")]);
+    let mut details = named_class(&[(BUS_OFF, "bus-off"), (RESTARTED, "back from bus-off")]);
     if has(CONTROLLER) {
-        details.extend(of_bits(controller, &STATES));
+        details.extend(named_bits(controller, &STATES));
     }
     let is_state = !details.is_empty();
-    details.extend(of_class(&ERRORS));
+    details.extend(named_class(&ERRORS));
     if has(PROTOCOL) {
-        details.extend(of_bits(protocol, &VIOLATIONS));
+        details.extend(named_bits(protocol, &VIOLATIONS));
     }
     let is_good = matches!(
         details.as_slice(),

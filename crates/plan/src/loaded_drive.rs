@@ -156,7 +156,7 @@ outputs = ["drive.current"]
     const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 36.0\n";
 
-    fn plan_of(rig: &str, trial: &str) -> Result<Plan, String> {
+    fn load_plan(rig: &str, trial: &str) -> Result<Plan, String> {
         let beside = Beside::new(Path::new("s.toml"));
         let read = |name: &str| match name {
             "rig.toml" => Ok(rig.to_owned()),
@@ -172,7 +172,7 @@ outputs = ["drive.current"]
 
     #[test]
     fn frames_of_another_drive_mean_what_the_rig_file_says() {
-        let plan = plan_of(RIG, SCENARIO).unwrap();
+        let plan = load_plan(RIG, SCENARIO).unwrap();
         let database = plan.database();
         let decode = |path: &str, frame: &CanFrame| database.require(path).unwrap().decode(frame);
         let feedback = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0x11, 0x22]);
@@ -206,7 +206,7 @@ outputs = ["drive.current"]
     #[test]
     fn a_set_point_on_the_limit_is_admitted() {
         let admits = |max: &str| {
-            let plan = plan_of(&RIG.replace("max = 45.0", max), SCENARIO).unwrap();
+            let plan = load_plan(&RIG.replace("max = 45.0", max), SCENARIO).unwrap();
             drive(&plan).admits(&plan.loops[0].trial)
         };
         assert_eq!(admits("max = 36.0"), Ok(()));
@@ -221,7 +221,7 @@ outputs = ["drive.current"]
                 .replace("= 1.0", "= 604800.0")
                 .replace("= 36.0", "= 20.0");
             let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 1.0\n");
-            let plan = plan_of(&rig, &text).unwrap();
+            let plan = load_plan(&rig, &text).unwrap();
             drive(&plan).admits(&plan.loops[0].trial)
         };
         let step = |at: f64, to: f64| {
@@ -259,13 +259,13 @@ outputs = ["drive.current"]
     #[test]
     fn what_does_not_fit_is_refused() {
         let other = RIG.replace("object = \"\"", "object = \"0x2345:01\"");
-        let said = plan_of(&other, SCENARIO).unwrap_err();
+        let said = load_plan(&other, SCENARIO).unwrap_err();
         assert!(
             said.contains("the drive's EDS has no object 0x2345:01"),
             "{said}"
         );
         let other = RIG.replace("node_id = 32", "node_id = 32\neds = \"none.eds\"");
-        let said = plan_of(&other, SCENARIO).unwrap_err();
+        let said = load_plan(&other, SCENARIO).unwrap_err();
         assert!(said.contains("the EDS of `drive` cannot be read"), "{said}");
     }
 }

@@ -1,7 +1,7 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use canopen::eds;
-use dbc::data_sheets::{AnalogueOutput, OwnValues};
+use dbc::data_sheets::{AnalogueOutput, NodeValues};
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::node::Node;
 use scenario::port::Unit;
@@ -31,7 +31,7 @@ impl NodeSheet {
 /// Returns the EDS of each node of a plan, in the order of the node-IDs.
 #[must_use]
 pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
-    let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(of_loop));
+    let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(loop_sheets));
     let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
     let io_nodes = plan.loops.iter().flat_map(|one| &one.nodes.io);
     let mut servers = Vec::new();
@@ -40,22 +40,22 @@ pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
             servers.push(id);
         }
     }
-    let eds = data_sheets::of_controller(&servers);
-    sheets.push(sheet(plan.controller(), &eds, &OwnValues::default()));
+    let eds = data_sheets::controller_sheet(&servers);
+    sheets.push(sheet(plan.controller(), &eds, &NodeValues::default()));
     sheets.sort_by_key(|sheet| sheet.node_id);
     sheets.dedup_by_key(|sheet| sheet.node_id);
     sheets
 }
 
-fn sheet(node: &Node, eds: &str, own: &OwnValues) -> NodeSheet {
+fn sheet(node: &Node, eds: &str, values: &NodeValues) -> NodeSheet {
     NodeSheet {
         name: node.name.clone(),
         node_id: node.id,
-        text: data_sheets::of_node(eds, &node.name, node.id, own),
+        text: data_sheets::node_sheet(eds, &node.name, node.id, values),
     }
 }
 
-fn of_loop(one: &ControlLoop) -> Vec<NodeSheet> {
+fn loop_sheets(one: &ControlLoop) -> Vec<NodeSheet> {
     let drive = &one.nodes.drive;
     let drive_sheet = match &one.real_drive {
         // The maker's EDS, which knows nothing of this rig.
@@ -67,11 +67,11 @@ fn of_loop(one: &ControlLoop) -> Vec<NodeSheet> {
         None => {
             let unit = &one.trial.wiring.sensor.measurand.unit;
             let presets = one.trial.presets().into_iter().chain(one.place.presets());
-            let own = OwnValues {
+            let values = NodeValues {
                 presets: presets.collect(),
                 unit: (*unit != Unit::Millimetres).then(|| unit.word().to_owned()),
             };
-            sheet(drive, DRIVE_EDS, &own)
+            sheet(drive, DRIVE_EDS, &values)
         }
     };
     let io_sheets = one.nodes.io.iter().map(|io| {
@@ -81,11 +81,11 @@ fn of_loop(one: &ControlLoop) -> Vec<NodeSheet> {
             at_rest: output.raw(output.at_rest),
         });
         let eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
-        let own = OwnValues {
-            presets: vec![data_sheets::watch_of_io(one.nodes.controller.id)],
+        let values = NodeValues {
+            presets: vec![data_sheets::io_watch(one.nodes.controller.id)],
             unit: None,
         };
-        sheet(io, &eds, &own)
+        sheet(io, &eds, &values)
     });
     [drive_sheet].into_iter().chain(io_sheets).collect()
 }

@@ -13,7 +13,7 @@ use scenario::fault::{Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::rig::nodes::Rig;
 use scenario::sweep::Sweep;
-use scenario::wiring::{IoOutput, LoopOfRig, Measured, Wiring};
+use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
 use scenario::{Beside, NodeProgram, Run, Texts, Trial};
 
 use crate::bus_budget::BusBudget;
@@ -86,11 +86,11 @@ impl Plan {
     pub fn new(trial: Trial, catalogue: &Catalogue) -> Self {
         let frames = catalogue.frames(&trial);
         let run = Arc::clone(&trial.run);
-        Self::of_loops(run, vec![ControlLoop::with_frames(trial, frames)])
+        Self::from_loops(run, vec![ControlLoop::with_frames(trial, frames)])
     }
 
     /// Makes the plan of these loops.
-    fn of_loops(run: Arc<Run>, mut loops: Vec<ControlLoop>) -> Self {
+    fn from_loops(run: Arc<Run>, mut loops: Vec<ControlLoop>) -> Self {
         let drives = loops.iter().map(|one| one.nodes.drive.name.clone());
         let drives: Arc<[String]> = drives.collect();
         for one in &mut loops {
@@ -199,8 +199,8 @@ impl Plan {
         {
             return None;
         }
-        for (own, other) in self.loops.iter_mut().zip(&other.loops) {
-            own.trial.expect = other.trial.expect.clone();
+        for (one, other) in self.loops.iter_mut().zip(&other.loops) {
+            one.trial.expect = other.trial.expect.clone();
         }
         self.shared.contours.clone_from(&other.shared.contours);
         Some(self)
@@ -297,8 +297,8 @@ impl Plan {
     /// Returns the number of cycles from one sending of the set-points to the next; `None` if the bench does not send them.
     #[must_use]
     pub fn set_points_every_cycles(&self) -> Option<u8> {
-        let own = self.shared.run.bus.set_points_every_cycles;
-        let every = own.unwrap_or_else(|| self.is_external(self.controller()).into());
+        let planned = self.shared.run.bus.set_points_every_cycles;
+        let every = planned.unwrap_or_else(|| self.is_external(self.controller()).into());
         Some(every).filter(|every| *every > 0)
     }
 
@@ -371,9 +371,9 @@ fn compose(plan: &Plan) -> Database {
 }
 
 /// Returns the place of a loop's nodes on the bus.
-fn place_of(wiring: &Wiring) -> LoopPlace {
-    let is_own = |one: &LoopOfRig| one.name == wiring.of_loop;
-    let number = wiring.loops.iter().position(is_own).unwrap_or_default();
+fn loop_place(wiring: &Wiring) -> LoopPlace {
+    let is_this = |one: &LoopFacts| one.name == wiring.loop_name;
+    let number = wiring.loops.iter().position(is_this).unwrap_or_default();
     LoopPlace {
         number: u8::try_from(number).unwrap_or(u8::MAX),
         drive_node_id: wiring.nodes.drive.id,
@@ -382,14 +382,14 @@ fn place_of(wiring: &Wiring) -> LoopPlace {
 }
 
 /// Checks whether a message belongs to a node, for one of these services.
-fn is_of(node: &Node, services: &[&str], message: &str) -> bool {
-    let mut own = services.iter();
-    own.any(|service| names::message(&node.name, service) == message)
+fn belongs_to(node: &Node, services: &[&str], message: &str) -> bool {
+    let mut services = services.iter();
+    services.any(|service| names::message(&node.name, service) == message)
 }
 
 /// Returns the beginning of the names of a loop's signals and metrics, by the loop's name.
 #[must_use]
-pub fn prefix_of(loop_name: &str) -> String {
+pub fn loop_prefix(loop_name: &str) -> String {
     match loop_name {
         "" => String::new(),
         name => format!("{name}."),
@@ -400,7 +400,7 @@ impl ControlLoop {
     fn with_frames(trial: Trial, frames: Arc<Frames>) -> Self {
         Self {
             nodes: trial.wiring.nodes.clone(),
-            place: place_of(&trial.wiring),
+            place: loop_place(&trial.wiring),
             trial,
             external: External::default(),
             real_drive: None,
@@ -411,8 +411,8 @@ impl ControlLoop {
     }
 
     /// Makes a loop of a recording with this database.
-    fn of_recording(trial: Trial, database: &Arc<Database>) -> Self {
-        let frames = Frames::of_recording(Arc::clone(database), &trial.wiring);
+    fn from_recording(trial: Trial, database: &Arc<Database>) -> Self {
+        let frames = Frames::from_recording(Arc::clone(database), &trial.wiring);
         Self::with_frames(trial, Arc::new(frames))
     }
 
@@ -453,9 +453,9 @@ impl ControlLoop {
     /// # Errors
     /// A fault of an external node; the error names both.
     pub fn admits_faults(&self) -> Result<(), String> {
-        let own = self.trial.own_faults();
+        let faults = self.trial.loop_faults();
         // This order is given over the bus and reaches any node.
-        let mut happening = own.filter(|fault| fault.kind.name != "nmt_stop");
+        let mut happening = faults.filter(|fault| fault.kind.name != "nmt_stop");
         // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
         let node = |fault: &Fault| {
             if fault.kind.group == Group::Node && fault.is_at_controller() {
@@ -496,7 +496,7 @@ impl ControlLoop {
     /// Returns the beginning of the names of its signals and metrics: empty for an only loop.
     #[must_use]
     pub fn prefix(&self) -> String {
-        prefix_of(self.name())
+        loop_prefix(self.name())
     }
 
     /// Returns a clock of scenario time that has not begun: it begins when all drives of the run are enabled.
@@ -536,7 +536,7 @@ impl ControlLoop {
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn own_position(&self) -> Result<SignalHandle, SignalMissing> {
+    pub fn drive_position(&self) -> Result<SignalHandle, SignalMissing> {
         self.measured_by(&self.nodes.drive, &self.trial.wiring.sensor)
     }
 
@@ -570,7 +570,7 @@ impl ControlLoop {
     /// Returns the name, in the loop, of a signal of one of its messages.
     #[must_use]
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
-        if is_of(&self.nodes.drive, &names::OF_DRIVE, &message.name) {
+        if belongs_to(&self.nodes.drive, &names::DRIVE_SERVICES, &message.name) {
             name_in_loop(signal, &self.trial.wiring)
         } else {
             signal.name.clone()
@@ -601,8 +601,10 @@ impl ControlLoop {
         } = &self.nodes;
         let mut places = 0..names::TERMS_MAX;
         names::set_point(self.name()) == message
-            || is_of(drive, &names::OF_DRIVE, message)
-            || io.iter().any(|io| is_of(io, &names::OF_IO, message))
+            || belongs_to(drive, &names::DRIVE_SERVICES, message)
+            || io
+                .iter()
+                .any(|io| belongs_to(io, &names::IO_SERVICES, message))
             || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
     }
 
@@ -614,7 +616,7 @@ impl ControlLoop {
         let LoopNodes {
             drive, followed, ..
         } = &self.nodes;
-        is_of(drive, &truth, message) || is_of(followed, &truth, message)
+        belongs_to(drive, &truth, message) || belongs_to(followed, &truth, message)
     }
 
     /// Returns the terms of its law.

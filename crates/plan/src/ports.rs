@@ -1,6 +1,8 @@
 //! Checks that the drives and io nodes of a rig file are wired to ports that its plants have.
 
-use scenario::port::{Direction, Port, Ports, Unit, conversion, own_name, plant_of_port, unit_in};
+use scenario::port::{
+    Direction, Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in,
+};
 use scenario::wiring::{IoWiring, RECORDED_MAX};
 use scenario::{Objection, Scenario, Trial, nearest};
 
@@ -18,10 +20,10 @@ const RANGE_TOLERANCE: f64 = 1e-6;
 /// Finds the first problem of a rig's wiring.
 pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
     let mut loops = scenario.loops.iter();
-    loops.find_map(|one| of_loop(scenario, one, catalogue))
+    loops.find_map(|one| loop_objection(scenario, one, catalogue))
 }
 
-fn of_loop(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Objection> {
+fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Objection> {
     let rig = &scenario.rig;
     let drive = one.wiring.nodes.drive.name.as_str();
     if !rig.node.get(drive)?.is_ours() {
@@ -33,16 +35,16 @@ fn of_loop(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Ob
     if let Some(objection) = plants.iter().find_map(|one| unsound(one)) {
         return Some(objection);
     }
-    let of_plants = plants.iter().map(|one| {
+    let plant_ports = plants.iter().map(|one| {
         let plant = one.wiring.plant.as_str();
-        Some((plant, catalogue.ports_of_plant(one)?))
+        Some((plant, catalogue.plant_ports(one)?))
     });
-    let of_plants = of_plants.collect::<Option<Vec<_>>>()?;
-    let mut unsound = of_plants.iter();
+    let plant_ports = plant_ports.collect::<Option<Vec<_>>>()?;
+    let mut unsound = plant_ports.iter();
     if let Some(objection) = unsound.find_map(|(plant, ports)| plant_objection(plant, ports)) {
         return Some(objection);
     }
-    let ports = Ports::joined(of_plants);
+    let ports = Ports::joined(plant_ports);
     let wired = Wired {
         drive,
         ports: &ports,
@@ -87,11 +89,11 @@ impl Wired<'_> {
         if let Some(port) = right.iter().find(|port| port.name == name) {
             return Ok(port);
         }
-        let (plant, own) = (plant_of_port(name).unwrap_or_default(), own_name(name));
-        let of_plant = right
+        let (plant, port) = (plant_of_port(name).unwrap_or_default(), local_name(name));
+        let candidates = right
             .iter()
             .filter(|port| plant_of_port(&port.name) == Some(plant));
-        let names = || of_plant.clone().map(Port::own_name);
+        let names = || candidates.clone().map(Port::local_name);
         let listed = Vec::from_iter(names().take(LISTED_MAX)).join(", ");
         if let Some(other) = wrong.iter().find(|port| port.name == name) {
             let message = format!(
@@ -101,8 +103,8 @@ impl Wired<'_> {
             let label = format!("{direction}s of `{plant}`: {listed}");
             return Err(objection_at(path.to_owned(), message, label));
         }
-        let message = format!("the plant `{plant}` has no port `{own}`");
-        let label = match nearest(own, names()) {
+        let message = format!("the plant `{plant}` has no port `{port}`");
+        let label = match nearest(port, names()) {
             Some(meant) => format!("did you mean \"{plant}.{meant}\"?"),
             None => format!("{direction}s of `{plant}`: {listed}"),
         };
@@ -117,7 +119,7 @@ impl Wired<'_> {
             Err(objection) => Some(objection),
             Ok(port) if conversion(command.word(), &port.unit).is_some() => None,
             Ok(port) => {
-                let message = format!("an amplifier cannot drive `{}`", port.own_name());
+                let message = format!("an amplifier cannot drive `{}`", port.local_name());
                 let label = match port.unit.as_str() {
                     "" => format!("a number without a unit, not {}", command.word()),
                     unit => format!("it is in {unit}, not in {}", command.word()),
@@ -137,10 +139,10 @@ impl Wired<'_> {
         if let Some(factor) = conversion(&port.unit, wiring.sensor.measurand.unit.word()) {
             return self.range(port, factor);
         }
-        let fitting = Unit::of_port(&port.unit);
+        let fitting = Unit::fitting_port(&port.unit);
         let message = format!(
             "`{}` cannot be measured in {}",
-            port.own_name(),
+            port.local_name(),
             wiring.sensor.measurand.unit
         );
         let units = fitting.iter().map(|unit| format!("unit = \"{unit}\""));
@@ -157,7 +159,7 @@ impl Wired<'_> {
         let wiring = &self.trial.wiring;
         let [min, max] = wiring.sensor.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
-        let (name, unit) = (port.own_name(), &wiring.sensor.measurand.unit);
+        let (name, unit) = (port.local_name(), &wiring.sensor.measurand.unit);
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
         let objection = |message: String, label: String| {
             let path = format!("node.{}.sensor", self.drive);
@@ -196,7 +198,7 @@ impl Wired<'_> {
                 } else {
                     "a mass"
                 };
-                let message = format!("`{key}` is {wanted}, and `{}` is none", port.own_name());
+                let message = format!("`{key}` is {wanted}, and `{}` is none", port.local_name());
                 let label = format!("it is in {}", port.unit);
                 return Some(objection_at(path, message, label));
             }
@@ -213,9 +215,9 @@ impl Wired<'_> {
             Ok(port) => port,
             Err(objection) => return Some(objection),
         };
-        let (name, own) = (port.own_name(), unit_in(output));
-        if !own.is_empty() && conversion(own, &port.unit).is_none() {
-            let message = format!("`{output}` is in {own}, and `{name}` is not");
+        let (name, unit) = (port.local_name(), unit_in(output));
+        if !unit.is_empty() && conversion(unit, &port.unit).is_none() {
+            let message = format!("`{output}` is in {unit}, and `{name}` is not");
             let label = match port.unit.as_str() {
                 "" => "it is a number without a unit".to_owned(),
                 unit => format!("it is in {unit}: call the output like the port, `{name}`"),
@@ -238,7 +240,7 @@ impl Wired<'_> {
                 match self.find(&path, name, Direction::Output) {
                     Ok(port) if port.has_range() => None,
                     Ok(port) => {
-                        let message = format!("`{}` cannot be published", port.own_name());
+                        let message = format!("`{}` cannot be published", port.local_name());
                         Some(objection_at(path, message, "it has no range".to_owned()))
                     }
                     Err(objection) => Some(objection),
@@ -258,7 +260,7 @@ impl Wired<'_> {
             );
             let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
             let names = recorded.iter().take(RECORDED_MAX);
-            let names = names.map(|(_, port)| format!("\"{}\"", port.own_name()));
+            let names = names.map(|(_, port)| format!("\"{}\"", port.local_name()));
             let path = match wiring.record {
                 Some(_) => path,
                 None => format!("node.{drive}"),

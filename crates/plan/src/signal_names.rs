@@ -46,7 +46,7 @@ struct Alias {
 }
 
 /// Returns the aliases of a signal.
-fn of_path(path: String, names: Vec<String>) -> impl Iterator<Item = Alias> {
+fn path_aliases(path: String, names: Vec<String>) -> impl Iterator<Item = Alias> {
     names.into_iter().map(move |name| Alias {
         name,
         path: path.clone(),
@@ -67,13 +67,13 @@ impl SignalNames {
     pub fn new(database: &Database, wiring: &Wiring) -> Self {
         let nodes = &wiring.nodes;
         let sheets = data_sheet::rig_data_sheets();
-        let of_parts = Vec::from_iter(
+        let sheet_by_part = Vec::from_iter(
             [Part::Controller, Part::Drive, Part::Io]
                 .into_iter()
                 .zip(&sheets),
         );
         let sheet = |wanted: Part| {
-            of_parts
+            sheet_by_part
                 .iter()
                 .find(|(part, _)| *part == wanted)
                 .map(|one| one.1)
@@ -82,8 +82,8 @@ impl SignalNames {
         let mut add = |message: &Message, node: Option<&Node>| {
             for signal in &message.signals {
                 let path = format!("{}.{}", message.name, signal.name);
-                let is_own = node.is_some_and(|node| node.part == Part::Drive);
-                let name = if is_own {
+                let is_drive = node.is_some_and(|node| node.part == Part::Drive);
+                let name = if is_drive {
                     name_in_loop(signal, wiring)
                 } else {
                     signal.name.clone()
@@ -96,7 +96,7 @@ impl SignalNames {
                     names.push(format!("{}.{object}", node.name));
                     names.push(object);
                 }
-                aliases.extend(of_path(path, names));
+                aliases.extend(path_aliases(path, names));
             }
         };
         for message in ["nmt_command", names::SYNC] {
@@ -107,22 +107,22 @@ impl SignalNames {
         }
         for node in nodes.all() {
             let services = match node.part {
-                Part::Controller => &names::OF_CONTROLLER[..],
-                Part::Io => &names::OF_IO,
-                Part::Drive | Part::Bench => &names::OF_DRIVE,
+                Part::Controller => &names::CONTROLLER_SERVICES[..],
+                Part::Io => &names::IO_SERVICES,
+                Part::Drive | Part::Bench => &names::DRIVE_SERVICES,
             };
-            let own = services.iter().filter_map(|service| {
+            let messages = services.iter().filter_map(|service| {
                 let name = names::message(&node.name, service);
                 database.message(&name)
             });
-            own.for_each(|message| add(message, Some(node)));
+            messages.for_each(|message| add(message, Some(node)));
         }
         let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
         terms.for_each(|message| add(message, Some(&nodes.controller)));
         aliases.extend(followed(database, wiring).flat_map(|(message, signal)| {
             let path = format!("{}.{}", message.name, signal.name);
             let names = vec![path.clone(), signal.name.clone()];
-            of_path(path, names)
+            path_aliases(path, names)
         }));
         let entries = |(part, sheet): &(Part, &DataSheet)| {
             let names = sheet
@@ -137,7 +137,7 @@ impl SignalNames {
         };
         Self {
             aliases,
-            objects: of_parts.iter().flat_map(entries).collect(),
+            objects: sheet_by_part.iter().flat_map(entries).collect(),
         }
     }
 
@@ -230,13 +230,13 @@ fn objection(path: String, error: &NameError) -> Objection {
 mod tests {
     use super::*;
 
-    fn of_the_actuator() -> SignalNames {
+    fn actuator_names() -> SignalNames {
         SignalNames::new(Database::shipped(), &Wiring::default())
     }
 
     #[track_caller]
     fn check(name: &str, expected: Result<&str, &str>) {
-        let names = of_the_actuator();
+        let names = actuator_names();
         let found = names.find(name).map_err(|error| error.to_string());
         assert_eq!(found.as_deref(), expected.map_err(str::to_owned).as_deref());
     }
@@ -274,7 +274,7 @@ mod tests {
 
     #[test]
     fn the_nearest_name_is_suggested() {
-        let names = of_the_actuator();
+        let names = actuator_names();
         let suggested = |name: &str| match names.find(name) {
             Err(NameError::Unknown { nearest, .. }) => nearest,
             other => panic!("{other:?}"),

@@ -14,13 +14,13 @@ pub(crate) fn objection(
     objection: impl Fn(&Trial) -> Option<Objection>,
 ) -> Option<Objection> {
     let start = format!("plant.{}.start.", trial.wiring.plant);
-    let of_fmu = |key: &str| key.starts_with(&start);
-    if !sweep.keys().any(of_fmu) {
+    let is_fmu_key = |key: &str| key.starts_with(&start);
+    if !sweep.keys().any(is_fmu_key) {
         return None;
     }
     let mut tried = trial.clone();
     let swept = values(sweep).into_iter();
-    let mut swept = swept.filter(|(_, key, _)| of_fmu(key));
+    let mut swept = swept.filter(|(_, key, _)| is_fmu_key(key));
     swept.find_map(|(place, key, value)| {
         let fmu = tried.plant.fmu.as_mut()?;
         let variable = key.strip_prefix(&start)?.to_owned();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use dbc::{Database, DbcError};
 use plan::Plan;
-use plan::catalogue::{Catalogue, name_of_two_columns};
+use plan::catalogue::{Catalogue, ambiguous_name};
 use plan::named_nodes::node_sheets;
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
@@ -133,7 +133,7 @@ pub fn read_plan(
         && let Some(name) = plan
             .loops
             .iter()
-            .find_map(|one| name_of_two_columns(plan.database(), &one.trial.wiring))
+            .find_map(|one| ambiguous_name(plan.database(), &one.trial.wiring))
     {
         let path = folder.join(file::FRAMES);
         let fault = FramesFault::TwoColumns(name.to_owned());

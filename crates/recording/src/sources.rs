@@ -409,7 +409,7 @@ impl SourceReader {
             places,
             sources: Sources {
                 watched,
-                is_rate_changed: scenario.own_faults().any(is_changing),
+                is_rate_changed: scenario.loop_faults().any(is_changing),
                 is_bus_faulty: scenario.run.faults.in_group(Group::Bus).next().is_some(),
                 ..Sources::default()
             },

@@ -21,8 +21,8 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
         return Ok(());
     };
     let signals = timeline::signals(timelines);
-    let own = ["cycle", "time_seconds"].into_iter();
-    let names = own.chain(signals.iter().map(|signal| signal.name.as_str()));
+    let time = ["cycle", "time_seconds"].into_iter();
+    let names = time.chain(signals.iter().map(|signal| signal.name.as_str()));
     writeln!(output, "{}", heading(names))?;
     let values = signals.iter().map(|signal| signal.values);
     let columns = [&first.time_seconds].into_iter().chain(values);

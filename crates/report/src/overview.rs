@@ -145,11 +145,11 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
     let mut names: Vec<&str> = each.into_iter().collect();
     // With several loops, the name of a metric begins with that of its loop.
     let place = |name: &str| {
-        let own = name.rsplit_once('.').map_or(name, |(_, own)| own);
+        let row = name.rsplit_once('.').map_or(name, |(_, row)| row);
         let shipped = Measurand::default();
         METRICS
             .iter()
-            .position(|metric| shipped.name(metric.name) == own)
+            .position(|metric| shipped.name(metric.name) == row)
     };
     names.sort_by_key(|name| place(name).unwrap_or(usize::MAX));
     names.into_iter().partition(|name| limited.contains(name))

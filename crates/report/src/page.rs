@@ -87,12 +87,12 @@ pub fn time_by(clock: Clock) -> &'static str {
 
 /// Returns a remark as a sentence. One of a node begins with the name of the node, which stays.
 pub fn sentence(remark: &str) -> String {
-    let is_of_a_node = remark
+    let names_node = remark
         .split_once(": ")
         .is_some_and(|(name, _)| !name.contains(' '));
     let mut letters = remark.chars();
     let first = letters.next().map(|first| {
-        if is_of_a_node {
+        if names_node {
             first.to_string()
         } else {
             first.to_uppercase().to_string()

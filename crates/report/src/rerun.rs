@@ -87,7 +87,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
     let mut pages = Vec::new();
     let mut end_seconds = 0.0_f64;
     for one in run.loops() {
-        let mut folder = Folder::of_loop(&mut file, one.control_loop);
+        let mut folder = Folder::for_loop(&mut file, one.control_loop);
         let (page, end) = log_loop(&mut folder, run, &one)?;
         pages.push(page);
         end_seconds = end_seconds.max(end);

@@ -248,7 +248,7 @@ mod tests {
         let lines = text
             .lines()
             .map(|line| Vec::from_iter(line.split_whitespace()).join(" "));
-        let of_row = |result: &str| {
+        let row = |result: &str| {
             let rest = [
                 "rms 1.234",
                 "differs by 12.34",
@@ -260,7 +260,7 @@ mod tests {
             row.push(format!("result {result}"));
             row
         };
-        let expected = [of_row("DIVERGES"), vec![String::new()], of_row("same")].concat();
+        let expected = [row("DIVERGES"), vec![String::new()], row("same")].concat();
         assert_eq!(Vec::from_iter(lines), expected);
     }
 

@@ -13,7 +13,7 @@ use plan::{Plan, listed};
 use recording::session::plan_files;
 use scenario::Trial;
 use scenario::plant::PlantModel;
-use scenario::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
+use scenario::{HASH_SUFFIX, file_hash, hash_in, hexadecimal};
 use sha2::{Digest, Sha256};
 
 /// File that this process runs, even if it was replaced meanwhile.
@@ -51,7 +51,7 @@ fn program() -> io::Result<&'static str> {
     }
     let name = match build_id(File::open(PROGRAM)?) {
         Some(build_id) => hexadecimal(build_id),
-        None => hash_of(File::open(PROGRAM)?)?,
+        None => file_hash(File::open(PROGRAM)?)?,
     };
     Ok(NAME.get_or_init(|| name))
 }
@@ -131,7 +131,7 @@ mod tests {
         let path = folder.path().join("script");
         fs::write(&path, COURSE).unwrap();
         assert_eq!(build_id(File::open(&path).unwrap()), None);
-        let hash = hash_of(File::open(&path).unwrap()).unwrap();
+        let hash = file_hash(File::open(&path).unwrap()).unwrap();
         assert_eq!(hash, hexadecimal(Sha256::digest(COURSE)));
     }
 }

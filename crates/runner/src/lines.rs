@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::console::BufferedLines;
 use crate::event::{Listener, RunEvent};
 use dbc::names;
-use plan::prefix_of;
+use plan::loop_prefix;
 use recording::progress::RunProgress;
 use worlds::preflight::PreflightEvent;
 
@@ -54,7 +54,7 @@ fn reached(reading: &RunProgress) -> Value {
         "time_seconds": reading.time.as_secs_f64(),
     });
     for one in &reading.loops {
-        let prefix = prefix_of(one.name.as_deref().unwrap_or_default());
+        let prefix = loop_prefix(one.name.as_deref().unwrap_or_default());
         let position = one.measurand.name(names::POSITION);
         line[prefix + &position] = one.position.into();
     }

@@ -32,7 +32,7 @@ pub fn named_plan(path: &Path) -> Result<Plan, Exit> {
     };
     // A file that is not clearly a scenario is meant as a rig.
     if Rig::is_meant(&text) || !Scenario::may_be(&text) {
-        return Plan::of_rig(path, &text, catalogue()).map_err(invalid);
+        return Plan::from_rig(path, &text, catalogue()).map_err(invalid);
     }
     load(path, &ValueArgs::default())
 }

@@ -136,7 +136,7 @@ impl ValueArgs {
         let name = self.rig.as_deref().map(|rig| match self.rig_file() {
             Some(file) => {
                 let name = file.file_name().unwrap_or_default();
-                shipped::copy_of(&name.to_string_lossy())
+                shipped::copied_name(&name.to_string_lossy())
             }
             None => rig.to_string_lossy().into_owned(),
         });

@@ -114,7 +114,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     let is_of_rig = |name: &str| Path::new(name).starts_with(FOLDER);
     let shipped_rig = values.rig_file().and_then(shipped::rig);
     let read = |name: &str| match (shipped, shipped_rig) {
-        _ if beside.is_of_program(name) => beside.read(name),
+        _ if beside.is_in_program(name) => beside.read(name),
         (_, Some(rig)) if is_of_rig(name) => Ok(rig.text.to_owned()),
         (Some(shipped), _) if !is_of_rig(name) => shipped.beside(name),
         _ => beside.read(name),

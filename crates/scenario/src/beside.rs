@@ -68,7 +68,7 @@ impl Beside {
 
     /// Checks whether a file, or the hash of a file, belongs to the program of the command line.
     #[must_use]
-    pub fn is_of_program(&self, name: &str) -> bool {
+    pub fn is_in_program(&self, name: &str) -> bool {
         let file = name.strip_suffix(HASH_SUFFIX).unwrap_or(name);
         self.program.contains_key(file)
     }
@@ -77,18 +77,18 @@ impl Beside {
     /// program.
     #[must_use]
     pub fn command(&self, words: &[String], named_in: &str) -> (Vec<String>, PathBuf) {
-        let of_line = |word: &String| self.program.get(word);
-        let placed = words.iter().map(|word| match of_line(word) {
+        let file = |word: &String| self.program.get(word);
+        let placed = words.iter().map(|word| match file(word) {
             Some(path) => path.to_string_lossy().into_owned(),
             None => word.clone(),
         });
-        let is_of_line = words.iter().any(|word| of_line(word).is_some());
+        let names_file = words.iter().any(|word| file(word).is_some());
         let file = match named_in {
             "" => self.scenario.clone(),
             rig => self.place(rig),
         };
         let folder = match file.parent() {
-            _ if is_of_line => Path::new("."),
+            _ if names_file => Path::new("."),
             None => Path::new("."),
             Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
             Some(folder) => folder,
@@ -98,7 +98,7 @@ impl Beside {
 
     /// Returns the files of another scenario in the same folder.
     #[must_use]
-    pub fn of_case(&self) -> Self {
+    pub fn for_case(&self) -> Self {
         let scenario = self.scenario.with_file_name("case");
         Self {
             scenario,
@@ -126,13 +126,16 @@ impl Beside {
                 Path::new(path.file_name().unwrap_or_default()),
             );
         }
-        let of_rig = Path::new(name).strip_prefix(shipped::FOLDER).ok();
-        match (&self.rig, of_rig) {
+        let in_folder = Path::new(name).strip_prefix(shipped::FOLDER).ok();
+        match (&self.rig, in_folder) {
             (Some(rig), Some(name)) => {
-                let own = rig.file_name().unwrap_or_default();
-                let copy = shipped::copy_of(&own.to_string_lossy());
-                let is_own = Path::new(&copy).file_name() == Some(name.as_os_str());
-                (folder_of(rig), if is_own { Path::new(own) } else { name })
+                let file_name = rig.file_name().unwrap_or_default();
+                let copy = shipped::copied_name(&file_name.to_string_lossy());
+                let is_rig = Path::new(&copy).file_name() == Some(name.as_os_str());
+                (
+                    folder_of(rig),
+                    if is_rig { Path::new(file_name) } else { name },
+                )
             }
             _ => (folder_of(&self.scenario), Path::new(name)),
         }

@@ -42,9 +42,9 @@ pub(crate) use plant::{cooling, temperatures};
 pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::from_iter(laws(document, trial));
-    problems.extend(drives_of_law(document, &trial.wiring));
-    problems.extend(law_of_a_current(document, trial));
-    problems.extend(gains_of_another_quantity(document, trial));
+    problems.extend(led_drives(document, &trial.wiring));
+    problems.extend(law_without_current(document, trial));
+    problems.extend(gains_in_other_unit(document, trial));
     problems.extend(pieces(
         document,
         "reference",
@@ -62,11 +62,11 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
             duration_seconds,
         ));
     }
-    problems.extend(currents::of_law(document, trial));
+    problems.extend(currents::problems(document, trial));
     problems.extend(disturbances(document, trial, rig));
     problems.extend(limits(document, trial));
     problems.extend(signals::check(document, trial, rig));
-    problems.extend(requirements::of_limits(document, trial));
+    problems.extend(requirements::problems(document, trial));
     problems
 }
 
@@ -126,7 +126,7 @@ fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
 }
 
 /// Checks that the law leads as many drives as its loop has.
-fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
+fn led_drives(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
     let keys = document.keys("controller");
     let [law] = keys.as_slice() else { return None };
     // A profile belongs to the first drive; the others have no current.
@@ -147,7 +147,7 @@ fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
 }
 
 /// Refuses a law of a wire in a loop that commands no current: these laws know how a current heats the wire.
-fn law_of_a_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+fn law_without_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let command = trial.wiring.feedback.measurand.command;
     let controller = &trial.controller;
     let law = match (&controller.sliding_mode, &controller.sliding_mode_paper) {
@@ -163,7 +163,7 @@ fn law_of_a_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
 }
 
 /// Demands the gains of `pid` in a loop whose position is no length: the default gains are those of a wire, by the metre.
-fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+fn gains_in_other_unit(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     const GAINS: [&str; 3] = [
         "proportional_{gain}",
         "integral_{gain}_second",
@@ -231,11 +231,7 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
 }
 
 /// Finds disturbances for which no io node has an output.
-fn outputs_of_nobody(
-    document: &Document<'_>,
-    disturbance: &Disturbance,
-    rig: &Rig,
-) -> Vec<Problem> {
+fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::new();
     let has = |node: &str, output: &str| match node {
         "" => rig.io_with(output).next().is_some(),
@@ -287,7 +283,7 @@ fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Proble
             problems.push(document.problem(&path, "two fans blow at a time", label));
         }
     }
-    problems.extend(outputs_of_nobody(document, &trial.disturbance, rig));
+    problems.extend(unused_outputs(document, &trial.disturbance, rig));
     let Some(load_kilograms) = trial.plant.load_kilograms() else {
         return problems;
     };

@@ -6,7 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::custom::{self, Own, Parameters, defaults};
+use crate::custom::{self, Custom, Parameters, defaults};
 use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
@@ -40,16 +40,16 @@ pub struct Controller {
     /// The table of a law from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
-    pub own: Option<Own>,
+    pub custom: Option<Custom>,
 }
 
 impl Controller {
     /// Returns the names of the laws that have a table.
     pub fn law_names(&self) -> impl Iterator<Item = &str> {
-        let own = self.own.as_ref().map(|own| own.name());
+        let custom = self.custom.as_ref().map(|custom| custom.name());
         let laws = LAWS.iter().zip(self.tables());
         let chosen = laws.filter_map(|((name, _), table)| table.map(|_| *name));
-        chosen.chain(own)
+        chosen.chain(custom)
     }
 
     /// Returns the name of the law's table.
@@ -66,11 +66,14 @@ impl Controller {
         &self,
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
-        let of_format = self.tables().into_iter().flatten();
-        match of_format.filter_map(|table| table.downcast_ref()).next() {
+        let built_in = self.tables().into_iter().flatten();
+        match built_in.filter_map(|table| table.downcast_ref()).next() {
             Some(parameters) => Ok(make(parameters)),
             None => {
-                let parameters = self.own.as_ref().map_or_else(defaults, Own::parameters);
+                let parameters = self
+                    .custom
+                    .as_ref()
+                    .map_or_else(defaults, Custom::parameters);
                 Ok(make(&parameters?))
             }
         }
@@ -100,8 +103,8 @@ impl Controller {
         if factors.is_empty() {
             return;
         }
-        if let Some(own) = &mut self.own {
-            scale(own.tables_mut(), factors);
+        if let Some(custom) = &mut self.custom {
+            scale(custom.tables_mut(), factors);
             return;
         }
         let Ok(mut tables) = toml::Table::try_from(&*self) else {
@@ -359,7 +362,7 @@ const LAWS: [(&str, Option<usize>); 8] = [
 
 /// Checks whether the format has the table of a law; tables from outside are registered.
 #[must_use]
-pub fn is_of_format(law: &str) -> bool {
+pub fn is_built_in(law: &str) -> bool {
     LAWS.iter().any(|(name, _)| *name == law)
 }
 
@@ -367,8 +370,8 @@ pub fn is_of_format(law: &str) -> bool {
 /// it.
 #[must_use]
 pub fn drives_led_by(law: &str) -> Option<usize> {
-    let of_format = LAWS.iter().find(|(name, _)| *name == law);
-    match of_format {
+    let built_in = LAWS.iter().find(|(name, _)| *name == law);
+    match built_in {
         Some((_, drives)) => *drives,
         None => custom::drives_led_by(law),
     }

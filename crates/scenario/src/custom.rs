@@ -172,7 +172,7 @@ fn find(section: Section, name: &str) -> Option<&'static CustomTable> {
 }
 
 /// Returns the faults of `[[fault.plant.…]]` that have a meaning for a plant from outside.
-pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
+pub(crate) fn plant_faults(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
 }
 
@@ -200,7 +200,7 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
 }
 
 /// Returns the schema of the table of a plant from outside.
-pub(crate) fn schema_of_plant(name: &str) -> Value {
+pub(crate) fn plant_schema(name: &str) -> Value {
     find(Section::Plant, name).map_or_else(Value::default, |table| table.schema.clone())
 }
 
@@ -230,9 +230,9 @@ pub(crate) fn describe(schema: &mut Value) {
 /// Table of a plant or a law from outside, as a scenario has it. Its parameters are checked, except in a recorded scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
-pub struct Own(toml::Table);
+pub struct Custom(toml::Table);
 
-impl Own {
+impl Custom {
     /// Makes the table of a plant or a law of this name.
     pub(crate) fn new(name: &str, parameters: toml::Table) -> Self {
         Self(toml::Table::from_iter([(

@@ -112,7 +112,7 @@ impl<'text> Document<'text> {
     }
 
     /// Makes a document of the tables of a loop, as [`Document::with_root`].
-    pub(crate) fn of_loop(&self, root: DeTable<'text>, measurand: Measurand) -> Self {
+    pub(crate) fn with_loop(&self, root: DeTable<'text>, measurand: Measurand) -> Self {
         Self {
             measurand,
             ..self.with_root(root)

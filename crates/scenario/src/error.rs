@@ -50,11 +50,11 @@ impl ScenarioError {
             io::ErrorKind::NotFound => "there is no such file".to_owned(),
             _ => error.to_string(),
         };
-        Self::of_scenario(&path.display().to_string(), message)
+        Self::in_file(&path.display().to_string(), message)
     }
 
     /// Makes the error of a scenario with a problem that has no place in its text.
-    pub(crate) fn of_scenario(file_name: &str, message: String) -> Self {
+    pub(crate) fn in_file(file_name: &str, message: String) -> Self {
         let problem = Problem {
             message: message.into_boxed_str(),
             label: Box::default(),

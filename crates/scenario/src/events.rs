@@ -101,11 +101,11 @@ impl Trial {
     #[must_use]
     pub fn recovery_band(&self) -> f64 {
         let [min, max] = self.wiring.feedback.range();
-        let of_unit = match self.wiring.feedback.measurand.unit {
+        let usual = match self.wiring.feedback.measurand.unit {
             Unit::Millimetres => RECOVERY_BAND_MILLIMETRES,
             _ => (max - min) * RECOVERY_BAND_SHARE,
         };
-        self.expect.recovery_band.unwrap_or(of_unit)
+        self.expect.recovery_band.unwrap_or(usual)
     }
 
     /// Returns the steps that the metrics judge, in the order of time.
@@ -143,7 +143,7 @@ impl Trial {
     /// fewer than four periods fit are left out.
     #[must_use]
     pub fn judged_sines(&self) -> Vec<JudgedSine> {
-        let end_of_piece = self.ends_of_pieces();
+        let end_of_piece = self.piece_ends();
         let judged = self.reference.sine.iter().filter_map(|sine| {
             let period_seconds = sine.period_seconds;
             let length_seconds = end_of_piece(sine.from_seconds) - sine.from_seconds;
@@ -165,7 +165,7 @@ impl Trial {
     /// out.
     #[must_use]
     pub fn judged_chirps(&self) -> Vec<JudgedChirp> {
-        let end_of_piece = self.ends_of_pieces();
+        let end_of_piece = self.piece_ends();
         let judged = self.reference.chirp.iter().filter_map(|chirp| {
             let until_seconds = end_of_piece(chirp.from_seconds).min(chirp.until_seconds);
             let sweep = chirp.sweep();
@@ -224,12 +224,12 @@ impl Trial {
     #[must_use]
     pub fn edges_seconds(&self) -> Vec<f64> {
         let disturbances = self.disturbance_windows().into_iter();
-        let of_disturbances = disturbances
+        let disturbances = disturbances
             .flat_map(|one| [one.window.from_seconds, one.window.until_seconds].map(Some));
-        let of_faults = self
-            .own_faults()
+        let faults = self
+            .loop_faults()
             .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
-        of_disturbances.chain(of_faults).flatten().collect()
+        disturbances.chain(faults).flatten().collect()
     }
 
     /// Returns the steps, disturbances and faults for plots, in the order of time; `names` name the loop, where there are
@@ -267,7 +267,7 @@ impl Trial {
                     .then(|| named(until_seconds, format!("{of} off")));
                 [Some(named(from_seconds, disturbance.text)), end]
             });
-        let faults = self.own_faults().flat_map(|fault| {
+        let faults = self.loop_faults().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
             let text = fault.text(names.is_some());
@@ -287,7 +287,7 @@ impl Trial {
     }
 
     /// Returns a function from the start of a piece to its end: the start of the next piece, or the end of the judgement.
-    fn ends_of_pieces(&self) -> impl Fn(f64) -> f64 {
+    fn piece_ends(&self) -> impl Fn(f64) -> f64 {
         let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
         starts.sort_by(f64::total_cmp);
         let end_seconds = self.judged_end_seconds();
@@ -320,10 +320,10 @@ impl Trial {
 impl Disturbance {
     /// Returns the disturbances that one io node is commanded, of several loops.
     #[must_use]
-    pub fn at_node<'a>(node: &str, of_loops: impl IntoIterator<Item = &'a Self>) -> Self {
+    pub fn at_node<'a>(node: &str, plants: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::default();
-        for of_loop in of_loops {
-            let Self { fan, load, output } = of_loop.clone();
+        for plant in plants {
+            let Self { fan, load, output } = plant.clone();
             all.fan
                 .extend(fan.into_iter().filter(|one| one.node == node));
             all.load

@@ -128,7 +128,7 @@ impl Expect {
 
     /// Returns the rows of the verdict that test requirements, each with its requirements.
     #[must_use]
-    pub fn requirements_of_rows(&self) -> BTreeMap<String, Requirements> {
+    pub fn row_requirements(&self) -> BTreeMap<String, Requirements> {
         let limits = self.requirements.clone();
         let checks = self.signal.iter().flat_map(|check| {
             let rows = check.demands().map(|demand| check.row_name(&demand));

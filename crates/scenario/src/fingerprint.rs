@@ -23,7 +23,7 @@ const PART_BYTES: usize = 64 << 10;
 pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
     let path = folder.join(file);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let line = format!("{}  {name}\n", hash_of(open_file(&path)?)?);
+    let line = format!("{}  {name}\n", file_hash(open_file(&path)?)?);
     let text = format!("{file}{HASH_SUFFIX}");
     match read_text(&folder.join(&text), TEXT_BYTES_MAX) {
         Ok(stated) if hash_in(&stated) != hash_in(&line) => Err(io::Error::new(
@@ -44,7 +44,7 @@ pub fn hash_in(line: &str) -> &str {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn hash_of(mut file: File) -> io::Result<String> {
+pub fn file_hash(mut file: File) -> io::Result<String> {
     let mut hasher = Sha256::new();
     let mut part = vec![0; PART_BYTES];
     loop {

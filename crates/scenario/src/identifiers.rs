@@ -27,7 +27,7 @@ const PREDEFINED: [u16; 9] = [
     0x080, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500,
 ];
 /// Identifiers of SYNC and TIME.
-const OF_ALL: [u16; 2] = [0x080, 0x100];
+const SHARED: [u16; 2] = [0x080, 0x100];
 /// Upper end of the identifiers for frames without a fixed place: the search goes downwards from here.
 const BELOW: u16 = 0x6E0;
 
@@ -77,7 +77,7 @@ impl Identifiers {
     }
 
     /// Returns the identifiers that nodes send and receive, without the set-point.
-    fn of_nodes_mut(&mut self) -> [&mut u16; 3 + TERMS] {
+    fn node_identifiers_mut(&mut self) -> [&mut u16; 3 + TERMS] {
         let Self {
             second_sdo: [request, answer],
             truth,
@@ -104,7 +104,7 @@ impl Rig {
                 .zip(drives)
                 .map(|(number, drive)| (drive, Identifiers::new(controller, drive, number))),
         );
-        let mut taken = BTreeSet::from(OF_ALL);
+        let mut taken = BTreeSet::from(SHARED);
         let others = self
             .node
             .values()
@@ -114,7 +114,7 @@ impl Rig {
         }
         let mut homeless: Vec<(u8, &mut u16)> = Vec::new();
         for (drive, identifiers) in &mut all {
-            for identifier in identifiers.of_nodes_mut() {
+            for identifier in identifiers.node_identifiers_mut() {
                 let is_free = *identifier < BELOW && !is_restricted(*identifier);
                 if !is_free || !taken.insert(*identifier) {
                     homeless.push((*drive, identifier));

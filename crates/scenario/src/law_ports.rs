@@ -6,7 +6,7 @@
 use crate::custom::is_name;
 use crate::nearest::meant_or_known;
 use crate::port::{Direction, Measurand, Port, Ports, Unit, conversion};
-use crate::wiring::LoopOfRig;
+use crate::wiring::LoopFacts;
 
 const AMPERES: &str = "amperes";
 /// Beginnings of the names of a law's ports.
@@ -63,7 +63,7 @@ pub enum Quantity {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// Index of the loop.
-    pub of_loop: usize,
+    pub index: usize,
     /// Quantity of the loop.
     pub quantity: Quantity,
     /// Factor from the loop's unit to the unit of the port.
@@ -76,14 +76,14 @@ pub enum Writing {
     /// Command to the drive of the loop at this index, limited to the range of its currents.
     Current {
         /// Index of the loop.
-        of_loop: usize,
+        index: usize,
         /// Factor from the unit of the port to amperes.
         factor: f64,
     },
     /// Term of the loop at this index.
     Term {
         /// Index of the loop.
-        of_loop: usize,
+        index: usize,
         /// Factor from the unit in which the law writes to the unit of the term's name.
         factor: f64,
     },
@@ -92,9 +92,9 @@ pub enum Writing {
 impl Writing {
     /// Returns the index of the loop.
     #[must_use]
-    pub fn of_loop(&self) -> usize {
+    pub fn index(&self) -> usize {
         match self {
-            Self::Current { of_loop, .. } | Self::Term { of_loop, .. } => *of_loop,
+            Self::Current { index, .. } | Self::Term { index, .. } => *index,
         }
     }
 }
@@ -123,7 +123,7 @@ impl LawWires {
     ///
     /// # Errors
     /// The first port without a meaning, or the second one of a name; a drive that gets no command, or two.
-    pub fn of_all(ports: &Ports, loops: &[LoopOfRig]) -> Result<Self, WrongPort> {
+    pub fn for_all_loops(ports: &Ports, loops: &[LoopFacts]) -> Result<Self, WrongPort> {
         let reading = |port: &Port| reading(port, loops);
         let writing = |port: &Port| writing(port, loops);
         let wires = Self::found(ports, reading, writing)?;
@@ -134,13 +134,13 @@ impl LawWires {
     /// Finds the meaning of the ports of a law of one loop. An output's index is the place of its drive in the loop.
     ///
     /// # Errors
-    /// As [`LawWires::of_all`].
-    pub fn of_one(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
-        let inside = conversion(unit.word(), unit.of_laws()).unwrap_or(1.0);
-        let reading = |port: &Port| reading_of_loop(port, inside);
-        let writing = |port: &Port| Ok(writing_of_loop(port, inside));
+    /// As [`LawWires::for_all_loops`].
+    pub fn for_one_loop(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
+        let inside = conversion(unit.word(), unit.law_word()).unwrap_or(1.0);
+        let reading = |port: &Port| loop_reading(port, inside);
+        let writing = |port: &Port| Ok(loop_writing(port, inside));
         let wires = Self::found(ports, reading, writing)?;
-        let is_first = |writing: &Writing| matches!(writing, Writing::Current { of_loop: 0, .. });
+        let is_first = |writing: &Writing| matches!(writing, Writing::Current { index: 0, .. });
         if wires.outputs.iter().any(is_first) {
             Ok(wires)
         } else {
@@ -154,7 +154,7 @@ impl LawWires {
     ///
     /// # Errors
     /// The port has no meaning.
-    pub fn of_port(port: &Port, loops: &[LoopOfRig]) -> Result<Self, WrongPort> {
+    pub fn for_port(port: &Port, loops: &[LoopFacts]) -> Result<Self, WrongPort> {
         let none = Self::default();
         Ok(match port.direction {
             Direction::Input => Self {
@@ -187,7 +187,7 @@ impl LawWires {
 }
 
 /// Returns the place in the loop of the drive that an output commands; `None` if the output is a term.
-fn drive_of(output: &str) -> Option<usize> {
+fn commanded_drive(output: &str) -> Option<usize> {
     match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
         "" => Some(0),
         place => {
@@ -197,7 +197,7 @@ fn drive_of(output: &str) -> Option<usize> {
     }
 }
 
-fn reading_of_loop(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
+fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
     let mut inputs = LOOP_INPUTS.iter();
     let Some((_, quantity)) = inputs.find(|(name, _)| *name == port.name) else {
         let message = format!("a law of one loop cannot read `{}`", port.name);
@@ -209,44 +209,37 @@ fn reading_of_loop(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
         _ => inside,
     };
     Ok(Reading {
-        of_loop: 0,
+        index: 0,
         quantity: *quantity,
         factor,
     })
 }
 
-fn writing_of_loop(port: &Port, inside: f64) -> Writing {
-    match drive_of(&port.name) {
-        Some(of_loop) => Writing::Current {
-            of_loop,
-            factor: 1.0,
-        },
+fn loop_writing(port: &Port, inside: f64) -> Writing {
+    match commanded_drive(&port.name) {
+        Some(index) => Writing::Current { index, factor: 1.0 },
         None => Writing::Term {
-            of_loop: 0,
-            factor: if port.is_of_position {
-                1.0 / inside
-            } else {
-                1.0
-            },
+            index: 0,
+            factor: if port.is_position { 1.0 / inside } else { 1.0 },
         },
     }
 }
 
 /// Returns the terms that a law of all loops writes for one of them, each with its name in that loop.
-pub fn terms_of<'a>(
+pub fn loop_terms<'a>(
     ports: &'a Ports,
-    of_loop: &'a LoopOfRig,
+    facts: &'a LoopFacts,
 ) -> impl Iterator<Item = (&'a str, &'a Port)> {
     ports.outputs.iter().filter_map(|port| {
         let (owner, name) = port.name.split_once('.')?;
-        let is_its = owner == of_loop.name || owner == of_loop.drive;
-        (is_its && command_of(name, of_loop).is_none()).then_some((name, port))
+        let is_its = owner == facts.name || owner == facts.drive;
+        (is_its && command_factor(name, facts).is_none()).then_some((name, port))
     })
 }
 
 /// Returns the terms that a law of one loop writes.
-pub fn terms_of_one(ports: &Ports) -> impl Iterator<Item = (&str, &Port)> {
-    let is_term = |port: &&Port| matches!(writing_of_loop(port, 1.0), Writing::Term { .. });
+pub fn one_loop_terms(ports: &Ports) -> impl Iterator<Item = (&str, &Port)> {
+    let is_term = |port: &&Port| matches!(loop_writing(port, 1.0), Writing::Term { .. });
     let terms = ports.outputs.iter().filter(is_term);
     terms.map(|port| (port.name.as_str(), port))
 }
@@ -274,9 +267,9 @@ fn each_once(ports: &[Port]) -> Result<(), WrongPort> {
 }
 
 /// Returns the index of the loop to which a port belongs, and the rest of the port's name.
-fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), WrongPort> {
+fn owner<'a>(port: &'a Port, loops: &[LoopFacts]) -> Result<(usize, &'a str), WrongPort> {
     let (owner, name) = port.name.split_once('.').unwrap_or((&port.name, ""));
-    let is_it = |one: &LoopOfRig| one.name == owner || one.drive == owner;
+    let is_it = |one: &LoopFacts| one.name == owner || one.drive == owner;
     let place = loops.iter().position(is_it).ok_or_else(|| {
         let message = format!("the law's port `{}` is of no loop and no drive", port.name);
         let known = loops.iter().map(|one| one.name.as_str());
@@ -294,34 +287,36 @@ fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), Wr
     }
 }
 
-fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
-    let (of_loop, name) = owner(port, loops)?;
-    let one = &loops[of_loop];
+fn reading(port: &Port, loops: &[LoopFacts]) -> Result<Reading, WrongPort> {
+    let (index, name) = owner(port, loops)?;
+    let one = &loops[index];
     let Measurand {
-        signal, unit: own, ..
+        signal,
+        unit: position_unit,
+        ..
     } = &one.measurand;
-    let of_signal = name.strip_prefix(signal.as_str());
-    let found = if let Some(unit) = of_signal.and_then(|rest| rest.strip_prefix('_')) {
-        factor(own, unit).map(|factor| (Quantity::Position, factor))
+    let rest = name.strip_prefix(signal.as_str());
+    let found = if let Some(unit) = rest.and_then(|rest| rest.strip_prefix('_')) {
+        factor(position_unit, unit).map(|factor| (Quantity::Position, factor))
     } else if one.led_by.is_some() {
         None
     } else {
         name.strip_prefix(SET_POINT)
-            .and_then(|unit| set_point(own, unit))
+            .and_then(|unit| set_point(position_unit, unit))
     };
     let Some((quantity, factor)) = found else {
         let message = format!("a law cannot read `{}`", port.name);
         return Err(wrong(message, readable(one)));
     };
     Ok(Reading {
-        of_loop,
+        index,
         quantity,
         factor,
     })
 }
 
 /// Describes the quantities of a loop that a law can read.
-fn readable(one: &LoopOfRig) -> String {
+fn readable(one: &LoopFacts) -> String {
     let Measurand { signal, unit, .. } = &one.measurand;
     let name = &one.name;
     let position = format!("`{name}.{signal}_{unit}`");
@@ -335,37 +330,34 @@ fn readable(one: &LoopOfRig) -> String {
 }
 
 /// Returns the quantity of a set-point whose name has this end, with its factor.
-fn set_point(of_loop: &Unit, end: &str) -> Option<(Quantity, f64)> {
+fn set_point(from: &Unit, end: &str) -> Option<(Quantity, f64)> {
     let derivative = |quantity, by: &str| {
         let unit = end.strip_suffix(by)?;
-        Some((quantity, factor(of_loop, unit)?))
+        Some((quantity, factor(from, unit)?))
     };
-    let itself = factor(of_loop, end).map(|factor| (Quantity::SetPoint, factor));
+    let itself = factor(from, end).map(|factor| (Quantity::SetPoint, factor));
     itself
         .or_else(|| derivative(Quantity::SetPointAcceleration, ACCELERATION))
         .or_else(|| derivative(Quantity::SetPointVelocity, VELOCITY))
 }
 
 /// Returns the factor from the loop's unit to another one.
-fn factor(of_loop: &Unit, unit: &str) -> Option<f64> {
-    conversion(of_loop.word(), unit)
+fn factor(from: &Unit, unit: &str) -> Option<f64> {
+    conversion(from.word(), unit)
 }
 
 /// Returns the factor from a port of this name to the unit of a loop's commands; `None` if it is no command.
-fn command_of(name: &str, of_loop: &LoopOfRig) -> Option<f64> {
-    let command = of_loop.measurand.command;
+fn command_factor(name: &str, facts: &LoopFacts) -> Option<f64> {
+    let command = facts.measurand.command;
     let unit = name.strip_prefix(command.signal())?.strip_prefix('_')?;
     conversion(unit, command.word())
 }
 
-fn writing(port: &Port, loops: &[LoopOfRig]) -> Result<Writing, WrongPort> {
-    let (of_loop, name) = owner(port, loops)?;
-    Ok(match command_of(name, &loops[of_loop]) {
-        Some(factor) => Writing::Current { of_loop, factor },
-        None => Writing::Term {
-            of_loop,
-            factor: 1.0,
-        },
+fn writing(port: &Port, loops: &[LoopFacts]) -> Result<Writing, WrongPort> {
+    let (index, name) = owner(port, loops)?;
+    Ok(match command_factor(name, &loops[index]) {
+        Some(factor) => Writing::Current { index, factor },
+        None => Writing::Term { index, factor: 1.0 },
     })
 }
 
@@ -373,10 +365,10 @@ fn writing(port: &Port, loops: &[LoopOfRig]) -> Result<Writing, WrongPort> {
 fn each_drive_once(
     ports: &[Port],
     written: &[Writing],
-    loops: &[LoopOfRig],
+    loops: &[LoopFacts],
 ) -> Result<(), WrongPort> {
     for (place, one) in loops.iter().enumerate() {
-        let is_command = |writing: &Writing| matches!(writing, Writing::Current { of_loop, .. } if *of_loop == place);
+        let is_command = |writing: &Writing| matches!(writing, Writing::Current { index, .. } if *index == place);
         let commands = ports.iter().zip(written);
         let mut commands = commands.filter(|(_, writing)| is_command(writing));
         let drive = &one.drive;
@@ -405,12 +397,12 @@ mod tests {
     use crate::current::CurrentRange;
     use crate::wiring::LedBy;
 
-    fn loops() -> Vec<LoopOfRig> {
+    fn loops() -> Vec<LoopFacts> {
         let led_by = LedBy {
             first: 0x10,
             place: 1,
         };
-        let one = |name: &str, drive: &str, unit, is_led: bool| LoopOfRig {
+        let one = |name: &str, drive: &str, unit, is_led: bool| LoopFacts {
             name: name.to_owned(),
             drive: drive.to_owned(),
             measurand: Measurand::position(unit),
@@ -444,11 +436,11 @@ mod tests {
     ];
 
     fn wired(inputs: &[&str]) -> Result<Vec<(usize, Quantity, f64)>, String> {
-        let wires = LawWires::of_all(&ports(inputs, &CURRENTS), &loops());
+        let wires = LawWires::for_all_loops(&ports(inputs, &CURRENTS), &loops());
         let wires = wires.map_err(|wrong| wrong.to_string())?;
         let inputs = wires.inputs.into_iter();
         Ok(inputs
-            .map(|one| (one.of_loop, one.quantity, one.factor))
+            .map(|one| (one.index, one.quantity, one.factor))
             .collect())
     }
 
@@ -480,9 +472,9 @@ mod tests {
         let mut outputs = Vec::from(CURRENTS);
         outputs.push("lift.current_error_amperes");
         let ports = ports(&[], &outputs);
-        let wires = LawWires::of_all(&ports, &loops()).unwrap();
+        let wires = LawWires::for_all_loops(&ports, &loops()).unwrap();
         let milli = Writing::Current {
-            of_loop: 1,
+            index: 1,
             factor: 1e-3,
         };
         assert_eq!(
@@ -490,19 +482,19 @@ mod tests {
             [
                 milli,
                 Writing::Current {
-                    of_loop: 2,
+                    index: 2,
                     factor: 1.0
                 },
                 Writing::Term {
-                    of_loop: 2,
+                    index: 2,
                     factor: 1.0
                 }
             ]
         );
         let loops = loops();
-        let terms = terms_of(&ports, &loops[2]).map(|(name, _)| name);
+        let terms = loop_terms(&ports, &loops[2]).map(|(name, _)| name);
         assert_eq!(Vec::from_iter(terms), ["current_error_amperes"]);
-        assert_eq!(terms_of(&ports, &loops[0]).count(), 0);
+        assert_eq!(loop_terms(&ports, &loops[0]).count(), 0);
     }
 
     #[test]
@@ -526,7 +518,7 @@ mod tests {
     #[test]
     fn each_drive_gets_one_command() {
         let said = |outputs: &[&str]| {
-            let wires = LawWires::of_all(&ports(&[], outputs), &loops());
+            let wires = LawWires::for_all_loops(&ports(&[], outputs), &loops());
             wires.unwrap_err().to_string()
         };
         assert_eq!(
@@ -541,7 +533,7 @@ mod tests {
         assert!(said(&with(&["lift.a", "lift.a"])).contains("is there twice"));
         let mut backwards = ports(&[], &CURRENTS);
         backwards.outputs[0].range = [1.0, 0.0];
-        let said = LawWires::of_all(&backwards, &loops()).unwrap_err();
+        let said = LawWires::for_all_loops(&backwards, &loops()).unwrap_err();
         assert!(
             said.message
                 .contains("`flexor.current_amperes` has a range"),
@@ -559,29 +551,26 @@ mod tests {
         let mut ports = ports(&inputs, &["current_amperes", "current_2_amperes"]);
         ports.outputs.extend(terms);
         let factors = |unit| {
-            let wires = LawWires::of_one(&ports, &unit).unwrap();
+            let wires = LawWires::for_one_loop(&ports, &unit).unwrap();
             let read = Vec::from_iter(wires.inputs.iter().map(|reading| reading.factor));
             (read, wires.outputs)
         };
-        let current = |of_loop| Writing::Current {
-            of_loop,
-            factor: 1.0,
-        };
-        let term = |factor| Writing::Term { of_loop: 0, factor };
+        let current = |index| Writing::Current { index, factor: 1.0 };
+        let term = |factor| Writing::Term { index: 0, factor };
         let (read, written) = factors(Unit::Millimetres);
         assert_eq!(read, [1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1.0]);
         assert_eq!(written, [current(0), current(1), term(1e3), term(1.0)]);
         let (read, written) = factors(Unit::Degrees);
         assert_eq!(read, [1.0; 6]);
         assert_eq!(written, [current(0), current(1), term(1.0), term(1.0)]);
-        let names = terms_of_one(&ports).map(|(name, _)| name);
+        let names = one_loop_terms(&ports).map(|(name, _)| name);
         assert_eq!(Vec::from_iter(names), ["reference_millimetres", "gain"]);
     }
 
     #[test]
     fn a_law_of_one_loop_reads_that_loop_and_commands_its_first_drive() {
         let said = |inputs: &[&str], outputs: &[&str]| {
-            let wires = LawWires::of_one(&ports(inputs, outputs), &Unit::Millimetres);
+            let wires = LawWires::for_one_loop(&ports(inputs, outputs), &Unit::Millimetres);
             wires.unwrap_err().to_string()
         };
         assert_eq!(

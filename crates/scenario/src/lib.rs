@@ -66,7 +66,7 @@ pub use bus::Bus;
 pub use current::CurrentRange;
 pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, open_to_write, read_text, require_file};
-pub use fingerprint::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
+pub use fingerprint::{HASH_SUFFIX, file_hash, hash_in, hexadecimal};
 pub use identifiers::Identifiers;
 pub use load::{Objection, Texts, text_of};
 pub use nearest::{meant_or_known, nearest};

@@ -29,7 +29,7 @@ pub(crate) use kind::is_scenario;
 pub(crate) use patterns::{Factors, Naming};
 
 use crate::beside::Beside;
-use crate::custom::{Own, Section};
+use crate::custom::{Custom, Section};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
@@ -144,7 +144,7 @@ fn only(mut loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> 
     let one = loops.pop().filter(|_| loops.is_empty());
     one.ok_or_else(|| {
         let message = format!("its rig has {count} loops, and one is played here");
-        ScenarioError::of_scenario(file_name, message)
+        ScenarioError::in_file(file_name, message)
     })
 }
 
@@ -205,7 +205,7 @@ fn custom_table(
     outside: &Outside,
     section: Section,
     path: &str,
-) -> Option<(Own, Option<Problem>)> {
+) -> Option<(Custom, Option<Problem>)> {
     let keys = document.keys(path);
     let mut names = outside.names(section).into_iter();
     let name = names.find(|name| keys.contains(name))?;
@@ -220,7 +220,7 @@ fn custom_table(
         .map(problem);
     let table =
         toml::Table::deserialize(ValueDeserializer::from(value.clone())).unwrap_or_default();
-    Some((Own::new(name, table), checked))
+    Some((Custom::new(name, table), checked))
 }
 
 /// Reads the table of a law from outside. A problem that its own type finds is reported only if there is no other: the schema may
@@ -228,14 +228,14 @@ fn custom_table(
 fn read_law(
     document: &Document<'_>,
     outside: &Outside,
-    into: &mut Option<Own>,
+    into: &mut Option<Custom>,
     problems: &mut Vec<Problem>,
 ) {
     let section = Section::Controller;
-    let Some((own, problem)) = custom_table(document, outside, section, section.key()) else {
+    let Some((custom, problem)) = custom_table(document, outside, section, section.key()) else {
         return;
     };
-    *into = Some(own);
+    *into = Some(custom);
     if problems.is_empty() {
         problems.extend(problem);
     }
@@ -251,17 +251,17 @@ fn read_models(
 ) {
     for (name, plant) in &mut rig.plant {
         let path = format!("plant.{name}");
-        let Some((own, problem)) = custom_table(document, outside, Section::Plant, &path) else {
+        let Some((custom, problem)) = custom_table(document, outside, Section::Plant, &path) else {
             continue;
         };
-        plant.own = Some(own);
+        plant.custom = Some(custom);
         if problems.is_empty() {
             problems.extend(problem);
         }
     }
 }
 
-pub(crate) fn none_of<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {
+pub(crate) fn without_problems<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {
     if problems.is_empty() {
         Ok(value)
     } else {

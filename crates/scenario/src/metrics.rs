@@ -345,7 +345,7 @@ impl Metric {
 
     /// Checks whether it measures the traffic on the bus. Such a metric has a value of a run that broke off, too.
     #[must_use]
-    pub fn is_of_traffic(&self) -> bool {
+    pub fn is_traffic_metric(&self) -> bool {
         matches!(self.subject, Subject::Cycles | Subject::Bus)
     }
 
@@ -411,14 +411,14 @@ fn exactly(value: f64) -> Limit {
 
 /// Checks whether a row of a verdict is a metric of the bus, which all loops share.
 #[must_use]
-pub fn is_of_bus(row: &str) -> bool {
+pub fn is_bus_metric(row: &str) -> bool {
     Metric::named(row).is_some_and(|metric| metric.subject == Subject::Bus)
 }
 
 /// Checks whether a row of a verdict is a metric of the traffic.
 #[must_use]
-pub fn is_of_traffic(row: &str) -> bool {
-    Metric::named(row).is_some_and(Metric::is_of_traffic)
+pub fn is_traffic_metric(row: &str) -> bool {
+    Metric::named(row).is_some_and(Metric::is_traffic_metric)
 }
 
 /// Returns the answer of a metric that is not a number: the bench is safe, none of the events happened, every emergency came.

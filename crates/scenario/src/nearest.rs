@@ -6,7 +6,7 @@ use crate::port::conversion;
 const SIMILARITY_MIN: f64 = 0.8;
 
 /// Units that no port has, each with its size in another one.
-const OF_KEYS_ONLY: [(&str, f64, &str); 9] = [
+const KEY_UNITS: [(&str, f64, &str); 9] = [
     ("milliseconds", 1e-3, "seconds"),
     ("microseconds", 1e-6, "seconds"),
     ("minutes", 60.0, "seconds"),
@@ -32,7 +32,7 @@ fn unit_factor(key: &str, known: &str) -> Option<f64> {
 
 /// Returns the size of a unit, and the unit in which it is.
 fn in_unit_of_ports(word: &str) -> (f64, &str) {
-    let found = OF_KEYS_ONLY.iter().find(|(name, ..)| *name == word);
+    let found = KEY_UNITS.iter().find(|(name, ..)| *name == word);
     found.map_or((1.0, word), |(_, size, unit)| (*size, unit))
 }
 

@@ -67,11 +67,11 @@ impl Outside {
         match self {
             Self::Registered => custom::tables(section)
                 .iter()
-                .map(|own| own.name())
+                .map(|custom| custom.name())
                 .collect(),
             Self::Recorded(tables) => {
-                let of_section = tables.iter().filter(|(place, _)| *place == section);
-                of_section.map(|(_, name)| name.as_str()).collect()
+                let in_section = tables.iter().filter(|(place, _)| *place == section);
+                in_section.map(|(_, name)| name.as_str()).collect()
             }
         }
     }
@@ -102,8 +102,8 @@ impl Outside {
         match self {
             Self::Registered => {
                 let mut registered = custom::tables(section).iter();
-                let found = registered.find(|own| own.name() == name);
-                found.map_or(Ok(()), |own| own.check(table))
+                let found = registered.find(|custom| custom.name() == name);
+                found.map_or(Ok(()), |custom| custom.check(table))
             }
             Self::Recorded(_) => Ok(()),
         }

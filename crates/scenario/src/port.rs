@@ -72,7 +72,7 @@ pub struct Port {
     /// Whether a drive whose `record` is left out publishes the output.
     pub is_published: bool,
     /// Whether it is a term that the law writes in the unit of its loop's position, whatever the name says.
-    pub is_of_position: bool,
+    pub is_position: bool,
 }
 
 impl Port {
@@ -101,7 +101,7 @@ impl Port {
             steps_per_unit: steps_for(range),
             width: Width::Real32,
             is_published: true,
-            is_of_position: false,
+            is_position: false,
         }
     }
 
@@ -124,7 +124,7 @@ impl Port {
     pub fn position_term(name: &str) -> Self {
         let port = Self::output(name, POSITION_RANGE).counted(Width::Signed(32), POSITION_STEPS);
         Self {
-            is_of_position: true,
+            is_position: true,
             ..port
         }
     }
@@ -181,8 +181,8 @@ impl Port {
 
     /// Returns its name without that of its plant.
     #[must_use]
-    pub fn own_name(&self) -> &str {
-        own_name(&self.name)
+    pub fn local_name(&self) -> &str {
+        local_name(&self.name)
     }
 
     /// Returns the reason why it cannot be a port of a plant, as the end of a sentence.
@@ -277,7 +277,7 @@ pub fn plant_of_port(port: &str) -> Option<&str> {
 
 /// Returns the name of a port without that of its plant.
 #[must_use]
-pub fn own_name(port: &str) -> &str {
+pub fn local_name(port: &str) -> &str {
     port.split_once('.').map_or(port, |(_, name)| name)
 }
 
@@ -433,19 +433,19 @@ pub enum Unit {
     Degrees,
     /// Revolutions.
     Revolutions,
-    /// The unit of the port itself, by its word.
-    Own(String),
+    /// Any other unit, by its word.
+    Other(String),
 }
 
 impl Unit {
     /// Returns the unit of a word.
     #[must_use]
-    pub fn of_word(word: &str) -> Self {
+    pub fn from_word(word: &str) -> Self {
         match word {
             "millimetres" => Self::Millimetres,
             "degrees" => Self::Degrees,
             "revolutions" => Self::Revolutions,
-            own => Self::Own(own.to_owned()),
+            word => Self::Other(word.to_owned()),
         }
     }
 
@@ -456,16 +456,16 @@ impl Unit {
             Self::Millimetres => "millimetres",
             Self::Degrees => "degrees",
             Self::Revolutions => "revolutions",
-            Self::Own(word) => word,
+            Self::Other(word) => word,
         }
     }
 
     /// Returns the word of the unit in which a law of one loop reads: metres in a loop in millimetres.
     #[must_use]
-    pub fn of_laws(&self) -> &str {
+    pub fn law_word(&self) -> &str {
         match self {
             Self::Millimetres => "metres",
-            own => own.word(),
+            unit => unit.word(),
         }
     }
 
@@ -483,17 +483,17 @@ impl Unit {
 
     /// Returns the units in which a port of this unit can be measured, the best known first.
     #[must_use]
-    pub fn of_port(port_unit: &str) -> Vec<Self> {
+    pub fn fitting_port(port_unit: &str) -> Vec<Self> {
         let fits = |unit: &Self| conversion(port_unit, unit.word()).is_some();
         let known = [Self::Millimetres, Self::Degrees, Self::Revolutions];
         let mut fitting = Vec::from_iter(known.into_iter().filter(fits));
         if fitting.is_empty() {
-            let own = if port_unit.is_empty() {
+            let word = if port_unit.is_empty() {
                 "percent"
             } else {
                 port_unit
             };
-            fitting.push(Self::Own(own.to_owned()));
+            fitting.push(Self::Other(word.to_owned()));
         }
         fitting
     }
@@ -515,8 +515,8 @@ impl Unit {
             Self::Millimetres => (0xFA, 0x01),
             Self::Degrees => (0xFD, 0x41),
             Self::Revolutions => (0xFA, 0xB4),
-            Self::Own(word) if word == "celsius" => (0xFD, 0x2D),
-            Self::Own(_) => return 0,
+            Self::Other(word) if word == "celsius" => (0xFD, 0x2D),
+            Self::Other(_) => return 0,
         };
         prefix << 24 | unit << 16
     }
@@ -594,7 +594,7 @@ impl Command {
 
     /// Returns the output quantity of an amplifier that drives a port in this unit; `None` if no amplifier can.
     #[must_use]
-    pub fn of_port(unit: &str) -> Option<Self> {
+    pub fn in_port_unit(unit: &str) -> Option<Self> {
         let mut all = Self::ALL.into_iter();
         all.find(|command| conversion(command.word(), unit).is_some())
     }
@@ -642,7 +642,7 @@ impl Measurand {
         if !is_pattern(pattern) {
             return pattern.to_owned();
         }
-        let (command, by) = (self.command.word(), singular(self.unit.of_laws()));
+        let (command, by) = (self.command.word(), singular(self.unit.law_word()));
         let places = [
             ("{signal}", self.signal.clone()),
             (UNIT, self.unit.word().to_owned()),
@@ -739,11 +739,14 @@ mod tests {
         assert_eq!(conversion("degrees", "revolutions"), Some(1.0 / 360.0));
         assert_eq!(conversion("degrees", "millimetres"), None);
         assert_eq!(conversion("bogus", "bogus"), Some(1.0));
-        assert_eq!(Unit::of_port("radians"), [Unit::Degrees, Unit::Revolutions]);
-        let celsius = Unit::Own("celsius".to_owned());
-        assert_eq!(Unit::of_port("celsius"), [celsius]);
-        let percent = Unit::Own("percent".to_owned());
-        assert_eq!(Unit::of_port(""), [percent]);
+        assert_eq!(
+            Unit::fitting_port("radians"),
+            [Unit::Degrees, Unit::Revolutions]
+        );
+        let celsius = Unit::Other("celsius".to_owned());
+        assert_eq!(Unit::fitting_port("celsius"), [celsius]);
+        let percent = Unit::Other("percent".to_owned());
+        assert_eq!(Unit::fitting_port(""), [percent]);
         assert_eq!(conversion("", "percent"), Some(100.0));
         assert_eq!(conversion("", "fraction"), Some(1.0));
         assert_eq!(conversion("", "celsius"), None);
@@ -754,11 +757,11 @@ mod tests {
     fn names_have_the_quantities_of_their_loop() {
         let shipped = Measurand::default();
         let torque_of_a_joint = Measurand::position(Unit::Degrees).commanding(Command::Torque);
-        let force_of_a_torque = Measurand::position(Unit::Own("newton_metres".to_owned()));
+        let force_of_a_torque = Measurand::position(Unit::Other("newton_metres".to_owned()));
         let force_of_a_torque = force_of_a_torque.commanding(Command::Force);
         let oven = Measurand {
             signal: "temperature".to_owned(),
-            unit: Unit::Own("celsius".to_owned()),
+            unit: Unit::Other("celsius".to_owned()),
             command: Command::Voltage,
         };
         for (pattern, names) in [
@@ -803,9 +806,15 @@ mod tests {
             let loops = [&shipped, &torque_of_a_joint, &force_of_a_torque, &oven];
             assert_eq!(loops.map(|one| one.name(pattern)), names);
         }
-        assert_eq!(Command::of_port("milliamperes"), Some(Command::Current));
-        assert_eq!(Command::of_port("newton_metres"), Some(Command::Torque));
-        assert_eq!(Command::of_port("kilograms"), None);
+        assert_eq!(
+            Command::in_port_unit("milliamperes"),
+            Some(Command::Current)
+        );
+        assert_eq!(
+            Command::in_port_unit("newton_metres"),
+            Some(Command::Torque)
+        );
+        assert_eq!(Command::in_port_unit("kilograms"), None);
     }
 
     #[test]
@@ -868,6 +877,6 @@ mod tests {
     fn the_codes_are_those_of_cia_303_2() {
         assert_eq!(Unit::Millimetres.si_position(), 0xFA01_0000);
         assert_eq!(Unit::Degrees.si_position(), 0xFD41_0000);
-        assert_eq!(Unit::Own("litres".to_owned()).si_position(), 0);
+        assert_eq!(Unit::Other("litres".to_owned()).si_position(), 0);
     }
 }

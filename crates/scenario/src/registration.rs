@@ -3,12 +3,12 @@
 use crate::controller::Controller;
 use crate::custom::{CustomTable, Section, is_name};
 use crate::fault::{Group, Kind};
-use crate::plant::is_of_format;
+use crate::plant::is_built_in;
 use crate::schema::schema_of;
 
 /// Reason why a plant or a law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidOwn {
+pub enum InvalidRegistration {
     /// The name cannot be that of a table.
     #[error(
         "`{0}` cannot be the name of a table: a name has at most 64 small letters, digits and underscores, and begins with a letter"
@@ -42,49 +42,49 @@ pub enum InvalidOwn {
 ///
 /// # Errors
 /// One of them cannot be a table of the section.
-pub fn register(section: Section, tables: Vec<CustomTable>) -> Result<(), InvalidOwn> {
+pub fn register(section: Section, tables: Vec<CustomTable>) -> Result<(), InvalidRegistration> {
     for (place, table) in tables.iter().enumerate() {
         let name = table.name();
         is_free(section, name)?;
         if tables[..place].iter().any(|other| other.name() == name) {
             let name = name.to_owned();
-            return Err(InvalidOwn::Taken { section, name });
+            return Err(InvalidRegistration::Taken { section, name });
         }
         if table.schema()["type"] != "object" {
-            return Err(InvalidOwn::NoTable(name));
+            return Err(InvalidRegistration::NoTable(name));
         }
         let is_plants = |kind: &Kind| kind.group == Group::Plant;
         let unknown = |fault: &&&str| !Kind::named(fault).is_some_and(is_plants);
         if let Some(fault) = table.faults().iter().find(unknown) {
-            return Err(InvalidOwn::Fault { name, fault });
+            return Err(InvalidRegistration::Fault { name, fault });
         }
     }
     section
         .set_tables(tables)
-        .map_err(|_| InvalidOwn::RegisteredAlready)
+        .map_err(|_| InvalidRegistration::RegisteredAlready)
 }
 
 /// Refuses a name that a plant or a law cannot have.
 ///
 /// # Errors
 /// The name cannot be that of a table, or is that of another one.
-pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
+pub fn is_free(section: Section, name: &str) -> Result<(), InvalidRegistration> {
     if !is_name(name) {
-        return Err(InvalidOwn::Name(name.to_owned()));
+        return Err(InvalidRegistration::Name(name.to_owned()));
     }
     let is_taken = match section {
-        Section::Plant => is_of_format(name) || OF_PLANTS.contains(&name),
+        Section::Plant => is_built_in(name) || PLANT_PARTS.contains(&name),
         Section::Controller => schema_of::<Controller>()["properties"].get(name).is_some(),
     };
     if RESERVED.contains(&name) || is_taken {
         let name = name.to_owned();
-        return Err(InvalidOwn::Taken { section, name });
+        return Err(InvalidRegistration::Taken { section, name });
     }
     Ok(())
 }
 
 /// Tables of the plants that ship and of their drives: `[plant.wire.heat]` of a scenario names no model.
-const OF_PLANTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
+const PLANT_PARTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
 
 /// Names that mean something else without being keys.
 const RESERVED: [&str; 3] = ["sma_actuator", "sma", "none"];

@@ -44,7 +44,7 @@ pub(crate) const MULTIPLE_OF: &str = "x-multiple-of";
 pub(crate) use loops::on_rig;
 
 /// Returns the schema of a loop's trial with the range of its sensor for the set-points.
-pub(crate) fn of_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {
+pub(crate) fn with_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {
     if !wiring.feedback.is_other_travel() {
         return schema;
     }
@@ -73,15 +73,15 @@ pub(crate) fn is_key(table: &str, key: &str) -> bool {
 /// Returns the JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
 pub fn json_schema() -> String {
-    format!("{:#}\n", loops::of_scenario())
+    format!("{:#}\n", loops::scenario_schema())
 }
 
 /// Returns the JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
 #[must_use]
 pub fn rig_json_schema() -> String {
     let mut schema = RIG.clone();
-    let of_drives = RIG["definitions"]["DriveDefaults"]["properties"].as_object();
-    for key in of_drives.into_iter().flat_map(Map::keys) {
+    let defaults = RIG["definitions"]["DriveDefaults"]["properties"].as_object();
+    for key in defaults.into_iter().flat_map(Map::keys) {
         // Missing keys come from the defaults.
         let property = &mut schema["definitions"]["RigNode"]["properties"][key];
         *property = part_of(&RIG, property);

@@ -297,9 +297,9 @@ pub(crate) fn out_of_range(path: &str, number: f64) -> String {
 /// Returns the range as a text if the number is outside.
 pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
     if let Some(values) = schema["enum"].as_array() {
-        let words: Vec<String> = values.iter().map(Value::to_string).collect();
+        let listed: Vec<String> = values.iter().map(Value::to_string).collect();
         let is_listed = values.iter().any(|value| value.as_f64() == Some(number));
-        return (!is_listed).then(|| format!("must be one of: {}", words.join(", ")));
+        return (!is_listed).then(|| format!("must be one of: {}", listed.join(", ")));
     }
     let (minimum, maximum) = (schema["minimum"].as_f64(), schema["maximum"].as_f64());
     let above = schema["exclusiveMinimum"].as_f64();

@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::controller::NominalModel;
 use crate::document::Document;
 use crate::error::{Problem, Source};
-use crate::load::{build, none_of};
+use crate::load::{build, without_problems};
 use crate::outside::Outside;
 use crate::plant::Sma;
 use crate::schema::schema_of;
@@ -44,7 +44,7 @@ impl NominalModel {
             "the file",
             &NOMINAL_MODEL_FILE,
         )?;
-        none_of(problems, file.nominal_model)
+        without_problems(problems, file.nominal_model)
     }
 
     /// Returns the text of a file with this model.

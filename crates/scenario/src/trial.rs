@@ -97,17 +97,17 @@ impl Trial {
     }
 
     /// Returns the faults of its loop: those of its drive and plant, and those of no drive.
-    pub fn own_faults(&self) -> impl Iterator<Item = &Fault> {
+    pub fn loop_faults(&self) -> impl Iterator<Item = &Fault> {
         let Wiring { nodes, plant, .. } = &self.wiring;
-        let is_own = |fault: &&Fault| fault.is_of_loop(nodes.drive.id, plant);
-        self.run.faults.iter().filter(is_own)
+        let is_in_loop = |fault: &&Fault| fault.is_in_loop(nodes.drive.id, plant);
+        self.run.faults.iter().filter(is_in_loop)
     }
 
     /// Returns the faults that it would have if its drive were the one that it follows.
     pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
         let Wiring { nodes, plant, .. } = &self.wiring;
-        let is_own = |fault: &&Fault| fault.is_of_loop(nodes.followed.id, plant);
-        self.run.faults.iter().filter(is_own)
+        let is_in_loop = |fault: &&Fault| fault.is_in_loop(nodes.followed.id, plant);
+        self.run.faults.iter().filter(is_in_loop)
     }
 
     /// Returns the faults of its drive, and of the plant that the drive moves.
@@ -128,19 +128,22 @@ impl Trial {
             is_real32: true,
             ..Preset::new(TRUE_POSITION, 0, 0)
         });
-        let own = &self.wiring.identifiers;
+        let identifiers = &self.wiring.identifiers;
         let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0);
-        let channel = (1..).zip(own.second_sdo).zip(usual.second_sdo);
-        let channel = channel.filter(|((_, own), usual)| own != usual);
-        let channel =
-            channel.map(|((sub_index, own), _)| Preset::new(SECOND_SDO, sub_index, own.into()));
-        let of_plant = amplifier.into_iter().chain(truth);
-        unit.into_iter().chain(of_plant).chain(channel).collect()
+        let channel = (1..).zip(identifiers.second_sdo).zip(usual.second_sdo);
+        let channel = channel.filter(|((_, channel), usual)| channel != usual);
+        let channel = channel
+            .map(|((sub_index, channel), _)| Preset::new(SECOND_SDO, sub_index, channel.into()));
+        let drive_presets = amplifier.into_iter().chain(truth);
+        unit.into_iter()
+            .chain(drive_presets)
+            .chain(channel)
+            .collect()
     }
 
     /// Checks whether a fault of the run belongs to its loop.
     #[must_use]
-    pub fn has_own_faults(&self) -> bool {
-        self.own_faults().next().is_some()
+    pub fn has_loop_faults(&self) -> bool {
+        self.loop_faults().next().is_some()
     }
 }

@@ -9,7 +9,7 @@ use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node};
 use crate::port::{
-    Command, Measurand, Port, Ports, Unit, conversion, own_name, plant_of_port, steps_for,
+    Command, Measurand, Port, Ports, Unit, conversion, local_name, plant_of_port, steps_for,
     symbol_of, unit_in,
 };
 
@@ -56,8 +56,8 @@ impl Measured {
     /// Returns the counts (0x6064) for one unit.
     #[must_use]
     pub fn counts_per_unit(&self) -> f64 {
-        let own = self.increment.map(|increment| 1.0 / increment);
-        own.unwrap_or_else(|| self.measurand.unit.counts())
+        let resolution = self.increment.map(|increment| 1.0 / increment);
+        resolution.unwrap_or_else(|| self.measurand.unit.counts())
     }
 
     /// Checks whether 32 bits do not hold a true value in the range in millionths of the unit: then it is a float.
@@ -76,7 +76,7 @@ impl Measured {
 
 /// Facts of a loop of a rig for the other loops.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LoopOfRig {
+pub struct LoopFacts {
     /// Name of the loop.
     pub name: String,
     /// First drive of the loop.
@@ -125,9 +125,9 @@ pub struct Wiring {
     /// Identifiers of its frames other than those that CiA 301 gives it.
     pub identifiers: Identifiers,
     /// Name of its loop; empty without a rig file.
-    pub of_loop: String,
+    pub loop_name: String,
     /// All loops of the rig, this one too, in the order of their names.
-    pub loops: Vec<LoopOfRig>,
+    pub loops: Vec<LoopFacts>,
 }
 
 /// Law that leads a drive without a law of its own.
@@ -158,7 +158,7 @@ impl Default for Wiring {
             leads: 1,
             led_by: None,
             identifiers: Identifiers::default(),
-            of_loop: String::new(),
+            loop_name: String::new(),
             loops: Vec::new(),
         }
     }
@@ -170,22 +170,22 @@ impl Wiring {
     pub fn loop_among_several(&self) -> &str {
         match self.loops.len() {
             0 | 1 => "",
-            _ => &self.of_loop,
+            _ => &self.loop_name,
         }
     }
 
     /// Returns the facts of its loop; `None` without a rig file.
     #[must_use]
-    pub fn own_loop(&self) -> Option<&LoopOfRig> {
-        self.loops.iter().find(|one| one.name == self.of_loop)
+    pub fn rig_loop(&self) -> Option<&LoopFacts> {
+        self.loops.iter().find(|one| one.name == self.loop_name)
     }
 
     /// Returns its loop, followed by those of the further drives that its law leads, in their order.
     #[must_use]
-    pub fn led_loops(&self) -> Vec<LoopOfRig> {
-        let place = |one: &LoopOfRig| match one.led_by {
+    pub fn led_loops(&self) -> Vec<LoopFacts> {
+        let place = |one: &LoopFacts| match one.led_by {
             Some(by) if by.first == self.nodes.drive.id => Some(by.place),
-            _ => (one.name == self.of_loop).then_some(0),
+            _ => (one.name == self.loop_name).then_some(0),
         };
         let led = self.loops.iter();
         let mut led = Vec::from_iter(led.filter(|one| place(one).is_some()).cloned());
@@ -196,7 +196,7 @@ impl Wiring {
     /// Returns the range of commands to the amplifier of its drive.
     #[must_use]
     pub fn current(&self) -> CurrentRange {
-        self.own_loop().map(|one| one.current).unwrap_or_default()
+        self.rig_loop().map(|one| one.current).unwrap_or_default()
     }
 
     /// Returns the ranges of commands to the amplifiers of the drives that its law leads, from its own on; with `None` those of
@@ -264,7 +264,7 @@ impl Wiring {
                 let place = |name: &String| ports.output(name).ok_or_else(|| name.clone());
                 names.iter().map(place).collect::<Result<Vec<_>, _>>()?
             }
-            None => self.own_outputs(ports),
+            None => self.default_outputs(ports),
         };
         let ports = places
             .into_iter()
@@ -275,30 +275,30 @@ impl Wiring {
     /// Returns the name of a port that the drive publishes: the plant's name for it, after the name of the plant if that is
     /// another one.
     #[must_use]
-    pub fn name_of_recorded(&self, port: &Port) -> String {
+    pub fn recorded_name(&self, port: &Port) -> String {
         match plant_of_port(&port.name) {
             Some(plant) if plant != self.plant => port.name.replace('.', "_"),
-            _ => port.own_name().to_owned(),
+            _ => port.local_name().to_owned(),
         }
     }
 
-    fn own_outputs(&self, ports: &Ports) -> Vec<usize> {
+    fn default_outputs(&self, ports: &Ports) -> Vec<usize> {
         let measured = self.measured(ports);
         let driven = self.driven(ports).map(|place| &ports.inputs[place]);
-        let own = driven.map_or("", |port| beginning(&port.name));
-        let of_driven = driven.map(|port| plant_of_port(&port.name).unwrap_or_default());
-        let plant = of_driven.unwrap_or(&self.plant);
-        let is_own = |port: &Port| match beginning(&port.name) {
+        let prefix = driven.map_or("", |port| beginning(&port.name));
+        let driven_plant = driven.map(|port| plant_of_port(&port.name).unwrap_or_default());
+        let plant = driven_plant.unwrap_or(&self.plant);
+        let is_here = |port: &Port| match beginning(&port.name) {
             _ if plant_of_port(&port.name).unwrap_or_default() != plant => false,
             _ if self.beside.is_empty() => true,
-            name if name == own => true,
+            name if name == prefix => true,
             name => !self.is_second && self.beside.iter().all(|other| beginning(other) != name),
         };
         let all = ports.outputs.iter().enumerate();
-        let own = all
-            .filter(|(_, port)| port.is_published && port.has_range() && is_own(port))
+        let outputs = all
+            .filter(|(_, port)| port.is_published && port.has_range() && is_here(port))
             .filter(|(place, _)| Some(*place) != measured);
-        own.map(|(place, _)| place).collect()
+        outputs.map(|(place, _)| place).collect()
     }
 }
 
@@ -365,10 +365,10 @@ pub struct IoOutput {
 impl IoOutput {
     /// Makes an output of this name that drives a port; `None` if their units are of different quantities.
     fn new(name: &str, place: usize, input: usize, port: &Port) -> Option<Self> {
-        let own = unit_in(name);
-        let (factor, symbol) = match own {
+        let unit = unit_in(name);
+        let (factor, symbol) = match unit {
             "" => (1.0, port.symbol.clone()),
-            own => (conversion(own, &port.unit)?, symbol_of(own).to_owned()),
+            unit => (conversion(unit, &port.unit)?, symbol_of(unit).to_owned()),
         };
         let range = port.range.map(|end| end / factor);
         Some(Self {
@@ -397,7 +397,7 @@ impl IoOutput {
 
 /// Returns the first word of the name of a port.
 fn beginning(port: &str) -> &str {
-    own_name(port).split('_').next().unwrap_or_default()
+    local_name(port).split('_').next().unwrap_or_default()
 }
 
 /// Limits of a plausible measured position: a position outside them does not count, and too many in a row end the run. Positions

@@ -5,7 +5,7 @@ use std::sync::Once;
 
 use scenario::Scenario;
 use scenario::custom::{CustomTable, Section};
-use scenario::registration::{InvalidOwn, register};
+use scenario::registration::{InvalidRegistration, register};
 use scenario::{Beside, ControllerView, Trial};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -112,15 +112,15 @@ fn a_table_from_outside_is_read_with_its_defaults() {
     let scenario = parsed(RELAY, plant).unwrap();
     assert_eq!(scenario.plant.name(), "pendulum");
     assert_eq!(scenario.controller.law_name(), "relay");
-    let own = scenario.plant.own.as_ref().unwrap();
+    let custom = scenario.plant.custom.as_ref().unwrap();
     let expected = Pendulum {
         length_metres: 2.0,
         pivot: Pivot { is_dry: true },
         place: (1.0, 2.5),
         count: 1,
     };
-    assert_eq!(own.parameters::<Pendulum>().unwrap(), expected);
-    assert!(own.parameters::<Relay>().is_err());
+    assert_eq!(custom.parameters::<Pendulum>().unwrap(), expected);
+    assert!(custom.parameters::<Relay>().is_err());
 }
 
 #[test]
@@ -309,32 +309,32 @@ fn what_cannot_be_a_table_is_refused_when_it_is_registered() {
     let plant = |table| register(Section::Plant, vec![table]).unwrap_err();
     assert!(matches!(
         plant(CustomTable::new::<Pendulum>("heat")),
-        InvalidOwn::Taken { .. }
+        InvalidRegistration::Taken { .. }
     ));
     assert!(matches!(
         plant(CustomTable::new::<Pendulum>("sma")),
-        InvalidOwn::Taken { .. }
+        InvalidRegistration::Taken { .. }
     ));
     assert!(matches!(
         plant(CustomTable::new::<Pendulum>("sma_actuator")),
-        InvalidOwn::Taken { .. }
+        InvalidRegistration::Taken { .. }
     ));
     assert!(matches!(
         plant(CustomTable::new::<Pendulum>("My Plant")),
-        InvalidOwn::Name(_)
+        InvalidRegistration::Name(_)
     ));
     assert!(matches!(
         plant(CustomTable::new::<f64>("number")),
-        InvalidOwn::NoTable(_)
+        InvalidRegistration::NoTable(_)
     ));
     let fault = CustomTable::new::<Pendulum>("swing").with_faults(&["rain"]);
     assert!(matches!(
         plant(fault),
-        InvalidOwn::Fault { fault: "rain", .. }
+        InvalidRegistration::Fault { fault: "rain", .. }
     ));
     register_once();
     assert_eq!(
         plant(CustomTable::new::<Pendulum>("swing")),
-        InvalidOwn::RegisteredAlready
+        InvalidRegistration::RegisteredAlready
     );
 }

@@ -63,7 +63,7 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
         let end = RIG[start..].find("[loop").unwrap() + start;
         RIG[..start].to_owned() + &RIG[end..]
     };
-    for (text, words) in [
+    for (text, message) in [
         (without("[node.real.limits]"), "`real` lacks its limits"),
         (
             RIG.replace("node_id = 1\n", "node_id = 1\nexternal = true\n"),
@@ -90,7 +90,7 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
         ),
     ] {
         let refused = refused(&text);
-        assert!(refused.contains(words), "{words} in {refused}");
+        assert!(refused.contains(message), "{message} in {refused}");
     }
     Rig::parse(&(RIG.to_owned() + FAN + "external = true\n"), "rig.toml").unwrap();
 }

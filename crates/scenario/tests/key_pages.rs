@@ -57,7 +57,7 @@ impl<'a> Page<'a> {
         let mut children = Vec::new();
         self.text += "| key | value | meaning |\n|---|---|---|\n";
         for (key, property) in properties.iter() {
-            if is_of_other_unit(key, properties) {
+            if is_in_other_unit(key, properties) {
                 continue;
             }
             let child = self.child(path, key, property);
@@ -125,12 +125,12 @@ impl<'a> Page<'a> {
             () if are_alike => &property["additionalProperties"],
             () => property,
         })?;
-        let own = if are_alike { ".NAME" } else { "" };
+        let suffix = if are_alike { ".NAME" } else { "" };
         let table = &self.definitions[name];
-        let is_own = table["properties"].is_object() && !self.shared.contains(name);
+        let is_child = table["properties"].is_object() && !self.shared.contains(name);
         let separator = if path.is_empty() { "" } else { "." };
-        is_own.then(|| Child {
-            path: format!("{path}{separator}{key}{own}"),
+        is_child.then(|| Child {
+            path: format!("{path}{separator}{key}{suffix}"),
             is_list,
             description: match description(property) {
                 "" => description(table),
@@ -143,11 +143,11 @@ impl<'a> Page<'a> {
     /// Describes the type of a property.
     fn kind(&self, property: &Value) -> String {
         if let Some(name) = referred(property) {
-            return self.kind_of_definition(name, "table");
+            return self.definition_kind(name, "table");
         }
         match property["type"].as_str() {
             Some("array") => match referred(&property["items"]) {
-                Some(name) => self.kind_of_definition(name, "list of tables"),
+                Some(name) => self.definition_kind(name, "list of tables"),
                 None => format!("list of {}s", self.kind(&property["items"])),
             },
             Some("integer") => "whole number".to_owned(),
@@ -158,7 +158,7 @@ impl<'a> Page<'a> {
         }
     }
 
-    fn kind_of_definition(&self, name: &str, table: &str) -> String {
+    fn definition_kind(&self, name: &str, table: &str) -> String {
         if self.shared.contains(name) {
             return format!("[{name}](#{})", name.to_lowercase());
         }
@@ -203,12 +203,12 @@ fn line(text: &str) -> String {
 /// Checks whether a table must have a key. A key with another name in another loop is only counted there.
 fn is_required(table: &Value, key: &str) -> bool {
     let mut required = table["required"].as_array().into_iter().flatten();
-    let is_counted = table["minProperties"].is_number() && is_of_loop(key);
+    let is_counted = table["minProperties"].is_number() && names_loop(key);
     required.any(|one| one == key) || is_counted
 }
 
 /// Checks whether a key has other names in other loops.
-fn is_of_loop(key: &str) -> bool {
+fn names_loop(key: &str) -> bool {
     ["millimetres", "amperes"]
         .iter()
         .any(|unit| key.contains(unit))
@@ -276,7 +276,7 @@ fn range(property: &Value) -> String {
 }
 
 /// Checks whether a key of a table is another key in another unit.
-fn is_of_other_unit(key: &str, properties: &Map<String, Value>) -> bool {
+fn is_in_other_unit(key: &str, properties: &Map<String, Value>) -> bool {
     let is_same = |shipped: &String, unit: &str| {
         shipped.replace("millimetres", unit) == key
             || shipped.replace("per_metre", &format!("per_{}", singular(unit))) == key
@@ -335,7 +335,7 @@ fn no_key_is_left_out() {
             .filter_map(|table| table["properties"].as_object());
         for (key, table) in keys.flat_map(|table| table.keys().map(move |key| (key, table))) {
             let is_there = pages.contains(&format!("| `{key}` |"));
-            assert!(is_there || is_of_other_unit(key, table), "{key}");
+            assert!(is_there || is_in_other_unit(key, table), "{key}");
         }
     }
 }

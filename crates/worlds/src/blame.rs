@@ -203,7 +203,7 @@ impl<'a> Seen<'a> {
     }
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
-        let position = self.one(drive)?.own_position().ok()?;
+        let position = self.one(drive)?.drive_position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 

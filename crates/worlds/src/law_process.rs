@@ -168,7 +168,7 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
 }
 
 fn log_name(part: &process_law::Part) -> String {
-    match part.of_loop.as_str() {
+    match part.loop_name.as_str() {
         "" => "law.log".to_owned(),
         name => format!("{name}.law.log"),
     }
@@ -176,7 +176,7 @@ fn log_name(part: &process_law::Part) -> String {
 
 fn who(part: &process_law::Part) -> String {
     let law = &part.plays;
-    match part.of_loop.as_str() {
+    match part.loop_name.as_str() {
         "" => format!("the law's process `{law}`"),
         name => format!("the process `{law}` of the law of `{name}`"),
     }

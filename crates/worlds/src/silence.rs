@@ -40,7 +40,7 @@ impl SilenceWatch {
         let drives = plan.loops.iter().map(|one| {
             Ok(Drive {
                 name: one.nodes.drive.name.clone(),
-                position_id: one.own_position()?.raw_id(),
+                position_id: one.drive_position()?.raw_id(),
                 heard: Duration::ZERO,
             })
         });

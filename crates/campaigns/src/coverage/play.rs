@@ -209,7 +209,7 @@ fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<Stri
         tested.entry(id.clone()).or_default().push(test(None));
     }
     let loop_rows = plan.loops.iter().flat_map(|one| {
-        let rows = one.trial.expect.requirements_of_rows().into_iter();
+        let rows = one.trial.expect.row_requirements().into_iter();
         rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
     });
     let contour_rows = plan.shared.contours.iter().flat_map(|contour| {

@@ -4,7 +4,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use plan::Plan;
-use scenario::{HASH_SUFFIX, hash_in, hash_of, open_file};
+use scenario::{HASH_SUFFIX, file_hash, hash_in, open_file};
 
 /// Error of a file that changed or vanished meanwhile.
 #[derive(Debug, thiserror::Error)]
@@ -30,7 +30,7 @@ impl Uncopied {
         let stamped = files.map(|(path, hash)| {
             // The stamp is taken before the file is read, so that no change is missed.
             let stamp = stamp(&path);
-            match open_file(&path).and_then(hash_of) {
+            match open_file(&path).and_then(file_hash) {
                 Ok(found) if found == hash => Ok((path, stamp)),
                 _ => Err(Changed { path }),
             }
@@ -75,7 +75,7 @@ mod tests {
         let beside = Beside::new(&folder.path().join("s.toml"));
         let mut plan = Plan::parse_beside(&beside, text.to_owned(), catalogue()).unwrap();
         fs::write(&path, "one").unwrap();
-        let hash = hash_of(File::open(&path).unwrap()).unwrap();
+        let hash = file_hash(File::open(&path).unwrap()).unwrap();
         let line = format!("{hash}  a.fmu\n");
         plan.shared.tables.insert("a.fmu.sha256".to_owned(), line);
         let files = Uncopied::new(&plan).unwrap();

@@ -209,7 +209,7 @@ fn push(faults: &mut Table, kind: &Kind, fault: Table) {
 /// Draws the keys of a kind other than those of its time.
 fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
     let mut table = Table::new();
-    if kind.time == Time::Boot && kind.is_of_a_drive() {
+    if kind.time == Time::Boot && kind.is_drive_fault() {
         set_drive(&mut table, stream, nodes, kind);
     }
     for key in kind.keys {
@@ -217,7 +217,7 @@ fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
             table.insert(key.name.to_owned(), value);
         }
     }
-    if kind.time != Time::Boot && kind.is_of_a_drive() {
+    if kind.time != Time::Boot && kind.is_drive_fault() {
         set_drive(&mut table, stream, nodes, kind);
     }
     table

@@ -73,7 +73,7 @@ impl TortureCase {
     /// Returns the same case in the folder of a file.
     #[must_use]
     pub fn beside(self, beside: &Beside) -> Self {
-        let beside = beside.of_case();
+        let beside = beside.for_case();
         Self { beside, ..self }
     }
 

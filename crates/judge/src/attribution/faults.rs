@@ -109,8 +109,8 @@ fn touched(fault: &Fault, drive: u8) -> Vec<Touched> {
     match fault.kind.touch {
         Touch::Nothing => Vec::new(),
         Touch::All => vec![touched(None, until_seconds)],
-        Touch::OfNode | Touch::Late if is_elsewhere => Vec::new(),
-        Touch::OfNode | Touch::Late => vec![touched(part, until_seconds)],
+        Touch::Node | Touch::Late if is_elsewhere => Vec::new(),
+        Touch::Node | Touch::Late => vec![touched(part, until_seconds)],
         Touch::Heartbeats => {
             let other = match part {
                 Some(Part::Controller) => Part::Drive,

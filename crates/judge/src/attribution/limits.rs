@@ -1,7 +1,7 @@
 //! Limits in a run with stalls: a limit is missed if it is also missed without the pieces of the run that stalls explain.
 
 use scenario::expect::Limit;
-use scenario::metrics::{Metric as Row, is_of_traffic};
+use scenario::metrics::{Metric as Row, is_traffic_metric};
 
 use super::stalls::Stretch;
 use crate::evidence::Evidence;
@@ -39,7 +39,7 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
                 rest.into_iter().for_each(|rest| *row = rest);
                 false
             }
-            Some(true) => busy.is_some() && !is_of_traffic(&row.name),
+            Some(true) => busy.is_some() && !is_traffic_metric(&row.name),
             Some(false) => !is_missed_besides && is_explained(row, named(&without_long, row)),
         };
         if is_open {
@@ -53,7 +53,7 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
 /// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always
 /// explained; a motion is if the limit is met without the pieces of long stalls, or is missed by little.
 fn is_explained(row: &Metric, without_long: Option<Metric>) -> bool {
-    if Row::named(&row.name).is_some_and(Row::is_of_traffic) {
+    if Row::named(&row.name).is_some_and(Row::is_traffic_metric) {
         return true;
     }
     match without_long.filter(|row| row.passed == Some(false)) {

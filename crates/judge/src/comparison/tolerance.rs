@@ -220,7 +220,7 @@ mod tests {
     #[test]
     fn what_is_in_a_loop_s_unit_is_judged_by_its_sensor_s_range() {
         let of = |given: &[GivenTolerance]| {
-            let celsius = Unit::Own("celsius".to_owned());
+            let celsius = Unit::Other("celsius".to_owned());
             let tolerances = Tolerances {
                 given,
                 time_seconds: 0.0,

@@ -29,7 +29,7 @@ pub fn text_on_shipped_rig(
     let names = names(control_loop);
     for section in ["controller", "expect"] {
         if let Some(Value::Table(by_loop)) = table.get_mut(section)
-            && let Some(table) = by_loop.remove(&control_loop.trial.wiring.of_loop)
+            && let Some(table) = by_loop.remove(&control_loop.trial.wiring.loop_name)
         {
             by_loop.insert(LOOP.to_owned(), table);
         }
@@ -64,7 +64,10 @@ fn names(control_loop: &ControlLoop) -> Vec<(&str, String)> {
     let named = nodes
         .all()
         .filter_map(|node| Some((node.name.as_str(), shipped.of(node.part)?.name.clone())));
-    let loop_name = (control_loop.trial.wiring.of_loop.as_str(), LOOP.to_owned());
+    let loop_name = (
+        control_loop.trial.wiring.loop_name.as_str(),
+        LOOP.to_owned(),
+    );
     [loop_name].into_iter().chain(named).collect()
 }
 

@@ -109,7 +109,7 @@ fn cooled_by(convection: f64, conduction: Option<f64>) -> Trial {
         let element = conduction.map_or("", |_| ", without the thermoelectric element");
         trial.run_mut().name = format!("25 mm down in air of {convection} W/(m² K){element}");
     }
-    trial.plant = PlantModel::of_sma(wire);
+    trial.plant = PlantModel::from_sma(wire);
     trial
 }
 

@@ -340,7 +340,7 @@ fn fan() -> Experiment {
     runs.extend(OPEN_LOOP.map(|(label, kinetics)| {
         let mut trial = open.clone();
         if kinetics != Kinetics::default() {
-            trial.plant = PlantModel::of_sma(Sma {
+            trial.plant = PlantModel::from_sma(Sma {
                 kinetics,
                 ..Sma::default()
             });

@@ -40,7 +40,7 @@ impl Plan {
         let object = |scenario: &Scenario| objection(scenario, catalogue);
         let none = |_: &Trial| Vec::new();
         let (scenario, texts) = Scenario::parse(&beside, text_of(path)?, read, none, object)?;
-        Ok(Self::of_texts(scenario, &beside, texts, catalogue))
+        Ok(Self::from_texts(scenario, &beside, texts, catalogue))
     }
 
     /// Parses as [`Plan::load`], from a text; the files that it names are in its folder.
@@ -68,18 +68,18 @@ impl Plan {
         let objections = |trial: &Trial| catalogue.objections(trial);
         let object = |scenario: &Scenario| objection(scenario, catalogue);
         let (scenario, texts) = Scenario::parse(beside, text, read_file, objections, object)?;
-        Ok(Self::of_texts(scenario, beside, texts, catalogue))
+        Ok(Self::from_texts(scenario, beside, texts, catalogue))
     }
 
     /// Makes the plan of a rig file without a trial.
     ///
     /// # Errors
     /// The rig file is not valid.
-    pub fn of_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
+    pub fn from_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let object = |scenario: &Scenario| planned(scenario.clone(), catalogue).err();
-        let scenario = Scenario::of_rig(text, &path.display().to_string(), object)?;
+        let scenario = Scenario::from_rig(text, &path.display().to_string(), object)?;
         let beside = Beside::new(path);
-        Ok(Self::of_texts(
+        Ok(Self::from_texts(
             scenario,
             &beside,
             Texts::default(),
@@ -98,7 +98,9 @@ impl Plan {
         external: &[String],
     ) -> Result<Self, ScenarioError> {
         let recorded = |scenario: Scenario| {
-            named(scenario, |trial| ControlLoop::of_recording(trial, database))
+            named(scenario, |trial| {
+                ControlLoop::from_recording(trial, database)
+            })
         };
         let object = |scenario: &Scenario| recorded(scenario.clone()).err();
         let objections = |trial: &Trial| recorded_objections(trial, database);
@@ -127,11 +129,11 @@ impl Plan {
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };
         // Files that are not text are in the folder of the scenario that is varied.
-        let beside = self.shared.beside.of_case();
+        let beside = self.shared.beside.for_case();
         let scenario = Scenario::parse_case(&beside, text.to_owned(), read_file, object)?;
         let varied = self.loops.iter().zip(scenario.loops);
         let varied = varied.map(|(base, one)| base.varied(one));
-        let mut plan = Self::of_loops(scenario.run, varied.collect());
+        let mut plan = Self::from_loops(scenario.run, varied.collect());
         plan.shared.programs = scenario.programs;
         plan.shared.beside = beside;
         plan.shared.contours = scenario.contours;
@@ -146,7 +148,12 @@ impl Plan {
     }
 
     /// Makes the plan of loops that were found to be without objections.
-    fn of_texts(scenario: Scenario, beside: &Beside, texts: Texts, catalogue: &Catalogue) -> Self {
+    fn from_texts(
+        scenario: Scenario,
+        beside: &Beside,
+        texts: Texts,
+        catalogue: &Catalogue,
+    ) -> Self {
         let plan = planned(scenario, catalogue);
         plan.expect("a rig without objections")
             .with_texts(beside, texts)
@@ -163,7 +170,7 @@ pub fn check_rig(
     catalogue: &Catalogue,
 ) -> Result<(Rig, BusBudget), ScenarioError> {
     let object = |scenario: &Scenario| objection(scenario, catalogue);
-    let scenario = Scenario::of_rig(text, name, object)?;
+    let scenario = Scenario::from_rig(text, name, object)?;
     let plan = planned(scenario.clone(), catalogue).expect("a rig without objections");
     let budget = BusBudget::new(&plan);
     Ok((scenario.rig, budget))
@@ -271,7 +278,7 @@ fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<
         })
     });
     let loops = loops.collect::<Result<_, _>>()?;
-    let mut plan = Plan::of_loops(scenario.run, loops);
+    let mut plan = Plan::from_loops(scenario.run, loops);
     plan.shared.contours = scenario.contours;
     plan.shared.sweep = scenario.sweep;
     plan.shared.programs = scenario.programs;

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use dbc::names::SET_POINT;
-use plan::prefix_of;
+use plan::loop_prefix;
 use platform::series::Series;
 use scenario::expect::Emergency;
 use scenario::port::Measurand;
@@ -115,7 +115,7 @@ impl Timeline {
     /// Returns the prefix of the names of its signals; empty if it is the only loop.
     #[must_use]
     pub fn prefix(&self) -> String {
-        prefix_of(&self.loop_name)
+        loop_prefix(&self.loop_name)
     }
 
     /// Returns a column by its signal's name; or by the pattern of that name.

@@ -27,30 +27,34 @@ struct Drawn<'a> {
 
 /// Returns a section with the plots; empty if no check names a signal.
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let own = run.control_loop;
-    let checks = &own.trial.expect.signal;
+    let control_loop = run.control_loop;
+    let checks = &control_loop.trial.expect.signal;
     let drawn: Vec<Drawn<'_>> = (run.timeline)
         .traces
         .iter()
-        .filter(|trace| checks.iter().any(|check| is_about(own, check, trace)))
+        .filter(|trace| {
+            checks
+                .iter()
+                .any(|check| is_about(control_loop, check, trace))
+        })
         .take(PLOTS_MAX)
-        .map(|trace| drawn(trace, own, run.timeline.period_seconds))
+        .map(|trace| drawn(trace, control_loop, run.timeline.period_seconds))
         .collect();
     html! {
         @if !drawn.is_empty() {
             (super::heading(run, "Checked signals"))
-            div.plots.even { @for one in &drawn { (plot(one, &shown(own, one.trace)).render()) } }
+            div.plots.even { @for one in &drawn { (plot(one, &shown(control_loop, one.trace)).render()) } }
             p.soft { "Green: where the signal must stay or get, and when." }
         }
     }
 }
 
-fn is_about(own: &ControlLoop, check: &SignalCheck, trace: &SignalTrace) -> bool {
-    own.names().find(&check.name) == Ok(&trace.path)
+fn is_about(control_loop: &ControlLoop, check: &SignalCheck, trace: &SignalTrace) -> bool {
+    control_loop.names().find(&check.name) == Ok(&trace.path)
 }
 
-fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop, period_seconds: f64) -> Drawn<'a> {
-    let scenario = &own.trial;
+fn drawn<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: f64) -> Drawn<'a> {
+    let scenario = &control_loop.trial;
     let mut drawn = Drawn {
         trace,
         time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
@@ -60,7 +64,7 @@ fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop, period_seconds: f64) -> 
         patches: Vec::new(),
     };
     let checks = scenario.expect.signal.iter();
-    for check in checks.filter(|check| is_about(own, check, trace)) {
+    for check in checks.filter(|check| is_about(control_loop, check, trace)) {
         for demand in check.demands() {
             let window = check.window(&demand, scenario.run.duration_seconds);
             match demand {
@@ -93,10 +97,10 @@ fn first_cycles(trace: &SignalTrace, period_seconds: f64) -> Vec<usize> {
 }
 
 /// Returns the name of a signal on the bus; with several loops it begins with the drive that sends the frame.
-fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
-    let drive = &own.nodes.drive.name;
-    let of_drive = trace.path.strip_prefix("drive_");
-    match (own.loop_name(), of_drive) {
+fn shown(control_loop: &ControlLoop, trace: &SignalTrace) -> String {
+    let drive = &control_loop.nodes.drive.name;
+    let rest = trace.path.strip_prefix("drive_");
+    match (control_loop.loop_name(), rest) {
         (Some(_), Some(rest)) => format!("{drive}_{rest}"),
         _ => trace.path.clone(),
     }

@@ -38,7 +38,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
         h2 #verdict { "Verdict" }
         (metrics(run))
         @for contour in &shared.contours { (contour::section(contour, run)) }
-        @for (number, one) in run.loops().enumerate() { (of_loop(number, &one)) }
+        @for (number, one) in run.loops().enumerate() { (loop_section(number, &one)) }
         (bus::section(run)?)
         (events(&all_events(run.timelines)))
         h2 #scenario { "Scenario" }
@@ -77,14 +77,17 @@ fn metrics(run: &Run<'_>) -> Markup {
         .filter(|one| one.control_loop.loop_name().is_some());
     let prefixes =
         Vec::from_iter(prefixes.map(|one| (one.control_loop.name(), one.control_loop.prefix())));
-    let of_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
+    let is_in_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
     let shared = verdict.metrics.iter();
-    let shared =
-        shared.filter(|metric| !prefixes.iter().any(|(_, prefix)| of_loop(metric, prefix)));
+    let shared = shared.filter(|metric| {
+        !prefixes
+            .iter()
+            .any(|(_, prefix)| is_in_loop(metric, prefix))
+    });
     html! {
         @for (name, prefix) in &prefixes {
-            @let own = verdict.metrics.iter().filter(|metric| of_loop(metric, prefix));
-            @if own.clone().next().is_some() { h3 { "Loop " (name) } (page::metrics(own, verdict.outcome)) }
+            @let metrics = verdict.metrics.iter().filter(|metric| is_in_loop(metric, prefix));
+            @if metrics.clone().next().is_some() { h3 { "Loop " (name) } (page::metrics(metrics, verdict.outcome)) }
         }
         @if shared.clone().next().is_some() {
             @if !prefixes.is_empty() { h3 { "All loops" } }
@@ -94,7 +97,7 @@ fn metrics(run: &Run<'_>) -> Markup {
 }
 
 /// Returns the sections on a loop.
-fn of_loop(number: usize, run: &RunLoop<'_>) -> Markup {
+fn loop_section(number: usize, run: &RunLoop<'_>) -> Markup {
     html! {
         @if let Some(name) = run.control_loop.loop_name() { h2 id=(format!("loop-{number}")) { "Loop " (name) } }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
@@ -146,9 +149,9 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
 
 /// Returns the law of all loops, or that of each.
 fn laws(run: &Run<'_>) -> String {
-    let laws = run.loops().filter_map(|one| Some((one, law_of(&one)?)));
+    let laws = run.loops().filter_map(|one| Some((one, law_name(&one)?)));
     let laws = Vec::from_iter(laws);
-    let of_loop = |(one, law): &(RunLoop<'_>, &str)| match one.control_loop.loop_name() {
+    let text = |(one, law): &(RunLoop<'_>, &str)| match one.control_loop.loop_name() {
         Some(name) => format!("{law} ({name})"),
         None => (*law).to_owned(),
     };
@@ -156,12 +159,12 @@ fn laws(run: &Run<'_>) -> String {
         [(_, first), others @ ..] if others.iter().all(|(_, law)| law == first) => {
             (*first).to_owned()
         }
-        several => Vec::from_iter(several.iter().map(of_loop)).join(", "),
+        several => Vec::from_iter(several.iter().map(text)).join(", "),
     }
 }
 
 /// Returns the law of a loop; `None` if the law of another loop leads its drive.
-fn law_of<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
+fn law_name<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
     let scenario = &run.control_loop.trial;
     let is_led = scenario.wiring.led_by.is_some();
     (!is_led).then(|| scenario.controller.law_name())
@@ -204,7 +207,7 @@ fn doubts(verdict: &Verdict) -> Vec<String> {
         (verdict.fd_frames, "of CAN FD, whose data are not recorded"),
     ];
     let frames = frames.into_iter().filter(|(count, _)| *count > 0);
-    let frames = frames.map(|(count, words)| format!("{count} frames {words}."));
+    let frames = frames.map(|(count, fate)| format!("{count} frames {fate}."));
     not_judged.chain(distrust).chain(frames).collect()
 }
 

@@ -23,7 +23,7 @@ const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let (timeline, own) = (run.timeline, run.control_loop);
+    let (timeline, control_loop) = (run.timeline, run.control_loop);
     let error: Series<f64> = timeline
         .set_point
         .iter()
@@ -44,7 +44,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     );
     in_time.push(error_plot);
     let command = timeline.measurand.command;
-    in_time.push(of_signals(
+    in_time.push(signal_plot(
         timeline,
         &command.title(),
         command.symbol(),
@@ -53,17 +53,17 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
             (names::CURRENT, "measured", Colour::Measured),
         ],
     ));
-    let mut of_plant = own.plant_signals();
-    let has_wire = of_plant.any(|signal| signal.name == WIRE_TEMPERATURE);
+    let mut plant_signals = control_loop.plant_signals();
+    let has_wire = plant_signals.any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
-        in_time.extend(of_the_wire(timeline));
+        in_time.extend(wire_plots(timeline));
     } else {
-        in_time.extend(of_another_plant(timeline, own));
+        in_time.extend(plant_plots(timeline, control_loop));
     }
-    if run.control_loop.trial.controller.own.is_some() {
-        in_time.extend(of_own_terms(timeline, own));
+    if run.control_loop.trial.controller.custom.is_some() {
+        in_time.extend(term_plots(timeline, control_loop));
     } else {
-        in_time.extend(of_the_sliding_mode(timeline));
+        in_time.extend(sliding_mode_plots(timeline));
     }
     for plot in &mut in_time {
         plot.patches.extend(disturbances(&run.control_loop.trial));
@@ -83,15 +83,15 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
 }
 
 /// Describes the coloured patches behind the curves; `None` if there are none.
-fn patches_text(own: &ControlLoop) -> Option<String> {
-    let trial = &own.trial;
+fn patches_text(control_loop: &ControlLoop) -> Option<String> {
+    let trial = &control_loop.trial;
     let has_steps = !trial.judged_steps().is_empty();
     let has_disturbances = !trial.disturbance_windows().is_empty();
     let sentences = [
         (has_steps, "Green: settling band of a step."),
         (has_disturbances, "Yellow: a disturbance acts."),
         (
-            !faults(own).is_empty(),
+            !faults(control_loop).is_empty(),
             "Violet: a fault acts, here or elsewhere on the bus.",
         ),
     ];
@@ -101,8 +101,8 @@ fn patches_text(own: &ControlLoop) -> Option<String> {
 }
 
 /// Plots the terms of the sliding-mode laws; the other shipped laws have none of them.
-fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
-    let mut sliding = of_signals(
+fn sliding_mode_plots(timeline: &Timeline) -> [Plot<'_>; 2] {
+    let mut sliding = signal_plot(
         timeline,
         "Sliding variable",
         "m/s²",
@@ -112,7 +112,7 @@ fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
             Colour::Estimated,
         )],
     );
-    let mut parts = of_signals(
+    let mut parts = signal_plot(
         timeline,
         "Parts of the law",
         "A²",
@@ -135,21 +135,21 @@ fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
 }
 
 /// Plots the terms of a custom law, each by itself.
-fn of_own_terms<'a>(
+fn term_plots<'a>(
     timeline: &'a Timeline,
-    own: &'a ControlLoop,
+    control_loop: &'a ControlLoop,
 ) -> impl Iterator<Item = Plot<'a>> {
-    own.terms().map(|term| {
+    control_loop.terms().map(|term| {
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
-        let mut plot = of_signals(timeline, title(term), &term.unit, &drawn);
+        let mut plot = signal_plot(timeline, title(term), &term.unit, &drawn);
         plot.extent = Extent::Typical;
         plot
     })
 }
 
 /// Plots the SMA actuator's own signals, with the controller's estimates of them.
-fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
-    let temperature = of_signals(
+fn wire_plots(timeline: &Timeline) -> [Plot<'_>; 2] {
+    let temperature = signal_plot(
         timeline,
         "Wire temperature",
         "°C",
@@ -162,7 +162,7 @@ fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
             (WIRE_TEMPERATURE, "true", Colour::True),
         ],
     );
-    let fraction = of_signals(
+    let fraction = signal_plot(
         timeline,
         "Martensite fraction ξ",
         "",
@@ -179,14 +179,14 @@ fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
 }
 
 /// Plots the own signals of any other plant, each by itself.
-fn of_another_plant<'a>(
+fn plant_plots<'a>(
     timeline: &'a Timeline,
-    own: &'a ControlLoop,
+    control_loop: &'a ControlLoop,
 ) -> impl Iterator<Item = Plot<'a>> {
-    own.plant_signals().map(|signal| {
+    control_loop.plant_signals().map(|signal| {
         let name = signal.name.as_str();
         let unit = shown_unit(&signal.unit);
-        of_signals(
+        signal_plot(
             timeline,
             title(signal),
             unit,
@@ -321,9 +321,9 @@ fn disturbances(trial: &Trial) -> Vec<Patch> {
 }
 
 /// Returns patches for faults, from their begin on; faults of the boot are over when the scenario begins.
-fn faults(own: &ControlLoop) -> Vec<Patch> {
-    let trial = &own.trial;
-    let patches = own.faults().filter_map(|fault| {
+fn faults(control_loop: &ControlLoop) -> Vec<Patch> {
+    let trial = &control_loop.trial;
+    let patches = control_loop.faults().filter_map(|fault| {
         let until_seconds = fault.until_seconds.unwrap_or(trial.run.duration_seconds);
         Some(stretch("fault", fault.from_seconds?, until_seconds, trial))
     });
@@ -345,7 +345,7 @@ fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
     timeline.column(name).filter(|column| column.is_used())
 }
 
-fn of_signals<'a>(
+fn signal_plot<'a>(
     timeline: &'a Timeline,
     title: &str,
     unit: &'a str,

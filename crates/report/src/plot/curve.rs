@@ -82,7 +82,7 @@ pub struct PlotCurve {
 impl PlotCurve {
     /// Returns the value at a place of the horizontal axis; `None` before the first point, and if the value is not finite.
     fn value_at(&self, x: f64) -> Option<f64> {
-        let place = self.x.partition_point(|own| own <= x).checked_sub(1)?;
+        let place = self.x.partition_point(|point| point <= x).checked_sub(1)?;
         self.y.get(place).filter(|y| y.is_finite())
     }
 
@@ -95,8 +95,8 @@ impl PlotCurve {
         let places = (0..=LOOKED_AT).map(|place| f64::from(place) / f64::from(LOOKED_AT));
         let places = places.map(|share| from + share * (until - from));
         let both = places.filter_map(|x| Some((self.value_at(x)?, other.value_at(x)?)));
-        let (near, all) = both.fold((0, 0), |(count, all), (own, other)| {
-            (count + usize::from((own - other).abs() <= near), all + 1)
+        let (near, all) = both.fold((0, 0), |(count, all), (value, other)| {
+            (count + usize::from((value - other).abs() <= near), all + 1)
         });
         2 * near > all
     }

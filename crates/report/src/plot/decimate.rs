@@ -144,10 +144,10 @@ impl<'a> PixelColumn<'a> {
     fn parts(&self) -> impl Iterator<Item = Self> {
         let mut x = self.x;
         self.y.split(|y| !y.is_finite()).map(move |y| {
-            let (of_part, rest) = x.split_at(y.len());
+            let (part, rest) = x.split_at(y.len());
             x = rest.get(1..).unwrap_or_default();
             Self {
-                x: of_part,
+                x: part,
                 y,
                 scale: self.scale,
             }

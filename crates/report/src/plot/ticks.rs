@@ -87,14 +87,14 @@ mod tests {
 
     #[test]
     fn a_second_at_the_end_of_a_week_has_labels_that_differ_and_have_room() {
-        let of_a_second = ticks((604_700.0, 604_701.0));
+        let second_ticks = ticks((604_700.0, 604_701.0));
         let labels =
             |ticks: Vec<(f64, String)>| Vec::from_iter(ticks.into_iter().map(|tick| tick.1));
         assert_eq!(
-            labels(apart(of_a_second)),
+            labels(apart(second_ticks)),
             ["604700.0", "604700.4", "604700.8"]
         );
-        let of_a_day = ticks((86_399.0, 86_400.0));
-        assert_eq!(apart(of_a_day.clone()), of_a_day);
+        let day_ticks = ticks((86_399.0, 86_400.0));
+        assert_eq!(apart(day_ticks.clone()), day_ticks);
     }
 }

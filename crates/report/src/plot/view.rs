@@ -31,7 +31,7 @@ impl View {
         x_range: Option<(f64, f64)>,
     ) -> Self {
         if extent == Extent::Plane {
-            return Self::of_plane(curves);
+            return Self::plane(curves);
         }
         let x = x_range.unwrap_or_else(|| with_room(all_x(curves)));
         let shown = curves.iter().map(|curve| curve.within(x_range).1);
@@ -66,7 +66,7 @@ impl View {
     }
 
     /// Returns the edges of a square that shows everything.
-    fn of_plane(curves: &[PlotCurve]) -> Self {
+    fn plane(curves: &[PlotCurve]) -> Self {
         let all = |values: fn(&PlotCurve) -> &Series<f64>| {
             with_room(curves.iter().map(values).fold(NOTHING, extended))
         };

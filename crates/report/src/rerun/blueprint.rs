@@ -145,7 +145,7 @@ impl<'a> Layout<'a> {
         if has(groups::HYSTERESIS) {
             middle.push(self.hysteresis(1.7)?);
         }
-        for view in groups::own_views(page.control_loop) {
+        for view in groups::custom_views(page.control_loop) {
             if has(view.style.group) {
                 middle.push(self.plot(&view.title, view.style.group, 1.0)?);
             }

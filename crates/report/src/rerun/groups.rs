@@ -119,13 +119,13 @@ const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'
 }
 
 /// Signal of a plant or a law with a group and a view of its own, since no other view draws it.
-pub(super) struct OwnView<'a> {
+pub(super) struct CustomView<'a> {
     pub(super) title: String,
     pub(super) style: Style<'a>,
 }
 
 /// Returns the signals of a scenario's plant and law that need views of their own.
-pub(super) fn own_views(control_loop: &ControlLoop) -> Vec<OwnView<'_>> {
+pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
     let Trial {
         plant,
         controller,
@@ -137,20 +137,20 @@ pub(super) fn own_views(control_loop: &ControlLoop) -> Vec<OwnView<'_>> {
     let signals = control_loop
         .plant_signals()
         // A position that the loop does not follow is no second line next to the loop's own.
-        .filter(|it| plant.own.is_some() || !has_view(&it.name))
+        .filter(|it| plant.custom.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
     let terms = control_loop
         .terms()
-        .filter(|_| controller.own.is_some())
+        .filter(|_| controller.custom.is_some())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
     // A signal with the name of a shipped one is drawn with it.
-    let own = signals
+    let drawn = signals
         .chain(terms)
         .filter(|(it, ..)| !shipped.has_signal(&it.name));
-    let view = own.map(|(signal, label, colour)| {
+    let view = drawn.map(|(signal, label, colour)| {
         let title = title(signal);
-        OwnView {
+        CustomView {
             title: match shown_unit(&signal.unit) {
                 "" => title.to_owned(),
                 unit => format!("{title} ({unit})"),
@@ -172,9 +172,9 @@ pub(super) fn style<'a>(
     name: &str,
     measurand: &Measurand,
     is_used: impl FnOnce() -> bool,
-    own: &[OwnView<'a>],
+    views: &[CustomView<'a>],
 ) -> Style<'a> {
-    if let Some(view) = own.iter().find(|view| view.style.group == name) {
+    if let Some(view) = views.iter().find(|view| view.style.group == name) {
         return view.style;
     }
     let drawn = known(name, measurand).filter(|style| style.is_drawn_when_zero || is_used());
@@ -193,7 +193,7 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     if !scenario.reference.is_empty() {
         groups.insert("error");
     }
-    let views = own_views(control_loop);
+    let views = custom_views(control_loop);
     let signals = control_loop.plant_signals();
     let measurand = &scenario.wiring.feedback.measurand;
     groups.extend(signals.map(|signal| style(&signal.name, measurand, || true, &views).group));
@@ -248,7 +248,7 @@ mod tests {
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);
-        let views = own_views(plan.only_loop().unwrap());
+        let views = custom_views(plan.only_loop().unwrap());
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
         assert_eq!(
             titles,

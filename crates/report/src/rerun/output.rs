@@ -39,7 +39,7 @@ pub(crate) struct Folder<'a> {
 
 impl<'a> Folder<'a> {
     /// Returns the output of a loop; for the only loop it is the output itself.
-    pub(crate) fn of_loop(output: &'a mut dyn Output, control_loop: &'a ControlLoop) -> Self {
+    pub(crate) fn for_loop(output: &'a mut dyn Output, control_loop: &'a ControlLoop) -> Self {
         let name = Some(control_loop.name()).filter(|name| !name.is_empty());
         Self { output, name }
     }

@@ -15,7 +15,7 @@ use super::RerunError;
 use super::blueprint::Page;
 use super::bus::{self, BusReader, stretch_seconds};
 use super::drawing::Drawing;
-use super::groups::{self, OwnView, Style, held, line};
+use super::groups::{self, CustomView, Style, held, line};
 use super::hysteresis::{self, Hysteresis};
 use super::output::{Output, send_rows, send_scalars, send_static};
 use super::times;
@@ -58,7 +58,7 @@ pub(crate) struct Recording<'o, 'a> {
     styled: BTreeSet<String>,
     groups: BTreeSet<&'a str>,
     /// Views of the signals that only this plant and this law have.
-    own_views: Vec<OwnView<'a>>,
+    custom_views: Vec<CustomView<'a>>,
     /// Time of the last row or event.
     end_seconds: f64,
 }
@@ -88,7 +88,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
-            own_views: groups::own_views(control_loop),
+            custom_views: groups::custom_views(control_loop),
             end_seconds: 0.0,
         })
     }
@@ -174,7 +174,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let used = &mut self.used;
         let is_used =
             || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
-        groups::style(name, &timeline.measurand, is_used, &self.own_views)
+        groups::style(name, &timeline.measurand, is_used, &self.custom_views)
     }
 
     /// Logs a signal as an entity of its group.

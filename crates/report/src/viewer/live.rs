@@ -137,8 +137,9 @@ fn follow(
     // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let folders = outputs.iter_mut().zip(&plan.loops);
-    let mut folders =
-        Vec::from_iter(folders.map(|(output, control_loop)| Folder::of_loop(output, control_loop)));
+    let mut folders = Vec::from_iter(
+        folders.map(|(output, control_loop)| Folder::for_loop(output, control_loop)),
+    );
     let shown = folders.iter_mut().zip(&plan.loops);
     let shown = shown.map(|(folder, control_loop)| Shown::new(folder, &plan.shared, control_loop));
     let mut shown = shown.collect::<Result<Vec<_>, _>>()?;

@@ -9,7 +9,7 @@ use crate::structure::{broken_limit, out_of_range};
 use crate::trial::Trial;
 
 /// Checks the currents of a loop's law.
-pub(super) fn of_law(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let range = trial.wiring.current();
     let mut problems = Vec::new();
     if let Some(OpenLoop { step, ramp, .. }) = &trial.controller.open_loop {

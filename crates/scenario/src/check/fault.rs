@@ -61,10 +61,10 @@ fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> 
     let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
     let forged = fault.whole("identifier").filter(|_| is_foreign)?;
     let mut loops = rig.loops.iter();
-    let (of_loop, _) = loops.find(|(_, one)| u32::from(one.identifiers.truth) == forged)?;
+    let (loop_name, _) = loops.find(|(_, one)| u32::from(one.identifiers.truth) == forged)?;
     let path = format!("{}.identifier", fault.path());
     let message = "no foreign node may forge what the plant says of itself";
-    let drive = rig.drive_of_loop(of_loop);
+    let drive = rig.drive_of_loop(loop_name);
     let label = format!("0x{forged:03X} is `{drive}_truth`");
     Some(document.problem(&path, message, label))
 }
@@ -88,10 +88,10 @@ fn at_program(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Probl
 pub(crate) fn faults_of_plants<'a>(
     document: &Document<'_>,
     faults: &Faults,
-    plant_of: impl Fn(&Fault) -> Option<&'a PlantModel>,
+    plant_model: impl Fn(&Fault) -> Option<&'a PlantModel>,
 ) -> Vec<Problem> {
     let unknown = faults.in_group(Group::Plant).filter_map(|fault| {
-        let plant = plant_of(fault)?;
+        let plant = plant_model(fault)?;
         let (name, known) = (plant.name(), plant.faults());
         if known.contains(&fault.kind.name) {
             return None;

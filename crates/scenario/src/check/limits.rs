@@ -98,7 +98,7 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Ve
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
     let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
     for Metric { name, .. } in demanded {
-        if !trial.has_own_faults() {
+        if !trial.has_loop_faults() {
             let message = format!("`{name}` cannot be judged");
             let path = format!("expect.{name}");
             let problem = document.problem(&path, message, "needs a [[fault.…]] of this drive");

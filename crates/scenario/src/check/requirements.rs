@@ -11,7 +11,7 @@ use crate::trial::Trial;
 const LENGTH_MAX: usize = 100;
 
 /// Checks the requirements of a loop's limits.
-pub(super) fn of_limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let expect = &trial.expect;
     let mut problems = Vec::new();
     for (key, requirements) in &expect.requirements {

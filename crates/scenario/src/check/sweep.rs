@@ -34,8 +34,8 @@ pub(crate) fn check(document: &Document<'_>, rig: &Rig, sweep: Option<&mut Sweep
     };
     let schema = schema::on_rig(rig);
     let keys = Keys::new(&schema, document);
-    let of_plants = keys.0.keys().find(|key| key.starts_with("plant."));
-    let example = of_plants.map_or_else(|| "seed".to_owned(), String::clone);
+    let plant_key = keys.0.keys().find(|key| key.starts_with("plant."));
+    let example = plant_key.map_or_else(|| "seed".to_owned(), String::clone);
     check_keys(document, &example, keys, sweep)
 }
 
@@ -115,7 +115,7 @@ impl<'a> Keys<'a> {
                 Some("object") if document.has(&path) || property.get("default").is_some() => {
                     self.collect(root, schema, document, &key, &path);
                     if schema["additionalProperties"].is_object() {
-                        self.collect_own(document, &key, &path);
+                        self.collect_table(document, &key, &path);
                     }
                 }
                 Some("array") => {
@@ -131,7 +131,7 @@ impl<'a> Keys<'a> {
     }
 
     /// Collects the numbers of a table whose keys are the user's own.
-    fn collect_own(&mut self, document: &Document<'_>, key: &str, path: &str) {
+    fn collect_table(&mut self, document: &Document<'_>, key: &str, path: &str) {
         for name in document.keys(path) {
             let value = document.spanned(&format!("{path}.{name}"));
             let value = value.map(Spanned::get_ref);

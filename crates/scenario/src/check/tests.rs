@@ -363,24 +363,24 @@ fn an_objection_is_underlined_beside_the_other_problems() {
 #[test]
 fn requirements_are_of_demands_that_are_made() {
     let limits = "[expect]\ncurrent_amperes_rms = { max = 1 }\n";
-    let of_limit =
+    let with_requirement =
         |key: &str, list: &str| format!("{limits}[expect.requirements]\n{key} = {list}\n");
     check(
-        &of_limit("curent_amperes_rms", "[\"REQ-1\"]"),
+        &with_requirement("curent_amperes_rms", "[\"REQ-1\"]"),
         12,
         1,
         "`curent_amperes_rms` tests no requirement, since it has no limit",
         "did you mean `current_amperes_rms`?",
     );
     check(
-        &of_limit("safe_state", "[\"REQ-1\"]"),
+        &with_requirement("safe_state", "[\"REQ-1\"]"),
         12,
         1,
         "`safe_state` tests no requirement, since it has no limit",
         "has no limit in [expect]",
     );
     check(
-        &of_limit("current_amperes_rms", "\"REQ-1\""),
+        &with_requirement("current_amperes_rms", "\"REQ-1\""),
         12,
         23,
         "`expect.requirements.current_amperes_rms` must be an array of strings",
@@ -400,12 +400,12 @@ fn requirements_are_of_demands_that_are_made() {
         "this is no name of a requirement",
         "without blanks at its ends",
     );
-    let met = of_limit("current_amperes_rms", "[\"REQ-1\"]")
+    let met = with_requirement("current_amperes_rms", "[\"REQ-1\"]")
         + &signal("stays = { max = 1 }\nrequirements = [\"REQ-2\"]");
     let rows: Vec<_> = parse(&met)
         .unwrap()
         .expect
-        .requirements_of_rows()
+        .row_requirements()
         .into_iter()
         .collect();
     let expected = [

@@ -110,8 +110,8 @@ impl Course {
 
     /// Returns the column to read.
     pub(crate) fn column_for<'a>(&'a self, signal: &'a str) -> &'a str {
-        let own = || signal.rsplit_once('.').map_or(signal, |(_, name)| name);
-        self.column.as_deref().unwrap_or_else(own)
+        let name = || signal.rsplit_once('.').map_or(signal, |(_, name)| name);
+        self.column.as_deref().unwrap_or_else(name)
     }
 }
 

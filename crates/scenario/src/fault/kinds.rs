@@ -54,7 +54,7 @@ pub enum Touch {
     /// The frames of all nodes.
     All,
     /// The frames of its node.
-    OfNode,
+    Node,
     /// The frames of its node, or of all nodes, which its `delay_milliseconds` delays.
     Late,
     /// The heartbeats of its node: the nodes that watch it may stop.
@@ -193,7 +193,7 @@ impl Kind {
 
     /// Checks whether it happens to a drive. The drive need not be named if there is only one.
     #[must_use]
-    pub fn is_of_a_drive(&self) -> bool {
+    pub fn is_drive_fault(&self) -> bool {
         self.group != Group::Bus && self.node_key().is_none()
     }
 
@@ -270,9 +270,9 @@ const BUS: Kind = Kind {
     keys: &[],
     text: "",
 };
-const OF_NODE: Kind = Kind {
+const AT_NODE: Kind = Kind {
     group: Group::Node,
-    touch: Touch::OfNode,
+    touch: Touch::Node,
     keys: &[NODE],
     ..BUS
 };
@@ -295,7 +295,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "lose",
         // The receiver does not answer a frame that it misses.
-        touch: Touch::OfNode,
+        touch: Touch::Node,
         keys: &[
             Key {
                 name: "receiver",
@@ -426,12 +426,12 @@ pub static KINDS: &[Kind] = &[
             },
         ],
         text: "The node is dead, as without power. When the fault ends, it boots again, without memory.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "hang",
         text: "The node hangs; then it continues as if no time had passed, with the first 32 of the frames that arrived meanwhile. The drive's amplifier keeps its current.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "slow_cycle",
@@ -446,7 +446,7 @@ pub static KINDS: &[Kind] = &[
             NODE,
         ],
         text: "The node is slow: it sends its frames later.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "clock_drift",
@@ -460,25 +460,25 @@ pub static KINDS: &[Kind] = &[
             NODE,
         ],
         text: "The node's clock is fast, or slow if the drift is negative.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "lost_heartbeat",
         touch: Touch::Heartbeats,
         text: "The node sends no heartbeats.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "restart",
         time: Time::Instant,
         text: "The node restarts at once, without memory, as after a watchdog reset. The drive's current is 0 from then on.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "nmt_stop",
         time: Time::Instant,
         text: "A foreign node sends the NMT command to stop the node; `bus.log` shows it.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "late_boot",
@@ -493,7 +493,7 @@ pub static KINDS: &[Kind] = &[
             ),
         ],
         text: "The node boots late.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "wrong_identity",
@@ -506,7 +506,7 @@ pub static KINDS: &[Kind] = &[
             text: "Its product code (0x1018:02).",
         }],
         text: "The drive is another product than in the controller's data sheet; the controller must refuse it.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "wrong_node_id",
@@ -519,7 +519,7 @@ pub static KINDS: &[Kind] = &[
             text: "Its node-ID.",
         }],
         text: "The drive has another node-ID than the controller expects.",
-        ..OF_NODE
+        ..AT_NODE
     },
     Kind {
         name: "offset",

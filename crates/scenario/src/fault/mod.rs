@@ -115,7 +115,7 @@ impl Fault {
 
     /// Checks whether it belongs to the loop of this drive: it happens to this drive, or to no drive or plant in particular.
     #[must_use]
-    pub fn is_of_loop(&self, drive_node_id: u8, plant: &str) -> bool {
+    pub fn is_in_loop(&self, drive_node_id: u8, plant: &str) -> bool {
         let is_elsewhere = self.is_at(Part::Drive) || self.plant.is_some();
         !is_elsewhere || self.is_at_drive(drive_node_id, plant)
     }

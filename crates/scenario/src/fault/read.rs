@@ -101,8 +101,8 @@ impl<'text> Reader<'_, 'text> {
             Some(_) => None,
             None => self.node(kind, &path, table).map_err(one)?,
         };
-        let table = self.in_own_unit(kind, entry, node.as_ref())?;
-        let values = kind.keys.iter().filter(|key| !is_of_node(key));
+        let table = self.in_loop_unit(kind, entry, node.as_ref())?;
+        let values = kind.keys.iter().filter(|key| !names_node(key));
         let mut read = BTreeMap::new();
         for key in values {
             match (value(key, &table), key.need) {
@@ -163,11 +163,11 @@ impl<'text> Reader<'_, 'text> {
     fn node(&self, kind: &Kind, path: &str, table: &DeTable<'_>) -> Result<Option<Node>, Problem> {
         let key = match kind.node_key() {
             Some(key) => key.name,
-            None if kind.is_of_a_drive() => "node",
+            None if kind.is_drive_fault() => "node",
             None => return Ok(None),
         };
         let Some(named) = table.get(key) else {
-            if !kind.is_of_a_drive() {
+            if !kind.is_drive_fault() {
                 return Ok(None);
             }
             let only = only_drive(self.rig);
@@ -182,7 +182,7 @@ impl<'text> Reader<'_, 'text> {
         let name = named.get_ref().as_str().unwrap_or_default();
         let is_possible = |node: &Node| match node.part {
             Part::Bench => kind.group == Group::Bus,
-            Part::Controller => !kind.is_of_a_drive(),
+            Part::Controller => !kind.is_drive_fault(),
             Part::Drive => true,
             Part::Io => false,
         };
@@ -237,7 +237,7 @@ impl<'text> Reader<'_, 'text> {
     }
 
     /// Returns an entry with the patterns of its keys, after a check of their names.
-    fn in_own_unit(
+    fn in_loop_unit(
         &self,
         kind: &Kind,
         entry: &Spanned<DeValue<'text>>,
@@ -259,12 +259,12 @@ impl<'text> Reader<'_, 'text> {
             let naming = Naming {
                 source: &self.document.source,
                 measurand: &measurand,
-                loop_name: &wiring.of_loop,
+                loop_name: &wiring.loop_name,
                 schema: &schema::FAULTS,
             };
             naming.apply(&mut tree).map_err(one)?;
         }
-        let document = self.document.of_loop(tree.clone(), measurand.clone());
+        let document = self.document.with_loop(tree.clone(), measurand.clone());
         let problems = structure::check(&document, "the scenario", &schema::FAULTS);
         let problems = in_unit(problems, &measurand);
         if !problems.is_empty() {
@@ -287,7 +287,7 @@ fn one(problem: Problem) -> Vec<Problem> {
     vec![problem]
 }
 
-fn is_of_node(key: &Key) -> bool {
+fn names_node(key: &Key) -> bool {
     matches!(key.form, Form::Node | Form::Station)
 }
 

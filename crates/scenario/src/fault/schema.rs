@@ -18,10 +18,12 @@ pub(crate) fn described() -> Value {
 
 /// Adds `[fault]` to a schema.
 pub(crate) fn describe(schema: &mut Value) {
-    let of_kinds = KINDS.iter().map(|kind| (definition(kind), of_kind(kind)));
-    let of_groups = Group::ALL.map(|group| (of_group(group), kinds_of(group)));
+    let kinds = KINDS
+        .iter()
+        .map(|kind| (definition(kind), kind_schema(kind)));
+    let group_kinds = Group::ALL.map(|group| (group_definition(group), kinds_schema(group)));
     let groups = Group::ALL.map(|group| {
-        let described = reference_to(&of_group(group), group.text());
+        let described = reference_to(&group_definition(group), group.text());
         (group.name().to_owned(), described)
     });
     let faults = json!({
@@ -40,13 +42,13 @@ pub(crate) fn describe(schema: &mut Value) {
     });
     let all = [("Faults".to_owned(), faults)];
     if let Some(definitions) = schema["definitions"].as_object_mut() {
-        definitions.extend(of_kinds.chain(of_groups).chain(choices).chain(all));
+        definitions.extend(kinds.chain(group_kinds).chain(choices).chain(all));
     }
     schema["properties"]["fault"] = reference_to("Faults", TEXT);
 }
 
 /// Returns the name of a group's definition.
-fn of_group(group: Group) -> String {
+fn group_definition(group: Group) -> String {
     format!("{}Faults", capitalised(group.name()))
 }
 
@@ -77,7 +79,7 @@ fn choice(key: &Key) -> Option<(String, &'static [(&'static str, &'static str)])
     }
 }
 
-fn kinds_of(group: Group) -> Value {
+fn kinds_schema(group: Group) -> Value {
     let kinds = KINDS.iter().filter(|kind| kind.group == group);
     let arrays = kinds.map(|kind| {
         let array = json!({
@@ -96,7 +98,7 @@ fn kinds_of(group: Group) -> Value {
     })
 }
 
-fn of_kind(kind: &Kind) -> Value {
+fn kind_schema(kind: &Kind) -> Value {
     let mut properties = times(kind.time);
     let mut required = match kind.time {
         Time::Lasts | Time::Ends => vec!["from_seconds"],
@@ -104,10 +106,10 @@ fn of_kind(kind: &Kind) -> Value {
         Time::Boot => Vec::new(),
     };
     for key in kind.keys {
-        properties.insert(key.name.to_owned(), of_key(key));
+        properties.insert(key.name.to_owned(), key_schema(key));
         required.extend(matches!(key.need, Need::Required).then_some(key.name));
     }
-    if kind.is_of_a_drive() {
+    if kind.is_drive_fault() {
         let node = name("The drive; needed where there are several.");
         properties.insert("node".to_owned(), node);
     }
@@ -155,7 +157,7 @@ fn name(text: &str) -> Value {
     json!({"description": text, "type": "string"})
 }
 
-fn of_key(key: &Key) -> Value {
+fn key_schema(key: &Key) -> Value {
     let mut schema = match key.form {
         Form::Number(min, max) => {
             json!({"type": "number", "format": "double", "minimum": min, "maximum": max})

@@ -8,7 +8,7 @@ use super::sections::{CONTOUR, EXPECT};
 use crate::contour::{Contour, Contours, LIMITS};
 use crate::document::Document;
 use crate::error::Problem;
-use crate::load::{build, none_of};
+use crate::load::{build, without_problems};
 use crate::nearest::meant_or_known;
 use crate::outside::Outside;
 use crate::port::{Measurand, Unit};
@@ -43,7 +43,7 @@ pub(super) fn read_contours(
         let path = format!("{CONTOUR}.{number}");
         problems.extend(wrong_contour(&document, &path, one, rig));
     }
-    none_of(problems, contour)
+    without_problems(problems, contour)
 }
 
 /// Returns the unit of a loop.

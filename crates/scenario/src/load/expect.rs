@@ -6,19 +6,19 @@ use toml::de::{DeTable, DeValue};
 use super::nodes::fill;
 use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
-use crate::metrics::{Metric, is_of_bus as is_metric_of_bus};
+use crate::metrics::{Metric, is_bus_metric};
 
 const TIMING: &str = "timing";
 const REQUIREMENTS: &str = "requirements";
 
 /// Checks whether a key of `[expect]` belongs to all loops together.
-pub(super) fn is_of_all(key: &str) -> bool {
-    key == CONTOUR || key == REQUIREMENTS || is_of_bus(key)
+pub(super) fn is_shared(key: &str) -> bool {
+    key == CONTOUR || key == REQUIREMENTS || is_bus_key(key)
 }
 
 /// Checks whether a key of `[expect]` is about the bus and the computer.
-fn is_of_bus(key: &str) -> bool {
-    key == TIMING || is_metric_of_bus(key)
+fn is_bus_key(key: &str) -> bool {
+    key == TIMING || is_bus_metric(key)
 }
 
 impl<'text> Selector<'_, 'text> {
@@ -38,14 +38,14 @@ impl<'text> Selector<'_, 'text> {
                 return Some(kept);
             }
         };
-        let of_all = whole.get(ALL).filter(|_| !self.is_led(name));
-        let mut kept = match whole.get(name).or(of_all) {
+        let for_all = whole.get(ALL).filter(|_| !self.is_led(name));
+        let mut kept = match whole.get(name).or(for_all) {
             Some(kept) => kept.clone(),
             None => Spanned::new(expect.span(), DeValue::Table(DeTable::new())),
         };
         // A value that is no table is refused later.
         if let DeValue::Table(table) = kept.get_mut() {
-            if let Some(all) = of_all.and_then(|all| self.table(all)) {
+            if let Some(all) = for_all.and_then(|all| self.table(all)) {
                 add(table, all);
             }
             if self
@@ -55,12 +55,12 @@ impl<'text> Selector<'_, 'text> {
                 .next()
                 .is_some_and(|first| first == name)
             {
-                let of_bus = whole.iter().filter(|(key, _)| {
+                let for_bus = whole.iter().filter(|(key, _)| {
                     let key: &str = key.get_ref();
-                    is_of_bus(key) || key == REQUIREMENTS
+                    is_bus_key(key) || key == REQUIREMENTS
                 });
-                let of_bus = of_bus.map(|(key, value)| (key.clone(), value.clone()));
-                add(table, &of_bus.collect());
+                let for_bus = for_bus.map(|(key, value)| (key.clone(), value.clone()));
+                add(table, &for_bus.collect());
             }
         }
         Some(kept)
@@ -71,26 +71,26 @@ impl<'text> Selector<'_, 'text> {
         if !self.is_by_loop(EXPECT) {
             return Vec::new();
         }
-        let own = loops.iter().chain([&ALL]).flat_map(|name| {
+        let misplaced = loops.iter().chain([&ALL]).flat_map(|name| {
             let path = format!("{EXPECT}.{name}");
             let keys = self.scenario.keys(&path).into_iter();
-            let of_bus = keys.filter(|key| is_of_bus(key) || *key == CONTOUR);
-            let problems = of_bus.map(|key| self.of_no_loop(&path, key));
+            let shared = keys.filter(|key| is_bus_key(key) || *key == CONTOUR);
+            let problems = shared.map(|key| self.shared_key(&path, key));
             Vec::from_iter(problems)
         });
         let path = format!("{EXPECT}.{REQUIREMENTS}");
         let keys = self.scenario.keys(&path).into_iter();
-        let is_of_loop = |key: &&str| !is_of_bus(key) && Metric::named(key).is_some();
-        let of_loops = keys.filter(is_of_loop).map(|key| {
+        let is_loop_key = |key: &&str| !is_bus_key(key) && Metric::named(key).is_some();
+        let without_loop = keys.filter(is_loop_key).map(|key| {
             let span = self.scenario.key_span(&format!("{path}.{key}"));
             let message = format!("`{key}` of which loop?");
             let label = format!("write [{EXPECT}.LOOP.{REQUIREMENTS}]");
             self.scenario.source.problem(span, message, label)
         });
-        own.chain(of_loops).collect()
+        misplaced.chain(without_loop).collect()
     }
 
-    fn of_no_loop(&self, path: &str, key: &str) -> Problem {
+    fn shared_key(&self, path: &str, key: &str) -> Problem {
         let span = self.scenario.key_span(&format!("{path}.{key}"));
         let message = format!("`{key}` is of the whole bus, not of one loop");
         let problem = (self.scenario.source).problem(span, message, "all loops share it");
@@ -104,8 +104,8 @@ fn add<'text>(limits: &mut DeTable<'text>, others: &DeTable<'text>) {
         let name: &str = key.get_ref();
         match (limits.get_mut(name).map(Spanned::get_mut), other.get_ref()) {
             (None, _) => drop(limits.insert(key.clone(), other.clone())),
-            (Some(DeValue::Table(own)), DeValue::Table(other)) if name == REQUIREMENTS => {
-                fill(own, other);
+            (Some(DeValue::Table(known)), DeValue::Table(other)) if name == REQUIREMENTS => {
+                fill(known, other);
             }
             (Some(_), _) => {}
         }

@@ -85,7 +85,7 @@ fn rig_text(
                 "a rig file beside the scenario is named with its ending: rig = \"FILE.toml\"";
             return Err(problem(message, &label).with_help(help));
         };
-        let copy = shipped::copy_of(rig);
+        let copy = shipped::copied_name(rig);
         let recorded = matches!(reading, Reading::Recorded).then(|| read_file(&copy).ok());
         return Ok(RigText {
             text: recorded.flatten().unwrap_or_else(|| text.to_owned()),
@@ -142,6 +142,6 @@ fn rig_text(
 fn is_same_file(beside: &str, path: &Path) -> bool {
     let components = Path::new(beside).components();
     let names = components.filter(|component| *component != Component::CurDir);
-    let own = path.file_name().map(Component::Normal);
-    names.eq(own)
+    let file_name = path.file_name().map(Component::Normal);
+    names.eq(file_name)
 }

@@ -12,7 +12,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::kind;
-use super::{Reading, build, none_of, read_models};
+use super::{Reading, build, read_models, without_problems};
 use crate::check;
 use crate::custom::is_name;
 use crate::document::Document;
@@ -65,7 +65,7 @@ impl Rig {
         reading: Reading,
     ) -> Result<(Self, Document<'text>), ScenarioError> {
         let document = Self::document(text, file_name)?;
-        let rig = Self::of_tree(&document, reading);
+        let rig = Self::from_tree(&document, reading);
         let rig = rig.map_err(|problems| fail(file_name, problems))?;
         Ok((rig, document))
     }
@@ -85,7 +85,10 @@ impl Rig {
     }
 
     /// Makes the rig of a tree in which each node has its defaults.
-    pub(super) fn of_tree(document: &Document<'_>, reading: Reading) -> Result<Self, Vec<Problem>> {
+    pub(super) fn from_tree(
+        document: &Document<'_>,
+        reading: Reading,
+    ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
             Reading::Recorded => Outside::from_recorded_rig(document.root()),
@@ -113,7 +116,7 @@ impl Rig {
         let problems = said_once(problems);
         rig.add_led_drives();
         rig.assign_identifiers();
-        none_of(problems, rig)
+        without_problems(problems, rig)
     }
 }
 
@@ -297,15 +300,15 @@ impl Check<'_> {
                 (None, None) => continue,
             };
             let (document, path) = (self.document, format!("plant.{name}.{}", plant.key()));
-            let of_phase = check::temperatures(document, &format!("{path}.phase"), phase);
-            problems.extend(of_phase);
+            let found = check::temperatures(document, &format!("{path}.phase"), phase);
+            problems.extend(found);
             problems.extend(check::cooling(document, &path, kinetics, heat, phase));
         }
         problems
     }
 
     fn controllers(&self) -> Vec<Problem> {
-        let mut controllers = self.of_kind(NodeKind::Controller);
+        let mut controllers = self.nodes_of_kind(NodeKind::Controller);
         match (controllers.next(), controllers.next()) {
             (Some(_), None) => Vec::new(),
             (None, _) => {
@@ -323,7 +326,7 @@ impl Check<'_> {
         }
     }
 
-    fn of_kind(&self, kind: NodeKind) -> impl Iterator<Item = &str> {
+    fn nodes_of_kind(&self, kind: NodeKind) -> impl Iterator<Item = &str> {
         let nodes = self.rig.node.iter();
         nodes
             .filter(move |(_, node)| node.kind == kind)
@@ -368,7 +371,7 @@ impl Check<'_> {
             let path = format!("node.{name}");
             match (!node.is_ours(), node.kind) {
                 (false, _) | (true, NodeKind::Io) => {
-                    problems.extend(node.keys_of_external().map(|key| {
+                    problems.extend(node.external_keys().map(|key| {
                         let message = format!("`{name}` can have no {key}");
                         let label = "only a drive with `limits` has this";
                         self.problem(&format!("{path}.{key}"), message, label)
@@ -578,7 +581,7 @@ impl Check<'_> {
         // loop's drive.
         let is_said = is_one_in_two || self.rig.loops.values().any(|one| one.drives.is_empty());
         let is_followed = |drive: &str| self.rig.loops.values().any(|one| one.followed() == drive);
-        for drive in self.of_kind(NodeKind::Drive) {
+        for drive in self.nodes_of_kind(NodeKind::Drive) {
             let is_watched = is_followed(drive) && self.rig.node[drive].is_ours();
             if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
@@ -636,10 +639,13 @@ impl Check<'_> {
         let path = format!("loop.{name}.feedback");
         // A loop without a drive has been reported already.
         let first = drives.first()?;
-        if self.of_kind(NodeKind::Drive).all(|drive| drive != node) {
+        if self
+            .nodes_of_kind(NodeKind::Drive)
+            .all(|drive| drive != node)
+        {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which no drive measures");
-            let label = match nearest(node, self.of_kind(NodeKind::Drive)) {
+            let label = match nearest(node, self.nodes_of_kind(NodeKind::Drive)) {
                 Some(meant) => format!("did you mean \"{meant}.{}\"?", self.signal_of(meant)),
                 None => format!("write \"{first}.{}\"", self.signal_of(first)),
             };

@@ -60,15 +60,15 @@ pub(super) fn overlaid<'text>(
     };
     // A problem in the rig file is shown at the scenario's key `rig`.
     let at = scenario.span("rig");
-    let mut own_tree = placed_table(rig_tree, &at);
-    own_tree.remove("defaults");
+    let mut rig_tables = placed_table(rig_tree, &at);
+    rig_tables.remove("defaults");
     let overlay = Overlay {
         scenario,
-        tree: &own_tree,
+        tree: &rig_tables,
     };
-    let mut tree = own_tree.clone();
+    let mut tree = rig_tables.clone();
     let mut problems = overlay.put_into(&mut tree, &at);
-    match Rig::of_tree(&scenario.with_root(tree), reading) {
+    match Rig::from_tree(&scenario.with_root(tree), reading) {
         Ok(rig) => Ok((rig, problems)),
         Err(found) => {
             problems.extend(overlay.without_models(found));
@@ -98,11 +98,11 @@ impl<'text> Overlay<'_, 'text> {
                 problems.push(self.no_table(section, values));
                 continue;
             };
-            let own = below(tree, section, at);
+            let target = below(tree, section, at);
             match section {
-                PLANT => self.plants(own, values, &mut problems),
-                NODE => self.nodes(own, values, &mut problems),
-                _ => put(own, values),
+                PLANT => self.plants(target, values, &mut problems),
+                NODE => self.nodes(target, values, &mut problems),
+                _ => put(target, values),
             }
         }
         problems
@@ -252,7 +252,7 @@ impl<'text> Overlay<'_, 'text> {
             problems.push(self.no_table(&path, values));
             return None;
         };
-        if let Some(key) = first_of(table, wiring) {
+        if let Some(key) = first_key(table, wiring) {
             let message = format!("a scenario cannot give its rig another `{}`", key.get_ref());
             let problem = self.problem(key.span(), message, "only the rig file says this");
             let help = "a scenario changes the values of its rig, not its wiring; `--rig FILE` plays it on another rig";
@@ -301,13 +301,13 @@ impl<'text> Overlay<'_, 'text> {
 }
 
 /// Returns the first of some keys in a table, or in one below it.
-fn first_of<'a, 'text>(
+fn first_key<'a, 'text>(
     table: &'a DeTable<'text>,
     keys: &[&str],
 ) -> Option<&'a Spanned<DeString<'text>>> {
     table.iter().find_map(|(key, value)| match value.get_ref() {
         _ if keys.contains(&key.get_ref().as_ref()) => Some(key),
-        DeValue::Table(below) if key.get_ref() != "start" => first_of(below, keys),
+        DeValue::Table(below) if key.get_ref() != "start" => first_key(below, keys),
         _ => None,
     })
 }

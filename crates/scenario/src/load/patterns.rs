@@ -104,14 +104,14 @@ impl<'a> Naming<'a> {
         patterns: &[(&'a str, String)],
     ) -> Result<Option<(&'a str, f64)>, Problem> {
         let name: &str = key.get_ref();
-        if let Some((pattern, _)) = patterns.iter().find(|(_, own)| own == name) {
+        if let Some((pattern, _)) = patterns.iter().find(|(_, other)| other == name) {
             return Ok(Some((pattern, 1.0)));
         }
         let mut patterns = patterns.iter().map(|(pattern, _)| *pattern);
         for pattern in patterns.clone().filter(|pattern| is_gain(pattern)) {
             let mut units = known_units();
             if let Some(unit) = units.find(|unit| self.by(unit).name(pattern) == name) {
-                let factor = conversion(self.measurand.unit.of_laws(), unit);
+                let factor = conversion(self.measurand.unit.law_word(), unit);
                 let factor = factor.ok_or_else(|| self.wrong_gain(key, pattern))?;
                 return Ok(Some((pattern, factor)));
             }
@@ -125,7 +125,7 @@ impl<'a> Naming<'a> {
     /// Returns the loop's quantities with another unit.
     fn by(&self, unit: &str) -> Measurand {
         Measurand {
-            unit: Unit::Own(unit.to_owned()),
+            unit: Unit::Other(unit.to_owned()),
             ..self.measurand.clone()
         }
     }
@@ -159,7 +159,7 @@ impl<'a> Naming<'a> {
 
     /// Makes the problem of a gain by a unit of another quantity, with the right name.
     fn wrong_gain(&self, key: &Key<'_>, pattern: &str) -> Problem {
-        let by = singular(self.measurand.unit.of_laws()).replace('_', " ");
+        let by = singular(self.measurand.unit.law_word()).replace('_', " ");
         let message = format!("the gains of the loop `{}` are by the {by}", self.loop_name);
         let label = format!("write `{}`", self.measurand.name(pattern));
         self.source.problem(key.span(), message, label)

@@ -11,8 +11,8 @@ use super::overlay::overlaid;
 use super::sections::{CONTROLLER, Selector};
 use super::sweep::read_sweep;
 use super::{
-    FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, none_of, read_law,
-    reading,
+    FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, read_law, reading,
+    without_problems,
 };
 use crate::beside::Beside;
 use crate::check;
@@ -31,7 +31,7 @@ use crate::view::HIDDEN_FROM_CONTROLLER;
 use crate::wiring::Wiring;
 
 /// Beginning of paths that belong to the scenario: a rig file has none of these.
-const OF_SWEEP: &str = "sweep.";
+const SWEEP_PREFIX: &str = "sweep.";
 
 /// Scenario in which a rig idles.
 const IDLE: &str =
@@ -130,7 +130,7 @@ impl Scenario {
     ///
     /// # Errors
     /// All problems of the rig file, and the objection.
-    pub fn of_rig(
+    pub fn from_rig(
         text: &str,
         name: &str,
         object: impl Fn(&Self) -> Option<Objection>,
@@ -191,7 +191,7 @@ fn resolve(
     let rig_document = Rig::document(&files.rig.text, rig_name)?;
     // The rig of a case was checked before.
     let as_written =
-        (!matches!(reading, Reading::Case)).then(|| Rig::of_tree(&rig_document, reading));
+        (!matches!(reading, Reading::Case)).then(|| Rig::from_tree(&rig_document, reading));
     let as_written = as_written.transpose();
     let as_written = as_written.map_err(|problems| nodes::fail(rig_name, problems))?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
@@ -279,7 +279,7 @@ fn read_loops(
         let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
         let measurand = wiring.feedback.measurand.clone();
         let mut reader = TrialReader {
-            document: scenario.of_loop(one.tree, measurand.clone()),
+            document: scenario.with_loop(one.tree, measurand.clone()),
             factors: &one.factors,
             rig,
             rig_path: &files.path,
@@ -308,7 +308,7 @@ fn objected(
     let in_scenario = path_in_scenario(&objection.path, rig);
     let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
     let is_overlaid = document.has(&in_scenario) || document.has(table);
-    if is_overlaid || objection.path.starts_with(OF_SWEEP) {
+    if is_overlaid || objection.path.starts_with(SWEEP_PREFIX) {
         objection.path = in_scenario;
         return ScenarioError::new(KIND, &files.name, vec![objection.problem(document)]);
     }
@@ -370,11 +370,11 @@ impl TrialReader<'_, '_> {
             Reading::Recorded => Outside::from_recording(document.root()),
             Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
         };
-        let schema = schema::of_travel(outside.schema(), &wiring);
+        let schema = schema::with_travel(outside.schema(), &wiring);
         let built = build::<Sections>(document, &outside, "the scenario", &schema);
         let (sections, mut problems) = built?;
         let Some(run) = self.run else {
-            return none_of(problems, None);
+            return without_problems(problems, None);
         };
         let Sections {
             controller,
@@ -396,7 +396,12 @@ impl TrialReader<'_, '_> {
             amplifier,
             wiring,
         };
-        read_law(document, &outside, &mut trial.controller.own, &mut problems);
+        read_law(
+            document,
+            &outside,
+            &mut trial.controller.custom,
+            &mut problems,
+        );
         trial.controller.scale(self.factors);
         problems.extend(check::trial(document, &trial, self.rig));
         if self.has_all_faults {
@@ -414,7 +419,7 @@ impl TrialReader<'_, '_> {
         trial.controller.place_files(self.scenario_path);
         let objections = (self.asked.objections)(&trial).into_iter();
         problems.extend(objections.map(|objection| objection.problem(document)));
-        none_of(problems, Some(trial))
+        without_problems(problems, Some(trial))
     }
 }
 
@@ -436,13 +441,14 @@ fn wrong_plant_faults(
     reading: Reading,
 ) -> Vec<Problem> {
     // Only the bench that played a plant from outside knows which faults have a meaning for it.
-    let is_known = |one: &&Trial| one.plant.own.is_none() || !matches!(reading, Reading::Recorded);
-    let plant_of = |fault: &Fault| {
+    let is_known =
+        |one: &&Trial| one.plant.custom.is_none() || !matches!(reading, Reading::Recorded);
+    let plant_model = |fault: &Fault| {
         let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
         let at = loops.iter().find(is_at).filter(is_known);
         at.map(|one| &one.plant)
     };
-    check::faults_of_plants(document, &run.faults, plant_of)
+    check::faults_of_plants(document, &run.faults, plant_model)
 }
 
 /// Finds the FMUs of plants, and adds their hashes to the texts that were read. A recording may lack file and hash.
@@ -517,16 +523,16 @@ fn read_programs(
     // The files of a case were found before.
     if !matches!(reading, Reading::Case) {
         let is_recorded = matches!(reading, Reading::Recorded);
-        let of_rig = all().filter(|(name, _)| !named(name).is_empty());
+        let in_rig = all().filter(|(name, _)| !named(name).is_empty());
         let (text, beside) = (rig_document, &files.rig.beside);
-        let found = check::read_programs(text, of_rig, beside, is_recorded, read_file);
+        let found = check::read_programs(text, in_rig, beside, is_recorded, read_file);
         if !found.is_empty() {
             return Err(nodes::fail(&files.rig.name, found));
         }
-        let own = all().filter(|(name, _)| named(name).is_empty());
+        let in_scenario = all().filter(|(name, _)| named(name).is_empty());
         problems.extend(check::read_programs(
             document,
-            own,
+            in_scenario,
             "",
             is_recorded,
             read_file,
@@ -563,5 +569,5 @@ fn read_sheets(
             }
         }
     }
-    none_of(problems, sheets)
+    without_problems(problems, sheets)
 }

@@ -40,7 +40,7 @@ const TABLES: [&str; 9] = [
     "sweep",
 ];
 /// Keys of a rig file that a scenario cannot change.
-const OF_RIG: [&str; 2] = ["defaults", "loop"];
+const RIG_KEYS: [&str; 2] = ["defaults", "loop"];
 pub(super) const EXPECT: &str = "expect";
 pub(super) const CONTROLLER: &str = "controller";
 /// Key that names a node.
@@ -53,7 +53,7 @@ pub(super) struct Selector<'a, 'text> {
 }
 
 /// The part of a scenario for one loop.
-pub(super) struct OfLoop<'text> {
+pub(super) struct LoopTables<'text> {
     /// Name of the loop.
     pub(super) name: String,
     /// Tables of the loop.
@@ -63,7 +63,7 @@ pub(super) struct OfLoop<'text> {
 }
 
 /// The parts of all loops, and the problems of how the scenario names them.
-pub(super) type Selected<'text> = (Vec<OfLoop<'text>>, Vec<Problem>);
+pub(super) type Selected<'text> = (Vec<LoopTables<'text>>, Vec<Problem>);
 
 impl<'text> Selector<'_, 'text> {
     pub(super) fn select(&self) -> Selected<'text> {
@@ -86,8 +86,8 @@ impl<'text> Selector<'_, 'text> {
             if is_law_said && self.law(name).is_err() {
                 continue;
             }
-            match self.tables_of(name) {
-                Ok(of_loop) => tables.push(of_loop),
+            match self.loop_tables(name) {
+                Ok(loop_tables) => tables.push(loop_tables),
                 Err(problem) => problems.push(problem),
             }
         }
@@ -131,7 +131,7 @@ impl<'text> Selector<'_, 'text> {
         drives.first().map_or("", String::as_str)
     }
 
-    fn tables_of(&self, name: &str) -> Result<OfLoop<'text>, Problem> {
+    fn loop_tables(&self, name: &str) -> Result<LoopTables<'text>, Problem> {
         let mut tables = DeTable::new();
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
         let laws = [name, ALL].map(|table| format!("{CONTROLLER}.{table}"));
@@ -157,7 +157,7 @@ impl<'text> Selector<'_, 'text> {
             schema: &schema::SECTIONS,
         };
         let factors = naming.apply(&mut tables)?;
-        Ok(OfLoop {
+        Ok(LoopTables {
             name: name.to_owned(),
             tree: tables,
             factors,
@@ -171,7 +171,7 @@ impl<'text> Selector<'_, 'text> {
         }
         let laws = self.root().get(CONTROLLER);
         let of = |key: &str| self.table(laws?)?.get(key).cloned();
-        if let Some(problem) = self.law_of_all(name) {
+        if let Some(problem) = self.law_for_all(name) {
             return Err(problem);
         }
         let only = || laws.filter(|_| !self.is_by_loop(CONTROLLER)).cloned();
@@ -184,7 +184,7 @@ impl<'text> Selector<'_, 'text> {
     }
 
     /// Refuses a law of all loops together with another law, or as the law of one of several loops.
-    fn law_of_all(&self, name: &str) -> Option<Problem> {
+    fn law_for_all(&self, name: &str) -> Option<Problem> {
         let with_ports = |key: &str| {
             let laws = self.scenario.keys(&format!("{CONTROLLER}.{key}"));
             laws.into_iter().find(|law| leads_all(law))
@@ -235,7 +235,7 @@ impl<'text> Selector<'_, 'text> {
             }
             DeValue::Array(array) => {
                 let entries = array.iter().cloned();
-                let kept = entries.filter_map(|entry| self.of_loop(entry, name, path));
+                let kept = entries.filter_map(|entry| self.kept(entry, name, path));
                 *array = kept.collect();
             }
             _ => {}
@@ -243,7 +243,7 @@ impl<'text> Selector<'_, 'text> {
     }
 
     /// Returns an entry without the name of its loop or its node, if it is for this loop.
-    fn of_loop(
+    fn kept(
         &self,
         mut entry: Spanned<DeValue<'text>>,
         name: &str,
@@ -259,7 +259,7 @@ impl<'text> Selector<'_, 'text> {
                 None => self.is_only_loop().then_some(entry),
             };
         }
-        let output = output_of(path, table);
+        let output = output_name(path, table);
         if !table.contains_key(NODE) {
             let node = self.only_io_with(&output).unwrap_or_default().to_owned();
             let key = Spanned::new(span.clone(), NODE.into());
@@ -311,7 +311,7 @@ impl<'text> Selector<'_, 'text> {
         let problems = unknown.map(|key| {
             let name: &str = key.get_ref();
             let message = format!("unknown key `{name}` in the scenario");
-            let label = if OF_RIG.contains(&name) {
+            let label = if RIG_KEYS.contains(&name) {
                 "a table of rig files".to_owned()
             } else {
                 meant_or_known(name, &known)
@@ -327,7 +327,7 @@ impl<'text> Selector<'_, 'text> {
             return Vec::new();
         }
         let is_known = |key: &&str| {
-            loops.contains(key) || *key == ALL || section == EXPECT && expect::is_of_all(key)
+            loops.contains(key) || *key == ALL || section == EXPECT && expect::is_shared(key)
         };
         let keys = self.scenario.keys(section).into_iter();
         let unknown = keys.filter(|key| !is_known(key));
@@ -357,7 +357,7 @@ impl<'text> Selector<'_, 'text> {
         known: &[&str],
     ) -> Option<Problem> {
         let Some(named) = table.get(by) else {
-            let output = output_of(parent(path), table);
+            let output = output_name(parent(path), table);
             let with = Vec::from_iter(self.rig.io_with(&output).filter(|_| by == NODE));
             let (is_clear, known) = match with.len() {
                 0 => (self.is_only_loop(), known),
@@ -378,7 +378,7 @@ impl<'text> Selector<'_, 'text> {
 }
 
 /// Returns the output of an io node that an entry of a disturbance sets.
-fn output_of(path: &str, entry: &DeTable<'_>) -> String {
+fn output_name(path: &str, entry: &DeTable<'_>) -> String {
     let name = entry.get("name").and_then(|name| name.get_ref().as_str());
     match path.rsplit('.').next() {
         Some("fan") => FAN_OUTPUT.to_owned(),

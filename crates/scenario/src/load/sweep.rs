@@ -3,7 +3,7 @@
 use crate::check;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::load::{build, none_of};
+use crate::load::{build, without_problems};
 use crate::outside::Outside;
 use crate::rig::nodes::Rig;
 use crate::schema;
@@ -25,5 +25,5 @@ pub(super) fn read_sweep(
     let (Swept { mut sweep }, mut problems) =
         build::<Swept>(&document, &Outside::Registered, place, &schema::SWEPT)?;
     problems.extend(check::sweep(scenario, rig, sweep.as_mut()));
-    none_of(problems, sweep)
+    without_problems(problems, sweep)
 }

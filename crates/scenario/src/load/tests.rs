@@ -88,9 +88,9 @@ fn load_files(scenario: &str, rig: &str) -> Result<Scenario, ScenarioError> {
 }
 
 /// Returns the number of a loop's faults of a kind.
-fn own(one: &Trial, kind: &str) -> usize {
-    let own = one.own_faults();
-    own.filter(|fault| fault.kind.name == kind).count()
+fn faults(one: &Trial, kind: &str) -> usize {
+    let faults = one.loop_faults();
+    faults.filter(|fault| fault.kind.name == kind).count()
 }
 
 #[test]
@@ -101,7 +101,11 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     };
     let place = |one: &Trial| {
         let nodes = &one.wiring.nodes;
-        (one.wiring.of_loop.clone(), nodes.drive.id, nodes.io.clone())
+        (
+            one.wiring.loop_name.clone(),
+            nodes.drive.id,
+            nodes.io.clone(),
+        )
     };
     assert_eq!(place(x), ("x".to_owned(), 0x10, Vec::new()));
     assert_eq!(place(y), ("y".to_owned(), 0x12, Vec::new()));
@@ -116,11 +120,11 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     assert_eq!((load(x), load(y)), (Some(0.3), Some(0.5)));
     assert_eq!(x.sensor.resolution_bits, 16);
     assert_eq!(y.sensor.resolution_bits, 12);
-    assert_eq!(own(x, "noise"), 0);
-    assert_eq!(own(y, "noise"), 1);
+    assert_eq!(faults(x, "noise"), 0);
+    assert_eq!(faults(y, "noise"), 1);
     // A fault of the controller belongs to all loops.
-    assert_eq!(own(x, "hang"), 2);
-    assert_eq!(own(y, "hang"), 1);
+    assert_eq!(faults(x, "hang"), 2);
+    assert_eq!(faults(y, "hang"), 1);
     assert!(x.expect.of("tracking_error_{unit}_rms").is_some());
     assert!(y.expect.of("tracking_error_{unit}_rms").is_none());
 }
@@ -321,9 +325,9 @@ fn a_rig_that_could_be_misread_is_refused() {
 
 #[test]
 fn a_rig_file_of_a_drive_without_a_node_is_told_so_and_nothing_else() {
-    let of_a_drive =
+    let drive_fault =
         "schema = 1\nname = \"one\"\n[drive]\nnode_id = 3\n[limits]\ncurrent_amperes = 1.0\n";
-    let error = load_text(SCENARIO, of_a_drive).unwrap_err();
+    let error = load_text(SCENARIO, drive_fault).unwrap_err();
     assert!(error.contains("a drive is a node of a rig file"), "{error}");
     assert_eq!(error.matches("help:").count(), 1, "{error}");
 }
@@ -467,9 +471,9 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
     );
     let yes = Some(&Expectation::Answer(true));
     assert_eq!([x, y].map(|expect| expect.of("safe_state")), [yes, yes]);
-    let rows = x.requirements_of_rows().into_keys();
+    let rows = x.row_requirements().into_keys();
     assert!(rows.eq(["bus_load_percent", "safe_state"]));
-    assert!(y.requirements_of_rows().into_keys().eq(["safe_state"]));
+    assert!(y.row_requirements().into_keys().eq(["safe_state"]));
 }
 
 #[test]
@@ -730,7 +734,7 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
         panic!("{loops:?}")
     };
     assert_eq!(
-        [&*angle.wiring.of_loop, &*extensor.wiring.of_loop],
+        [&*angle.wiring.loop_name, &*extensor.wiring.loop_name],
         ["angle", "extensor"],
         "the second drive is played under its own name"
     );
@@ -745,8 +749,8 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
     assert!(angle.controller.pid_pair.is_some());
     assert!(extensor.controller.open_loop.is_some());
     assert!(extensor.reference.is_empty());
-    assert_eq!(own(angle, "offset"), 0);
-    assert_eq!(own(extensor, "offset"), 1);
+    assert_eq!(faults(angle, "offset"), 0);
+    assert_eq!(faults(extensor, "offset"), 1);
 }
 
 #[test]
@@ -905,7 +909,7 @@ fn a_fault_of_a_plant_is_held_against_the_plant_of_its_drive() {
     };
     for whose in ["node = \"w\"", "plant = \"wire\""] {
         let loops = load_text(&ageing(whose), &rig).unwrap();
-        let counts = loops.loops.iter().map(|one| own(one, "ageing"));
+        let counts = loops.loops.iter().map(|one| faults(one, "ageing"));
         assert_eq!(Vec::from_iter(counts), [1, 0, 0], "{whose}");
     }
     for (whose, said) in [
@@ -918,9 +922,9 @@ fn a_fault_of_a_plant_is_held_against_the_plant_of_its_drive() {
         ("plant = \"gantry_z\"", "the rig has no plant `gantry_z`"),
         ("", "for which node?"),
     ] {
-        let said_of = load_text(&ageing(whose), &rig).unwrap_err();
-        assert!(!said_of.contains(" problems"), "{said_of}");
-        assert!(said_of.contains(said), "{whose}: {said_of}");
+        let problems = load_text(&ageing(whose), &rig).unwrap_err();
+        assert!(!problems.contains(" problems"), "{problems}");
+        assert!(problems.contains(said), "{whose}: {problems}");
     }
 }
 
@@ -940,7 +944,7 @@ fn a_fault_happens_to_a_node_that_can_have_it() {
         let fault = format!("{fault}\nfrom_seconds = 1.0\n[[fault.sensor.noise]]");
         let scenario = SCENARIO.replace("[[fault.sensor.noise]]", &fault);
         let module = "[node.module]\nkind = \"io\"\nnode_id = 0x11\noutputs = { load = \"gantry_x.added_load_kilograms\" }\n";
-        let said_of = load_text(&scenario, &format!("{RIG}{module}")).unwrap_err();
-        assert!(said_of.contains(said), "{said_of}");
+        let problems = load_text(&scenario, &format!("{RIG}{module}")).unwrap_err();
+        assert!(problems.contains(said), "{problems}");
     }
 }

@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::current::CurrentRange;
-use crate::custom::{self, Own, Parameters, defaults};
+use crate::custom::{self, Custom, Parameters, defaults};
 pub use dc_motor::DcMotor;
 pub(crate) use fmu::whole_names;
 pub use fmu::{Fmu, FmuPort};
@@ -36,7 +36,7 @@ pub(crate) const MODELS: [&str; 4] = [SMA, DC_MOTOR, SMA_PAIR, FMU];
 
 /// Checks whether the format has the table of a plant; tables from outside are registered.
 #[must_use]
-pub fn is_of_format(plant: &str) -> bool {
+pub fn is_built_in(plant: &str) -> bool {
     plant == SMA_ACTUATOR || MODELS.contains(&plant)
 }
 
@@ -60,7 +60,7 @@ pub struct PlantModel {
     /// The table of a model from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
-    pub own: Option<Own>,
+    pub custom: Option<Custom>,
 }
 
 impl PlantModel {
@@ -73,7 +73,7 @@ impl PlantModel {
 
     /// Makes the actuator with these parameters.
     #[must_use]
-    pub fn of_sma(sma: Sma) -> Self {
+    pub fn from_sma(sma: Sma) -> Self {
         let sma = Some(sma);
         Self {
             sma,
@@ -102,7 +102,7 @@ impl PlantModel {
     #[must_use]
     pub fn name(&self) -> &str {
         match self.model() {
-            Model::Own(own) => own.name(),
+            Model::Custom(custom) => custom.name(),
             Model::DcMotor(_) => DC_MOTOR,
             Model::SmaPair(_) => SMA_PAIR,
             Model::Fmu(_) => FMU,
@@ -114,7 +114,7 @@ impl PlantModel {
     #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
         match self.model() {
-            Model::Own(own) => custom::faults_of(own.name()),
+            Model::Custom(custom) => custom::plant_faults(custom.name()),
             Model::DcMotor(_) => DcMotor::FAULTS,
             Model::SmaPair(_) => SmaPair::FAULTS,
             Model::Fmu(_) => &[],
@@ -126,7 +126,7 @@ impl PlantModel {
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
         match self.model() {
-            Model::Own(_) | Model::SmaPair(_) | Model::Fmu(_) => None,
+            Model::Custom(_) | Model::SmaPair(_) | Model::Fmu(_) => None,
             Model::DcMotor(motor) => Some(motor.load_kilograms),
             Model::Sma(_) => Some(self.actuator()?.mechanics.load_kilograms),
         }
@@ -141,7 +141,7 @@ impl PlantModel {
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
         let table: Option<&dyn Any> = match self.model() {
-            Model::Own(own) => return Ok(make(&own.parameters()?)),
+            Model::Custom(custom) => return Ok(make(&custom.parameters()?)),
             Model::DcMotor(motor) => Some(motor),
             Model::SmaPair(pair) => Some(pair),
             Model::Fmu(fmu) => Some(fmu),
@@ -154,8 +154,8 @@ impl PlantModel {
     }
 
     fn model(&self) -> Model<'_> {
-        match (&self.own, &self.dc_motor, &self.sma_pair, &self.fmu) {
-            (Some(own), _, _, _) => Model::Own(own),
+        match (&self.custom, &self.dc_motor, &self.sma_pair, &self.fmu) {
+            (Some(custom), _, _, _) => Model::Custom(custom),
             (None, Some(motor), _, _) => Model::DcMotor(motor),
             (None, None, Some(pair), _) => Model::SmaPair(pair),
             (None, None, None, Some(fmu)) => Model::Fmu(fmu),
@@ -166,7 +166,7 @@ impl PlantModel {
 
 /// Model of a plant.
 enum Model<'a> {
-    Own(&'a Own),
+    Custom(&'a Custom),
     DcMotor(&'a DcMotor),
     SmaPair(&'a SmaPair),
     Fmu(&'a Fmu),

@@ -183,9 +183,10 @@ mod tests {
 
     #[test]
     fn each_limit_is_watched_and_named() {
-        let words = |violation: Option<Violation>| violation.map(|violation| violation.to_string());
+        let message =
+            |violation: Option<Violation>| violation.map(|violation| violation.to_string());
         let check = |millimetres, amperes| {
-            words(watch().check(Duration::ZERO, &sample(millimetres, amperes)))
+            message(watch().check(Duration::ZERO, &sample(millimetres, amperes)))
         };
         assert_eq!(
             check(44.9, 0.94),
@@ -208,15 +209,15 @@ mod tests {
         );
         assert!(check(45.1, 0.0).is_some() && check(f64::NAN, 0.0).is_some());
         assert_eq!(
-            words(watch().check_command(0.901)).unwrap(),
+            message(watch().check_command(0.901)).unwrap(),
             "limit of the rig: 0.901 A are commanded (limit 0.9 A)"
         );
         assert_eq!(
-            words(watch().check_command(-0.901)).unwrap(),
+            message(watch().check_command(-0.901)).unwrap(),
             "limit of the rig: -0.901 A are commanded (limit 0.9 A)"
         );
         for allowed in [0.9, -0.9, 0.9 + COMMAND_TOLERANCE_AMPERES] {
-            assert_eq!(words(watch().check_command(allowed)), None);
+            assert_eq!(message(watch().check_command(allowed)), None);
         }
     }
 

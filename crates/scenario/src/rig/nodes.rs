@@ -15,7 +15,7 @@ use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{self, I2t, PlantModel};
 use crate::port::{Command, Measurand, Unit, plant_of_port, unit_in};
-use crate::wiring::{IoWiring, LedBy, LoopOfRig, Measured, Plausible, Wiring};
+use crate::wiring::{IoWiring, LedBy, LoopFacts, Measured, Plausible, Wiring};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
@@ -101,8 +101,8 @@ impl Rig {
             groups.push(plants);
         }
         let plant = self.plant_of(drive);
-        let own = |group: &BTreeSet<&str>| plant.is_some_and(|plant| group.contains(plant));
-        let is_its = |group: &BTreeSet<&str>| own(group) || plant == first && !is_moved(group);
+        let is_in = |group: &BTreeSet<&str>| plant.is_some_and(|plant| group.contains(plant));
+        let is_its = |group: &BTreeSet<&str>| is_in(group) || plant == first && !is_moved(group);
         groups.into_iter().filter(is_its).flatten().collect()
     }
 
@@ -112,8 +112,8 @@ impl Rig {
         let sensor = node.and_then(|node| node.sensor.as_ref());
         let amplifier = node.and_then(|node| node.amplifier.as_ref());
         (
-            sensor.map(Sensor::of_drive).unwrap_or_default(),
-            amplifier.map(Amplifier::of_drive).unwrap_or_default(),
+            sensor.map(Sensor::emulated).unwrap_or_default(),
+            amplifier.map(Amplifier::emulated).unwrap_or_default(),
         )
     }
 
@@ -138,7 +138,7 @@ impl Rig {
             let is_new = !is_led(&followed) && only_followed.insert(followed.clone());
             let followed = is_new.then_some(&followed).into_iter();
             led.extend(one.drives.iter().skip(1).chain(followed).map(|drive| {
-                let own = self.loop_of_one(drive);
+                let alone = self.one_drive_loop(drive);
                 let drives = vec![drive.clone()];
                 let led_by = Some(name.clone());
                 (
@@ -146,7 +146,7 @@ impl Rig {
                     RigLoop {
                         drives,
                         led_by,
-                        ..own
+                        ..alone
                     },
                 )
             }));
@@ -155,7 +155,7 @@ impl Rig {
     }
 
     /// Returns a loop of one drive, which follows the drive's own signal. Its drives are not filled in yet.
-    fn loop_of_one(&self, drive: &str) -> RigLoop {
+    fn one_drive_loop(&self, drive: &str) -> RigLoop {
         let Measurand {
             signal, command, ..
         } = self.measurand_of(drive);
@@ -226,18 +226,18 @@ impl Rig {
     /// Returns the other drives of the plant that a drive moves, each with whether its node-ID is lower.
     fn drives_beside<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = (&'a RigNode, bool)> {
         let plant = self.plant_of(drive);
-        let own_id = self.node.get(drive).map(|node| node.node_id);
+        let node_id = self.node.get(drive).map(|node| node.node_id);
         let others = self.node.iter().filter(move |(name, _)| {
             name.as_str() != drive && plant.is_some() && self.plant_of(name) == plant
         });
-        others.map(move |(_, node)| (node, Some(node.node_id) < own_id))
+        others.map(move |(_, node)| (node, Some(node.node_id) < node_id))
     }
 
     /// Returns the number of drives that a law leads, by its first drive.
     fn drives_led_from(&self, drive: &str) -> usize {
         let mut loops = self.loops.values().filter(|one| one.led_by.is_none());
-        let own = loops.find(|one| one.drives.first().is_some_and(|first| first == drive));
-        own.map_or(1, |one| one.drives.len())
+        let led = loops.find(|one| one.drives.first().is_some_and(|first| first == drive));
+        led.map_or(1, |one| one.drives.len())
     }
 
     /// Returns the wiring of a drive.
@@ -257,8 +257,8 @@ impl Rig {
             }
         };
         let beside = self.drives_beside(drive);
-        let of_loop = self.loop_of(drive);
-        let own_loop = self.loops.get(of_loop);
+        let loop_name = self.loop_of(drive);
+        let rig_loop = self.loops.get(loop_name);
         Wiring {
             nodes: self.nodes_of(drive, node.node_id),
             plant: plant.to_owned(),
@@ -270,7 +270,7 @@ impl Rig {
             feedback: self
                 .followed_by(drive)
                 .map_or_else(Measured::default, |(_, node)| node.measured())
-                .commanding(node.command_of()),
+                .commanding(node.command_quantity()),
             io: self.io_beside(drive),
             truth_every_cycles: node.truth_every_cycles.unwrap_or(1),
             record: (node.record.as_ref()).map(|ports| ports.iter().map(in_full).collect()),
@@ -281,8 +281,8 @@ impl Rig {
             plausible: node.plausible.unwrap_or_default(),
             leads: self.drives_led_from(drive),
             led_by: self.led_by(drive),
-            identifiers: own_loop.map(|one| one.identifiers).unwrap_or_default(),
-            of_loop: of_loop.to_owned(),
+            identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
+            loop_name: loop_name.to_owned(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
         }
     }
@@ -303,8 +303,8 @@ impl Rig {
 
     /// Returns the drive whose signal the loop of a drive follows.
     fn followed_by(&self, drive: &str) -> Option<(&str, &RigNode)> {
-        let own = self.loops.get(self.loop_of(drive));
-        let followed = own.map_or(drive, RigLoop::followed);
+        let rig_loop = self.loops.get(self.loop_of(drive));
+        let followed = rig_loop.map_or(drive, RigLoop::followed);
         let (name, node) = self.node.get_key_value(followed)?;
         Some((name, node))
     }
@@ -319,16 +319,16 @@ impl Rig {
     }
 
     /// Returns the facts of a loop for the other loops.
-    fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopOfRig {
+    fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopFacts {
         let drive = one.drives.first().cloned().unwrap_or_default();
         let node = self.node.get(&drive);
         let amplifier = node.and_then(|node| node.amplifier.as_ref());
-        LoopOfRig {
+        LoopFacts {
             name: name.clone(),
             measurand: (self.node.get(one.followed()))
                 .map(RigNode::measurand)
                 .unwrap_or_default()
-                .commanding(node.map(RigNode::command_of).unwrap_or_default()),
+                .commanding(node.map(RigNode::command_quantity).unwrap_or_default()),
             current: amplifier.map(Amplifier::range).unwrap_or_default(),
             led_by: self.led_by(&drive),
             drive,
@@ -372,7 +372,7 @@ impl Rig {
 
     /// Makes a rig of one real drive and external io nodes.
     #[must_use]
-    pub fn of_one_drive<'a>(
+    pub fn with_one_drive<'a>(
         &self,
         drive: &str,
         real: &RealDrive,
@@ -423,7 +423,7 @@ impl Rig {
             }
             rig.node.insert(drive.to_owned(), node);
         }
-        let led = self.loop_of_one(drive);
+        let led = self.one_drive_loop(drive);
         // The name of the drive's own loop; empty for a drive that the law of another one leads.
         let name = self.loop_of(drive);
         rig.loops.insert(name.to_owned(), led);
@@ -439,7 +439,7 @@ impl Rig {
                 continue;
             };
             let CurrentRange { rated, min, max } = amplifier.range();
-            if amplifier.i2t.is_none() && node.command_of() == Command::Current {
+            if amplifier.i2t.is_none() && node.command_quantity() == Command::Current {
                 notes.push(format!(
                     "`{name}` has no i2t: its amplifier may give its largest current for ever"
                 ));
@@ -650,13 +650,13 @@ impl RigNode {
     pub fn measurand(&self) -> Measurand {
         let sensor = self.sensor.as_ref();
         let measurand = sensor.map(Sensor::measurand).unwrap_or_default();
-        measurand.commanding(self.command_of())
+        measurand.commanding(self.command_quantity())
     }
 
     /// Returns the output quantity of its amplifier: a current, unless its port says otherwise.
-    pub(crate) fn command_of(&self) -> Command {
+    pub(crate) fn command_quantity(&self) -> Command {
         let port = self.amplifier.as_ref().and_then(|one| one.port.as_deref());
-        let command = port.and_then(|port| Command::of_port(unit_in(port)));
+        let command = port.and_then(|port| Command::in_port_unit(unit_in(port)));
         command.unwrap_or_default()
     }
 
@@ -682,7 +682,7 @@ impl RigNode {
     }
 
     /// Returns the keys of an external drive that the node has.
-    pub(crate) fn keys_of_external(&self) -> impl Iterator<Item = &'static str> {
+    pub(crate) fn external_keys(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("eds", self.eds.is_some()),
             ("mode_of_operation", self.mode_of_operation.is_some()),
@@ -773,7 +773,7 @@ pub struct Sensor {
 
 impl Amplifier {
     /// Returns the amplifier with the defaults of a drive.
-    pub(crate) fn of_drive(&self) -> plant::Amplifier {
+    pub(crate) fn emulated(&self) -> plant::Amplifier {
         plant::Amplifier {
             range: self.range(),
             resolution_bits: self.resolution_bits.unwrap_or_default(),
@@ -794,7 +794,7 @@ impl Amplifier {
 
 impl Sensor {
     /// Returns the sensor with the defaults of a drive: its converter spans the lowest position to the highest.
-    pub(crate) fn of_drive(&self) -> plant::Sensor {
+    pub(crate) fn emulated(&self) -> plant::Sensor {
         let default = plant::Sensor::default();
         plant::Sensor {
             resolution_bits: self.resolution_bits.unwrap_or(default.resolution_bits),
@@ -805,7 +805,7 @@ impl Sensor {
 
     fn measurand(&self) -> Measurand {
         let unit = self.unit.as_deref();
-        let position = Measurand::position(unit.map_or(Unit::Millimetres, Unit::of_word));
+        let position = Measurand::position(unit.map_or(Unit::Millimetres, Unit::from_word));
         match &self.signal {
             Some(signal) => Measurand {
                 signal: signal.clone(),

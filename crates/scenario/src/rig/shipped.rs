@@ -46,7 +46,7 @@ pub const FOLDER: &str = "rig";
 
 /// Returns the name, in a run folder, of the copy of a shipped rig, or of a rig file that replaced it.
 #[must_use]
-pub fn copy_of(name: &str) -> String {
+pub fn copied_name(name: &str) -> String {
     if name.ends_with(".toml") {
         format!("{FOLDER}/{name}")
     } else {

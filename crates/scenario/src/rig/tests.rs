@@ -56,7 +56,7 @@ fn a_rig_of_one_drive_alone_is_a_rig() {
     let real = Rig::parse(&with(""), "rig.toml").unwrap();
     let real = real.real_drive("drive").unwrap();
     let drive = rig.loops.values().next().unwrap().drives[0].clone();
-    let alone = rig.of_one_drive(&drive, &real, []);
+    let alone = rig.with_one_drive(&drive, &real, []);
     let read = Rig::parse(&alone.to_toml(), "rig.toml").unwrap();
     assert_eq!(read.real_drive(&drive).unwrap().limits, real.limits);
     assert_eq!((read.node.len(), read.plant.len()), (2, 0));
@@ -69,7 +69,7 @@ fn a_rig_of_one_drive_alone_follows_what_that_measures() {
     let mut rig = real.clone();
     let sensor = &mut rig.node.get_mut("drive").unwrap().sensor;
     sensor.get_or_insert_default().signal = Some("speed".to_owned());
-    let alone = rig.of_one_drive("drive", &real.real_drive("drive").unwrap(), []);
+    let alone = rig.with_one_drive("drive", &real.real_drive("drive").unwrap(), []);
     let read = Rig::parse(&alone.to_toml(), "rig.toml").unwrap();
     assert_eq!(read.loops.values().next().unwrap().feedback, "drive.speed");
 }

@@ -12,8 +12,8 @@ use crate::port::{Command, Measurand, UNIT, Unit, conversion, is_gain, is_patter
 use crate::rig::nodes::{NodeKind, Rig, RigNode};
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
-const OF_LOOPS: &str = "Reference";
-const OF_NODES: &str = "Disturbance";
+const LOOP_ENTRIES: &str = "Reference";
+const NODE_ENTRIES: &str = "Disturbance";
 /// Units of loops that are proposed if no rig defines them.
 const PROPOSED: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
 /// Pattern of a unit or a signal.
@@ -31,13 +31,13 @@ const PARTS: [(&str, &str); 5] = [
 ];
 
 /// Returns the schema of scenarios on any rig.
-pub(super) fn of_scenario() -> Value {
-    of_loops(&PROPOSED.map(Measurand::position), None)
+pub(super) fn scenario_schema() -> Value {
+    loops_schema(&PROPOSED.map(Measurand::position), None)
 }
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
-fn of_loops(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
-    let mut schema = with_names(of_parts());
+fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
+    let mut schema = with_names(parts_schema());
     fault::describe(&mut schema);
     add_definitions(&mut schema, &CONTOURS);
     put_travel(&mut schema, travel);
@@ -75,7 +75,7 @@ fn of_loops(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
 }
 
 /// Returns the schema of the keys that are not tables, the tables of a loop, the bus and the sweep.
-fn of_parts() -> Value {
+fn parts_schema() -> Value {
     let mut schema = HEADER.clone();
     schema["title"] = "Scenario".into();
     schema["description"] = "One scenario file.".into();
@@ -117,10 +117,14 @@ fn prune(schema: &mut Value) {
 fn references(value: &Value) -> Vec<String> {
     match value {
         Value::Object(table) => {
-            let own = table.get("$ref").and_then(Value::as_str);
-            let own = own.and_then(|path| path.rsplit('/').next());
+            let definition = table.get("$ref").and_then(Value::as_str);
+            let definition = definition.and_then(|path| path.rsplit('/').next());
             let below = table.values().flat_map(references);
-            own.map(str::to_owned).into_iter().chain(below).collect()
+            definition
+                .map(str::to_owned)
+                .into_iter()
+                .chain(below)
+                .collect()
         }
         Value::Array(values) => values.iter().flat_map(references).collect(),
         _ => Vec::new(),
@@ -160,7 +164,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         .filter(|node| node.kind == NodeKind::Drive);
     let mut measurands = Vec::from_iter(drives.map(RigNode::measurand));
     measurands.dedup();
-    let mut schema = of_loops(&measurands, travel(rig));
+    let mut schema = loops_schema(&measurands, travel(rig));
     for (section, definition) in [("controller", "Controller"), ("expect", "Expect")] {
         let below = &mut schema["properties"][section];
         let names = rig.loops.keys().map(String::as_str).chain([ALL]);
@@ -175,7 +179,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
             "sma" => reference("Sma"),
             "sma_pair" => reference("SmaPair"),
             "fmu" => fmu(&schema, plant),
-            own => custom::schema_of_plant(own),
+            name => custom::plant_schema(name),
         };
         let parameters = json!({"allOf": [definition], "default": {}});
         (name.clone(), parameters)
@@ -237,7 +241,7 @@ fn properties(schema: &Value, definition: &str) -> Value {
 
 /// Gives set-points this range; `None` leaves the range to the rig file.
 pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
-    for definition in entries(schema, OF_LOOPS) {
+    for definition in entries(schema, LOOP_ENTRIES) {
         let properties = schema["definitions"][definition]["properties"].as_object_mut();
         for (key, property) in properties.into_iter().flatten() {
             let Some(keywords) = property.as_object_mut() else {
@@ -264,16 +268,16 @@ pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
 fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
     let definitions = schema["definitions"].as_object_mut();
     for (_, table) in definitions.into_iter().flatten() {
-        name_keys_of(table, measurands);
+        name_table_keys(table, measurands);
     }
 }
 
 /// Returns the loops, each once for every unit by which gains of its law can be.
 fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
     let by_units = measurands.iter().flat_map(|measurand| {
-        let is_of_quantity = |unit: &&str| conversion(measurand.unit.of_laws(), unit).is_some();
-        let units = known_units().filter(is_of_quantity);
-        let units = units.map(|unit| Unit::Own(unit.to_owned()));
+        let is_convertible = |unit: &&str| conversion(measurand.unit.law_word(), unit).is_some();
+        let units = known_units().filter(is_convertible);
+        let units = units.map(|unit| Unit::Other(unit.to_owned()));
         let others = units.map(|unit| Measurand {
             unit,
             ..measurand.clone()
@@ -285,19 +289,19 @@ fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
 
 /// Writes out the keys of a table, and of its tables, as these loops have them. Names in other loops match patterns: the rig file
 /// decides which of them is right.
-fn name_keys_of(table: &mut Value, measurands: &[Measurand]) {
+fn name_table_keys(table: &mut Value, measurands: &[Measurand]) {
     let Some(properties) = table.get_mut("properties").and_then(Value::as_object_mut) else {
         return;
     };
     let any_loop = Command::ALL.map(|command| Measurand {
         signal: ANY_WORD.to_owned(),
-        unit: Unit::Own(ANY_WORD.to_owned()),
+        unit: Unit::Other(ANY_WORD.to_owned()),
         command,
     });
     let shipped = Measurand::default();
     let mut patterns = Map::new();
     for (key, mut property) in std::mem::take(properties) {
-        name_keys_of(&mut property, measurands);
+        name_table_keys(&mut property, measurands);
         if !is_pattern(&key) {
             properties.insert(key, property);
             continue;
@@ -350,12 +354,12 @@ fn limits_or_loops(schema: &Value) -> Value {
 fn with_names(mut schema: Value) -> Value {
     for (table, key, text) in [
         (
-            OF_LOOPS,
+            LOOP_ENTRIES,
             "loop",
             "The loop; needed where there are several.",
         ),
         (
-            OF_NODES,
+            NODE_ENTRIES,
             "node",
             "The node; needed where there are several drives.",
         ),
@@ -365,13 +369,13 @@ fn with_names(mut schema: Value) -> Value {
             properties[key] = json!({"description": text, "type": "string"});
         }
     }
-    let of_rig = json!({
+    let rig = json!({
         "description": "The rig: one that ships, such as `sma_actuator`, or a rig file beside this one.",
         "type": "string",
         "minLength": 1,
         "maxLength": 200,
     });
-    schema["properties"]["rig"] = of_rig;
+    schema["properties"]["rig"] = rig;
     if let Some(required) = schema["required"].as_array_mut() {
         required.push("rig".into());
     }
@@ -391,11 +395,11 @@ fn models(schema: &mut Value) -> Value {
     custom::describe_plants(&mut model["properties"]);
     add_definitions(schema, &model);
     let models = model["properties"].as_object().into_iter().flatten();
-    models.map(|(_, model)| values_of(model)).collect()
+    models.map(|(_, model)| model_values(model)).collect()
 }
 
 /// Returns the schema of other values for a model. The rig file has the keys that are left out.
-fn values_of(model: &Value) -> Value {
+fn model_values(model: &Value) -> Value {
     let mut model = if model["properties"].is_object() {
         part_of(model, model)
     } else {
@@ -472,7 +476,7 @@ contour_error_millimetres_max = { max = 0.3 }
 
     fn problems(text: &str) -> String {
         let document = Document::parse(Source::new("s.toml", text), text).unwrap();
-        let problems = structure::check(&document, "the scenario", &of_scenario());
+        let problems = structure::check(&document, "the scenario", &scenario_schema());
         problems
             .iter()
             .map(|problem| format!("{problem:?}"))

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use can::CanFrame;
 use dbc::SignalMissing;
-use dbc::loops::seed_of_drive;
+use dbc::loops::drive_seed;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use plan::Plan;
@@ -93,7 +93,7 @@ impl Hitting {
                 .map(|node| node.id);
             let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
             let seed = match drive {
-                Some(drive) => seed_of_drive(plan.shared.run.seed, drive),
+                Some(drive) => drive_seed(plan.shared.run.seed, drive),
                 None => plan.shared.run.seed,
             };
             Self {

@@ -357,7 +357,7 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
     }
     let io = one.nodes.io.iter().filter(|io| one.external.has(io));
     let io = io.map(|io| io.name.as_str());
-    let rig = (plan.shared.rig).of_one_drive(&one.nodes.drive.name, &drive.real, io);
+    let rig = (plan.shared.rig).with_one_drive(&one.nodes.drive.name, &drive.real, io);
     let read = |name: &str| match name {
         RIG => Ok(rig.to_toml()),
         _ => Ok(drive.eds.clone()),

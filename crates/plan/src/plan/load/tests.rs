@@ -93,7 +93,7 @@ fn what_an_external_drive_cannot_be_is_refused() {
 #[test]
 fn an_emulated_drive_may_be_somebody_else_s() {
     let catalogue = Catalogue::new(|_| None, |_| None);
-    let plan = Plan::of_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
+    let plan = Plan::from_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
     let truth = |plan: &Plan| {
         let names = ["x_truth", "y_truth"];
         names.map(|name| plan.database().message(name).is_none())

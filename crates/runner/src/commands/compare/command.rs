@@ -15,7 +15,7 @@ use judge::comparison::{
     compare_runs,
 };
 use recording::run_folder::file;
-use scenario::metrics::is_of_traffic;
+use scenario::metrics::is_traffic_metric;
 use worlds::catalogue::catalogue;
 
 /// Number of passes over the frames of a run: to read, to decode and to judge them.
@@ -177,7 +177,7 @@ fn compared<'a>(
 /// Removes the metrics of the traffic, which depend on the clock: a run in virtual time misses no cycle.
 fn leave_timing_out(comparison: &mut Comparison) {
     let whole = comparison.remarks.is_empty();
-    let is_traffic = |name: &str| name.rsplit('.').next().is_some_and(is_of_traffic);
+    let is_traffic = |name: &str| name.rsplit('.').next().is_some_and(is_traffic_metric);
     comparison
         .metrics
         .retain(|metric| !is_traffic(&metric.name));

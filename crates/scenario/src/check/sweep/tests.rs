@@ -68,7 +68,7 @@ const BITRATE: &str = "key = \"bus.bitrate_kilobits_per_second\"";
 /// Checks entries of a sweep: the line and column of the underlined place, and parts of the message.
 #[track_caller]
 fn check_entries<const N: usize>(cases: [(String, usize, usize, &str); N]) {
-    for (entry, line, column, words) in cases {
+    for (entry, line, column, message) in cases {
         let error = parse(&swept(&entry)).expect_err(&entry);
         let problem = &error.problems()[0];
         assert_eq!(
@@ -77,7 +77,7 @@ fn check_entries<const N: usize>(cases: [(String, usize, usize, &str); N]) {
             "{entry}: {problem:?}"
         );
         assert!(
-            format!("{problem:?}").contains(words),
+            format!("{problem:?}").contains(message),
             "{entry}: {problem:?}"
         );
     }

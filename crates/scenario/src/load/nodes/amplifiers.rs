@@ -13,7 +13,7 @@ impl Check<'_> {
             let Some(amplifier) = &node.amplifier else {
                 continue;
             };
-            let command = node.command_of();
+            let command = node.command_quantity();
             let is_current = command == Command::Current;
             let path = format!("node.{name}.amplifier");
             if !is_current && !node.is_ours() {

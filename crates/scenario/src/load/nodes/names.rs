@@ -74,11 +74,11 @@ impl Check<'_> {
 
     /// Checks whether a loop has drives, and all of them are its own.
     fn is_led_rightly(&self, one: &RigLoop) -> bool {
-        let is_own = |drive: &String| {
+        let is_named = |drive: &String| {
             let leaders = self.rig.loops.values().flat_map(|other| &other.drives);
             self.rig.node.contains_key(drive)
                 && leaders.filter(|other| *other == drive).count() == 1
         };
-        !one.drives.is_empty() && one.drives.iter().all(is_own)
+        !one.drives.is_empty() && one.drives.iter().all(is_named)
     }
 }

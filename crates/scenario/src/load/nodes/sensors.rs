@@ -81,7 +81,7 @@ impl Check<'_> {
         }
         let unit = node.measurand().unit;
         let increment = sensor.position_increment.unwrap_or(1.0 / unit.counts());
-        let config = sensor.of_drive();
+        let config = sensor.emulated();
         let step = config.span / libm::exp2(config.resolution_bits.into());
         let lowest = sensor.min.unwrap_or_default();
         let farthest = lowest.abs().max((lowest + config.span).abs());

@@ -65,7 +65,7 @@ impl Check<'_> {
         let is_one_ours =
             drives.any(|(name, node)| node.is_ours() && self.rig.plant_of(name).is_some());
         let is_moved = |plant: &str| {
-            let mut drives = self.of_kind(NodeKind::Drive);
+            let mut drives = self.nodes_of_kind(NodeKind::Drive);
             drives.any(|drive| self.rig.plant_of(drive) == Some(plant))
         };
         let problems = self.rig.plant.keys().filter_map(|plant| {
