@@ -164,7 +164,7 @@ impl Composer {
         self.messages.iter_mut().find(|one| one.name == name)
     }
 
-    /// Returns the name on this bus of a node of the shipped DBC, in a message of `own`.
+    /// Returns the name on this bus of a node of the shipped DBC, in a message of the node `name`.
     fn renamed(&self, shipped: &str, name: &str) -> String {
         match shipped {
             CONTROLLER => self.controller.clone(),
@@ -259,7 +259,7 @@ impl Composer {
         }
     }
 
-    /// Adds the signals of a plant: the first two before its true position, the others in a message of their own.
+    /// Adds the signals of a plant: the first two before its true position, the others in a further message.
     fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[PlantSignal]) {
         let (first, others) = published.split_at(published.len().min(SIGNALS_IN_TPDO2));
         let place = self.messages.len();
@@ -528,8 +528,8 @@ mod tests {
     }
 
     fn composed(signals: &[PlantSignal]) -> Database {
-        let composer = Composer::new("controller", 1);
-        let composer = composer.with_drive(("drive", 0x10), Some(signals), None, None);
+        let composer =
+            Composer::new("controller", 1).with_drive(("drive", 0x10), Some(signals), None, None);
         composer.finish()
     }
 

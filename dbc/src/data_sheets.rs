@@ -220,8 +220,8 @@ fn adapted_line(section: &str, line: &str, count: usize) -> String {
     }
     let mapped = section
         .strip_prefix("1600sub")
-        .and_then(|rest| rest.parse().ok());
-    let mapped = mapped.filter(|number| (1..=count).contains(number));
+        .and_then(|rest| rest.parse().ok())
+        .filter(|number| (1..=count).contains(number));
     match (section, mapped) {
         (_, Some(number)) if is_default => format!("DefaultValue=0x6411{number:02X}10"),
         ("Comments", _) if line.starts_with("Line1=") => {

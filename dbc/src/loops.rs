@@ -20,7 +20,7 @@ pub struct LoopPlace {
     pub truth_every_cycles: u8,
 }
 
-/// Returns the seed of a drive's random numbers: each drive has noise of its own, that of the shipped rig has the scenario's
+/// Returns the seed of a drive's random numbers: each drive has other noise; that of the shipped rig has the scenario's
 /// seed.
 #[must_use]
 pub fn drive_seed(seed: u64, drive_node_id: u8) -> u64 {
@@ -51,7 +51,7 @@ impl LoopPlace {
         (self.number + (every / 2).min(TERMS_EVERY_CYCLES / 2)) % every
     }
 
-    /// Returns the values that the drive has in its own data sheet: the transmission type (1 to 240 of CiA 301, 7.5.2.37) and the
+    /// Returns the values that the drive has in its data sheet: the transmission type (1 to 240 of CiA 301, 7.5.2.37) and the
     /// SYNC start value of its truth. As far as possible, the drives of a bus publish it in different cycles.
     #[must_use]
     pub fn presets(&self) -> [Preset; 4] {

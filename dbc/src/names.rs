@@ -127,7 +127,7 @@ impl Database {
         self.require(&format!("{message}.{signal}"))
     }
 
-    /// Returns the messages in which a drive publishes its plant's own signals.
+    /// Returns the messages in which a drive publishes the signals of its plant.
     pub fn plant_messages(&self, drive: &str) -> impl Iterator<Item = &Message> {
         let names = [TPDO2, TPDO3].map(|service| message(drive, service));
         names.into_iter().filter_map(|name| self.message(&name))

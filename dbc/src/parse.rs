@@ -105,7 +105,7 @@ fn owning_message(dbc: &Dbc, message: &can_dbc::Message) -> Option<String> {
     }
 }
 
-/// A signal for which its message has no bits, or none of its own.
+/// A signal for which its message has no bits, or only bits that it shares.
 struct Unplaced {
     message: String,
     place: usize,

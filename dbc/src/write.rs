@@ -35,7 +35,7 @@ impl Database {
     /// their identifiers.
     ///
     /// Attributes hold the facts that the grammar cannot express. Each signal that does not fit its message's payload, or shares
-    /// bits with another, is in the file in a message of its own, under a free 29-bit identifier. A name that is no DBC name of
+    /// bits with another, is in the file in a separate message, under a free 29-bit identifier. A name that is no DBC name of
     /// at most 32 characters gets a short one in addition. In texts `"` is written as `\"`, which other readers understand, and
     /// `\` as `\x5C`, which they do not.
     ///
@@ -180,7 +180,7 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// Divides the signals of a message into those that have bits of their own in its payload, and the others with their places.
+/// Divides the signals of a message into those that share no bits in its payload, and the others with their places.
 fn placed_and_unplaced(message: &Message) -> (Vec<&Signal>, Vec<(usize, &Signal)>) {
     let mut taken_bits = 0;
     let (mut placed, mut unplaced) = (Vec::new(), Vec::new());

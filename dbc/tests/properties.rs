@@ -108,7 +108,7 @@ fn any_coding() -> impl Strategy<Value = Coding> {
     )
 }
 
-/// Returns a rig with one drive, emulated or with a layout of its own.
+/// Returns a rig with one drive, emulated or with another layout.
 fn rig(
     plant: Option<&[PlantSignal]>,
     terms: &[LawTerm],

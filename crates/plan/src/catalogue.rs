@@ -128,7 +128,7 @@ impl Catalogue {
         Some(Ports::joined(plant_ports.collect::<Option<Vec<_>>>()?))
     }
 
-    /// Returns the ports of a loop's own plant; `None` if they are not known here.
+    /// Returns the ports of a loop's plant; `None` if they are not known here.
     pub(crate) fn plant_ports(&self, trial: &Trial) -> Option<Ports> {
         (self.find_ports?)(trial)
     }
@@ -248,7 +248,7 @@ pub struct ColumnMessage<'a> {
 }
 
 /// Returns the messages of a loop whose signals become columns, in their order. If the loop follows another drive, the position
-/// of that drive has the loop's name, and the signals that its own drive measures are named after the own drive. Outputs of
+/// of that drive has the loop's name, and the signals that its drive measures are named after its drive. Outputs of
 /// several io nodes are named after these.
 pub fn columns<'a>(
     database: &'a Database,
@@ -261,13 +261,13 @@ pub fn columns<'a>(
         io,
     } = &wiring.nodes;
     let is_feedback = [drive, followed_node].map(|node| message(&node.name, TPDO1));
-    let drive_messages = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&drive.name, service));
-    let drive_messages = drive_messages
+    let drive_messages = [TPDO1, RPDO1, TPDO2, TPDO3]
+        .map(|service| message(&drive.name, service))
         .into_iter()
         .map(move |name| (name, Some(drive)));
     let name = wiring.loop_among_several();
-    let law_messages = (0..TERMS_MAX).map(move |place| names::terms(&controller.name, name, place));
-    let law_messages = law_messages.map(|name| (name, None));
+    let law_messages =
+        (0..TERMS_MAX).map(move |place| (names::terms(&controller.name, name, place), None));
     let io_messages = io.iter().map(|io| (message(&io.name, RPDO1), Some(io)));
     let messages = drive_messages.chain(law_messages).chain(io_messages);
     let columns = messages.filter_map(move |(name, node)| {
@@ -283,8 +283,8 @@ pub fn columns<'a>(
             .map(|signal| (name_of(signal), signal));
         Some((message, signals.collect()))
     });
-    let followed = followed(database, wiring);
-    let followed = followed.map(|(message, signal)| (message, vec![(signal.name.clone(), signal)]));
+    let followed = followed(database, wiring)
+        .map(|(message, signal)| (message, vec![(signal.name.clone(), signal)]));
     columns
         .chain(followed)
         .map(move |(message, signals)| ColumnMessage {
@@ -309,7 +309,7 @@ pub(crate) fn followed<'a>(
     signals.filter(|(_, signal)| is_measured(signal, &wiring.feedback))
 }
 
-/// Returns the name, in a loop, of a signal of its own drive.
+/// Returns the name, in a loop, of a signal of its drive.
 pub(crate) fn name_in_loop(signal: &Signal, wiring: &Wiring) -> String {
     if is_measured(signal, &wiring.sensor) {
         wiring.name_in_loop(&signal.name)
@@ -582,8 +582,8 @@ outputs = ["drive.current"]
             ports.outputs.extend(more);
             ports
         }
-        let catalogue = Catalogue::new(|_| Some(three()), |_| None);
-        let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
+        let catalogue =
+            Catalogue::new(|_| Some(three()), |_| None).with_laws(|_| vec![sum()], |_| None);
         let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let beside = Beside::new(Path::new("t.toml"));
         let read = |_: &str| Ok(RIG.to_owned());
@@ -611,8 +611,8 @@ outputs = ["drive.current"]
         let plants = plants.with_laws(|_| Vec::new(), |_| None);
         let twice = "plant.sma_actuator: two signals are called `position_millimetres`";
         assert_eq!(said(&plants), [twice]);
-        let laws = Catalogue::new(|_| Some(plant_with("sum")), |_| None);
-        let laws = laws.with_laws(|_| vec![sum()], |_| None);
+        let laws = Catalogue::new(|_| Some(plant_with("sum")), |_| None)
+            .with_laws(|_| vec![sum()], |_| None);
         let twice = "controller.open_loop: two signals are called `sum`";
         assert_eq!(said(&laws), [twice]);
     }

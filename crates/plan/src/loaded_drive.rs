@@ -97,8 +97,9 @@ fn telling_cycles_seconds(trial: &Trial, trajectory: &Trajectory) -> impl Iterat
         let last = nanoseconds(until_seconds).div_ceil(period);
         nanoseconds(from_seconds) / period..=last
     });
-    let times = cycles.map(move |cycle| cycle * period);
-    let times = times.filter(move |time| *time < end);
+    let times = cycles
+        .map(move |cycle| cycle * period)
+        .filter(move |time| *time < end);
     times.map(|time| Duration::from_nanos_u128(time).as_secs_f64())
 }
 

@@ -35,11 +35,13 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
     if let Some(objection) = plants.iter().find_map(|one| unsound(one)) {
         return Some(objection);
     }
-    let plant_ports = plants.iter().map(|one| {
-        let plant = one.wiring.plant.as_str();
-        Some((plant, catalogue.plant_ports(one)?))
-    });
-    let plant_ports = plant_ports.collect::<Option<Vec<_>>>()?;
+    let plant_ports = plants
+        .iter()
+        .map(|one| {
+            let plant = one.wiring.plant.as_str();
+            Some((plant, catalogue.plant_ports(one)?))
+        })
+        .collect::<Option<Vec<_>>>()?;
     let mut unsound = plant_ports.iter();
     if let Some(objection) = unsound.find_map(|(plant, ports)| plant_objection(plant, ports)) {
         return Some(objection);
@@ -259,8 +261,10 @@ impl Wired<'_> {
                 count * BITS
             );
             let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
-            let names = recorded.iter().take(RECORDED_MAX);
-            let names = names.map(|(_, port)| format!("\"{}\"", port.local_name()));
+            let names = recorded
+                .iter()
+                .take(RECORDED_MAX)
+                .map(|(_, port)| format!("\"{}\"", port.local_name()));
             let path = match wiring.record {
                 Some(_) => path,
                 None => format!("node.{drive}"),

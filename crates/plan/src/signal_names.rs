@@ -131,8 +131,10 @@ impl SignalNames {
                 .iter()
                 .map(|entry| entry.name.clone());
             let node = nodes.of(*part).map(|node| node.name.clone());
-            let full = names.clone().zip(std::iter::repeat(node));
-            let full = full.filter_map(|(name, node)| Some(format!("{}.{name}", node?)));
+            let full = names
+                .clone()
+                .zip(std::iter::repeat(node))
+                .filter_map(|(name, node)| Some(format!("{}.{name}", node?)));
             names.chain(full).collect::<Vec<_>>()
         };
         Self {

@@ -19,8 +19,9 @@ pub(crate) fn objection(
         return None;
     }
     let mut tried = trial.clone();
-    let swept = values(sweep).into_iter();
-    let mut swept = swept.filter(|(_, key, _)| is_fmu_key(key));
+    let mut swept = values(sweep)
+        .into_iter()
+        .filter(|(_, key, _)| is_fmu_key(key));
     swept.find_map(|(place, key, value)| {
         let fmu = tried.plant.fmu.as_mut()?;
         let variable = key.strip_prefix(&start)?.to_owned();

@@ -253,8 +253,7 @@ fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive
     let Some(real) = scenario.rig.real_drive(drive) else {
         return Ok(None);
     };
-    let loaded = LoadedDrive::new(real, scenario.sheets.get(drive));
-    let loaded = loaded.map_err(|error| Objection {
+    let loaded = LoadedDrive::new(real, scenario.sheets.get(drive)).map_err(|error| Objection {
         path: format!("node.{drive}"),
         message: format!("the drive `{drive}` cannot be led"),
         label: error.to_string(),
@@ -270,14 +269,15 @@ fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<
         external.insert(node.node_id, node.program.is_some());
     }
     let trials = std::mem::take(&mut scenario.loops).into_iter();
-    let loops = trials.map(|trial| {
-        Ok(ControlLoop {
-            real_drive: real_drive(&scenario, &trial.wiring.nodes.drive.name)?,
-            external: external.clone(),
-            ..make(trial)
+    let loops = trials
+        .map(|trial| {
+            Ok(ControlLoop {
+                real_drive: real_drive(&scenario, &trial.wiring.nodes.drive.name)?,
+                external: external.clone(),
+                ..make(trial)
+            })
         })
-    });
-    let loops = loops.collect::<Result<_, _>>()?;
+        .collect::<Result<_, _>>()?;
     let mut plan = Plan::from_loops(scenario.run, loops);
     plan.shared.contours = scenario.contours;
     plan.shared.sweep = scenario.sweep;

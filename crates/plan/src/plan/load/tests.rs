@@ -27,7 +27,7 @@ fn two_servos(second: u8) -> String {
     head.to_owned() + &servo("x", 0x20) + &servo("y", second)
 }
 
-/// Returns the plan of a scenario on this rig, in a folder of their own.
+/// Returns the plan of a scenario on this rig, in a separate folder.
 fn loaded(rig: &str) -> Result<Plan, String> {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name);
