@@ -23,8 +23,8 @@ pub(crate) fn window(contour: &Contour, axes: &[Axis<'_>]) -> Range<usize> {
     let timelines = || axes.iter().map(|(_, run)| run.timeline);
     let rows = timelines()
         .map(|timeline| timeline.time_seconds.len())
-        .min();
-    let rows = rows.unwrap_or(0);
+        .min()
+        .unwrap_or(0);
     let row_at = |seconds: f64| {
         let times = timelines()
             .next()

@@ -50,8 +50,9 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     let page = thread::scope(|scope| {
         let beside = scope.spawn(|| write_table_and_make_page(run, folder));
         let recorded = write_recording(run, folder);
-        let page = beside.join();
-        let page = page.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        let page = beside
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
         recorded.map(|()| page)
     })?;
     let junit = junit::to_xml(std::slice::from_ref(run.verdict))

@@ -28,7 +28,7 @@ const FIRST_COLUMNS_MAX: usize = 6;
 pub struct ListedRun<'a> {
     /// Name of the run's folder.
     pub folder: String,
-    /// Path to the run's own page.
+    /// Path to the page of the run.
     pub page: Option<String>,
     /// Decoded recording of each loop.
     pub timelines: &'a [Timeline],

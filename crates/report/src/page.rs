@@ -120,7 +120,7 @@ pub fn identity(identity: &Identity) -> Markup {
     }
 }
 
-/// Returns the words in place of date and host, which no page of a play in virtual time has: played again, it is the same.
+/// Returns the text in place of date and host, which the page of a play in virtual time lacks: played again, it is the same.
 pub fn undated() -> Markup {
     html! { p.soft { "When and where it was played is in " a href=(file::PLAYED) { (file::PLAYED) } ": in virtual time every play leaves the same page." } }
 }

@@ -1,4 +1,4 @@
-//! Recording of a run for the Rerun viewer: `run.rrd`, and the same in pieces while a run is played, with a layout of its own.
+//! Recording of a run for the Rerun viewer: `run.rrd`, and the same in pieces while a run is played, with its layout.
 //!
 //! A signal has a row in every cycle; a signal that seldom changes, or is not drawn, has rows only where its value changes. The
 //! file contains no times of this machine's clock, so two equal runs are equal files once decoded (only the SDK's random numbers

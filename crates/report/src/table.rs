@@ -64,7 +64,7 @@ impl<T: AsRef<str>> From<T> for Cell {
 }
 
 /// Table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them. Where its columns do not fit
-/// without breaking words, each cell has a line of its own.
+/// without breaking words, each cell has a separate line.
 pub struct Table {
     heads: Vec<Cell>,
     rows: Vec<Vec<Cell>>,
@@ -212,8 +212,9 @@ mod tests {
                 "0.25",
                 "",
                 "−0.004 s",
-            ];
-            let row = row.into_iter().map(Cell::new);
+            ]
+            .into_iter()
+            .map(Cell::new);
             table.add(row.chain([Cell::new(result).bad()]));
         }
         table

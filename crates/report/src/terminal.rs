@@ -46,8 +46,9 @@ fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
 #[must_use]
 pub fn run(verdict: &Verdict, folder: &Path) -> Text {
     // The reason of a run that broke off was printed as an error already.
-    let remark = verdict.remark();
-    let remark = remark.filter(|_| verdict.outcome != Outcome::Incomplete);
+    let remark = verdict
+        .remark()
+        .filter(|_| verdict.outcome != Outcome::Incomplete);
     let mut text = with_outcome(verdict, remark);
     text.line(format!("run folder  {}", folder.display()));
     let [page, recording] = [file::REPORT, file::RERUN].map(|name| folder.join(name));

@@ -8,17 +8,21 @@ use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
 use judge::timing::Timing;
 
-/// Returns the section. All loops share the bus; each has answers and commands of its own.
+/// Returns the section. All loops share the bus; answers and commands are listed by loop.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     let shared = &run.plan.shared;
-    let timings = run.plan.loops.iter().map(|one| {
-        let (end, bitrate) = (
-            shared.run.duration_seconds,
-            shared.run.bus.bitrate_kilobits_per_second,
-        );
-        BusTiming::new(run.frames, end, bitrate, one)
-    });
-    let timings = timings.collect::<Result<Vec<_>, _>>()?;
+    let timings = run
+        .plan
+        .loops
+        .iter()
+        .map(|one| {
+            let (end, bitrate) = (
+                shared.run.duration_seconds,
+                shared.run.bus.bitrate_kilobits_per_second,
+            );
+            BusTiming::new(run.frames, end, bitrate, one)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;

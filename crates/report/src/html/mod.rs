@@ -78,8 +78,7 @@ fn metrics(run: &Run<'_>) -> Markup {
     let prefixes =
         Vec::from_iter(prefixes.map(|one| (one.control_loop.name(), one.control_loop.prefix())));
     let is_in_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
-    let shared = verdict.metrics.iter();
-    let shared = shared.filter(|metric| {
+    let shared = verdict.metrics.iter().filter(|metric| {
         !prefixes
             .iter()
             .any(|(_, prefix)| is_in_loop(metric, prefix))
@@ -192,21 +191,26 @@ fn cause_besides(verdict: &Verdict) -> Option<&str> {
 /// Returns remarks on limits that were not judged, times that are not trusted, and frames that are missing.
 fn doubts(verdict: &Verdict) -> Vec<String> {
     let metrics = || verdict.metrics.iter();
-    let not_judged = metrics().filter(|metric| metric.limit.is_some() && metric.passed.is_none());
-    let not_judged = not_judged.map(|metric| match &metric.remark {
-        Some(remark) => format!("Not judged: {}, {remark}.", metric.name),
-        None => format!("Not judged: {}.", metric.name),
-    });
-    let distrust = verdict.timing.iter().flat_map(|timing| &timing.distrust);
-    let distrust = distrust.map(|reason| format!("The timing is not trusted: {reason}."));
+    let not_judged = metrics()
+        .filter(|metric| metric.limit.is_some() && metric.passed.is_none())
+        .map(|metric| match &metric.remark {
+            Some(remark) => format!("Not judged: {}, {remark}.", metric.name),
+            None => format!("Not judged: {}.", metric.name),
+        });
+    let distrust = verdict
+        .timing
+        .iter()
+        .flat_map(|timing| &timing.distrust)
+        .map(|reason| format!("The timing is not trusted: {reason}."));
     let frames = [
         (
             verdict.frames_lost,
             "the recorder lost, so they are not judged",
         ),
         (verdict.fd_frames, "of CAN FD, whose data are not recorded"),
-    ];
-    let frames = frames.into_iter().filter(|(count, _)| *count > 0);
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0);
     let frames = frames.map(|(count, fate)| format!("{count} frames {fate}."));
     not_judged.chain(distrust).chain(frames).collect()
 }

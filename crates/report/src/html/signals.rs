@@ -13,7 +13,7 @@ use judge::SETTLING_BAND;
 use platform::series::Series;
 use recording::timeline::{Column, Timeline};
 
-/// Largest number of steps and disturbances with plots of their own, and of such sines.
+/// Largest number of steps and disturbances with separate plots, and of such sines.
 const CLOSE_UPS_MAX: usize = 4;
 /// Largest share of the run for a close-up of a judged sine; a longer one can be seen in the plot of the whole run.
 const SINE_SHARE_MAX: f64 = 0.1;
@@ -94,8 +94,9 @@ fn patches_text(control_loop: &ControlLoop) -> Option<String> {
             !faults(control_loop).is_empty(),
             "Violet: a fault acts, here or elsewhere on the bus.",
         ),
-    ];
-    let sentences = sentences.into_iter().filter(|(is_there, _)| *is_there);
+    ]
+    .into_iter()
+    .filter(|(is_there, _)| *is_there);
     let sentences = Vec::from_iter(sentences.map(|(_, sentence)| sentence));
     (!sentences.is_empty()).then(|| sentences.join(" "))
 }
@@ -147,7 +148,7 @@ fn term_plots<'a>(
     })
 }
 
-/// Plots the SMA actuator's own signals, with the controller's estimates of them.
+/// Plots the signals of the SMA actuator, with the controller's estimates of them.
 fn wire_plots(timeline: &Timeline) -> [Plot<'_>; 2] {
     let temperature = signal_plot(
         timeline,
@@ -178,7 +179,7 @@ fn wire_plots(timeline: &Timeline) -> [Plot<'_>; 2] {
     [temperature, fraction]
 }
 
-/// Plots the own signals of any other plant, each by itself.
+/// Plots the signals of another plant, one plot each.
 fn plant_plots<'a>(
     timeline: &'a Timeline,
     control_loop: &'a ControlLoop,

@@ -92,8 +92,9 @@ impl PlotCurve {
         if !is_line(self.shape) || !is_line(other.shape) {
             return false;
         }
-        let places = (0..=LOOKED_AT).map(|place| f64::from(place) / f64::from(LOOKED_AT));
-        let places = places.map(|share| from + share * (until - from));
+        let places = (0..=LOOKED_AT)
+            .map(|place| f64::from(place) / f64::from(LOOKED_AT))
+            .map(|share| from + share * (until - from));
         let both = places.filter_map(|x| Some((self.value_at(x)?, other.value_at(x)?)));
         let (near, all) = both.fold((0, 0), |(count, all), (value, other)| {
             (count + usize::from((value - other).abs() <= near), all + 1)

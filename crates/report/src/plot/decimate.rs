@@ -308,8 +308,8 @@ mod tests {
         });
         // The ends of the rows 1, 4 and 7 are their extremes, so they suffice; 13 is the lowest of 10 and 13, since the heights
         // point down.
-        let expected = [1, 4, 7, 10, 13, 16, 19, 22, 25, 28];
-        let expected = expected.map(|row| (10 * row, if row == 13 { 900 } else { row }));
+        let expected = [1, 4, 7, 10, 13, 16, 19, 22, 25, 28]
+            .map(|row| (10 * row, if row == 13 { 900 } else { row }));
         let found = points(samples, &UNITS);
         assert!(
             found.iter().all(|point| expected.contains(point)),

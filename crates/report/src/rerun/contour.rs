@@ -120,8 +120,8 @@ fn log_moves(
 ) -> Result<(), RerunError> {
     let points = mem::take(&mut moves.points);
     let rows = Vec::from_iter(points.iter().map(|(row, _)| *row));
-    let places = Points2D::new(points.iter().map(|(_, point)| place(*point)));
-    let places = places.columns_of_unit_batches()?;
+    let places =
+        Points2D::new(points.iter().map(|(_, point)| place(*point))).columns_of_unit_batches()?;
     send_rows(output, entity, times::at_rows(timeline, &rows), places)
 }
 

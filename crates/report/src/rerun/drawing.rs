@@ -168,13 +168,12 @@ impl Drawing {
 
     /// Returns the rows that look different from the ones before.
     fn new_poses(&mut self, timeline: &Timeline) -> Vec<Pose> {
-        let celsius = TEMPERATURES
+        let mut celsius = TEMPERATURES
             .iter()
             .filter_map(|name| timeline.column(name))
-            .find(|column| groups::is_used(&column.values));
-        let mut celsius = celsius.map(|column| column.values.iter());
-        let samples = timeline.position().iter();
-        let samples = samples.zip(&timeline.set_point);
+            .find(|column| groups::is_used(&column.values))
+            .map(|column| column.values.iter());
+        let samples = timeline.position().iter().zip(&timeline.set_point);
         let mut poses = Vec::new();
         for (moment, (position, set_point)) in times::moments(timeline).zip(samples) {
             let celsius = celsius.as_mut().and_then(Iterator::next);

@@ -118,13 +118,13 @@ const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'
     }
 }
 
-/// Signal of a plant or a law with a group and a view of its own, since no other view draws it.
+/// Signal of a plant or a law with a separate group and view, since no other view draws it.
 pub(super) struct CustomView<'a> {
     pub(super) title: String,
     pub(super) style: Style<'a>,
 }
 
-/// Returns the signals of a scenario's plant and law that need views of their own.
+/// Returns the signals of a scenario's plant and law that need separate views.
 pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
     let Trial {
         plant,

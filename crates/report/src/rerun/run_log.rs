@@ -347,8 +347,10 @@ impl Rows {
                 continue;
             }
             if changes.len() + 1 >= changes_max {
-                let rows = values.iter().enumerate();
-                let rows = rows.filter(|(_, value)| !value.is_nan());
+                let rows = values
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, value)| !value.is_nan());
                 return Self::All(rows.map(|(row, _)| row).collect());
             }
             changes.push(values.len() - rest.len() - 1);

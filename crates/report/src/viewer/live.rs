@@ -74,7 +74,7 @@ impl Show {
     }
 }
 
-/// Connects to a viewer. Each run is a recording of its own, also if it is played twice.
+/// Connects to a viewer. Each run is a separate recording, also if it is played twice.
 fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
     let stream = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
@@ -140,9 +140,11 @@ fn follow(
     let mut folders = Vec::from_iter(
         folders.map(|(output, control_loop)| Folder::for_loop(output, control_loop)),
     );
-    let shown = folders.iter_mut().zip(&plan.loops);
-    let shown = shown.map(|(folder, control_loop)| Shown::new(folder, &plan.shared, control_loop));
-    let mut shown = shown.collect::<Result<Vec<_>, _>>()?;
+    let mut shown = folders
+        .iter_mut()
+        .zip(&plan.loops)
+        .map(|(folder, control_loop)| Shown::new(folder, &plan.shared, control_loop))
+        .collect::<Result<Vec<_>, _>>()?;
     rerun::expect_all(&mut stream.clone(), plan)?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
