@@ -187,13 +187,11 @@ fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Ve
         wiring.feedback.range(),
         wiring.feedback.measurand.unit.symbol(),
     );
-    let sines = reference.sine.iter().enumerate();
-    let sines = sines.map(|(index, sine)| {
+    let sines = reference.sine.iter().enumerate().map(|(index, sine)| {
         let (centre, amplitude) = (sine.centre, sine.amplitude);
         ("sine", index, centre, amplitude)
     });
-    let chirps = reference.chirp.iter().enumerate();
-    let chirps = chirps.map(|(index, chirp)| {
+    let chirps = reference.chirp.iter().enumerate().map(|(index, chirp)| {
         let (centre, amplitude) = (chirp.centre, chirp.amplitude);
         ("chirp", index, centre, amplitude)
     });

@@ -79,7 +79,7 @@ impl Controller {
         }
     }
 
-    /// Returns the law if a process of its own plays it.
+    /// Returns the law if it runs in a separate process.
     #[must_use]
     pub fn process_law(&self) -> Option<ProcessLaw> {
         let program = self.program.as_ref().map(ProcessLaw::from);

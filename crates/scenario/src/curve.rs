@@ -116,8 +116,10 @@ impl Curve {
             if let Some((_, before)) = rows.last().copied() {
                 rows.push((start, before));
             }
-            let between = segment.corners_seconds(end, spacing_seconds).into_iter();
-            let between = between.filter(|time| (start..end).contains(time));
+            let between = segment
+                .corners_seconds(end, spacing_seconds)
+                .into_iter()
+                .filter(|time| (start..end).contains(time));
             let times = [start].into_iter().chain(between).chain([end]);
             rows.extend(times.map(|time| (time, segment.at(time).value)));
         }

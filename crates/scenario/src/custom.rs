@@ -1,4 +1,4 @@
-//! Plants and control laws from outside: their tables have names of their own among the shipped ones.
+//! Plants and control laws from outside: their tables lie beside the shipped ones, under other names.
 //!
 //! They are registered once, before anything is read; from then on schema and loader know them as they know the shipped ones.
 
@@ -141,7 +141,7 @@ impl CustomTable {
     }
 }
 
-/// Returns the JSON Schema of parameters. It has no definitions of its own, since their names might be taken.
+/// Returns the JSON Schema of parameters. It has no definitions, since their names might be taken.
 #[must_use]
 pub fn schema<P: Parameters>() -> Value {
     let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);

@@ -54,8 +54,11 @@ impl<'text> Document<'text> {
         }
         let mut second_table = 0..0;
         let mut problems = Vec::new();
-        let others = errors.iter().filter(|error| error.message() != DUPLICATE);
-        let others = others.skip(1).count();
+        let others = errors
+            .iter()
+            .filter(|error| error.message() != DUPLICATE)
+            .skip(1)
+            .count();
         let is_shown = others < SYNTAX_ERRORS_MAX;
         let shown = errors
             .iter()

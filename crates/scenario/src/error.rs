@@ -136,8 +136,8 @@ impl Diagnostic for ScenarioError {
 /// Never: writing to memory does not fail.
 #[must_use]
 pub fn without_colours(error: &dyn Diagnostic) -> String {
-    let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
-    let handler = handler.with_wrap_lines(false);
+    let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor())
+        .with_wrap_lines(false);
     let mut text = String::new();
     let rendered = handler.render_report(&mut text, error);
     rendered.expect("memory takes all that is written");
@@ -156,7 +156,7 @@ pub struct Problem {
     offset: Option<usize>,
     #[label("{label}")]
     underlined: Option<SourceSpan>,
-    /// Related places, each with its own label.
+    /// Related places, each with a label.
     #[label(collection)]
     others: Vec<LabeledSpan>,
     #[source_code]

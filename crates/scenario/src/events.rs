@@ -223,8 +223,9 @@ impl Trial {
     /// Returns the starts and ends of the loop's disturbances and faults, in no order.
     #[must_use]
     pub fn edges_seconds(&self) -> Vec<f64> {
-        let disturbances = self.disturbance_windows().into_iter();
-        let disturbances = disturbances
+        let disturbances = self
+            .disturbance_windows()
+            .into_iter()
             .flat_map(|one| [one.window.from_seconds, one.window.until_seconds].map(Some));
         let faults = self
             .loop_faults()

@@ -172,14 +172,14 @@ impl<'de> Deserialize<'de> for Expect {
         let mut metrics = BTreeMap::new();
         for metric in METRICS {
             if let Some(value) = table.remove(metric.name) {
-                let read = expected(metric.form, value);
-                let read = read.map_err(|error| D::Error::custom(error.message()))?;
+                let read = expected(metric.form, value)
+                    .map_err(|error| D::Error::custom(error.message()))?;
                 metrics.insert(metric.name, read);
             }
         }
         metrics.retain(|_, expected| *expected != Expectation::List(Vec::new()));
-        let others = Self::deserialize(toml::Value::from(table));
-        let others = others.map_err(|error| D::Error::custom(error.message()))?;
+        let others = Self::deserialize(toml::Value::from(table))
+            .map_err(|error| D::Error::custom(error.message()))?;
         Ok(Self { metrics, ..others })
     }
 }

@@ -248,7 +248,7 @@ fn wrong(message: String, label: String) -> WrongPort {
     WrongPort { message, label }
 }
 
-/// Checks that ports have names of their own, and ranges that are not empty.
+/// Checks that the names of ports differ, and that their ranges are not empty.
 fn each_once(ports: &[Port]) -> Result<(), WrongPort> {
     for (place, port) in ports.iter().enumerate() {
         let name = &port.name;
@@ -369,8 +369,10 @@ fn each_drive_once(
 ) -> Result<(), WrongPort> {
     for (place, one) in loops.iter().enumerate() {
         let is_command = |writing: &Writing| matches!(writing, Writing::Current { index, .. } if *index == place);
-        let commands = ports.iter().zip(written);
-        let mut commands = commands.filter(|(_, writing)| is_command(writing));
+        let mut commands = ports
+            .iter()
+            .zip(written)
+            .filter(|(_, writing)| is_command(writing));
         let drive = &one.drive;
         match (commands.next(), commands.next()) {
             (Some(_), None) => {}
@@ -436,8 +438,8 @@ mod tests {
     ];
 
     fn wired(inputs: &[&str]) -> Result<Vec<(usize, Quantity, f64)>, String> {
-        let wires = LawWires::for_all_loops(&ports(inputs, &CURRENTS), &loops());
-        let wires = wires.map_err(|wrong| wrong.to_string())?;
+        let wires = LawWires::for_all_loops(&ports(inputs, &CURRENTS), &loops())
+            .map_err(|wrong| wrong.to_string())?;
         let inputs = wires.inputs.into_iter();
         Ok(inputs
             .map(|one| (one.index, one.quantity, one.factor))

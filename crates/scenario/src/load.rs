@@ -158,8 +158,9 @@ pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
 
 /// Writes out the names of a loop's keys in its problems.
 pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Problem> {
-    let problems = problems.into_iter();
-    let problems = problems.map(|problem| problem.renamed(|text| measurand.name(text)));
+    let problems = problems
+        .into_iter()
+        .map(|problem| problem.renamed(|text| measurand.name(text)));
     problems.collect()
 }
 
@@ -199,7 +200,7 @@ pub(crate) fn build<T: DeserializeOwned>(
     }
 }
 
-/// Returns the table from outside at a path of a document, if there is one, and the problems that its own type finds in it.
+/// Returns the table from outside at a path of a document, if there is one, and the problems that its Rust type finds in it.
 fn custom_table(
     document: &Document<'_>,
     outside: &Outside,
@@ -223,7 +224,7 @@ fn custom_table(
     Some((Custom::new(name, table), checked))
 }
 
-/// Reads the table of a law from outside. A problem that its own type finds is reported only if there is no other: the schema may
+/// Reads the table of a law from outside. A problem that its Rust type finds is reported only if there is no other: the schema may
 /// have found the same.
 fn read_law(
     document: &Document<'_>,
@@ -241,7 +242,7 @@ fn read_law(
     }
 }
 
-/// Reads the models of plants from outside. Problems that their own types find are reported only if there are no others: the
+/// Reads the models of plants from outside. Problems that their Rust types find are reported only if there are no others: the
 /// schema may have found the same.
 fn read_models(
     document: &Document<'_>,

@@ -439,7 +439,7 @@ mod tests {
     use crate::port::Measurand;
 
     fn given(metric: &Metric) -> String {
-        // A pattern is a name of its own for TOML.
+        // A pattern is a separate name for TOML.
         let name = format!("\"{}\"", metric.name);
         match metric.form {
             TwoSided => format!("{name} = {{ max = 1.0 }}"),

@@ -25,8 +25,10 @@ impl Outside {
         let laws = root.get(Section::Controller.key());
         let laws = laws.and_then(|laws| laws.get_ref().as_table());
         let known = &schema::SHIPPED["definitions"]["Controller"]["properties"];
-        let tables = laws.into_iter().flat_map(DeTable::iter);
-        let tables = tables.filter(|(_, value)| value.get_ref().is_table());
+        let tables = laws
+            .into_iter()
+            .flat_map(DeTable::iter)
+            .filter(|(_, value)| value.get_ref().is_table());
         let names = tables.map(|(key, _)| key.get_ref().as_ref());
         let unknown = names.filter(|name| is_name(name) && known.get(name).is_none());
         Self::Recorded(
@@ -42,8 +44,9 @@ impl Outside {
         let plants = plants.and_then(|plants| plants.get_ref().as_table());
         let models = plants.into_iter().flat_map(|plants| plants.values());
         let models = models.filter_map(|models| models.get_ref().as_table());
-        let names = models.flat_map(|models| models.keys());
-        let names = names.map(|name| name.get_ref().to_string());
+        let names = models
+            .flat_map(|models| models.keys())
+            .map(|name| name.get_ref().to_string());
         let unknown = names.filter(|name| is_name(name) && !MODELS.contains(&name.as_str()));
         Self::Recorded(unknown.map(|name| (Section::Plant, name)).collect())
     }

@@ -417,7 +417,7 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
     }
 }
 
-/// Places in the names of keys, metrics and signals, which each loop fills with its own quantities: see [`Measurand::name`].
+/// Places in the names of keys, metrics and signals, which each loop fills with its quantities: see [`Measurand::name`].
 pub(crate) const UNIT: &str = "{unit}";
 pub(crate) const COMMAND_UNIT: &str = "{command_unit}";
 const GAIN: &str = "{gain}";
@@ -757,8 +757,8 @@ mod tests {
     fn names_have_the_quantities_of_their_loop() {
         let shipped = Measurand::default();
         let torque_of_a_joint = Measurand::position(Unit::Degrees).commanding(Command::Torque);
-        let force_of_a_torque = Measurand::position(Unit::Other("newton_metres".to_owned()));
-        let force_of_a_torque = force_of_a_torque.commanding(Command::Force);
+        let force_of_a_torque =
+            Measurand::position(Unit::Other("newton_metres".to_owned())).commanding(Command::Force);
         let oven = Measurand {
             signal: "temperature".to_owned(),
             unit: Unit::Other("celsius".to_owned()),

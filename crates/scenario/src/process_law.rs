@@ -1,4 +1,4 @@
-//! Laws that a process of its own plays: a program, or canrig's worker that loads a shared library or an FMU.
+//! Laws in a separate process: a program, or canrig's worker that loads a shared library or an FMU.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -91,7 +91,7 @@ fn values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
 }
 
-/// A law that a process of its own plays, of any kind.
+/// A law of any kind in a separate process.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProcessLaw {
     /// Player of the law.
@@ -165,8 +165,10 @@ impl From<&Program> for ProcessLaw {
 
 impl From<&Library> for ProcessLaw {
     fn from(law: &Library) -> Self {
-        let parameters = law.parameters.iter();
-        let parameters = parameters.map(|(name, value)| (name.clone(), (*value).into()));
+        let parameters = law
+            .parameters
+            .iter()
+            .map(|(name, value)| (name.clone(), (*value).into()));
         Self {
             plays: Plays::Library(law.file.clone()),
             reads: listed(&law.reads),

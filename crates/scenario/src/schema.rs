@@ -99,8 +99,9 @@ pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
     if let Some(text) = table.get("description") {
         keywords.insert("description".to_owned(), text.clone());
     }
-    let properties = keywords.get_mut("properties");
-    let properties = properties.and_then(Value::as_object_mut);
+    let properties = keywords
+        .get_mut("properties")
+        .and_then(Value::as_object_mut);
     for (_, property) in properties.into_iter().flatten() {
         if resolve(root, property)["properties"].is_object() {
             *property = part_of(root, property);

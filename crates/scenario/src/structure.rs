@@ -108,7 +108,7 @@ impl<'a> Checker<'a> {
             let name = key.get_ref().as_ref();
             match properties.and_then(|properties| properties.get(name)) {
                 Some(property) => self.value(&join(path, name), value, property),
-                // A table whose keys are the user's own.
+                // A table whose keys the user chooses.
                 None if schema["additionalProperties"].is_object() => {
                     let property = &schema["additionalProperties"];
                     self.value(&join(path, name), value, property);
@@ -210,7 +210,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Checks a word of a list, in which each has its own description.
+    /// Checks a word of a list that describes each of its words.
     fn choice(&mut self, path: &str, span: Range<usize>, text: &str, schema: &Value) {
         let alternatives = schema["oneOf"].as_array().into_iter().flatten();
         let words: Vec<&str> = alternatives

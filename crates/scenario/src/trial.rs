@@ -117,7 +117,7 @@ impl Trial {
         self.run.faults.at_drive(nodes.drive.id, plant)
     }
 
-    /// Returns the values that an emulated drive has in its own data sheet: the unit of positions and velocities, the amplifier's
+    /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's
     /// currents and protection, and identifiers that differ from the usual ones.
     #[must_use]
     pub fn presets(&self) -> Vec<Preset> {

@@ -102,9 +102,9 @@ pub struct Wiring {
     pub input: String,
     /// Output that its sensor reads, of the same plant or another one; the first one if empty.
     pub output: String,
-    /// Signal of its own sensor.
+    /// Signal of its sensor.
     pub sensor: Measured,
-    /// Signal that its loop follows: of its own sensor, or of the sensor of another drive.
+    /// Signal that its loop follows: of its sensor, or of the sensor of another drive.
     pub feedback: Measured,
     /// Io nodes that act on the plants that are emulated together.
     pub io: Vec<IoWiring>,
@@ -130,7 +130,7 @@ pub struct Wiring {
     pub loops: Vec<LoopFacts>,
 }
 
-/// Law that leads a drive without a law of its own.
+/// Law that leads the drive of another loop.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct LedBy {
     /// Node-ID of the first drive of the loop.

@@ -1,5 +1,5 @@
-//! Tests of tables of plants and laws from outside: they are read, refused, described and written as the shipped ones. A test
-//! binary of its own, since tables are registered once.
+//! Tests of tables of plants and laws from outside: they are read, refused, described and written as the shipped ones. They
+//! have a separate binary, since tables are registered once.
 
 use std::sync::Once;
 
@@ -294,9 +294,11 @@ fn the_schema_describes_them() {
     register_once();
     let schema: serde_json::Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
     let models = schema["properties"]["plant"]["additionalProperties"]["anyOf"].as_array();
-    let pendulum = models.into_iter().flatten();
-    let mut pendulum = pendulum.filter(|model| model["properties"].get("pivot").is_some());
-    let pendulum = pendulum.next().unwrap();
+    let pendulum = models
+        .into_iter()
+        .flatten()
+        .find(|model| model["properties"].get("pivot").is_some())
+        .unwrap();
     assert_eq!(pendulum["properties"]["length_metres"]["maximum"], 10.0);
     // A current, or what else the amplifier gives.
     let relay = &schema["definitions"]["Controller"]["properties"]["relay"];

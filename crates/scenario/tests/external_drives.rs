@@ -51,8 +51,9 @@ fn an_external_drive_is_described_by_its_node() {
     assert_eq!(real.drive.position.object, "0x6064");
     assert!(rig.real_drive("controller").is_none());
     // It needs no plant: no drive emulates it.
-    let alone = RIG.replace("[plant.wire.sma]", "");
-    let alone = alone.replace("amplifier.port = \"wire.current_amperes\"", "");
+    let alone = RIG
+        .replace("[plant.wire.sma]", "")
+        .replace("amplifier.port = \"wire.current_amperes\"", "");
     Rig::parse(&alone, "rig.toml").unwrap();
 }
 

@@ -105,10 +105,10 @@ impl<'a> Page<'a> {
         format!("| `{key}` | {} | {meaning} |\n", value.join("; "))
     }
 
-    /// Returns the table of a property, if it has a section of its own.
+    /// Returns the table of a property, if it has a section.
     fn child(&self, path: &str, key: &str, property: &'a Value) -> Option<Child<'a>> {
         let is_list = property["type"] == "array";
-        // A table whose keys are the user's own has tables that are all alike.
+        // A table whose keys the user chooses has tables that are all alike.
         let are_alike =
             property["additionalProperties"].is_object() && !property["properties"].is_object();
         if !is_list && property["properties"].is_object() {
@@ -326,8 +326,10 @@ fn no_key_is_left_out() {
     use scenario::schema::{json_schema, rig_json_schema};
     let schemas = [json_schema(), rig_json_schema()];
     let schemas: [Value; 2] = schemas.map(|schema| serde_json::from_str(&schema).unwrap());
-    let pages = schemas.each_ref().map(|schema| Page::text_of(schema, ""));
-    let pages = pages.concat();
+    let pages = schemas
+        .each_ref()
+        .map(|schema| Page::text_of(schema, ""))
+        .concat();
     for schema in &schemas {
         let tables = schema["definitions"].as_object().unwrap().values();
         let keys = tables

@@ -16,10 +16,14 @@ pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
         let path = |piece: &str, index: usize| {
             format!("controller.open_loop.{piece}.{index}.{{command}}_{{command_unit}}")
         };
-        let steps = step.iter().enumerate();
-        let steps = steps.map(|(index, step)| (path("step", index), step.current));
-        let ramps = ramp.iter().enumerate();
-        let ramps = ramps.map(|(index, ramp)| (path("ramp", index), ramp.current));
+        let steps = step
+            .iter()
+            .enumerate()
+            .map(|(index, step)| (path("step", index), step.current));
+        let ramps = ramp
+            .iter()
+            .enumerate()
+            .map(|(index, ramp)| (path("ramp", index), ramp.current));
         let within = [range.min, range.max];
         problems.extend(
             steps

@@ -17,8 +17,9 @@ pub(super) fn faults(
     duration_seconds: f64,
 ) -> Vec<Problem> {
     let problems = faults.iter().flat_map(|fault| {
-        let found = times(document, fault, duration_seconds).into_iter();
-        let found = found.chain(forged(document, fault, rig));
+        let found = times(document, fault, duration_seconds)
+            .into_iter()
+            .chain(forged(document, fault, rig));
         found.chain(at_program(document, fault, rig))
     });
     problems.collect()

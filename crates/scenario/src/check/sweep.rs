@@ -20,7 +20,7 @@ use crate::structure::broken_limit;
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
-/// Schema of a number under the user's own key.
+/// Schema of a number under a key that the user chooses.
 static NUMBER: LazyLock<Value> = LazyLock::new(|| json!({"type": "number"}));
 /// Tables of the format itself, which cannot be swept.
 const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
@@ -130,11 +130,12 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// Collects the numbers of a table whose keys are the user's own.
+    /// Collects the numbers of a table whose keys the user chooses.
     fn collect_table(&mut self, document: &Document<'_>, key: &str, path: &str) {
         for name in document.keys(path) {
-            let value = document.spanned(&format!("{path}.{name}"));
-            let value = value.map(Spanned::get_ref);
+            let value = document
+                .spanned(&format!("{path}.{name}"))
+                .map(Spanned::get_ref);
             if let Some(DeValue::Float(_) | DeValue::Integer(_)) = value {
                 self.0.entry(format!("{key}.{name}")).or_insert(&NUMBER);
             }

@@ -1,7 +1,7 @@
 //! The `[fault]` table: faults that a run has on purpose.
 //!
 //! Each kind of fault is a row of [`KINDS`] and an array of tables in a scenario, `[[fault.sensor.stuck]]`. All may be used
-//! together. Each draws its random numbers from a stream of its own, so one more fault leaves the others as they were.
+//! together. Each draws its random numbers from a separate stream, so one more fault leaves the others as they were.
 
 mod kinds;
 mod read;

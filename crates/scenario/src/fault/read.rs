@@ -48,8 +48,10 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
     let mut faults = Vec::new();
     for kind in KINDS {
         let path = format!("{FAULT}.{}.{}", kind.group.name(), kind.name);
-        let entries = document.spanned(&path).map(Spanned::get_ref);
-        let entries = entries.and_then(DeValue::as_array);
+        let entries = document
+            .spanned(&path)
+            .map(Spanned::get_ref)
+            .and_then(DeValue::as_array);
         for (index, entry) in entries.into_iter().flatten().enumerate() {
             match reader.fault(kind, index, entry) {
                 Ok(fault) => faults.extend(fault),
@@ -68,8 +70,11 @@ struct Reader<'a, 'text> {
 impl<'text> Reader<'_, 'text> {
     /// Checks groups and kinds against the schema, without the entries of their arrays.
     fn shape(&self) -> Vec<Problem> {
-        let section = self.document.root().get_key_value(FAULT);
-        let section = section.map(|(key, value)| (key.clone(), value.clone()));
+        let section = self
+            .document
+            .root()
+            .get_key_value(FAULT)
+            .map(|(key, value)| (key.clone(), value.clone()));
         let mut tree: DeTable<'text> = section.into_iter().collect();
         for kinds in tree.iter_mut().flat_map(|(_, groups)| tables(groups)) {
             for (_, entries) in tables(kinds.1) {
@@ -253,8 +258,10 @@ impl<'text> Reader<'_, 'text> {
         let mut tree: DeTable<'text> = section.into_iter().collect();
         let drive = node.filter(|node| node.part == Part::Drive);
         let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
-        let measurand = wiring.as_ref().map(|one| one.sensor.measurand.clone());
-        let measurand = measurand.unwrap_or_default();
+        let measurand = wiring
+            .as_ref()
+            .map(|one| one.sensor.measurand.clone())
+            .unwrap_or_default();
         if let Some(wiring) = &wiring {
             let naming = Naming {
                 source: &self.document.source,

@@ -32,8 +32,7 @@ pub(crate) fn describe(schema: &mut Value) {
         "properties": Map::from_iter(groups),
         "additionalProperties": false,
     });
-    let choices = KINDS.iter().flat_map(|kind| kind.keys);
-    let choices = choices.filter_map(|key| {
+    let choices = KINDS.iter().flat_map(|kind| kind.keys).filter_map(|key| {
         let (definition, words) = choice(key)?;
         let words = words
             .iter()

@@ -23,8 +23,10 @@ fn least(kind: &Kind) -> String {
         Time::Instant => "at_seconds = 0.0\n",
         Time::Boot => "",
     };
-    let required = kind.keys.iter();
-    let required = required.filter(|key| matches!(key.need, Need::Required));
+    let required = kind
+        .keys
+        .iter()
+        .filter(|key| matches!(key.need, Need::Required));
     let values = required.map(|key| match key.form {
         Form::Number(min, _) => format!("{} = {:.1}\n", key.name, min.max(0.0)),
         Form::Whole(min, _) => format!("{} = {min}\n", key.name),

@@ -20,8 +20,11 @@ pub(super) fn read_contours(
     scenario: &Document<'_>,
     rig: &Rig,
 ) -> Result<Vec<Contour>, Vec<Problem>> {
-    let expect = scenario.root().get(EXPECT).map(Spanned::get_ref);
-    let expect = expect.and_then(DeValue::as_table);
+    let expect = scenario
+        .root()
+        .get(EXPECT)
+        .map(Spanned::get_ref)
+        .and_then(DeValue::as_table);
     let entry = expect.and_then(|table| table.get_key_value(CONTOUR));
     let tree = entry.map(|(key, value)| (key.clone(), value.clone()));
     let mut tree: DeTable<'_> = tree.into_iter().collect();

@@ -55,11 +55,13 @@ impl<'text> Selector<'_, 'text> {
                 .next()
                 .is_some_and(|first| first == name)
             {
-                let for_bus = whole.iter().filter(|(key, _)| {
-                    let key: &str = key.get_ref();
-                    is_bus_key(key) || key == REQUIREMENTS
-                });
-                let for_bus = for_bus.map(|(key, value)| (key.clone(), value.clone()));
+                let for_bus = whole
+                    .iter()
+                    .filter(|(key, _)| {
+                        let key: &str = key.get_ref();
+                        is_bus_key(key) || key == REQUIREMENTS
+                    })
+                    .map(|(key, value)| (key.clone(), value.clone()));
                 add(table, &for_bus.collect());
             }
         }

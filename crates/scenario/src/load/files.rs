@@ -47,8 +47,8 @@ impl<'text> Files<'text> {
             let problem = scenario.problem("name", "this is a rig file, not a scenario", "a rig");
             return Err(fail(vec![problem.with_help(help)]));
         }
-        let rig = rig_text(&scenario, beside, reading, read_file);
-        let rig = rig.map_err(|problem| fail(vec![problem]))?;
+        let rig = rig_text(&scenario, beside, reading, read_file)
+            .map_err(|problem| fail(vec![problem]))?;
         Ok(Self {
             name: name.to_owned(),
             scenario,

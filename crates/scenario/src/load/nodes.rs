@@ -65,8 +65,8 @@ impl Rig {
         reading: Reading,
     ) -> Result<(Self, Document<'text>), ScenarioError> {
         let document = Self::document(text, file_name)?;
-        let rig = Self::from_tree(&document, reading);
-        let rig = rig.map_err(|problems| fail(file_name, problems))?;
+        let rig =
+            Self::from_tree(&document, reading).map_err(|problems| fail(file_name, problems))?;
         Ok((rig, document))
     }
 
@@ -488,8 +488,10 @@ impl Check<'_> {
             let outputs = node.outputs.iter().flat_map(|outputs| &outputs.0);
             let outputs = outputs
                 .map(|(output, port)| (format!("outputs.{output}"), Some(port), an_input(output)));
-            let parts = [amplifier, sensor].into_iter().flatten();
-            let parts = parts.map(|(key, port, wanted)| (key.to_owned(), port.as_ref(), wanted));
+            let parts = [amplifier, sensor]
+                .into_iter()
+                .flatten()
+                .map(|(key, port, wanted)| (key.to_owned(), port.as_ref(), wanted));
             for (key, port, wanted) in parts.chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {

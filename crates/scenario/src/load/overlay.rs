@@ -222,8 +222,10 @@ impl<'text> Overlay<'_, 'text> {
     ) -> Option<Problem> {
         let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
         if !VALUES.contains(&key) && !node.contains_key(key) {
-            let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
-            let parts = parts.map(|(part, _)| part.get_ref().as_ref());
+            let parts = node
+                .iter()
+                .filter(|(_, value)| value.get_ref().is_table())
+                .map(|(part, _)| part.get_ref().as_ref());
             let label = match nearest(key, parts.chain(VALUES)) {
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => "a scenario gives other values and adds nothing".to_owned(),

@@ -49,9 +49,11 @@ impl<'a> Naming<'a> {
         let Some(properties) = resolve(self.schema, schema)["properties"].as_object() else {
             return Ok(());
         };
-        let patterns = properties.keys().map(String::as_str);
-        let patterns = patterns.filter(|key| is_pattern(key));
-        let patterns = patterns.map(|pattern| (pattern, self.measurand.name(pattern)));
+        let patterns = properties
+            .keys()
+            .map(String::as_str)
+            .filter(|key| is_pattern(key))
+            .map(|pattern| (pattern, self.measurand.name(pattern)));
         let patterns = Vec::from_iter(patterns);
         for (mut key, mut value) in std::mem::take(table) {
             let written = key.span();
@@ -111,8 +113,8 @@ impl<'a> Naming<'a> {
         for pattern in patterns.clone().filter(|pattern| is_gain(pattern)) {
             let mut units = known_units();
             if let Some(unit) = units.find(|unit| self.by(unit).name(pattern) == name) {
-                let factor = conversion(self.measurand.unit.law_word(), unit);
-                let factor = factor.ok_or_else(|| self.wrong_gain(key, pattern))?;
+                let factor = conversion(self.measurand.unit.law_word(), unit)
+                    .ok_or_else(|| self.wrong_gain(key, pattern))?;
                 return Ok(Some((pattern, factor)));
             }
         }

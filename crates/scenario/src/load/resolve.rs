@@ -192,13 +192,14 @@ fn resolve(
     // The rig of a case was checked before.
     let as_written =
         (!matches!(reading, Reading::Case)).then(|| Rig::from_tree(&rig_document, reading));
-    let as_written = as_written.transpose();
-    let as_written = as_written.map_err(|problems| nodes::fail(rig_name, problems))?;
+    let as_written = as_written
+        .transpose()
+        .map_err(|problems| nodes::fail(rig_name, problems))?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
     let (rig, mut problems) = overlaid.map_err(fail)?;
-    let sheets = read_sheets(&rig, &rig_document, &files.rig.beside, read_file);
-    let sheets = sheets.map_err(|problems| nodes::fail(rig_name, problems))?;
+    let sheets = read_sheets(&rig, &rig_document, &files.rig.beside, read_file)
+        .map_err(|problems| nodes::fail(rig_name, problems))?;
     find_fmus(&rig, files, &rig_document, reading, read_file)?;
     let programs = read_programs(
         &rig,

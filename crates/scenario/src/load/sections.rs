@@ -96,9 +96,11 @@ impl<'text> Selector<'_, 'text> {
 
     /// Returns the keys that hold for all loops.
     pub(super) fn header(&self) -> DeTable<'text> {
-        let shared = self.root().iter();
-        let shared = shared.filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()));
-        let shared = shared.map(|(key, value)| (key.clone(), value.clone()));
+        let shared = self
+            .root()
+            .iter()
+            .filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()))
+            .map(|(key, value)| (key.clone(), value.clone()));
         shared.collect()
     }
 

@@ -640,8 +640,9 @@ fn a_scenario_gives_other_values_to_its_rig() {
 #[test]
 fn a_rig_with_a_hundred_thousand_nodes_is_refused_by_their_number() {
     for (table, max) in [("node", 127), ("plant", 127), ("loop", 8)] {
-        let names = (0..100_000).map(|number| format!("n{number}={{}}\n"));
-        let names = names.collect::<String>();
+        let names = (0..100_000)
+            .map(|number| format!("n{number}={{}}\n"))
+            .collect::<String>();
         let rig = format!("schema=1\nname=\"r\"\n[{table}]\n{names}");
         let error = load_files(SCENARIO, &rig).unwrap_err();
         let [problem] = error.problems() else {
@@ -755,8 +756,9 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
 
 #[test]
 fn gains_and_names_are_those_of_the_loop() {
-    let spindle = JOINT_RIG.replacen("sensor = {", "sensor = { signal = \"tilt\",", 1);
-    let spindle = spindle.replace("flexor.position", "flexor.tilt");
+    let spindle = JOINT_RIG
+        .replacen("sensor = {", "sensor = { signal = \"tilt\",", 1)
+        .replace("flexor.position", "flexor.tilt");
     let tilted = JOINT.replacen("position_degrees", "tilt_degrees", 1);
     load_text(&tilted, &spindle).unwrap();
     for (scenario, rig, right, wrong, said) in [

@@ -404,7 +404,7 @@ impl DriveLayout {
         [self.feedback.length_bytes(), self.command.length_bytes()]
     }
 
-    /// Returns the places of the words of the power state machine: statusword in TPDO1, controlword in RPDO1.
+    /// Returns the places of the statusword in TPDO1 and of the controlword in RPDO1.
     #[must_use]
     pub fn words(&self) -> [Field; 2] {
         [self.statusword, self.controlword]

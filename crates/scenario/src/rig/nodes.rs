@@ -71,8 +71,10 @@ impl Rig {
     /// Returns the other plants that are emulated together with the one that a drive moves, by name.
     pub(crate) fn models_beside(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
         let plant = self.plant_of(drive);
-        let others = self.emulated_with(drive).into_iter();
-        let others = others.filter(|name| Some(*name) != plant);
+        let others = self
+            .emulated_with(drive)
+            .into_iter()
+            .filter(|name| Some(*name) != plant);
         others
             .map(|name| (name.to_owned(), self.plant[name].beside(rig)))
             .collect()
@@ -154,7 +156,7 @@ impl Rig {
         self.loops.extend(led);
     }
 
-    /// Returns a loop of one drive, which follows the drive's own signal. Its drives are not filled in yet.
+    /// Returns a loop of one drive, which follows the signal of this drive. Its drives are not filled in yet.
     fn one_drive_loop(&self, drive: &str) -> RigLoop {
         let Measurand {
             signal, command, ..
@@ -390,8 +392,10 @@ impl Rig {
         rig.plant
             .extend(plant.map(|(name, plant)| (name.clone(), plant.clone())));
         let controller = self.controller().map(|(name, _)| name);
-        let beside = controller.into_iter().chain(io.iter().copied());
-        let beside = beside.filter_map(|name| self.node.get_key_value(name));
+        let beside = controller
+            .into_iter()
+            .chain(io.iter().copied())
+            .filter_map(|name| self.node.get_key_value(name));
         rig.node
             .extend(beside.map(|(name, node)| (name.clone(), node.clone())));
         for name in io {

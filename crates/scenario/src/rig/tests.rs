@@ -53,8 +53,10 @@ fn all_that_makes_no_sense_is_reported_at_once() {
 fn a_rig_of_one_drive_alone_is_a_rig() {
     let text = crate::rig::shipped::text("sma_pair").unwrap();
     let rig = Rig::parse(text, "rig.toml").unwrap();
-    let real = Rig::parse(&with(""), "rig.toml").unwrap();
-    let real = real.real_drive("drive").unwrap();
+    let real = Rig::parse(&with(""), "rig.toml")
+        .unwrap()
+        .real_drive("drive")
+        .unwrap();
     let drive = rig.loops.values().next().unwrap().drives[0].clone();
     let alone = rig.with_one_drive(&drive, &real, []);
     let read = Rig::parse(&alone.to_toml(), "rig.toml").unwrap();

@@ -117,8 +117,10 @@ fn prune(schema: &mut Value) {
 fn references(value: &Value) -> Vec<String> {
     match value {
         Value::Object(table) => {
-            let definition = table.get("$ref").and_then(Value::as_str);
-            let definition = definition.and_then(|path| path.rsplit('/').next());
+            let definition = table
+                .get("$ref")
+                .and_then(Value::as_str)
+                .and_then(|path| path.rsplit('/').next());
             let below = table.values().flat_map(references);
             definition
                 .map(str::to_owned)
@@ -186,28 +188,30 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     });
     let plants = Map::from_iter(plants);
     schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
-    let nodes = rig.node.iter().map(|(name, node)| {
-        let has = [
-            node.amplifier.is_some(),
-            node.sensor.is_some(),
-            node.plausible.is_some(),
-            node.timeouts.is_some(),
-            node.preflight.is_some(),
-        ];
-        let parts = PARTS.into_iter().zip(has).filter(|(_, has)| *has);
-        let parts = parts.map(|((part, definition), _)| {
-            let definition = reference(&values(definition));
+    let nodes =
+        rig.node.iter().map(|(name, node)| {
+            let has = [
+                node.amplifier.is_some(),
+                node.sensor.is_some(),
+                node.plausible.is_some(),
+                node.timeouts.is_some(),
+                node.preflight.is_some(),
+            ];
+            let parts = PARTS.into_iter().zip(has).filter(|(_, has)| *has).map(
+                |((part, definition), _)| {
+                    let definition = reference(&values(definition));
+                    (
+                        part.to_owned(),
+                        json!({"allOf": [definition], "default": {}}),
+                    )
+                },
+            );
+            let parts = Map::from_iter(parts);
             (
-                part.to_owned(),
-                json!({"allOf": [definition], "default": {}}),
+                name.clone(),
+                json!({"type": "object", "default": {}, "properties": parts}),
             )
         });
-        let parts = Map::from_iter(parts);
-        (
-            name.clone(),
-            json!({"type": "object", "default": {}, "properties": parts}),
-        )
-    });
     let nodes = Map::from_iter(nodes);
     schema["properties"]["node"] = json!({"type": "object", "default": {}, "properties": nodes});
     schema
@@ -216,8 +220,9 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
 /// Returns the schema of an FMU; the start values that the rig file has may be other numbers.
 fn fmu(schema: &Value, plant: &PlantModel) -> Value {
     let start = plant.fmu.iter().flat_map(|fmu| &fmu.start);
-    let numbers = start.filter(|(_, value)| value.is_float() || value.is_integer());
-    let numbers = numbers.map(|(name, _)| (name.clone(), json!({"type": "number"})));
+    let numbers = start
+        .filter(|(_, value)| value.is_float() || value.is_integer())
+        .map(|(name, _)| (name.clone(), json!({"type": "number"})));
     let mut fmu = schema["definitions"]["Fmu"].clone();
     fmu["properties"]["start"] =
         json!({"type": "object", "default": {}, "properties": Map::from_iter(numbers)});
@@ -226,8 +231,10 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 
 /// Returns the range of set-points: each lies within the range of one of the loops' sensors.
 fn travel(rig: &Rig) -> Option<[f64; 2]> {
-    let ranges = rig.loops.keys();
-    let ranges = ranges.map(|name| rig.wiring_of(rig.drive_of_loop(name)).feedback.range());
+    let ranges = rig
+        .loops
+        .keys()
+        .map(|name| rig.wiring_of(rig.drive_of_loop(name)).feedback.range());
     ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])
 }
 
@@ -276,8 +283,9 @@ fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
 fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
     let by_units = measurands.iter().flat_map(|measurand| {
         let is_convertible = |unit: &&str| conversion(measurand.unit.law_word(), unit).is_some();
-        let units = known_units().filter(is_convertible);
-        let units = units.map(|unit| Unit::Other(unit.to_owned()));
+        let units = known_units()
+            .filter(is_convertible)
+            .map(|unit| Unit::Other(unit.to_owned()));
         let others = units.map(|unit| Measurand {
             unit,
             ..measurand.clone()
@@ -341,8 +349,10 @@ fn name_table_keys(table: &mut Value, measurands: &[Measurand]) {
 
 /// Returns the schema of keys that may be a limit in any unit, or a loop of the same name.
 fn limits_or_loops(schema: &Value) -> Value {
-    let limits = schema["definitions"]["Expect"]["patternProperties"].as_object();
-    let limits = limits.into_iter().flatten();
+    let limits = schema["definitions"]["Expect"]["patternProperties"]
+        .as_object()
+        .into_iter()
+        .flatten();
     let either = limits.map(|(pattern, limit)| {
         let either = json!({"anyOf": [limit, reference("Expect")]});
         (pattern.clone(), either)

@@ -13,8 +13,11 @@ impl Check<'_> {
     /// Checks that ranges begin below their ends, and that units are known.
     pub(super) fn sensors(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
-        let drives = self.rig.node.iter();
-        let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
+        let drives = self
+            .rig
+            .node
+            .iter()
+            .filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
         for (name, node, sensor) in drives {
             let path = |key: &str| format!("node.{name}.{key}");
             let measurand = node.measurand();
