@@ -63,6 +63,12 @@ impl Header {
             duration_seconds,
             ..
         } = self;
+        // A length that is not positive is one problem; that events come after the end of the run is not a further one.
+        let duration_seconds = if duration_seconds > 0.0 {
+            duration_seconds
+        } else {
+            f64::INFINITY
+        };
         Run {
             name,
             description,

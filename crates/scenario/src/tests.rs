@@ -80,7 +80,7 @@ fn several_problems_are_reported_together_in_the_order_of_the_file() {
     check(
         &format!("{text}[expect]\novershoot_percent = {{ min = 2, max = 1 }}\n"),
         "
-  × `broken.toml` is not a valid scenario: 4 problems
+  × `broken.toml` is not a valid scenario: 3 problems
 
 Error:
   × `duration_seconds` = 0 is out of range
@@ -90,16 +90,6 @@ Error:
    ·                    ┬
    ·                    ╰── must be above 0, at most 604800
  5 │ [controller.pid]
-   ╰────
-
-Error:
-  × [[reference.hold]] starts after the end of the run
-   ╭─[broken.toml:7:14]
- 6 │ [[reference.hold]]
- 7 │ at_seconds = 0.0
-   ·              ─┬─
-   ·               ╰── the run ends at 0 s
- 8 │ position_millimetres = 75
    ╰────
 
 Error:
@@ -575,8 +565,8 @@ fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
 fn a_wire_without_a_memory_may_be_warm_and_no_controller_knows_which_has_one() {
     let wire = |text: &str| {
         let text = format!("{}[plant.wire]\n{text}", with(CLOSED));
-        let trial = Trial::parse(&text, "wire.toml", no_tables);
-        let trial = trial.unwrap_or_else(|error| panic!("{}", render(&error)));
+        let trial = Trial::parse(&text, "wire.toml", no_tables)
+            .unwrap_or_else(|error| panic!("{}", render(&error)));
         assert!(trial.plant.actuator().is_some());
         trial.controller_view()
     };
@@ -825,7 +815,7 @@ fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
     for label in ["here for the first time", "for the second time"] {
         assert!(rendered.contains(label), "{rendered}");
     }
-    // A key outside such a table is a problem of its own.
+    // A key outside such a table is a separate problem.
     let text = with("[bus]\nx = 1\n[bus]\nx = 1\n[plant]\na = 1\na = 2\n");
     let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     let problems: Vec<_> = error.problems().iter().map(ToString::to_string).collect();
@@ -885,8 +875,8 @@ fn all_shipped_scenarios_load_and_name_their_schema() {
         let scenario = Trial::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
         let text = fs::read_to_string(&path).unwrap();
         let beside = crate::Beside::new(&path);
-        let view = ControllerView::parse(&text, "x.toml", |name| beside.read(name));
-        let view = view.unwrap_or_else(|error| panic!("{}", render(&error)));
+        let view = ControllerView::parse(&text, "x.toml", |name| beside.read(name))
+            .unwrap_or_else(|error| panic!("{}", render(&error)));
         assert_eq!(view, scenario.controller_view());
         assert!(
             text.starts_with("#:schema ./schema.json\n"),
