@@ -57,6 +57,11 @@ impl<'a> Naming<'a> {
         let patterns = Vec::from_iter(patterns);
         for (mut key, mut value) in std::mem::take(table) {
             let written = key.span();
+            if is_pattern(key.get_ref()) {
+                let message = format!("unknown key `{}`", key.get_ref());
+                let label = "not a key of the format";
+                return Err(self.source.problem(written, message, label));
+            }
             let pattern = if properties.contains_key(&**key.get_ref()) {
                 None
             } else {

@@ -790,6 +790,13 @@ fn gains_and_names_are_those_of_the_loop() {
             "tilt_millimetres",
             "write `tilt_degrees`",
         ),
+        (
+            &tilted,
+            &spindle,
+            "tilt_degrees",
+            "\"{signal}_{unit}\"",
+            "unknown key `{signal}_{unit}`",
+        ),
     ] {
         let error = load_text(&scenario.replacen(right, wrong, 1), rig).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
