@@ -828,7 +828,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
 
 /// Writes the scenario of the PID in Python with the one in Rust.
 fn in_rust(folder: &Path) -> PathBuf {
-    let gains = toml::to_string(&gains()).unwrap();
+    let gains = Measurand::default().name(&toml::to_string(&gains()).unwrap());
     pid_scenario(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))
 }
 
