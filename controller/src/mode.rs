@@ -23,11 +23,6 @@
 //! model that it trusts in a hold is not the plant. Law and observer assume a wire that is `2^β` times as lively as the
 //! model's. Moves are launched with the `1 + β / 2`-th part of the jerk.
 //!
-//! The observer gives the probability `μ` that the wire remembers its turns. On one that does, the model is further
-//! from the plant in a landing, and what looks lively there is only the wire behind its turn. With `μ` the boundary layer rises from
-//! `φ` to `3/2 φ`, the smallest swing from `9/10 φ` to `13/10 φ`, and its count from 1/10 to 1/5; the liveliness falls from
-//! `2^β` to `2^(β / 3)`.
-//!
 //! A setting is `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold; the observer's settings have
 //! `ρ` in place of `κ`.
 
@@ -45,13 +40,8 @@ const TRUSTING_SECONDS: f64 = 0.2;
 /// Distance of the load, in steps of the sensor, beyond which the law stays awake.
 const FAR_SENSOR_STEPS: f64 = 10.0;
 
-/// Growth of the boundary layer up to a wire that remembers its turns.
-const BOUNDARY_LAYER_OF_MEMORY: f64 = 0.5;
-
-/// Smallest return of the sliding variable in a swing, relative to the boundary layer: on a wire that forgets its turns,
-/// and its growth up to one that remembers them.
+/// Smallest return of the sliding variable in a swing, relative to the boundary layer.
 const SWING_SHARE: f64 = 0.9;
-const SWING_SHARE_OF_MEMORY: f64 = 0.4;
 
 /// Swings that a turn of the reference causes.
 const SWINGS_OF_A_TURN: u8 = 2;
@@ -67,9 +57,8 @@ const DEAF_SECONDS: f64 = 0.3;
 /// Ringing without caution: that of a launch and a landing.
 const RINGING_OF_A_MOVE: f64 = 0.4;
 
-/// Liveliness of the wire relative to the model at full caution, and the share of it, in octaves, that a memory takes away.
+/// Liveliness of the wire relative to the model at full caution.
 const CAUTIOUS_LIVELINESS: f64 = 2.0;
-const LIVELINESS_OF_MEMORY: f64 = 2.0 / 3.0;
 
 /// `λβ`, bandwidth at full caution in 1/s.
 const CAUTIOUS_BANDWIDTH: f64 = 20.0;
@@ -79,14 +68,10 @@ const CAUTIOUS_BANDWIDTH: f64 = 20.0;
 pub struct Settings {
     /// `λ` in 1/s.
     pub bandwidth: f64,
-    /// `φ` in m/s².
-    pub boundary_layer: f64,
     /// Standard deviation that the martensite fraction gains in one second beyond the model.
     pub fraction_drift: f64,
     /// Standard deviation that the unknown heating gains in one second, in K/s.
     pub heating_drift: f64,
-    /// `1 − ρ`: 1 in a move, 0 in a hold.
-    pub motion: f64,
     /// `β`: the caution, from 0 to 1.
     pub caution: f64,
     /// Rate of the wire's transformation with temperature, relative to the model.
@@ -142,7 +127,7 @@ pub struct Modes {
     calm_error_metres_max: f64,
     error_metres_max: f64,
     velocity_at_rest_max: f64,
-    boundary_layer: f64,
+    swing_min: f64,
 }
 
 /// Inputs of the choice of a mode.
@@ -156,8 +141,6 @@ pub struct Course {
     pub sliding_variable: f64,
     /// Whether the position jumped further than a load under any current.
     pub sensor_jumps: bool,
-    /// `μ`: probability that the wire remembers its turns.
-    pub memory: f64,
 }
 
 /// State of the modes.
@@ -201,7 +184,7 @@ impl Modes {
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
             error_metres_max: FAR_SENSOR_STEPS * sensor_step_metres,
             velocity_at_rest_max: sensor_step_metres / REST_SECONDS,
-            boundary_layer: config.boundary_layer_metres_per_second_squared,
+            swing_min: SWING_SHARE * config.boundary_layer_metres_per_second_squared,
         }
     }
 
@@ -224,7 +207,7 @@ impl Modes {
         } else {
             risen(state.calmness, self.calming_seconds)
         };
-        self.settings(state, course.memory)
+        self.settings(state)
     }
 
     /// Finds swings of the sliding variable. It need not pass 0: a plant that differs from the model may ring to one
@@ -250,8 +233,7 @@ impl Modes {
         } else {
             state.extreme.max(sliding_variable)
         };
-        let swing_share = SWING_SHARE + SWING_SHARE_OF_MEMORY * course.memory;
-        if (sliding_variable - state.extreme).abs() <= swing_share * self.boundary_layer {
+        if (sliding_variable - state.extreme).abs() <= self.swing_min {
             return;
         }
         state.is_falling = !state.is_falling;
@@ -259,8 +241,7 @@ impl Modes {
         if state.free_swings > 0 {
             state.free_swings -= 1;
         } else if state.deaf_seconds <= 0.0 {
-            let ringing = state.ringing + RINGING_PER_SWING * (1.0 + course.memory);
-            state.ringing = ringing.min(1.0 + RINGING_OF_A_MOVE);
+            state.ringing = (state.ringing + RINGING_PER_SWING).min(1.0 + RINGING_OF_A_MOVE);
         }
     }
 
@@ -274,21 +255,17 @@ impl Modes {
         state.error_metres.abs() > error_metres_max
     }
 
-    fn settings(&self, state: &State, memory: f64) -> Settings {
+    fn settings(&self, state: &State) -> Settings {
         let caution = (state.ringing - RINGING_OF_A_MOVE).max(0.0);
         let rest = state.rest.min(1.0 - caution);
         let calm = self.bandwidth.at(state.calmness);
         Settings {
             bandwidth: calm.min(self.cautious_bandwidth.at(caution)),
-            boundary_layer: self.boundary_layer * (1.0 + BOUNDARY_LAYER_OF_MEMORY * memory),
             fraction_drift: self.fraction_drift.at(rest),
             heating_drift: self.heating_drift.at(rest),
-            motion: 1.0 - state.rest,
             caution,
             // The law commands less, and does not treat the effects as a disturbance.
-            liveliness: self
-                .liveliness
-                .at(caution * (1.0 - LIVELINESS_OF_MEMORY * memory)),
+            liveliness: self.liveliness.at(caution),
         }
     }
 }
@@ -308,10 +285,8 @@ mod tests {
         let config = Config::default();
         Settings {
             bandwidth: config.bandwidth_radians_per_second,
-            boundary_layer: config.boundary_layer_metres_per_second_squared,
             fraction_drift: config.observer.fraction_drift,
             heating_drift: config.observer.heating_drift_kelvins_per_second,
-            motion: 1.0,
             caution: 0.0,
             liveliness: 1.0,
         }
@@ -323,7 +298,6 @@ mod tests {
             bandwidth: hold.bandwidth_radians_per_second,
             fraction_drift: hold.fraction_drift,
             heating_drift: hold.heating_drift_kelvins_per_second,
-            motion: 0.0,
             ..in_move()
         }
     }
@@ -334,7 +308,6 @@ mod tests {
             velocity_metres_per_second: 0.0,
             sliding_variable: 0.0,
             sensor_jumps: false,
-            memory: 0.0,
         }
     }
 
@@ -344,7 +317,6 @@ mod tests {
             velocity_metres_per_second: 0.1,
             sliding_variable,
             sensor_jumps: false,
-            memory: 0.0,
         }
     }
 
@@ -364,7 +336,7 @@ mod tests {
     fn a_hold_grows_calm_and_a_move_ends_it_at_once() {
         let modes = modes();
         let mut state = calm(&modes);
-        assert_eq!(modes.settings(&state, 0.0), in_hold());
+        assert_eq!(modes.settings(&state), in_hold());
         let settings = modes.step(&mut state, &moving(0.0), PERIOD);
         assert_eq!(settings, in_move());
     }
@@ -380,7 +352,7 @@ mod tests {
             last = settings.bandwidth;
         }
         let early = after(&modes, State::default(), 300, 0.0);
-        let settings = modes.settings(&early, 0.0);
+        let settings = modes.settings(&early);
         assert_eq!(settings.fraction_drift, in_hold().fraction_drift);
         assert!(settings.bandwidth > 2.0 * in_hold().bandwidth);
         assert!((Between::new(9.0, 4.0).at(0.5) - 6.0).abs() < 1e-12);
@@ -434,7 +406,7 @@ mod tests {
             for _ in 0..12_001 {
                 modes.step(&mut state, &moving(centre), PERIOD);
             }
-            assert_eq!(modes.settings(&state, 0.0), in_move());
+            assert_eq!(modes.settings(&state), in_move());
         }
     }
 
@@ -477,35 +449,7 @@ mod tests {
             };
             modes.step(&mut state, &course, PERIOD);
         }
-        assert!(modes.settings(&state, 0.0).caution > 0.99);
-    }
-
-    #[test]
-    fn a_wire_that_remembers_swings_further_and_is_less_lively() {
-        let modes = modes();
-        let forgetting = moving(0.0);
-        let remembering = Course {
-            memory: 1.0,
-            ..forgetting
-        };
-        let rung = |course: Course, side: f64| {
-            let mut state = State::default();
-            for swing in 0..40 {
-                let sliding_variable = if swing % 2 == 0 { side } else { -side };
-                let course = Course {
-                    sliding_variable,
-                    ..course
-                };
-                modes.step(&mut state, &course, PERIOD);
-            }
-            modes.step(&mut state, &course, PERIOD)
-        };
-        assert!(rung(forgetting, 0.9).caution > 0.9);
-        assert_eq!(rung(remembering, 0.9).caution, 0.0);
-        let settings = rung(remembering, 1.5);
-        assert!(settings.caution > 0.9);
-        assert!(settings.boundary_layer > 1.4 * in_move().boundary_layer);
-        assert!((1.2..1.3).contains(&settings.liveliness), "{settings:?}");
+        assert!(modes.settings(&state).caution > 0.99);
     }
 
     #[test]

@@ -1,16 +1,11 @@
 //! The controller's model of the plant: heat, phase, wire and motion, one function per equation.
 //!
 //! Eq. (2) with continuous turns (PAPER E2) has no memory beyond temperature and fraction: eliminating `ξm` and `ξA`
-//! leaves a slope `dξ/dT` for heating and one for cooling, and the sign of `dT/dt` chooses between them. A wire may also
-//! remember its turns: then its slopes are, by a share, those of Preisach's model.
-
-mod turns;
+//! leaves a slope `dξ/dT` for heating and one for cooling, and the sign of `dT/dt` chooses between them.
 
 use core::f64::consts::PI;
 
 use scenario::controller::NominalModel as Config;
-
-pub use turns::{LastTurn, Memory, Turns};
 
 /// Standard gravity in m/s².
 const GRAVITY: f64 = 9.80665;
@@ -49,8 +44,6 @@ pub struct State {
     pub temperature_celsius: f64,
     /// Heating rate from unknown causes, such as a fan.
     pub unknown_heating_kelvins_per_second: f64,
-    /// The wire's memory of its turns; none by default (PAPER E2).
-    pub memory: Memory,
 }
 
 /// Derivatives of [`State`] with respect to time; the unknown heating is constant.
@@ -89,17 +82,6 @@ impl Slope {
             per_kelvin: factor * self.per_kelvin,
             by_fraction: factor * self.by_fraction,
             by_temperature: factor * self.by_temperature,
-        }
-    }
-
-    /// Returns the slope that lies a share of the way to another one.
-    #[inline]
-    fn towards(self, other: Self, share: f64) -> Self {
-        let between = |own: f64, other: f64| own + (other - own) * share;
-        Self {
-            per_kelvin: between(self.per_kelvin, other.per_kelvin),
-            by_fraction: between(self.by_fraction, other.by_fraction),
-            by_temperature: between(self.by_temperature, other.by_temperature),
         }
     }
 }
@@ -269,7 +251,7 @@ impl NominalModel {
     /// Returns the martensite fraction on the major heating branch, Eq. (2) with `ξm = 1`.
     #[must_use]
     pub fn heating_fraction(&self, temperature_celsius: f64) -> f64 {
-        self.martensite(Branch::Heating, temperature_celsius)
+        1.0 / (1.0 + self.exponential(Branch::Heating, temperature_celsius))
     }
 
     /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).
@@ -312,26 +294,12 @@ impl NominalModel {
     ///
     /// Heating: `ξ = ξm / (1 + E)` with `E = exp(aA (T − bA))` has `dξ/dT = −aA ξ E / (1 + E)`.
     /// Cooling: `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))` has `dξ/dT = −aM (1 − ξ) / (1 + e)`.
-    ///
-    /// With a memory it lies the memory's share of the way to the slope of a wire that remembers its turns.
     #[must_use]
     #[inline]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
-        let temperature = state.temperature_celsius;
-        let Memory { share, last_turn } = state.memory;
-        let martensite = self.martensite(branch, temperature);
-        let forgetting = self.forgetting_slope(state.martensite_fraction, branch, martensite);
-        if share <= 0.0 {
-            return forgetting;
-        }
-        let remembering = self.remembering_slope(temperature, branch, martensite, last_turn);
-        forgetting.towards(remembering, share)
-    }
-
-    /// Returns the slope of Eq. (10) with the martensite of the whole branch at the temperature.
-    #[inline]
-    fn forgetting_slope(&self, fraction: f64, branch: Branch, martensite: f64) -> Slope {
+        let fraction = state.martensite_fraction;
         let (a, _) = self.transformation(branch);
+        let martensite = 1.0 / (1.0 + self.exponential(branch, state.temperature_celsius));
         let austenite = 1.0 - martensite;
         match branch {
             Branch::Heating => Slope {
@@ -388,12 +356,6 @@ impl NominalModel {
             ((martensite_fraction - curve.floor) / curve.span).clamp(SHARE_MIN, 1.0 - SHARE_MIN);
         let (steepness, centre) = self.transformation(curve.branch);
         libm::log(1.0 / share - 1.0) / steepness + centre
-    }
-
-    /// Returns the martensite of a wire that takes a whole branch of Eq. (2) from one end.
-    #[inline]
-    fn martensite(&self, branch: Branch, temperature_celsius: f64) -> f64 {
-        1.0 / (1.0 + self.exponential(branch, temperature_celsius))
     }
 
     /// Returns `exp(a (T − b))` of Eq. (2).
@@ -617,7 +579,6 @@ mod tests {
             martensite_fraction: 0.93,
             temperature_celsius: 54.0,
             unknown_heating_kelvins_per_second: 0.0,
-            memory: Memory::default(),
         }
     }
 

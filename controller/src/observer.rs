@@ -3,11 +3,6 @@
 //! The filter predicts to the instant at which the command of this cycle acts, which accounts for the one cycle of
 //! delay. On the stop the position contains no information on the fraction, so the model runs alone until the load
 //! lifts.
-//!
-//! Two models share the filter's covariance and gain: that of a wire that forgets its turns, and that of one that
-//! remembers them. The estimate is their mean by the probabilities that their innovations give them.
-
-mod wires;
 
 use core::ops::{Add, Mul};
 
@@ -15,8 +10,7 @@ use nalgebra::{SMatrix, SVector};
 use scenario::controller::Observer as Config;
 
 use crate::mode::Settings;
-use crate::nominal_model::{Branch, Memory, NominalModel, State as ModelState, Warming};
-use wires::Wires;
+use crate::nominal_model::{Branch, NominalModel, State as ModelState, Warming};
 
 const STATES: usize = 5;
 const POSITION: usize = 0;
@@ -52,11 +46,6 @@ const JUMP_STEPS: f64 = 3.5;
 const ELSEWHERE_STEPS: f64 = 5.0;
 const ELSEWHERE_METRES_PER_SECOND: f64 = 0.5;
 
-/// Variance that the fraction of a remembering wire gains while it transforms, relative to `(dξ/dt)²` and time: that of a
-/// slope that is wrong by as much as it is, anew every 2.5 ms. A memory other than the model's deviates in proportion to
-/// the rate, and not in a hold.
-const SLOPE_DOUBT_SECONDS: f64 = 0.0025;
-
 /// Standard deviation of the unknown heating at the start in K/s.
 const HEATING_DEVIATION_AT_START: f64 = 1.0;
 
@@ -78,19 +67,10 @@ pub struct Observer {
 pub struct State {
     /// Estimate for the instant at which the next command acts.
     pub model: ModelState,
-    wires: Wires,
     covariance: Matrix,
     samples_above_stop: u32,
     /// Distance of the latest position from the expected one.
     innovation_metres: f64,
-}
-
-impl State {
-    /// Returns the probability that the wire remembers its turns.
-    #[must_use]
-    pub fn memory(&self) -> f64 {
-        self.wires.memory()
-    }
 }
 
 impl Observer {
@@ -109,10 +89,8 @@ impl Observer {
     #[must_use]
     pub fn start(&self) -> State {
         let model = self.model.start();
-        let wires = Wires::start(&model);
         State {
-            model: wires.mean(),
-            wires,
+            model,
             covariance: self.branch_doubt(&model),
             samples_above_stop: 0,
             innovation_metres: 0.0,
@@ -148,7 +126,6 @@ impl Observer {
         if position_metres.is_finite() {
             self.correct(
                 state,
-                settings,
                 position_metres.clamp(0.0, self.model.position_metres_max()),
                 seconds,
             );
@@ -156,7 +133,7 @@ impl Observer {
         self.predict(state, settings, squared_current, seconds);
     }
 
-    fn correct(&self, state: &mut State, settings: &Settings, position_metres: f64, seconds: f64) {
+    fn correct(&self, state: &mut State, position_metres: f64, seconds: f64) {
         let before = state.innovation_metres;
         state.innovation_metres = position_metres - state.model.position_metres;
         let above = position_metres > LIFTED_STEPS * self.sensor_step_metres;
@@ -167,47 +144,21 @@ impl Observer {
         };
         state.samples_above_stop = samples;
         if !self.model.rests_on_stop(&state.model) {
-            self.take(state, settings, position_metres, before, seconds);
+            self.take(state, position_metres, before, seconds);
         } else if samples >= LIFTED_SAMPLES {
             self.lift(state, position_metres);
         }
     }
 
     /// Corrects with a position. One that a load at rest cannot have is ignored, unless the next one confirms it.
-    fn take(
-        &self,
-        state: &mut State,
-        settings: &Settings,
-        position_metres: f64,
-        before: f64,
-        seconds: f64,
-    ) {
+    fn take(&self, state: &mut State, position_metres: f64, before: f64, seconds: f64) {
         let innovation = state.innovation_metres;
         let nearest =
             ELSEWHERE_STEPS * self.sensor_step_metres + ELSEWHERE_METRES_PER_SECOND * seconds;
         if !is_slow(&state.model) || innovation.abs() <= nearest {
-            self.correct_both(state, position_metres, settings.motion);
+            correct_component(state, POSITION, innovation, self.sensor_deviation());
         } else if innovation * before > nearest * nearest {
             self.relocate(state, position_metres);
-        }
-    }
-
-    /// Corrects both wires with the same gain, and takes what they say about the kinetics.
-    fn correct_both(&self, state: &mut State, position_metres: f64, motion: f64) {
-        let deviation = self.sensor_deviation();
-        let column: Vector = state.covariance.column(POSITION).into();
-        let variance = column[POSITION] + deviation * deviation;
-        let gain = column / variance;
-        state.covariance -= gain * column.transpose();
-        state.wires.learn(position_metres, variance, motion);
-        for model in state.wires.both() {
-            let change = gain * (position_metres - model.position_metres);
-            model.position_metres = (model.position_metres + change[POSITION]).max(0.0);
-            model.velocity_metres_per_second += change[VELOCITY];
-            model.martensite_fraction =
-                (model.martensite_fraction + change[FRACTION]).clamp(0.0, 1.0);
-            model.temperature_celsius += change[TEMPERATURE];
-            model.unknown_heating_kelvins_per_second += change[HEATING];
         }
     }
 
@@ -215,11 +166,10 @@ impl Observer {
     /// velocity, temperature and heating are unchanged. The filter would interpret the displacement as motion.
     fn relocate(&self, state: &mut State, position_metres: f64) {
         let holding = |position| self.model.holding_fraction(position);
-        let change = holding(position_metres) - holding(state.model.position_metres);
-        for model in state.wires.both() {
-            model.martensite_fraction = (model.martensite_fraction + change).clamp(0.0, 1.0);
-            model.position_metres = position_metres;
-        }
+        let model = &mut state.model;
+        let change = holding(position_metres) - holding(model.position_metres);
+        model.martensite_fraction = (model.martensite_fraction + change).clamp(0.0, 1.0);
+        model.position_metres = position_metres;
         state.innovation_metres = 0.0;
     }
 
@@ -232,16 +182,14 @@ impl Observer {
     fn lift(&self, state: &mut State, position_metres: f64) {
         let curve = self.model.curve_through(&state.model, Branch::Heating);
         let martensite_fraction = self.model.holding_fraction(position_metres).clamp(0.0, 1.0);
-        let model = ModelState {
+        state.model = ModelState {
             position_metres,
             velocity_metres_per_second: 0.0,
             martensite_fraction,
             temperature_celsius: self.model.temperature_on(&curve, martensite_fraction),
             unknown_heating_kelvins_per_second: 0.0,
-            memory: Memory::default(),
         };
-        state.wires.place(&model);
-        state.covariance = self.branch_doubt(&model);
+        state.covariance = self.branch_doubt(&state.model);
         let position_doubt = self.sensor_deviation();
         state.covariance[(POSITION, POSITION)] = position_doubt * position_doubt;
         state.covariance[(VELOCITY, VELOCITY)] =
@@ -249,16 +197,13 @@ impl Observer {
     }
 
     fn predict(&self, state: &mut State, settings: &Settings, squared_current: f64, seconds: f64) {
-        let model = &self.model;
-        state.wires.follow(model, squared_current);
-        let mean = state.wires.mean();
-        let warming = model.warming(&mean, squared_current, settings.liveliness);
-        let transition = self.transition(&mean, &warming, seconds);
-        for wire in state.wires.both() {
-            let warming = model.warming(wire, squared_current, settings.liveliness);
-            *wire = model.advance_from(wire, &warming, squared_current, seconds);
-        }
-        state.model = state.wires.mean();
+        let warming = self
+            .model
+            .warming(&state.model, squared_current, settings.liveliness);
+        let transition = self.transition(&state.model, &warming, seconds);
+        state.model = self
+            .model
+            .advance_from(&state.model, &warming, squared_current, seconds);
         state.covariance = transition.carry(&state.covariance);
         // On the stop the filter learns nothing, so the covariance does not grow either.
         if !self.model.rests_on_stop(&state.model) {
@@ -270,9 +215,6 @@ impl Observer {
             for (component, drift) in drifts {
                 state.covariance[(component, component)] += drift * drift * seconds;
             }
-            let rate = warming.slope.per_kelvin * warming.kelvins_per_second;
-            let doubt_seconds = SLOPE_DOUBT_SECONDS * state.memory();
-            state.covariance[(FRACTION, FRACTION)] += doubt_seconds * rate * rate * seconds;
         }
     }
 
@@ -370,10 +312,23 @@ impl Transition {
     }
 }
 
+/// Corrects the state by the measurement of one component with a standard deviation.
+fn correct_component(state: &mut State, component: usize, innovation: f64, deviation: f64) {
+    let column: Vector = state.covariance.column(component).into();
+    let gain = column / (column[component] + deviation * deviation);
+    state.covariance -= gain * column.transpose();
+    let change = gain * innovation;
+    let model = &mut state.model;
+    model.position_metres = (model.position_metres + change[POSITION]).max(0.0);
+    model.velocity_metres_per_second += change[VELOCITY];
+    model.martensite_fraction = (model.martensite_fraction + change[FRACTION]).clamp(0.0, 1.0);
+    model.temperature_celsius += change[TEMPERATURE];
+    model.unknown_heating_kelvins_per_second += change[HEATING];
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nominal_model::Turns;
     use crate::test_rig::{PERIOD_SECONDS, sampled};
     use scenario::controller::NominalModel as ModelConfig;
 
@@ -381,19 +336,11 @@ mod tests {
         let config = Config::default();
         Settings {
             bandwidth: 40.0,
-            boundary_layer: 1.6,
             fraction_drift: config.fraction_drift,
             heating_drift: config.heating_drift_kelvins_per_second,
-            motion: 1.0,
             caution: 0.0,
             liveliness: 1.0,
         }
-    }
-
-    /// Moves the estimates of both wires to a state.
-    fn place(state: &mut State, model: &ModelState) {
-        state.wires.place(model);
-        state.model = state.wires.mean();
     }
 
     /// Steps one cycle in a move.
@@ -458,7 +405,6 @@ mod tests {
             martensite_fraction: fraction,
             temperature_celsius: temperature,
             unknown_heating_kelvins_per_second: heating,
-            memory: Memory::default(),
         }
     }
 
@@ -557,64 +503,6 @@ mod tests {
         assert!(rate.abs() < 0.5, "{rate}");
     }
 
-    /// Returns what the observer says about a wire that is heated and cooled in a move: with this share of a memory.
-    fn memory_found(share: f64) -> f64 {
-        let model = nominal();
-        let observer = Observer::new(&Config::default(), nominal());
-        let mut state = observer.start();
-        let mut turns = Turns::default();
-        let mut truth = model.start();
-        truth.memory.share = share;
-        for cycle in 0..3000_u32 {
-            let seconds = f64::from(cycle) * PERIOD_SECONDS;
-            let current = if seconds < 1.5 || seconds % 0.4 < 0.2 {
-                0.7
-            } else {
-                0.5
-            };
-            step(
-                &observer,
-                &mut state,
-                sampled(truth.position_metres),
-                current * current,
-            );
-            let rate = model.temperature_rate(&truth, current * current);
-            model.follow(&mut turns, &mut truth, rate);
-            truth = model.advance(&truth, current * current, PERIOD_SECONDS);
-        }
-        assert!(truth.position_metres > 0.005, "{truth:?}");
-        state.memory()
-    }
-
-    #[test]
-    fn a_wire_shows_in_a_move_whether_it_remembers_its_turns() {
-        let found = memory_found(0.0);
-        assert!(found < 0.1, "{found}");
-        let found = memory_found(1.0);
-        assert!(found > 0.9, "{found}");
-    }
-
-    #[test]
-    fn a_hold_says_nothing_about_the_kinetics() {
-        let (observer, mut state, squared_current) = holding();
-        let before = state.memory();
-        let settings = Settings {
-            motion: 0.0,
-            ..in_move()
-        };
-        for cycle in 0..1000 {
-            let position = if cycle % 2 == 0 { 0.02 } else { 0.0202 };
-            observer.step(
-                &mut state,
-                &settings,
-                position,
-                squared_current,
-                PERIOD_SECONDS,
-            );
-        }
-        assert_eq!(state.memory(), before);
-    }
-
     #[test]
     fn meaningless_positions_leave_it_finite() {
         let observer = Observer::new(&Config::default(), nominal());
@@ -669,12 +557,8 @@ mod tests {
     fn an_estimate_that_rests_far_too_hot_recovers() {
         let observer = Observer::new(&Config::default(), nominal());
         let mut state = observer.start();
-        let hot = ModelState {
-            temperature_celsius: 131.0,
-            martensite_fraction: 0.97,
-            ..ModelState::default()
-        };
-        place(&mut state, &hot);
+        state.model.temperature_celsius = 131.0;
+        state.model.martensite_fraction = 0.97;
         state.covariance = Matrix::zeros();
         for _ in 0..100 {
             step(&observer, &mut state, 0.03, 0.3);
@@ -687,13 +571,12 @@ mod tests {
     fn holding() -> (Observer, State, f64) {
         let observer = Observer::new(&Config::default(), nominal());
         let mut state = observer.start();
-        let held = ModelState {
+        state.model = ModelState {
             position_metres: 0.02,
             martensite_fraction: observer.model.holding_fraction(0.02),
             temperature_celsius: 52.0,
             ..ModelState::default()
         };
-        place(&mut state, &held);
         let squared_current = observer.model.squared_current(&state.model, 0.0);
         for _ in 0..500 {
             let position = sampled(0.02);

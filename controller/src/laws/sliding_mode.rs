@@ -86,13 +86,12 @@ impl Surface {
             - (2.0 * error_rate + lambda * error) * lambda
     }
 
-    /// Returns the surface with another `λ` and `φ` and a proportional `KSM`, which keeps the tuning in proportion.
-    fn with(&self, bandwidth: f64, boundary_layer: f64) -> Self {
-        let ratio = boundary_layer / self.boundary_layer;
+    /// Returns the surface with another `λ` and a proportional `KSM`, which keeps the tuning in proportion.
+    fn with_bandwidth(&self, bandwidth: f64) -> Self {
         Self {
             bandwidth,
-            boundary_layer,
-            switching_gain: self.switching_gain * bandwidth / self.bandwidth * ratio,
+            switching_gain: self.switching_gain * bandwidth / self.bandwidth,
+            ..*self
         }
     }
 }
@@ -222,12 +221,9 @@ impl Law for SlidingMode {
             velocity_metres_per_second: aim.velocity_metres_per_second,
             sliding_variable: state.sliding_variable,
             sensor_jumps: self.observer.sensor_jumps(&state.observer, position_metres),
-            memory: state.observer.memory(),
         };
         let settings = self.modes.step(&mut state.mode, &course, period_seconds);
-        let surface = self
-            .surface
-            .with(settings.bandwidth, settings.boundary_layer);
+        let surface = self.surface.with_bandwidth(settings.bandwidth);
         self.observer.step(
             &mut state.observer,
             &settings,

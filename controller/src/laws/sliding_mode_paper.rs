@@ -5,7 +5,7 @@ use scenario::controller::SlidingModePaper as Config;
 use super::sliding_mode::{Surface, command, terms};
 use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, one_loop};
 use crate::nominal_model::{
-    Branch, BranchCurve, MARTENSITE_FRACTION_MIN, Memory, NominalModel, State as ModelState,
+    Branch, BranchCurve, MARTENSITE_FRACTION_MIN, NominalModel, State as ModelState,
 };
 use crate::reference_filter::{self, CriticallyDamped, JerkRange, Point, ReferenceFilter};
 
@@ -43,7 +43,6 @@ impl SlidingModePaper {
             martensite_fraction,
             temperature_celsius: self.model.temperature_on(&state.curve, martensite_fraction),
             unknown_heating_kelvins_per_second: 0.0,
-            memory: Memory::default(),
         }
     }
 }
