@@ -46,7 +46,7 @@ struct SetupInC {
     seed: u64,
 }
 
-/// Setup of a law from a scenario.
+/// Description of a run for a law: the names of its values, its period, its parameters.
 #[derive(Clone, Debug, Default)]
 pub struct LawSetup {
     /// Names of the values that it reads.

@@ -76,7 +76,7 @@ impl<'text> Selector<'_, 'text> {
         };
         let is_law_said = !problems.is_empty();
         let unknown = self.unknown_names(&loops);
-        // What such an entry says is missing in the loop that it means.
+        // The loop that such an entry means lacks it.
         if !unknown.is_empty() {
             problems.extend(unknown);
             return (Vec::new(), problems);
