@@ -136,6 +136,7 @@ impl Controller {
 
 fn scale(tables: &mut toml::Table, factors: &[(String, f64)]) {
     for (path, factor) in factors {
+        // Behind the name of the section, in which all laws are.
         let mut keys = path.split('.').skip(1);
         let first = keys.next().and_then(|key| tables.get_mut(key));
         let value = keys.try_fold(first, |value, key| Some(value?.get_mut(key)));

@@ -54,20 +54,20 @@ impl<'text> Document<'text> {
         }
         let mut second_table = 0..0;
         let mut problems = Vec::new();
-        let others = errors
-            .iter()
-            .filter(|error| error.message() != DUPLICATE)
-            .skip(1)
-            .count();
-        let is_shown = others < SYNTAX_ERRORS_MAX;
-        let shown = errors
-            .iter()
-            .filter(|error| is_shown || error.message() != DUPLICATE);
-        for error in shown.take(if is_shown { usize::MAX } else { 1 }) {
-            let span = error
-                .span()
-                .filter(|span| span.start <= last)
-                .unwrap_or(last..last);
+        let span = |error: &toml::de::Error| {
+            let span = error.span().filter(|span| span.start <= last);
+            span.unwrap_or(last..last)
+        };
+        let is_syntax = |error: &&toml::de::Error| error.message() != DUPLICATE;
+        let mut syntax = errors.iter().filter(is_syntax);
+        if let Some(first) = syntax.next()
+            && let others @ SYNTAX_ERRORS_MAX.. = syntax.count()
+        {
+            let help = format!("{others} more lines are no TOML, perhaps because of this one");
+            return vec![self.syntax_error(span(first), first).with_help(help)];
+        }
+        for error in errors {
+            let span = span(error);
             let is_duplicate = error.message() == DUPLICATE;
             if is_duplicate && second_table.contains(&span.start) {
                 continue;
@@ -76,15 +76,7 @@ impl<'text> Document<'text> {
             let heading = next.checked_sub(1).map(|place| &headings[place]);
             let is_heading = |(heading, _): &&(Range<usize>, _)| heading.contains(&span.start);
             let Some((heading, path)) = heading.filter(is_heading).filter(|_| is_duplicate) else {
-                let message = error.message();
-                let problem = (self.source).problem(span, "TOML syntax error", message);
-                problems.push(if is_shown {
-                    problem
-                } else {
-                    let help =
-                        format!("{others} more lines are no TOML, perhaps because of this one");
-                    problem.with_help(help)
-                });
+                problems.push(self.syntax_error(span, error));
                 continue;
             };
             let end = headings
@@ -103,6 +95,10 @@ impl<'text> Document<'text> {
             problems.push(problem.with_help("keep one of them"));
         }
         problems
+    }
+
+    fn syntax_error(&self, span: Range<usize>, error: &toml::de::Error) -> Problem {
+        (self.source).problem(span, "TOML syntax error", error.message())
     }
 
     /// Makes a document of parts of this one, whose problems point into its text.

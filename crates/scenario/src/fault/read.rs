@@ -269,7 +269,7 @@ impl<'text> Reader<'_, 'text> {
                 loop_name: &wiring.loop_name,
                 schema: &schema::FAULTS,
             };
-            naming.apply(&mut tree).map_err(one)?;
+            naming.apply(&mut tree, naming.schema).map_err(one)?;
         }
         let document = self.document.with_loop(tree.clone(), measurand.clone());
         let problems = structure::check(&document, "the scenario", &schema::FAULTS);

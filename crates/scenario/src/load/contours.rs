@@ -3,7 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::patterns::UNITS;
+use super::patterns::Naming;
 use super::sections::{CONTOUR, EXPECT};
 use crate::contour::{Contour, Contours, LIMITS};
 use crate::document::Document;
@@ -80,23 +80,14 @@ fn to_patterns(scenario: &Document<'_>, entry: &mut DeValue<'_>, rig: &Rig) -> R
         let label = format!("a contour is of loops of one unit, here {unit}");
         return Err((scenario.source).problem(span.clone(), message, label));
     }
-    let measurand = Measurand::position(unit.clone());
-    for (mut key, value) in std::mem::take(entry) {
-        let named = |by: &Measurand| {
-            let mut limits = LIMITS.into_iter();
-            limits.find(|limit| by.name(limit) == **key.get_ref())
-        };
-        let mut others = UNITS.map(Measurand::position).into_iter();
-        if let Some(limit) = named(&measurand) {
-            *key.get_mut() = limit.into();
-        } else if let Some(limit) = others.find_map(|other| named(&other)) {
-            let message = format!("the loops of this contour are in {unit}");
-            let label = format!("write `{}`", measurand.name(limit));
-            return Err((scenario.source).problem(key.span(), message, label));
-        }
-        entry.insert(key, value);
-    }
-    Ok(())
+    let naming = Naming {
+        source: &scenario.source,
+        measurand: &Measurand::position(unit.clone()),
+        loop_name: first,
+        schema: &schema::CONTOURS,
+    };
+    let contour = &schema::CONTOURS["properties"][CONTOUR]["items"];
+    naming.apply(entry, contour).map(drop)
 }
 
 fn wrong_contour(

@@ -11,7 +11,7 @@ use crate::port::{
 use crate::schema::resolve;
 
 /// Units that a name might have by mistake.
-pub(super) const UNITS: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
+const UNITS: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
 
 /// Factors for gains that are by another unit than the loop's, each with its path.
 pub(crate) type Factors = Vec<(String, f64)>;
@@ -23,19 +23,23 @@ pub(crate) struct Naming<'a> {
     pub(crate) source: &'a Source,
     pub(crate) measurand: &'a Measurand,
     pub(crate) loop_name: &'a str,
-    /// Schema whose keys are patterns.
+    /// Whole schema whose keys are patterns.
     pub(crate) schema: &'a Value,
 }
 
 impl<'a> Naming<'a> {
-    /// Replaces the names of a tree by their patterns. Returns the factors for gains by another unit of the loop's quantity, with
-    /// their paths.
+    /// Replaces the names of a table with a part of the schema by their patterns. Returns the factors for gains by another unit of
+    /// the loop's quantity, with their paths in the table.
     ///
     /// # Errors
     /// The first name that another loop would have, with the right name.
-    pub(crate) fn apply(&self, tree: &mut DeTable<'_>) -> Result<Factors, Problem> {
+    pub(crate) fn apply(
+        &self,
+        table: &mut DeTable<'_>,
+        part: &'a Value,
+    ) -> Result<Factors, Problem> {
         let mut factors = Factors::new();
-        self.table("", tree, self.schema, &mut factors)?;
+        self.table("", table, part, &mut factors)?;
         Ok(factors)
     }
 

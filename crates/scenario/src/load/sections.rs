@@ -158,7 +158,7 @@ impl<'text> Selector<'_, 'text> {
             loop_name: name,
             schema: &schema::SECTIONS,
         };
-        let factors = naming.apply(&mut tables)?;
+        let factors = naming.apply(&mut tables, naming.schema)?;
         Ok(LoopTables {
             name: name.to_owned(),
             tree: tables,

@@ -684,6 +684,21 @@ fn a_contour_needs_two_loops_each_once() {
         let error = load_text(&limited(loops), RIG).unwrap_err();
         assert!(error.contains(said), "{said}: {error}");
     }
+    let millimetres = "contour_error_millimetres_max";
+    for (key, said) in [
+        (
+            "contour_error_degrees_max",
+            "write `contour_error_millimetres_max`",
+        ),
+        (
+            "\"contour_error_{unit}_max\"",
+            "unknown key `contour_error_{unit}_max`",
+        ),
+    ] {
+        let text = limited("[\"x\", \"y\"]").replace(millimetres, key);
+        let error = load_text(&text, RIG).unwrap_err();
+        assert!(error.contains(said), "{said}: {error}");
+    }
 }
 
 const JOINT_RIG: &str = r#"
