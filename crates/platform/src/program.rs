@@ -2,6 +2,7 @@
 
 use std::fs::Permissions;
 use std::io;
+use std::ops::Range;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -20,7 +21,6 @@ use rustix::process::{Signal, getuid, kill_process_group};
 use tempfile::TempDir;
 
 use crate::bus::wait_ready;
-use crate::clock::Clock;
 use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
 use crate::process::myself;
 use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
@@ -48,7 +48,7 @@ pub const START_PATIENCE: Duration = Duration::from_secs(60);
 pub const END_PATIENCE: Duration = STOP_PATIENCE
     .saturating_add(TERM_PATIENCE)
     .saturating_add(Duration::from_secs(3));
-/// Period of the check whether a program has ended.
+/// Period of the check whether a program has ended. A standstill of the machine takes one such period of a patience.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Text for a program that ended by itself or on request.
@@ -132,11 +132,11 @@ impl Program {
     /// # Errors
     /// If the system refuses.
     pub fn accept(&mut self) -> io::Result<bool> {
-        let clock = Clock::start();
-        while let Some(listener) = &self.listener {
+        let listener = self.listener.take().ok_or(Errno::NOTCONN)?;
+        for _ in looks(START_PATIENCE) {
             self.channel = listener.accept(LOOK)?;
-            if self.channel.is_some() || self.look() || clock.now() > START_PATIENCE {
-                self.listener = None;
+            if self.channel.is_some() || self.look() {
+                break;
             }
         }
         Ok(self.channel.is_some())
@@ -209,14 +209,12 @@ impl Program {
     /// Waits for the end of a program that closed its end of the channel, no longer than `patience`. Returns a text that
     /// continues "the program", and its last output; `None` if it did not end.
     pub fn ended(&mut self, patience: Duration) -> Option<(String, String)> {
-        let clock = Clock::start();
+        let mut looks = looks(patience);
         while !self.look() {
-            if clock.now() >= patience {
-                return None;
-            }
+            looks.next()?;
             if let Some(told) = &self.keeper.stdout {
                 // After a failed wait the loop looks again.
-                let _ = wait_ready(told.as_fd(), PollFlags::IN, LOOK.min(patience));
+                let _ = wait_ready(told.as_fd(), PollFlags::IN, LOOK);
             }
         }
         let told = String::from_utf8_lossy(&self.told).into_owned();
@@ -256,6 +254,11 @@ impl Drop for Program {
         }
         let _ = self.keeper.wait();
     }
+}
+
+/// Returns the checks within a patience.
+fn looks(patience: Duration) -> Range<u128> {
+    0..patience.as_nanos().div_ceil(LOOK.as_nanos())
 }
 
 /// The program's end of its seat, for a process of canrig that runs a law.
