@@ -21,10 +21,7 @@ pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 
 /// Makes a stop signal for a thread of the bench.
 pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
-    StopSignal::manual().map_err(|source| WorldError::Spawn {
-        name: BENCH.to_owned(),
-        source,
-    })
+    StopSignal::manual().map_err(WorldError::spawn(BENCH))
 }
 
 /// Bus of a run with the recorder on it.
@@ -41,35 +38,27 @@ impl BusConnection {
     /// # Errors
     /// If the bus is not available.
     pub fn open(bus: &RunBus) -> Result<Self, WorldError> {
-        match bus {
+        let (mut hub, mut private) = (None, None);
+        let (address, recorder) = match bus {
             RunBus::Embedded { .. } => {
-                let (hub, recorder) = Hub::start()?;
-                Ok(Self {
-                    address: hub.address(),
-                    recorder,
-                    hub: Some(hub),
-                    private: None,
-                })
+                let (made, recorder) = Hub::start()?;
+                (hub.insert(made).address(), recorder)
             }
             RunBus::Interface(name) => {
-                let recorder = Recorder::on_interface(name)?;
-                Ok(Self {
-                    address: BusAddress::Interface(name.clone()),
-                    recorder,
-                    hub: None,
-                    private: None,
-                })
+                let address = BusAddress::Interface(name.clone());
+                (address, Recorder::on_interface(name)?)
             }
             RunBus::Private => {
-                let mut private = PrivateBus::start()?;
-                Ok(Self {
-                    address: BusAddress::Private(private.process()),
-                    recorder: private.recorder()?,
-                    hub: None,
-                    private: Some(private),
-                })
+                let made = private.insert(PrivateBus::start()?);
+                (BusAddress::Private(made.process()), made.recorder()?)
             }
-        }
+        };
+        Ok(Self {
+            address,
+            recorder,
+            hub,
+            private,
+        })
     }
 
     /// Returns the address at which other programs find the bus.

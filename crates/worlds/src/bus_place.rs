@@ -25,31 +25,19 @@ use crate::names::BENCH;
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
 const HEARTBEAT_COB_ID: u16 = 0x700;
 
-/// Interface that no other bench of this machine uses meanwhile. Buses that canrig makes for a run need no claim.
-#[derive(Debug)]
-pub struct BusPlace {
-    _claim: Option<Claim>,
-}
-
-impl BusPlace {
-    /// Takes the place.
-    ///
-    /// # Errors
-    /// If another bench has it; the text names its process.
-    pub fn take(bus: &RunBus) -> Result<Self, WorldError> {
-        let claim = match bus {
-            RunBus::Interface(name) => Some(Claim::on(name).map_err(refused)?),
-            RunBus::Embedded { .. } | RunBus::Private => None,
-        };
-        Ok(Self { _claim: claim })
-    }
-}
-
-fn refused(error: ClaimError) -> WorldError {
-    match error {
+/// Takes the interface, so that no other bench of this machine uses it meanwhile. Buses that canrig makes for a run need no claim.
+///
+/// # Errors
+/// If another bench has it; the text names its process.
+pub fn claim(bus: &RunBus) -> Result<Option<Claim>, WorldError> {
+    let RunBus::Interface(name) = bus else {
+        return Ok(None);
+    };
+    let claim = Claim::on(name).map_err(|error| match error {
         ClaimError::Taken(_) => WorldError::SecondMaster(error.to_string()),
         ClaimError::System { .. } => WorldError::Claim(error),
-    }
+    });
+    claim.map(Some)
 }
 
 /// Heartbeat of a manager that does not lead yet.
@@ -169,10 +157,7 @@ impl Vigil {
         let thread = std::thread::Builder::new().name("vigil".into());
         let thread =
             thread.spawn(move || platform::real_time::run(&mut watchman, &mut *bus, &stop));
-        let thread = thread.map_err(|source| WorldError::Spawn {
-            name: BENCH.to_owned(),
-            source,
-        })?;
+        let thread = thread.map_err(WorldError::spawn(BENCH))?;
         Ok(Self {
             kept: Some((stopper, thread)),
         })

@@ -1,18 +1,15 @@
 //! Node in a process of its own: its start, the request to stop, and the report on its end.
 
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Read};
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
-use std::process::{ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, ExitStatus, Stdio};
 use std::time::Duration;
 
 use platform::bus::BusAddress;
-use platform::clock::Clock;
+use platform::clock::{Clock, sleep};
 use platform::process;
-use tokio::io::AsyncReadExt;
-use tokio::process::{Child, ChildStdin, Command};
-use tokio::time::{sleep, timeout};
 
 use crate::error::{Doing, WorldError};
 use crate::law_process::{indented, more_patience, scenario_folder};
@@ -25,22 +22,39 @@ use recording::run_folder::RunFolder;
 const LOG_TAIL_LINES: usize = 12;
 /// Number of bytes at the end of a log that are searched for these lines.
 const LOG_TAIL_BYTES: usize = 4096;
-/// Period at which a program is checked.
-const LOOK: Duration = Duration::from_millis(20);
+/// Period of the check whether a process has ended.
+const LOOK: Duration = Duration::from_millis(2);
 /// Longest wall time for the orderly end of a process.
 const END_PATIENCE: Duration = Duration::from_secs(3);
 /// Exit codes of a node's process that attribute its end; any other attributes it to the node.
 const NOT_SET_UP: i32 = 3;
 const BUS_FAILED: i32 = 4;
 const INTERNAL: i32 = 70;
+/// Time of an end before the request to stop.
+const EARLY: &str = " in the middle of the run";
 
-/// Process of a node: canrig's own, or a program.
-pub(super) enum NodeProcess {
+/// Process of a node.
+pub(super) struct NodeProcess {
+    process: Process,
+    /// Whether a fault of the scenario has killed it.
+    is_killed_by_fault: bool,
+}
+
+enum Process {
+    /// Process of canrig's own.
     Own(OwnProcess),
-    Program(ProgramProcess),
+    /// Program, in real time.
+    Program(ProgramOrder, StartedProgram),
 }
 
 impl NodeProcess {
+    fn new(process: Process) -> Self {
+        Self {
+            process,
+            is_killed_by_fault: false,
+        }
+    }
+
     /// Starts this program again as the node `name`; `side_channel` is passed on.
     pub(super) fn spawn(
         name: &str,
@@ -49,12 +63,21 @@ impl NodeProcess {
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
     ) -> Result<Self, WorldError> {
-        OwnProcess::spawn(name, plan, folder, bus, side_channel).map(Self::Own)
+        let spawned = OwnProcess::spawn(name, plan, folder, bus, side_channel);
+        let spawned = spawned.map_err(WorldError::spawn(name))?;
+        Ok(Self::new(Process::Own(spawned)))
     }
 
     /// Starts the program of a node on a bus, in real time.
     pub(super) fn start(order: ProgramOrder, bus: &BusAddress) -> Result<Self, WorldError> {
-        ProgramProcess::start(order, bus).map(Self::Program)
+        let started = match bus {
+            BusAddress::Private(_) => Err(io::Error::other(
+                "a program cannot join a private bus: play with --bus embedded, or on a CAN interface",
+            )),
+            bus => order.start(bus.to_string(), "real", None),
+        };
+        let started = started.map_err(WorldError::spawn(order.name()))?;
+        Ok(Self::new(Process::Program(order, started)))
     }
 
     /// Starts another process in place of one that a fault has killed.
@@ -64,35 +87,35 @@ impl NodeProcess {
         folder: &RunFolder,
         bus: &BusAddress,
     ) -> Result<Self, WorldError> {
-        match self {
-            Self::Own(node) => Self::spawn(&node.name, plan, folder, Some(bus), None),
-            Self::Program(program) => Self::start(program.order.clone(), bus),
+        match &self.process {
+            Process::Own(node) => Self::spawn(&node.name, plan, folder, Some(bus), None),
+            Process::Program(order, _) => Self::start(order.clone(), bus),
         }
     }
 
     /// Returns the name of its node.
     pub(super) fn name(&self) -> &str {
-        match self {
-            Self::Own(node) => &node.name,
-            Self::Program(program) => program.order.name(),
+        match &self.process {
+            Process::Own(node) => &node.name,
+            Process::Program(order, _) => order.name(),
         }
     }
 
-    /// Returns the process number, unless the process has ended or is a program.
+    /// Returns the process number, unless it is a program.
     pub(super) fn number(&self) -> Option<u32> {
-        match self {
-            Self::Own(node) => node.child.id(),
-            Self::Program(_) => None,
+        match &self.process {
+            Process::Own(node) => Some(node.child.id()),
+            Process::Program(..) => None,
         }
     }
 
     /// Kills the process as a fault of the scenario.
-    pub(super) async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
-        match self {
-            Self::Own(node) => node.kill_by_fault().await,
-            Self::Program(program) => {
-                program.is_killed_by_fault = true;
-                program.started.program.kill();
+    pub(super) fn kill_by_fault(&mut self) -> Result<(), WorldError> {
+        self.is_killed_by_fault = true;
+        match &mut self.process {
+            Process::Own(node) => node.kill().map_err(WorldError::spawn(&node.name)),
+            Process::Program(_, started) => {
+                started.program.kill();
                 Ok(())
             }
         }
@@ -100,93 +123,63 @@ impl NodeProcess {
 
     /// Suspends the process as a fault of the scenario, or resumes it.
     pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
-        match self {
-            Self::Own(node) => node.suspend(is_suspended),
-            Self::Program(program) => {
-                program.started.program.suspend(is_suspended);
+        match &self.process {
+            _ if self.is_killed_by_fault => Ok(()),
+            Process::Own(node) => process::suspend(node.child.id(), is_suspended)
+                .map_err(WorldError::spawn(&node.name)),
+            Process::Program(_, started) => {
+                started.program.suspend(is_suspended);
                 Ok(())
             }
         }
     }
 
-    /// Waits for the process to end before the request to stop; returns the error for it. A process that a fault killed has not
-    /// ended early.
-    pub(super) async fn early_end(&mut self) -> WorldError {
-        match self {
-            Self::Own(node) => node.early_end().await,
-            Self::Program(program) => program.early_end().await,
+    /// Returns the error for a process that has ended before the request to stop. A process that a fault killed has not ended
+    /// early.
+    pub(super) fn early_end(&mut self) -> Option<WorldError> {
+        match &mut self.process {
+            _ if self.is_killed_by_fault => None,
+            Process::Own(node) => match node.child.try_wait() {
+                Ok(status) => Some(node.failure(status?, EARLY)),
+                Err(source) => Some(WorldError::spawn(&node.name)(source)),
+            },
+            Process::Program(order, started) => started.early_end(order.name()),
+        }
+    }
+
+    /// Waits for the end of a process that has closed its channel; returns the error for it.
+    pub(super) fn awaited_end(&mut self) -> Option<WorldError> {
+        let clock = Clock::start();
+        loop {
+            let end = self.early_end();
+            if end.is_some() || clock.now() > END_PATIENCE {
+                return end;
+            }
+            sleep(LOOK);
         }
     }
 
     /// Asks the node for its safe state and waits for its end; returns the report of a node of canrig, also after a bad end.
-    pub(super) async fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
-        match self {
-            Self::Own(node) => {
-                let (report, ended) = node.stop().await;
+    pub(super) fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
+        match &mut self.process {
+            Process::Own(_) if self.is_killed_by_fault => (Some(String::new()), Ok(())),
+            Process::Own(node) => {
+                let (report, ended) = node.stop();
                 (Some(report), ended)
             }
-            Self::Program(program) => (None, program.stop().await),
-        }
-    }
-}
-
-/// Process of a program, in real time.
-pub(super) struct ProgramProcess {
-    order: ProgramOrder,
-    started: StartedProgram,
-    is_killed_by_fault: bool,
-}
-
-impl ProgramProcess {
-    fn start(order: ProgramOrder, bus: &BusAddress) -> Result<Self, WorldError> {
-        let started = match bus {
-            BusAddress::Private(_) => Err(io::Error::other(
-                "a program cannot join a private bus: play with --bus embedded, or on a CAN interface",
-            )),
-            bus => order.start(bus.to_string(), "real", None),
-        };
-        let started = started.map_err(|source| WorldError::Spawn {
-            name: order.name().to_owned(),
-            source,
-        })?;
-        Ok(Self {
-            order,
-            started,
-            is_killed_by_fault: false,
-        })
-    }
-
-    async fn early_end(&mut self) -> WorldError {
-        loop {
-            if !self.is_killed_by_fault
-                && let Some(end) = self.started.early_end(self.order.name())
-            {
-                return end;
+            Process::Program(..) if self.is_killed_by_fault => (None, Ok(())),
+            Process::Program(order, started) => {
+                // It may still be suspended.
+                started.program.suspend(false);
+                let early = started.early_end(order.name());
+                (None, early.map_or_else(|| started.end(order.name()), Err))
             }
-            sleep(LOOK).await;
         }
-    }
-
-    async fn stop(&mut self) -> Result<(), WorldError> {
-        if self.is_killed_by_fault {
-            return Ok(());
-        }
-        // It may still be suspended.
-        self.started.program.suspend(false);
-        if let Some(end) = self.started.early_end(self.order.name()) {
-            return Err(end);
-        }
-        self.started.program.dismiss();
-        let clock = Clock::start();
-        while !self.started.has_ended() && clock.now() < platform::program::END_PATIENCE {
-            sleep(LOOK).await;
-        }
-        self.started.ended_well(self.order.name())
     }
 }
 
-/// Process of canrig's own.
-pub(super) struct OwnProcess {
+/// Process of canrig's own. It does not outlive this value.
+struct OwnProcess {
     name: String,
     child: Child,
     /// Pipe whose end stops the node, so that the node stops too when this process is killed.
@@ -194,8 +187,6 @@ pub(super) struct OwnProcess {
     log: PathBuf,
     /// Longest wall time for its orderly end.
     end_patience: Duration,
-    /// Whether a fault of the scenario has killed it.
-    is_killed_by_fault: bool,
 }
 
 impl OwnProcess {
@@ -207,25 +198,18 @@ impl OwnProcess {
         folder: &RunFolder,
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
-    ) -> Result<Self, WorldError> {
-        let fault = |source| WorldError::Spawn {
-            name: name.to_owned(),
-            source,
-        };
+    ) -> io::Result<Self> {
         let log = folder.path().join(format!("{name}.log"));
-        let output = File::create(&log).map_err(fault)?;
-        let mut command = process::myself().map_err(fault)?;
+        let output = File::create(&log)?;
+        let mut command = process::myself()?;
         let is_controller = name == plan.controller().name;
         let role = match name {
             _ if is_controller => &["controller"][..],
             PLANT_EMULATOR => &[PLANT_EMULATOR],
             plant => &[PLANT_EMULATOR, "--plant", plant],
         };
-        command
-            .arg("node")
-            .args(role)
-            .arg("--scenario")
-            .arg(folder.scenario());
+        command.arg("node").args(role);
+        command.arg("--scenario").arg(folder.scenario());
         let mut end_patience = END_PATIENCE;
         if is_controller {
             command.arg("--laws-in").arg(scenario_folder(plan));
@@ -238,75 +222,39 @@ impl OwnProcess {
             let number = process::inherit(&mut command, side_channel);
             command.arg("--lockstep").arg(number.to_string());
         }
-        command.stdout(Stdio::piped()).stderr(output);
-        let mut child = Command::from(command)
-            .kill_on_drop(true)
-            .spawn()
-            .map_err(fault)?;
-        let lifeline = child.stdin.take();
+        let mut child = command.stdout(Stdio::piped()).stderr(output).spawn()?;
         Ok(Self {
             name: name.to_owned(),
+            lifeline: child.stdin.take(),
             child,
-            lifeline,
             log,
             end_patience,
-            is_killed_by_fault: false,
         })
     }
 
-    /// Kills the process as a fault of the scenario.
-    async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
-        self.is_killed_by_fault = true;
-        let killed = self.child.kill().await;
-        killed.map_err(|source| WorldError::Spawn {
-            name: self.name.clone(),
-            source,
-        })
-    }
-
-    /// Suspends the process as a fault of the scenario, or resumes it.
-    fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
-        if self.is_killed_by_fault {
-            return Ok(());
-        }
-        let number = self.child.id().unwrap_or_default();
-        process::suspend(number, is_suspended).map_err(|source| WorldError::Spawn {
-            name: self.name.clone(),
-            source,
-        })
-    }
-
-    /// Waits for the process to end before the request to stop; returns the error for it. A process that a fault killed has not
-    /// ended early.
-    async fn early_end(&mut self) -> WorldError {
-        if self.is_killed_by_fault {
-            return std::future::pending().await;
-        }
-        match self.child.wait().await {
-            Ok(status) => self.failure(status, " in the middle of the run"),
-            Err(source) => WorldError::Spawn {
-                name: self.name.clone(),
-                source,
-            },
-        }
+    fn kill(&mut self) -> io::Result<()> {
+        self.child.kill()?;
+        self.child.wait().map(drop)
     }
 
     /// Asks the node for its safe state and waits for its end; returns the node's report, also after a bad end.
-    async fn stop(&mut self) -> (String, Result<(), WorldError>) {
-        if self.is_killed_by_fault {
-            self.lifeline = None;
-            return (String::new(), Ok(()));
-        }
-        let when = match self.child.try_wait() {
-            Ok(Some(_)) => " in the middle of the run",
-            _ => " when it was to stop",
+    fn stop(&mut self) -> (String, Result<(), WorldError>) {
+        let when = if let Ok(Some(_)) = self.child.try_wait() {
+            EARLY
+        } else {
+            // It may still be suspended; an ended process is reported below.
+            let _ = process::suspend(self.child.id(), false);
+            " when it was to stop"
         };
         self.lifeline = None;
-        let ended = self.end(when).await;
-        let report = match &ended {
-            Err(WorldError::NoStop { .. }) => String::new(),
-            _ => self.report().await,
-        };
+        let ended = self.end(when);
+        let mut report = String::new();
+        let is_there = !matches!(ended, Err(WorldError::NoStop { .. }));
+        // The report is one line, so that it fits the pipe and the node never waits for its reader.
+        if let Some(mut output) = self.child.stdout.take().filter(|_| is_there) {
+            // Without a report the timing is not trusted; it has no other effect.
+            let _ = output.read_to_string(&mut report);
+        }
         (report, ended)
     }
 
@@ -314,22 +262,23 @@ impl OwnProcess {
     ///
     /// # Errors
     /// If it does not end in time, or ends badly.
-    async fn end(&mut self, when: &str) -> Result<(), WorldError> {
-        // It may still be suspended; an ended process is reported below.
-        let _ = self.suspend(false);
-        match timeout(self.end_patience, self.child.wait()).await {
-            Ok(Ok(status)) if status.success() => {
+    fn end(&mut self, when: &str) -> Result<(), WorldError> {
+        let clock = Clock::start();
+        let ended = loop {
+            match self.child.try_wait() {
+                Ok(None) if clock.now() < self.end_patience => sleep(LOOK),
+                ended => break ended,
+            }
+        };
+        match ended.map_err(WorldError::spawn(&self.name))? {
+            Some(status) if status.success() => {
                 self.remove_empty_log();
                 Ok(())
             }
-            Ok(Ok(status)) => Err(self.failure(status, when)),
-            Ok(Err(source)) => Err(WorldError::Spawn {
-                name: self.name.clone(),
-                source,
-            }),
-            Err(_) => {
+            Some(status) => Err(self.failure(status, when)),
+            None => {
                 // Already late, so a failed kill does not matter any more.
-                let _ = self.child.kill().await;
+                let _ = self.kill();
                 Err(WorldError::NoStop {
                     name: self.name.clone(),
                     patience: self.end_patience,
@@ -338,24 +287,13 @@ impl OwnProcess {
         }
     }
 
-    /// Returns the report. It is one line, so that it fits the pipe and the node never waits for its reader.
-    async fn report(&mut self) -> String {
-        let mut text = String::new();
-        if let Some(mut output) = self.child.stdout.take() {
-            // Without a report the timing is not trusted; it has no other effect.
-            let _ = output.read_to_string(&mut text).await;
-        }
-        text
-    }
-
     fn failure(&self, status: ExitStatus, when: &str) -> WorldError {
         let log = self
             .log_tail()
             .map(|tail| format!("; the end of its log:\n{tail}"));
-        let doing = doing(status);
-        let how = match doing {
-            Doing::NotSetUp => "cannot be set up".to_owned(),
-            _ => how(status) + when,
+        let (doing, how) = match ended_by(status) {
+            (Doing::NotSetUp, _) => (Doing::NotSetUp, "cannot be set up".to_owned()),
+            (doing, how) => (doing, how + when),
         };
         WorldError::Process {
             name: self.name.clone(),
@@ -376,35 +314,37 @@ impl OwnProcess {
 
     /// Removes the log of a node if it is empty.
     fn remove_empty_log(&self) {
-        let is_empty = fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0);
-        let removed = if is_empty {
-            fs::remove_file(&self.log)
+        if fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0) {
+            // A remaining empty file does no harm.
+            let _ = fs::remove_file(&self.log);
+        }
+    }
+}
+
+impl Drop for OwnProcess {
+    fn drop(&mut self) {
+        // A process that has ended needs no kill.
+        let _ = self.kill();
+    }
+}
+
+/// Attributes an end by the exit codes of `canrig node`, and describes it.
+fn ended_by(status: ExitStatus) -> (Doing, String) {
+    use std::os::unix::process::ExitStatusExt;
+    let Some(code) = status.code() else {
+        let signal = status.signal().unwrap_or_default();
+        let doing = if process::is_crash(signal) {
+            Doing::Crashed
         } else {
-            Ok(())
+            Doing::FromOutside
         };
-        // A remaining empty file does no harm.
-        let _: io::Result<()> = removed;
-    }
-}
-
-/// Attributes an end by the exit codes of `canrig node`.
-fn doing(status: ExitStatus) -> Doing {
-    use std::os::unix::process::ExitStatusExt;
-    match (status.code(), status.signal()) {
-        (Some(NOT_SET_UP), _) => Doing::NotSetUp,
-        (Some(BUS_FAILED), _) => Doing::FromOutside,
-        (Some(INTERNAL), _) => Doing::Crashed,
-        (None, Some(signal)) if process::is_crash(signal) => Doing::Crashed,
-        (None, _) => Doing::FromOutside,
-        (Some(_), _) => Doing::GaveUp,
-    }
-}
-
-fn how(status: ExitStatus) -> String {
-    use std::os::unix::process::ExitStatusExt;
-    match (status.code(), status.signal()) {
-        (Some(code), _) => format!("ended with exit code {code}"),
-        (None, Some(signal)) => format!("was killed by signal {signal}"),
-        (None, None) => "ended".to_owned(),
-    }
+        return (doing, format!("was killed by signal {signal}"));
+    };
+    let doing = match code {
+        NOT_SET_UP => Doing::NotSetUp,
+        BUS_FAILED => Doing::FromOutside,
+        INTERNAL => Doing::Crashed,
+        _ => Doing::GaveUp,
+    };
+    (doing, format!("ended with exit code {code}"))
 }

@@ -142,6 +142,12 @@ pub enum WorldError {
 }
 
 impl WorldError {
+    /// Returns a function for `map_err` that makes the error of a process or a thread that cannot be started.
+    pub(crate) fn spawn(name: &str) -> impl FnOnce(io::Error) -> Self {
+        let name = name.to_owned();
+        move |source| Self::Spawn { name, source }
+    }
+
     /// Returns whether a process was killed, or the bus failed under it.
     pub(crate) fn is_from_outside(&self) -> bool {
         matches!(self, Self::Process { doing, .. } if *doing == Doing::FromOutside)

@@ -347,9 +347,14 @@ impl LawProcess {
 
 /// Describes the end of a process, with its last output.
 fn end_text((how, output): &(String, String)) -> String {
-    match output.as_str() {
-        "" => how.clone(),
-        output => format!("{how}; the end of its output:\n{}", indented(output)),
+    format!("{how}{}", output_end(output))
+}
+
+/// Returns the end of a message with the last output of a process, if there is any.
+pub(crate) fn output_end(output: &str) -> String {
+    match output {
+        "" => String::new(),
+        output => format!("; the end of its output:\n{}", indented(output)),
     }
 }
 

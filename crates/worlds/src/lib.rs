@@ -42,6 +42,6 @@ mod stalls;
 mod supervisor;
 
 pub use bus_choice::{BusChoice, RunBus, choose_bus};
-pub use bus_place::{BusPlace, Vigil};
+pub use bus_place::{Vigil, claim};
 pub use error::WorldError;
 pub use played::{End, Played};

@@ -1,13 +1,9 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
-use std::future::{Future, pending, poll_fn};
-use std::task::Poll;
-
 use platform::bus::{Bus, BusAddress};
 use platform::lockstep::{ANSWER_PATIENCE, Local, LockstepError, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
-use tokio::runtime::Runtime;
 
 use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
@@ -56,71 +52,25 @@ impl Processes {
         processes.find(|process| process.name() == name)
     }
 
-    /// Waits until one of them ends before its time; returns the error for it.
-    pub(super) async fn early_end(&mut self) -> WorldError {
-        let mut ends: Vec<_> = self
-            .all
-            .iter_mut()
-            .rev()
-            .map(|process| Box::pin(process.early_end()))
-            .collect();
-        poll_fn(|context| {
-            let mut polls = ends.iter_mut().map(|end| end.as_mut().poll(context));
-            polls.find(Poll::is_ready).unwrap_or(Poll::Pending)
-        })
-        .await
+    /// Returns the error for one of them that has ended before its time.
+    pub(super) fn early_end(&mut self) -> Option<WorldError> {
+        self.all.iter_mut().rev().find_map(NodeProcess::early_end)
     }
 
-    /// Waits for the end of a participant's process.
-    async fn early_end_by_name(&mut self, name: &str) -> WorldError {
-        match self.get_mut(name) {
-            Some(process) => process.early_end().await,
-            None => pending().await,
-        }
-    }
-
-    /// Stops all, the manager first.
-    pub(super) async fn stop(&mut self) -> Vec<Stopped> {
-        let mut stopped = self.stop_manager().await;
-        stopped.extend(self.stop_others().await);
-        stopped
-    }
-
-    /// Stops the manager.
-    pub(super) async fn stop_manager(&mut self) -> Vec<Stopped> {
-        self.stop_those(true).await
-    }
-
-    /// Stops all but the manager.
-    pub(super) async fn stop_others(&mut self) -> Vec<Stopped> {
-        self.stop_those(false).await
-    }
-
-    async fn stop_those(&mut self, are_managers: bool) -> Vec<Stopped> {
-        let mut stopped = Vec::new();
-        let is_one = |process: &NodeProcess| (process.name() == self.manager) == are_managers;
-        let those = self.all.iter_mut().filter(|process| is_one(process));
-        for process in those.rev() {
-            let (report, ended) = process.stop().await;
-            stopped.push(Stopped {
+    /// Stops the manager, or all others.
+    pub(super) fn stop(&mut self, are_managers: bool) -> Vec<Stopped> {
+        let is_one = |process: &&mut NodeProcess| (process.name() == self.manager) == are_managers;
+        let those = self.all.iter_mut().rev().filter(is_one);
+        let stopped = those.map(|process| {
+            let (report, ended) = process.stop();
+            Stopped {
                 name: process.name().to_owned(),
                 report,
                 ended,
-            });
-        }
-        stopped
+            }
+        });
+        stopped.collect()
     }
-}
-
-/// Makes the runtime in which processes are watched. It runs on the calling thread, whose end would end the processes.
-pub(super) fn runtime() -> Result<Runtime, WorldError> {
-    let built = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build();
-    built.map_err(|source| WorldError::Spawn {
-        name: BENCH.to_owned(),
-        source,
-    })
 }
 
 /// Plays the loops in lock-step, with the controller and each plant as a process. On a CAN interface the frames cross it.
@@ -164,8 +114,6 @@ fn play(
             (Some(private.join(&[])?), Some(address), Some(private))
         }
     };
-    let runtime = runtime()?;
-    let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
     let emulators = names::played_emulators(plan);
@@ -173,10 +121,7 @@ fn play(
     let controller = plan.controller();
     let controller = (!plan.is_external(controller)).then_some(controller.name.as_str());
     for name in emulators.into_iter().chain(controller) {
-        let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
-            name: name.to_owned(),
-            source,
-        })?;
+        let (ours, theirs) = channel().map_err(WorldError::spawn(name))?;
         let process = NodeProcess::spawn(name, plan, folder, address.as_ref(), Some(theirs))?;
         processes.push(process);
         channels.push((name, ours));
@@ -200,27 +145,21 @@ fn play(
         let played = lockstep::play(plan, roles, capture, wire);
         lockstep::or_violation(played, &bench)
     })();
-    runtime.block_on(with_end(played, &mut processes))
+    with_end(played, &mut processes)
 }
 
-/// Returns the end of a run whose processes are still to be stopped.
-async fn with_end(
-    played: Result<End, WorldError>,
-    processes: &mut Processes,
-) -> Result<End, WorldError> {
-    let error = match played {
-        Ok(end) => {
-            let stopped = processes.stop().await;
-            let mut ended = stopped.into_iter().map(|stopped| stopped.ended);
-            return ended.try_for_each(|ended| ended).map(|()| end);
+/// Stops the processes of a run; returns the end of the run, or the first error.
+fn with_end(played: Result<End, WorldError>, processes: &mut Processes) -> Result<End, WorldError> {
+    // The end of a process says more than its missing answer.
+    let played = played.map_err(|error| match &error {
+        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended { name })) => {
+            let process = processes.get_mut(name);
+            let ended = process.and_then(NodeProcess::awaited_end);
+            ended.unwrap_or(error)
         }
-        // The end of a process says more than its missing answer.
-        Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
-            name,
-        }))) if processes.get_mut(&name).is_some() => processes.early_end_by_name(&name).await,
-        Err(error) => error,
-    };
-    // The remaining processes end before the error is reported, which is the first one.
-    let _ = processes.stop().await;
-    Err(error)
+        _ => error,
+    });
+    let stopped = [true, false].map(|are_managers| processes.stop(are_managers));
+    let mut ended = stopped.into_iter().flatten().map(|stopped| stopped.ended);
+    played.and_then(|end| ended.try_for_each(|ended| ended).map(|()| end))
 }

@@ -19,7 +19,7 @@ use tempfile::NamedTempFile;
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
-use crate::law_process::{CLOSED_PATIENCE, indented};
+use crate::law_process::{CLOSED_PATIENCE, output_end};
 use crate::part;
 use plan::Plan;
 
@@ -139,10 +139,7 @@ impl ProgramOrder {
     /// If it does not come, or speaks another protocol.
     fn seat(&self, now: Duration, announce: &dyn Fn(&str)) -> Result<ProgramNode, WorldError> {
         let name = self.name();
-        let refused = |source| WorldError::Spawn {
-            name: name.to_owned(),
-            source,
-        };
+        let refused = |error| WorldError::spawn(name)(error);
         let listener = Listener::open().map_err(refused)?;
         let bus = format!("lockstep:{}", listener.path().display());
         let (channel, program) = if self.command.is_some() {
@@ -150,7 +147,7 @@ impl ProgramOrder {
                 .start(bus, "virtual", Some(listener))
                 .map_err(refused)?;
             if !started.program.accept().map_err(refused)? {
-                let how = || format!("did not come to its seat in {} s", START_PATIENCE.as_secs());
+                let how = format!("did not come to its seat in {} s", START_PATIENCE.as_secs());
                 return Err(started.broken(name, how, Duration::ZERO));
             }
             (started.program.take_channel(), Some(started))
@@ -164,15 +161,9 @@ impl ProgramOrder {
             (channel, None)
         };
         let Some(channel) = channel else {
-            return Err(WorldError::Process {
-                name: name.to_owned(),
-                how: format!(
-                    "did not come to its seat in {} s",
-                    EXPECTED_PATIENCE.as_secs()
-                ),
-                log: String::new(),
-                doing: Doing::GaveUp,
-            });
+            let seconds = EXPECTED_PATIENCE.as_secs();
+            let how = format!("did not come to its seat in {seconds} s");
+            return Err(broken_off(name, how, "", Doing::GaveUp));
         };
         let setting = Setting {
             now,
@@ -186,10 +177,7 @@ impl ProgramOrder {
                 program,
                 remote,
             }),
-            Err(error) => Err(match program {
-                Some(program) => program.explained(error),
-                None => CoordinatorError::from(error).into(),
-            }),
+            Err(error) => Err(explained(program, error)),
         }
     }
 }
@@ -206,105 +194,76 @@ impl StartedProgram {
     /// Returns the error for its end before the request to stop, if it has ended.
     pub(crate) fn early_end(&mut self, name: &str) -> Option<WorldError> {
         let (how, output) = self.program.ended(Duration::ZERO)?;
-        Some(WorldError::Process {
-            name: name.to_owned(),
-            doing: if how.starts_with("cannot be started") {
-                Doing::NotSetUp
-            } else {
-                Doing::GaveUp
-            },
-            how: how + " in the middle of the run",
-            log: output_end(&output),
-        })
-    }
-
-    /// Returns whether it has ended.
-    pub(crate) fn has_ended(&mut self) -> bool {
-        self.program.ended(Duration::ZERO).is_some()
+        let doing = doing_by_itself(&how);
+        let how = how + " in the middle of the run";
+        Some(broken_off(name, how, &output, doing))
     }
 
     /// Returns the error for a program that broke its part, with its last output: how it ended by itself, otherwise `what`.
-    fn broken(mut self, name: &str, what: impl Fn() -> String, patience: Duration) -> WorldError {
-        let ended = self.program.ended(patience);
-        let is_by_itself = ended.is_some();
-        if !is_by_itself {
-            self.program.kill();
+    fn broken(mut self, name: &str, what: String, patience: Duration) -> WorldError {
+        if let Some((how, output)) = self.program.ended(patience) {
+            let doing = doing_by_itself(&how);
+            return broken_off(name, how, &output, doing);
         }
-        let (how, output) = ended
-            .or_else(|| self.program.ended(END_PATIENCE))
-            .unwrap_or_default();
-        let doing = if !is_by_itself {
-            Doing::Crashed
-        } else if how.starts_with("cannot be started") {
-            Doing::NotSetUp
-        } else {
-            Doing::GaveUp
-        };
-        WorldError::Process {
-            name: name.to_owned(),
-            how: if is_by_itself { how } else { what() },
-            log: output_end(&output),
-            doing,
-        }
-    }
-
-    /// Explains an error of the protocol with this program by the program's end.
-    fn explained(self, error: LockstepError) -> WorldError {
-        match error {
-            LockstepError::Ended { name } => {
-                self.broken(&name, || "closed its channel".to_owned(), CLOSED_PATIENCE)
-            }
-            LockstepError::NoAnswer { name, patience } => {
-                let seconds = patience.as_secs();
-                let what = || format!("gave no answer within {seconds} s");
-                self.broken(&name, what, Duration::ZERO)
-            }
-            LockstepError::Protocol { name, source } => {
-                let what = || format!("answered with what is no answer: {source}");
-                self.broken(&name, what, Duration::ZERO)
-            }
-            LockstepError::Step { name, source } => {
-                self.broken(&name, || source.to_string(), Duration::ZERO)
-            }
-            error @ LockstepError::Channel { .. } => CoordinatorError::from(error).into(),
-        }
+        self.program.kill();
+        let (_, output) = self.program.ended(END_PATIENCE).unwrap_or_default();
+        broken_off(name, what, &output, Doing::Crashed)
     }
 
     /// Waits for the end of a program that has nothing more to do.
     ///
     /// # Errors
     /// If it did not end by itself, or ended badly.
-    fn end(mut self, name: &str) -> Result<(), WorldError> {
+    pub(crate) fn end(&mut self, name: &str) -> Result<(), WorldError> {
         self.program.dismiss();
-        // The result is checked below.
-        let _ = self.program.ended(END_PATIENCE);
-        self.ended_well(name)
-    }
-
-    /// Checks that a program that was dismissed has ended in order.
-    ///
-    /// # Errors
-    /// If it has not.
-    pub(crate) fn ended_well(&mut self, name: &str) -> Result<(), WorldError> {
-        let (how, output) = match self.program.ended(Duration::ZERO) {
+        let (how, output) = match self.program.ended(END_PATIENCE) {
             Some((how, _)) if how == ORDERLY => return Ok(()),
             Some(ended) => ended,
             None => ("did not end".to_owned(), String::new()),
         };
-        Err(WorldError::Process {
-            name: name.to_owned(),
-            how: how + " when it was to stop",
-            log: output_end(&output),
-            doing: Doing::Crashed,
-        })
+        let how = how + " when it was to stop";
+        Err(broken_off(name, how, &output, Doing::Crashed))
     }
 }
 
-fn output_end(output: &str) -> String {
-    match output {
-        "" => String::new(),
-        output => format!("; the end of its output:\n{}", indented(output)),
+/// Attributes the end of a program that nobody asked to end.
+fn doing_by_itself(how: &str) -> Doing {
+    if how.starts_with("cannot be started") {
+        Doing::NotSetUp
+    } else {
+        Doing::GaveUp
     }
+}
+
+/// Returns the error for a program that ended its part, with its last output.
+fn broken_off(name: &str, how: String, output: &str, doing: Doing) -> WorldError {
+    WorldError::Process {
+        name: name.to_owned(),
+        how,
+        log: output_end(output),
+        doing,
+    }
+}
+
+/// Explains an error of the protocol with a node by the end of its program, if canrig started that.
+fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldError {
+    let Some(program) = program else {
+        return CoordinatorError::from(error).into();
+    };
+    let (what, patience) = match &error {
+        LockstepError::Ended { .. } => ("closed its channel".to_owned(), CLOSED_PATIENCE),
+        LockstepError::NoAnswer { patience, .. } => {
+            let what = format!("gave no answer within {} s", patience.as_secs());
+            (what, Duration::ZERO)
+        }
+        LockstepError::Protocol { source, .. } => {
+            let what = format!("answered with what is no answer: {source}");
+            (what, Duration::ZERO)
+        }
+        LockstepError::Step { source, .. } => (source.to_string(), Duration::ZERO),
+        LockstepError::Channel { .. } => return CoordinatorError::from(error).into(),
+    };
+    program.broken(error.name(), what, patience)
 }
 
 /// Node at its seat.
@@ -327,7 +286,7 @@ impl ProgramNode {
             remote,
         } = self;
         drop(remote);
-        program.map_or(Ok(()), |program| program.end(order.name()))
+        program.map_or(Ok(()), |mut program| program.end(order.name()))
     }
 }
 
@@ -365,10 +324,7 @@ impl Asked {
                 .extend(self.answer.frames.iter().map(|(_, frame)| *frame)),
             Err(error) => {
                 let program = self.node.take().and_then(|node| node.program);
-                let failure = match program {
-                    Some(program) => program.explained(error),
-                    None => CoordinatorError::from(error).into(),
-                };
+                let failure = explained(program, error);
                 self.answer.next_deadline = None;
                 self.answer.progress = Progress::Failed(failure.to_string());
                 self.failure = Some(failure);
@@ -376,10 +332,14 @@ impl Asked {
         }
     }
 
-    /// Returns whether a fault has halted it beyond its deadline.
-    fn is_late(&self, now: Duration) -> bool {
-        let wanted = self.answer.next_deadline;
-        wanted.is_some_and(|wanted| wanted < now)
+    fn advance(&mut self, now: Duration, frames: &[(Duration, CanFrame)]) {
+        let deadline = self.answer.next_deadline;
+        // A fault may have halted it beyond its deadline.
+        let is_late = deadline.is_some_and(|deadline| deadline < now);
+        self.ask(|remote, answer| {
+            is_late.then(|| remote.was_halted());
+            remote.advance(now, now, frames, answer)
+        });
     }
 
     /// Ends the process of a node that a fault ends, and starts another one in its place.
@@ -407,19 +367,11 @@ impl CanNode for Asked {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        let is_late = self.is_late(now);
-        self.ask(|remote, answer| {
-            is_late.then(|| remote.was_halted());
-            remote.advance(now, now, &[(now, *frame)], answer)
-        });
+        self.advance(now, &[(now, *frame)]);
     }
 
     fn on_tick(&mut self, now: Duration) {
-        let is_late = self.is_late(now);
-        self.ask(|remote, answer| {
-            is_late.then(|| remote.was_halted());
-            remote.advance(now, now, &[], answer)
-        });
+        self.advance(now, &[]);
     }
 
     fn on_stop(&mut self, now: Duration) {
@@ -528,10 +480,9 @@ impl Guest {
                 }
             }
         };
-        let name = node.order.name().to_owned();
         match played {
             Ok(played) => node.end().map(|()| played),
-            Err(WorldError::Coordinator(error)) => Err(node.explained(error, &name)),
+            Err(WorldError::Coordinator(error)) => Err(node.explained(error)),
             Err(error) => Err(error),
         }
     }
@@ -539,20 +490,18 @@ impl Guest {
 
 impl ProgramNode {
     /// Explains an error of virtual time by the end of this node, if the node caused it.
-    fn explained(self, error: CoordinatorError, node: &str) -> WorldError {
-        let Some(program) = self.program else {
-            return error.into();
-        };
-        match error {
-            CoordinatorError::Participant(error) if error.name() == node => {
-                program.explained(error)
+    fn explained(self, error: CoordinatorError) -> WorldError {
+        let node = self.order.name();
+        match (error, self.program) {
+            (CoordinatorError::Participant(error), program) if error.name() == node => {
+                explained(program, error)
             }
-            CoordinatorError::Overloaded { ref name } if name == node => {
-                let what = error.to_string();
-                let what = what.strip_prefix(name.as_str()).unwrap_or(&what).trim();
-                program.broken(name, || what.to_owned(), Duration::ZERO)
+            (CoordinatorError::Overloaded { name }, Some(program)) if name == node => {
+                let what = CoordinatorError::Overloaded { name }.to_string();
+                let what = what.strip_prefix(node).unwrap_or(&what).trim();
+                program.broken(node, what.to_owned(), Duration::ZERO)
             }
-            error => error.into(),
+            (error, _) => error.into(),
         }
     }
 }

@@ -1,10 +1,9 @@
 //! Real time: the processes keep their own time on a bus, and the bench listens.
 
 use std::collections::BTreeMap;
-use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
-use platform::clock::Clock;
+use platform::clock::{Clock, sleep};
 use platform::real_time::RunError;
 
 use crate::after_end;
@@ -18,7 +17,7 @@ use crate::law_process;
 use crate::names::{BENCH, played_emulators};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
-use crate::processes::{Processes, Stopped, runtime};
+use crate::processes::{Processes, Stopped};
 use crate::programs::ProgramOrder;
 use crate::second_master::SecondMasterWatch;
 use crate::silence::SilenceWatch;
@@ -45,8 +44,6 @@ pub fn play(
     connection: &mut BusConnection,
     is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
 ) -> Result<Played, WorldError> {
-    let runtime = runtime()?;
-    let _entered = runtime.enter();
     let mut processes = start_nodes(plan, folder, connection)?;
     let stalls = StallRecorder::start(plan, &processes)?;
     let mut bench = BenchNode::new(plan)?;
@@ -64,21 +61,15 @@ pub fn play(
     };
     let (end, ended, stopped) = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *bus, &stop));
-        let (end, stopped) = runtime.block_on(async {
-            let end = tokio::select! {
-                // Its error is reported below.
-                () = ended(&bench) => Ok(End::Interrupted),
-                end = run.follow() => end,
-            };
-            let is_second_master = matches!(end, Err(WorldError::SecondMaster(_)));
-            if is_second_master {
-                // The bench stops the drives at once.
-                stopper = None;
-            }
-            let is_broken_off = (bench.is_finished() || end.is_err()) && !is_second_master;
-            // After any end of the run no wire may stay heated, and no process running.
-            (end, run.stop(is_broken_off).await)
-        });
+        let end = run.follow(|| bench.is_finished());
+        let is_second_master = matches!(end, Err(WorldError::SecondMaster(_)));
+        if is_second_master {
+            // The bench stops the drives at once.
+            stopper = None;
+        }
+        let is_broken_off = (bench.is_finished() || end.is_err()) && !is_second_master;
+        // After any end of the run no wire may stay heated, and no process running.
+        let stopped = run.stop(is_broken_off);
         drop(stopper);
         let bench = bench
             .join()
@@ -131,23 +122,26 @@ fn sent(
 ) -> Sent {
     let is_killed = plan.shared.run.faults.of("crash").next().is_some();
     let controller = plan.controller().name.as_str();
-    let nodes = reports.iter_mut().map(|(name, report)| {
-        let sent = std::mem::take(&mut report.sent);
-        (name.as_str(), sent)
-    });
-    let nodes =
-        nodes.filter(|(name, frames)| !frames.is_empty() && (!is_killed || *name != controller));
-    let mut nodes = Vec::from_iter(nodes);
-    if nodes.iter().any(|(name, _)| *name == controller) {
-        nodes.push((BENCH, by_bench));
-    }
     let mut sent = Vec::new();
-    for (node, frames) in nodes {
+    let mut add = |node: &str, frames: Vec<(u16, u64)>| {
         sent.extend(frames.into_iter().map(|(identifier, frames)| SentFrames {
             node: node.to_owned(),
             identifier,
             frames,
         }));
+    };
+    let mut has_controller = false;
+    for (name, report) in reports {
+        let frames = std::mem::take(&mut report.sent);
+        let is_controller = name == controller;
+        let is_partial = is_controller && is_killed;
+        if !frames.is_empty() && !is_partial {
+            has_controller |= is_controller;
+            add(name, frames);
+        }
+    }
+    if has_controller {
+        add(BENCH, by_bench);
     }
     Sent(sent)
 }
@@ -177,33 +171,19 @@ fn start_nodes(
     Ok(Processes::new(processes, plan))
 }
 
-/// Waits until the bench's own node has ended, after it stopped the drive, or by a failure.
-async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
-    let mut ticks = tokio::time::interval(COLLECT_PERIOD);
-    while !bench.is_finished() {
-        ticks.tick().await;
-    }
-}
-
 /// Returns the end of the run with the reports of the nodes. The first error is the reason why the others stopped.
 fn with_reports(
     mut end: Result<End, WorldError>,
     stopped: Vec<Stopped>,
 ) -> (Result<End, WorldError>, BTreeMap<String, NodeReport>) {
     let mut reports = BTreeMap::new();
-    for Stopped {
-        name,
-        report,
-        ended,
-    } in stopped
-    {
-        if let Some(report) = report
-            && (ended.is_ok() || !report.is_empty())
-        {
-            let report = read_report(&name, &report);
-            reports.insert(name, report);
+    for stopped in stopped {
+        let is_ok = stopped.ended.is_ok();
+        if let Some(report) = stopped.report.filter(|report| is_ok || !report.is_empty()) {
+            let report = read_report(&stopped.name, &report);
+            reports.insert(stopped.name, report);
         }
-        match ended {
+        match stopped.ended {
             Ok(()) => {}
             // A node that was killed takes the other with it, whose end may be noticed first.
             Err(error) if end.is_ok() || error.is_from_outside() => end = Err(error),
@@ -233,17 +213,20 @@ struct Run<'a, 'b> {
 }
 
 impl Run<'_, '_> {
-    /// Collects frames until the scenario is over, the user stops it, or an error occurs.
-    async fn follow(&mut self) -> Result<End, WorldError> {
+    /// Collects frames until the scenario is over, the user or the bench's own node stops it, or an error occurs.
+    fn follow(&mut self, is_stopped: impl Fn() -> bool) -> Result<End, WorldError> {
         let clock = Clock::start();
         let mut silence = SilenceWatch::new(self.plan)?;
         let mut second_master = SecondMasterWatch::new(self.plan)?;
         let mut faults = ProcessFaults::new(self.plan);
-        let mut ticks = tokio::time::interval(COLLECT_PERIOD);
         loop {
-            tokio::select! {
-                error = self.processes.early_end() => return Err(error),
-                _ = ticks.tick() => {}
+            sleep(COLLECT_PERIOD);
+            // An error of the bench's own node is reported later.
+            if is_stopped() {
+                return Ok(End::Interrupted);
+            }
+            if let Some(error) = self.processes.early_end() {
+                return Err(error);
             }
             let now = clock.now();
             self.connection.collect(self.capture)?;
@@ -254,7 +237,7 @@ impl Run<'_, '_> {
             if (self.is_enough)(self.capture) {
                 return Ok(End::Completed);
             }
-            self.play_faults(&mut faults).await?;
+            self.play_faults(&mut faults)?;
             if is_over(self.plan, self.capture.scenario_time(), now)? {
                 return Ok(End::Completed);
             }
@@ -263,37 +246,36 @@ impl Run<'_, '_> {
     }
 
     /// Stops all nodes, the manager first. After a run that broke off it records whether the drives are off by themselves.
-    async fn stop(&mut self, is_broken_off: bool) -> Vec<Stopped> {
+    fn stop(&mut self, is_broken_off: bool) -> Vec<Stopped> {
         if is_broken_off && self.connection.collect(self.capture).is_ok() {
             self.capture.break_off();
         }
-        let mut stopped = self.processes.stop_manager().await;
+        let mut stopped = self.processes.stop(true);
         if is_broken_off && self.capture.zero().is_some() {
             // The end of the run is known, whatever happens now.
-            let _ = self.ask_drives().await;
+            let _ = self.ask_drives();
         }
-        stopped.extend(self.processes.stop_others().await);
+        stopped.extend(self.processes.stop(false));
         stopped
     }
 
     /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
-    async fn ask_drives(&mut self) -> Result<(), WorldError> {
+    fn ask_drives(&mut self) -> Result<(), WorldError> {
         let mut bus = self.connection.join(&[])?;
-        self.go_on(after_end::watch(self.plan)).await?;
+        self.go_on(after_end::watch(self.plan))?;
         for round in after_end::requests(self.plan) {
             for request in round {
                 bus.send(&request)?;
             }
-            self.go_on(after_end::ANSWER_TIME).await?;
+            self.go_on(after_end::ANSWER_TIME)?;
         }
         Ok(())
     }
 
-    async fn go_on(&mut self, time: Duration) -> Result<(), WorldError> {
+    fn go_on(&mut self, time: Duration) -> Result<(), WorldError> {
         let clock = Clock::start();
-        let mut ticks = tokio::time::interval(COLLECT_PERIOD);
         while clock.now() < time {
-            ticks.tick().await;
+            sleep(COLLECT_PERIOD);
             self.connection.collect(self.capture)?;
         }
         Ok(())
@@ -301,7 +283,7 @@ impl Run<'_, '_> {
 
     /// Plays the scenario's faults that are due on the processes of nodes. Faults of an external controller were refused before
     /// the run.
-    async fn play_faults(&mut self, faults: &mut ProcessFaults) -> Result<(), WorldError> {
+    fn play_faults(&mut self, faults: &mut ProcessFaults) -> Result<(), WorldError> {
         let Some(time) = self.capture.scenario_time() else {
             return Ok(());
         };
@@ -310,7 +292,7 @@ impl Run<'_, '_> {
                 continue;
             };
             match action {
-                ProcessAction::Kill => process.kill_by_fault().await?,
+                ProcessAction::Kill => process.kill_by_fault()?,
                 ProcessAction::Suspend => process.suspend(true)?,
                 ProcessAction::Resume => process.suspend(false)?,
                 ProcessAction::Start => {

@@ -30,10 +30,7 @@ impl StallRecorder {
     /// If no thread can be started.
     pub(super) fn start(plan: &Plan, processes: &Processes) -> Result<Self, WorldError> {
         let longer_than = plan.sync_period() / 2;
-        let watch = StallWatch::start(longer_than).map_err(|source| WorldError::Spawn {
-            name: BENCH.to_owned(),
-            source,
-        })?;
+        let watch = StallWatch::start(longer_than).map_err(WorldError::spawn(BENCH))?;
         watch.thread_named(Who::Bus, HUB_THREAD);
         let recorder = Self {
             watch,
@@ -60,11 +57,7 @@ impl StallRecorder {
         connection: &BusConnection,
         reports: &mut BTreeMap<String, NodeReport>,
     ) -> Vec<Stall> {
-        let Self {
-            watch,
-            controller,
-            longer_than,
-        } = self;
+        let (controller, longer_than) = (self.controller, self.longer_than);
         let late = reports.iter_mut().flat_map(|(name, report)| {
             let late = std::mem::take(&mut report.late).into_iter();
             let times = late.map(|times| times.map(Duration::from_nanos));
@@ -73,7 +66,8 @@ impl StallRecorder {
                 .filter(move |[from, until]| *until > *from + longer_than)
                 .map(move |[from, until]| (who, What::WokeLate, from, until))
         });
-        let seen = watch
+        let seen = self
+            .watch
             .stop()
             .into_iter()
             .map(|SeenStall { who, from, until }| match who {

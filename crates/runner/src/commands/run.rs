@@ -5,6 +5,7 @@ use std::path::Path;
 
 use clap::{Args, ValueEnum};
 use platform::bus::BusAddress;
+use platform::claim::Claim;
 use platform::scheduling;
 use scenario::fault::{Faults, Group};
 use scenario::node::Part;
@@ -22,7 +23,7 @@ use recording::run_folder::RunFolder;
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{
-    BusChoice, BusPlace, End, Played, RunBus, Vigil, WorldError, choose_bus, processes, real_time,
+    BusChoice, End, Played, RunBus, Vigil, WorldError, choose_bus, claim, processes, real_time,
 };
 
 /// Error of `--dry-run` without an external drive.
@@ -82,7 +83,7 @@ pub fn run(args: &RunArgs) -> Exit {
 struct RunTestbed<'a> {
     bus: RunBus,
     /// Place on the bus, held until the command ends.
-    _place: BusPlace,
+    _claim: Option<Claim>,
     /// Vigil between two scenarios.
     vigil: Cell<Option<Vigil>>,
     clock: ClockChoice,
@@ -95,14 +96,14 @@ impl<'a> RunTestbed<'a> {
     /// Finds the bus.
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
         let bus = choose_bus(&args.bus, args.require_vcan);
-        let placed = bus.and_then(|bus| BusPlace::take(&bus).map(|place| (bus, place)));
-        let (bus, place) = placed.map_err(|error| {
+        let placed = bus.and_then(|bus| claim(&bus).map(|claim| (bus, claim)));
+        let (bus, claim) = placed.map_err(|error| {
             print_error(&format!("canrig: {error}"));
             Exit::BenchFailed
         })?;
         Ok(Self {
             bus,
-            _place: place,
+            _claim: claim,
             vigil: Cell::new(None),
             clock: args.clock,
             guests: args.guests.clone(),
