@@ -3,7 +3,7 @@
 use std::fmt;
 
 /// Outcome of a check.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckOutcome {
     /// The check passed.
     Passed,
@@ -37,7 +37,7 @@ impl Check {
         Self::new(name, CheckOutcome::Open, found.into())
     }
 
-    fn new(name: &'static str, outcome: CheckOutcome, found: String) -> Self {
+    pub(super) fn new(name: &'static str, outcome: CheckOutcome, found: String) -> Self {
         Self {
             name,
             outcome,

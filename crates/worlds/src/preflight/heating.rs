@@ -11,13 +11,13 @@ use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
 use scenario::rig::drive::{Feedback, Scaled};
 
-use super::checklist::{Check, CheckOutcome};
-use super::phase::{Motion, NmtStop, Phase, QuickStop, Span};
+use super::checklist::Check;
+use super::checklist::CheckOutcome::{self, Failed, Open, Passed};
+use super::observed::{Motion, QuickStop, Span};
 use crate::error::WorldError;
 use plan::error_frames;
 use plan::loaded_drive::LoadedDrive;
 use recording::capture::Capture;
-use recording::log::Stamped;
 
 /// Time for which the load is watched at rest before the current rises.
 pub(super) const REST: Duration = Duration::from_secs(1);
@@ -35,8 +35,15 @@ pub(super) struct Heating<'a> {
     /// Number of frames of the recording that were read.
     frames_read: usize,
     commanded_amperes: f64,
-    phase: Phase,
-    nmt_stop: NmtStop,
+    /// Span of the positions at rest.
+    rest: Option<Span>,
+    /// Effect of the ramp on the load; `None` before the ramp.
+    motion: Option<Motion>,
+    /// Observations after the first quick stop.
+    quick_stop: Option<QuickStop>,
+    /// Time of the first NMT stop, and the delay until a heartbeat had the state Stopped.
+    nmt_stop: Option<Duration>,
+    stopped_after: Option<Duration>,
     errors: Vec<String>,
 }
 
@@ -49,21 +56,18 @@ impl<'a> Heating<'a> {
             clock,
             frames_read: 0,
             commanded_amperes: 0.0,
-            phase: Phase::new(),
-            nmt_stop: NmtStop::NotSent,
+            rest: None,
+            motion: None,
+            quick_stop: None,
+            nmt_stop: None,
+            stopped_after: None,
             errors: Vec::new(),
         }
     }
 
     /// Reads the new frames of a recording.
     pub(super) fn follow(&mut self, capture: &Capture<'_>) {
-        let mut seen = self.frames_read;
-        self.read(capture.since(&mut seen));
-        self.frames_read = seen;
-    }
-
-    fn read(&mut self, frames: &[Stamped]) {
-        for stamped in frames {
+        for stamped in capture.since(&mut self.frames_read) {
             self.on_frame(stamped.time, &stamped.frame);
         }
     }
@@ -75,7 +79,7 @@ impl<'a> Heating<'a> {
 
     /// Returns whether the ramp has shown all that it can.
     pub(super) fn is_over(&self) -> bool {
-        self.phase.motion().is_some_and(|motion| {
+        self.motion.is_some_and(|motion| {
             let is_warm = motion.has_moved() || !self.drive.real.preflight.heating;
             is_warm || self.position().is_err()
         })
@@ -83,7 +87,7 @@ impl<'a> Heating<'a> {
 
     /// Returns whether a heartbeat has shown that the drive obeyed NMT stop.
     pub(super) fn is_stopped(&self) -> bool {
-        matches!(self.nmt_stop, NmtStop::Obeyed { .. })
+        self.stopped_after.is_some()
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
@@ -98,9 +102,12 @@ impl<'a> Heating<'a> {
         } else if let Some(amperes) = drive.decode_target(frame) {
             self.on_command(now, frame, amperes);
         } else if *frame == NmtCommand::Stop.frame(Some(drive.node_id())) {
-            self.nmt_stop.on_command(now);
-        } else if self.is_stopped_heartbeat(frame) {
-            self.nmt_stop.on_stopped_heartbeat(now);
+            self.nmt_stop.get_or_insert(now);
+        } else if self.is_stopped_heartbeat(frame)
+            && let Some(sent_at) = self.nmt_stop
+        {
+            let after = now.saturating_sub(sent_at);
+            self.stopped_after.get_or_insert(after);
         }
     }
 
@@ -109,7 +116,10 @@ impl<'a> Heating<'a> {
         let quick_stop = Command::QuickStop.controlword();
         let is_quick_stop = *frame == self.drive.layout.encode(quick_stop, 0.0);
         if is_quick_stop && self.clock.zero().is_some() {
-            self.phase.on_quick_stop(now);
+            self.quick_stop.get_or_insert(QuickStop {
+                sent_at: now,
+                ..QuickStop::default()
+            });
         }
     }
 
@@ -117,10 +127,16 @@ impl<'a> Heating<'a> {
         let position = feedback.position;
         let is_at_rest = self.clock.scenario_time(now).unwrap_or_default() < REST;
         let (no_current, threshold) = (self.no_current_amperes(), self.motion());
-        match &mut self.phase {
-            Phase::Stop { quick_stop, .. } => quick_stop.on_sample(now, feedback, no_current),
-            phase if is_at_rest => phase.on_rest_sample(position),
-            phase => phase.on_ramp_sample(position, self.commanded_amperes, threshold),
+        if let Some(quick_stop) = &mut self.quick_stop {
+            quick_stop.on_sample(now, feedback, no_current);
+        } else if !is_at_rest {
+            let motion = self.motion.get_or_insert_default();
+            if let Some(rest) = self.rest {
+                let displacement = position - rest.middle();
+                motion.on_sample(displacement, self.commanded_amperes, threshold);
+            }
+        } else if self.motion.is_none() {
+            self.rest = Some(Span::including(self.rest, position));
         }
     }
 
@@ -150,10 +166,10 @@ impl<'a> Heating<'a> {
         ];
         let mut checks = Vec::new();
         for (name, found) in found {
-            let check = found.check(name, ended);
-            let has_failed = check.outcome == CheckOutcome::Failed;
-            checks.push(check);
-            if has_failed {
+            let missing = |text| (Failed, ended.err().map_or(text, reason));
+            let (outcome, found) = found.unwrap_or_else(missing);
+            checks.push(Check::new(name, outcome, found));
+            if outcome == Failed {
                 return checks;
             }
         }
@@ -178,33 +194,37 @@ impl<'a> Heating<'a> {
         let drive = &self.drive.layout;
         let (feedback_id, command_id) = (drive.feedback_id(), drive.command_id());
         let [feedback_bytes, command_bytes] = drive.lengths_bytes();
-        if !self.phase.has_feedback() {
-            return Found::Missing(format!("no PDO 0x{feedback_id:03X} came"));
+        let is_stop_seen = self.quick_stop.is_some_and(|stop| stop.last.is_some());
+        if self.rest.is_none() && self.motion.is_none() && !is_stop_seen {
+            return Err(format!("no PDO 0x{feedback_id:03X} came"));
         }
-        Found::Passed(format!(
-            "PDOs 0x{feedback_id:03X} ({feedback_bytes} bytes) and 0x{command_id:03X} ({command_bytes} bytes) are mapped"
+        Ok((
+            Passed,
+            format!(
+                "PDOs 0x{feedback_id:03X} ({feedback_bytes} bytes) and 0x{command_id:03X} ({command_bytes} bytes) are mapped"
+            ),
         ))
     }
 
     fn enabled(&self) -> Found {
         match (self.clock.zero(), self.position()) {
-            (Some(_), _) => Found::Passed("Operation enabled, at 0 A".to_owned()),
-            (None, Err(_)) => Found::Open("not awaited".to_owned()),
-            (None, Ok(())) => Found::Missing("the drive was not enabled".to_owned()),
+            (Some(_), _) => Ok((Passed, "Operation enabled, at 0 A".to_owned())),
+            (None, Err(_)) => Ok((Open, "not awaited".to_owned())),
+            (None, Ok(())) => Err("the drive was not enabled".to_owned()),
         }
     }
 
     fn at_rest(&self) -> Found {
-        match (self.position(), self.phase.rest(), self.phase.motion()) {
-            (Err(text), ..) => Found::Failed(text),
-            (Ok(()), Some(rest), Some(_)) => Found::Passed(at_rest(rest, self.unit)),
-            _ => Found::Missing("the drive sent no position for a second".to_owned()),
+        match (self.position(), self.rest, self.motion) {
+            (Err(text), ..) => Ok((Failed, text)),
+            (Ok(()), Some(rest), Some(_)) => Ok((Passed, at_rest(rest, self.unit))),
+            _ => Err("the drive sent no position for a second".to_owned()),
         }
     }
 
     /// Checks that the position without current is plausible.
     fn position(&self) -> Result<(), String> {
-        let Some(rest) = self.phase.rest() else {
+        let Some(rest) = self.rest else {
             return Ok(());
         };
         let Span { low, high } = rest;
@@ -233,27 +253,27 @@ impl<'a> Heating<'a> {
     fn direction(&self) -> Found {
         let preflight = &self.drive.real.preflight;
         let threshold = self.motion();
-        let motion = self.phase.motion().unwrap_or_default();
-        let Motion {
-            displacement,
-            amperes,
-            ..
-        } = motion;
+        let motion = self.motion.unwrap_or_default();
+        let (displacement, amperes) = (motion.displacement, motion.amperes);
         let symbol = self.unit.symbol();
         if !preflight.heating {
-            Found::Open("not heated, as you wished".to_owned())
+            Ok((Open, "not heated, as you wished".to_owned()))
         } else if displacement <= -threshold {
             // A motion may reach a limit of the rig before it counts as motion.
-            Found::Failed(format!(
-                "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
-                -displacement
+            Ok((
+                Failed,
+                format!(
+                    "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
+                    -displacement
+                ),
             ))
         } else if motion.has_moved() {
-            Found::Passed(format!(
-                "rises by {displacement:.2} {symbol} at {amperes:.2} A"
+            Ok((
+                Passed,
+                format!("rises by {displacement:.2} {symbol} at {amperes:.2} A"),
             ))
         } else {
-            Found::Missing(format!(
+            Err(format!(
                 "{displacement:.2} {symbol} within {} s, at {amperes:.2} A in the end ({threshold:.2} {symbol} are motion): is the plant connected, and the command's scaling right?",
                 preflight.heating_seconds_max
             ))
@@ -262,21 +282,27 @@ impl<'a> Heating<'a> {
 
     fn quick_stop(&self) -> Found {
         let limit = Duration::from_millis(self.drive.real.preflight.stop_milliseconds_max.into());
-        let Some(quick_stop) = self.phase.quick_stop() else {
-            return Found::Missing("none was sent".to_owned());
+        let Some(quick_stop) = self.quick_stop else {
+            return Err("none was sent".to_owned());
         };
         let Some(after) = quick_stop.without_current_after else {
-            return disobeyed(quick_stop, self.no_current_amperes());
+            return disobeyed(&quick_stop, self.no_current_amperes());
         };
         let (after_milliseconds, limit_milliseconds) =
             (after.as_secs_f64() * 1e3, limit.as_millis());
         if after <= limit {
-            Found::Passed(format!(
-                "no current after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)"
+            Ok((
+                Passed,
+                format!(
+                    "no current after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)"
+                ),
             ))
         } else {
-            Found::Failed(format!(
-                "no current only after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)"
+            Ok((
+                Failed,
+                format!(
+                    "no current only after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)"
+                ),
             ))
         }
     }
@@ -284,15 +310,21 @@ impl<'a> Heating<'a> {
     fn nmt_stop(&self) -> Found {
         let limit = self.patience();
         let limit_milliseconds = limit.as_millis();
-        match self.nmt_stop {
-            NmtStop::Obeyed { after } if after <= limit => Found::Passed(format!(
-                "Stopped in a heartbeat after {:.1} ms (limit {limit_milliseconds} ms)",
-                after.as_secs_f64() * 1e3
-            )),
-            _ => Found::Failed(format!(
-                "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
-            )),
-        }
+        Ok(match self.stopped_after.filter(|after| *after <= limit) {
+            Some(after) => {
+                let after = after.as_secs_f64() * 1e3;
+                let found = format!(
+                    "Stopped in a heartbeat after {after:.1} ms (limit {limit_milliseconds} ms)"
+                );
+                (Passed, found)
+            }
+            None => {
+                let found = format!(
+                    "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
+                );
+                (Failed, found)
+            }
+        })
     }
 }
 
@@ -300,34 +332,20 @@ impl<'a> Heating<'a> {
 fn disobeyed(quick_stop: &QuickStop, no_current_amperes: f64) -> Found {
     match quick_stop.last.map(|sample| sample.current_amperes) {
         // As after a violation of a limit: NMT stop came at once.
-        None => Found::Missing("no sample came after it".to_owned()),
-        Some(Some(amperes)) if amperes.abs() > no_current_amperes => Found::Failed(format!(
-            "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
+        None => Err("no sample came after it".to_owned()),
+        Some(Some(amperes)) if amperes.abs() > no_current_amperes => Ok((
+            Failed,
+            format!("the drive does not obey: {amperes:.2} A flow on; switch it off by hand"),
         )),
-        Some(_) => {
-            Found::Failed("the drive stays in Operation enabled; switch it off by hand".to_owned())
-        }
+        Some(_) => Ok((
+            Failed,
+            "the drive stays in Operation enabled; switch it off by hand".to_owned(),
+        )),
     }
 }
 
-enum Found {
-    Passed(String),
-    Failed(String),
-    Open(String),
-    /// It was not seen. The end of the session gives the reason, or otherwise this text.
-    Missing(String),
-}
-
-impl Found {
-    fn check(self, name: &'static str, ended: Result<(), &WorldError>) -> Check {
-        match (self, ended) {
-            (Self::Passed(text), _) => Check::passed(name, text),
-            (Self::Open(text), _) => Check::open(name, text),
-            (Self::Failed(text), _) | (Self::Missing(text), Ok(())) => Check::failed(name, text),
-            (Self::Missing(_), Err(error)) => Check::failed(name, reason(error)),
-        }
-    }
-}
+/// Outcome of a check and its finding. Without them, the end of the session gives the reason, or otherwise the text.
+type Found = Result<(CheckOutcome, String), String>;
 
 /// Returns the reason why the session failed; for a controller that gave up, its last line.
 fn reason(error: &WorldError) -> String {
@@ -365,6 +383,7 @@ fn at_rest(rest: Span, unit: &Unit) -> String {
 mod tests {
     use can::frame::ERROR_FLAG;
     use dbc::Database;
+    use recording::log::Stamped;
     use scenario::rig::{Limits, RealDrive, RigDrive};
 
     use super::*;
@@ -446,7 +465,9 @@ mod tests {
             let drive = drive();
             let clock = ScenarioClock::new(Database::shipped(), ["drive"]).unwrap();
             let mut heating = Heating::new(&drive, clock, unit);
-            heating.read(&self.frames);
+            for stamped in &self.frames {
+                heating.on_frame(stamped.time, &stamped.frame);
+            }
             let checks = heating.checks(Ok(()));
             let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
             (lines.join("\n"), heating.is_over())

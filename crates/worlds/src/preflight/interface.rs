@@ -83,25 +83,16 @@ fn bus_errors(name: &str, link: &Link) -> Check {
     let counters = link.errors.map_or_else(String::new, |[transmit, receive]| {
         format!(", error counters {transmit} (transmit) and {receive} (receive)")
     });
-    let advice = match state {
-        State::ErrorActive => {
-            return Check::passed(BUS_ERRORS, format!("error active{counters}"));
-        }
-        State::ErrorWarning | State::ErrorPassive => {
-            "look at the cable, both terminating resistors and every node's bit rate".to_owned()
-        }
-        State::BusOff | State::Stopped => {
-            format!("repair the bus, then: ip link set {name} type can restart")
-        }
+    let look = "look at the cable, both terminating resistors and every node's bit rate";
+    let restart = format!("repair the bus, then: ip link set {name} type can restart");
+    let (state, advice) = match state {
+        State::ErrorActive => return Check::passed(BUS_ERRORS, format!("error active{counters}")),
+        State::ErrorWarning => ("error warning", look),
+        State::ErrorPassive => ("error passive", look),
+        State::BusOff => ("bus-off", restart.as_str()),
+        State::Stopped => ("stopped", restart.as_str()),
     };
-    let state_name = match state {
-        State::ErrorActive => "error active",
-        State::ErrorWarning => "error warning",
-        State::ErrorPassive => "error passive",
-        State::BusOff => "bus-off",
-        State::Stopped => "stopped",
-    };
-    Check::failed(BUS_ERRORS, format!("{state_name}{counters}; {advice}"))
+    Check::failed(BUS_ERRORS, format!("{state}{counters}; {advice}"))
 }
 
 #[cfg(test)]

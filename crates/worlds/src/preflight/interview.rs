@@ -43,14 +43,13 @@ struct Question {
 }
 
 impl Question {
+    fn address(&self) -> (u16, u8) {
+        (self.entry.index, self.entry.sub_index)
+    }
+
     fn name(&self) -> String {
-        let Entry {
-            index,
-            sub_index,
-            name,
-            ..
-        } = &self.entry;
-        format!("0x{index:04X}:{sub_index:02X} ({name})")
+        let (index, sub_index) = self.address();
+        format!("0x{index:04X}:{sub_index:02X} ({})", self.entry.name)
     }
 }
 
@@ -71,14 +70,13 @@ pub(super) struct Interview {
     dictionary: ObjectDictionary,
     patience: Duration,
     phase: Phase,
-    /// Nodes to call, the drive first.
-    /// Nodes that have not answered yet, each with its name.
+    /// Nodes that have not answered yet, the drive first, each with its name.
     to_call: VecDeque<(NodeId, String)>,
     present: Vec<(NodeId, String)>,
     client: SdoClient,
     answer_time: Duration,
-    identity: VecDeque<Question>,
-    objects: VecDeque<Question>,
+    /// Questions on the identity, then on the objects that a run uses.
+    questions: VecDeque<Question>,
     answers: Vec<Answer>,
     presence: Presence,
     sheets: Vec<DataSheet>,
@@ -110,7 +108,6 @@ impl Interview {
             written: None,
         });
         let used = used.into_iter().filter_map(entry);
-        let objects = used.flat_map(questions);
         Self {
             patience: timeouts.bring_up(),
             phase: Phase::Start,
@@ -118,8 +115,7 @@ impl Interview {
             present: Vec::new(),
             client: SdoClient::new(drive.layout.node_id().get()).with_timeout(answer_time),
             answer_time,
-            identity: identity.collect(),
-            objects: objects.collect(),
+            questions: identity.chain(used.flat_map(questions)).collect(),
             answers: Vec::new(),
             presence: Presence::default(),
             sheets: data_sheets_led_by(manager),
@@ -145,10 +141,8 @@ impl Interview {
         if !self.to_call.is_empty() {
             return checks;
         }
-        let (identity, objects): (Vec<&Answer>, Vec<&Answer>) =
-            self.answers.iter().partition(|(question, _)| {
-                IDENTITY.contains(&(question.entry.index, question.entry.sub_index))
-            });
+        let is_of_identity = |(question, _): &&Answer| IDENTITY.contains(&question.address());
+        let (identity, objects): (Vec<_>, Vec<_>) = self.answers.iter().partition(is_of_identity);
         checks.push(self.check_identity(&identity));
         checks.push(check_objects(&objects));
         checks
@@ -187,9 +181,7 @@ impl Interview {
     fn check_identity(&self, answers: &[&Answer]) -> Check {
         let mut shown = Vec::new();
         for (question, answer) in answers {
-            let Entry {
-                index, sub_index, ..
-            } = question.entry;
+            let (index, sub_index) = question.address();
             let name = question.name();
             let wanted = self.dictionary.unsigned(index, sub_index);
             match answer {
@@ -224,25 +216,22 @@ impl Interview {
             until,
             again: now + CALL_PERIOD,
         };
-        let (index, sub_index) = DEVICE_TYPE;
-        self.start(now, index, sub_index, None);
+        self.start(now, DEVICE_TYPE, None);
     }
 
     fn ask_next(&mut self, now: Duration) {
-        let Some(question) = self.identity.front().or(self.objects.front()).cloned() else {
+        let Some(question) = self.questions.front().cloned() else {
             self.phase = Phase::Done;
             return;
         };
         self.phase = Phase::Asking;
         let drive = self.present.first().map_or(1, |(node, _)| node.get());
         self.client = SdoClient::new(drive).with_timeout(self.answer_time);
-        let Entry {
-            index, sub_index, ..
-        } = question.entry;
-        self.start(now, index, sub_index, question.written.as_deref());
+        self.start(now, question.address(), question.written.as_deref());
     }
 
-    fn start(&mut self, now: Duration, index: u16, sub_index: u8, written: Option<&[u8]>) {
+    fn start(&mut self, now: Duration, address: (u16, u8), written: Option<&[u8]>) {
+        let (index, sub_index) = address;
         let started = match written {
             None => self.client.start_upload(now, index, sub_index),
             Some(bytes) => self.client.start_download(now, index, sub_index, bytes),
@@ -266,10 +255,7 @@ impl Interview {
                 self.call(now, now + self.patience);
             }
             Phase::Asking => {
-                let asked = self
-                    .identity
-                    .pop_front()
-                    .or_else(|| self.objects.pop_front());
+                let asked = self.questions.pop_front();
                 self.answers
                     .extend(asked.map(|question| (question, result)));
                 self.ask_next(now);

@@ -8,7 +8,7 @@ mod checklist;
 mod heating;
 mod interface;
 mod interview;
-mod phase;
+mod observed;
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
@@ -105,12 +105,13 @@ impl Preflight {
         watch: &Watch,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        let session = Session {
+        let mut session = Session {
             parent,
             connection,
             watch,
+            report,
         };
-        let made = self.check_drives(plan, bus, session, report);
+        let made = self.check_drives(plan, bus, &mut session);
         self.has_failed.set(made.is_err());
         made
     }
@@ -119,8 +120,7 @@ impl Preflight {
         &self,
         plan: &Plan,
         bus: &RunBus,
-        session: Session<'_>,
-        report: &dyn Fn(&PreflightEvent),
+        session: &mut Session<'_>,
     ) -> Result<End, WorldError> {
         // A program is not there before its run, and no current flows in it.
         let is_external = |one: &&ControlLoop| {
@@ -132,27 +132,17 @@ impl Preflight {
         if unchecked.is_empty() {
             return Ok(End::Completed);
         }
-        report(&PreflightEvent::Begun);
+        (session.report)(&PreflightEvent::Begun);
         let bit_rate = plan.shared.run.bus.bitrate_kilobits_per_second;
-        pass(interface::checks(bus, bit_rate), report)?;
+        session.pass(interface::checks(bus, bit_rate))?;
         let is_led_elsewhere = |one: &&ControlLoop| one.is_external(Part::Controller);
         if unchecked.iter().any(is_led_elsewhere) {
             let text = "left to the external controller, which leads it";
-            pass(vec![Check::open("drive", text)], report)?;
+            session.pass(vec![Check::open("drive", text)])?;
             return Ok(End::Completed);
         }
-        let Session {
-            parent,
-            connection,
-            watch,
-        } = session;
         for one in unchecked {
-            let session = Session {
-                parent,
-                connection: &mut *connection,
-                watch,
-            };
-            match self.check_drive(plan, one, session, report)? {
+            match self.check_drive(plan, one, session)? {
                 End::Completed => self.passed.borrow_mut().insert(who(one)),
                 end => return Ok(end),
             };
@@ -165,24 +155,18 @@ impl Preflight {
         &self,
         plan: &Plan,
         one: &ControlLoop,
-        session: Session<'_>,
-        report: &dyn Fn(&PreflightEvent),
+        session: &mut Session<'_>,
     ) -> Result<End, WorldError> {
         if one.loop_name().is_some() {
-            report(&PreflightEvent::Drive(one.nodes.drive.name.clone()));
+            (session.report)(&PreflightEvent::Drive(one.nodes.drive.name.clone()));
         }
         let drive = self.drive(one)?;
         let mut interview = interview(&drive, one)?;
-        let Session {
-            parent,
-            connection,
-            watch,
-        } = session;
-        connection.run_node(&mut interview, watch)?;
-        if watch.is_interrupted() {
+        session.connection.run_node(&mut interview, session.watch)?;
+        if session.watch.is_interrupted() {
             return Ok(End::Interrupted);
         }
-        let passed = pass(interview.checks(), report);
+        let passed = session.pass(interview.checks());
         if let Some(manager) = interview.manager() {
             let found = format!(
                 "the pre-flight hears {manager}: end the other controller, or name it with --external controller"
@@ -190,19 +174,14 @@ impl Preflight {
             return Err(WorldError::SecondMaster(found));
         }
         passed?;
-        let session = Session {
-            parent,
-            connection: &mut *connection,
-            watch,
-        };
         let preflight = drive.real.preflight;
-        let end = heat(drive, (plan, one), session, report)?;
+        let end = session.heat(&drive, plan, one)?;
         if end == End::Interrupted || !preflight.heating {
             return Ok(end);
         }
         let cooling = Duration::from_secs_f64(preflight.cooling_seconds);
-        report(&PreflightEvent::Cooling(cooling));
-        cool(cooling, one.nodes.controller.id, connection, watch)
+        (session.report)(&PreflightEvent::Cooling(cooling));
+        session.cool(cooling, one.nodes.controller.id)
     }
 
     /// Returns the drive, or one like the emulated drive if the rig does not describe it, with the user's choice on heating.
@@ -225,65 +204,95 @@ fn who(one: &ControlLoop) -> String {
     format!("{} {real:?}", one.place.drive_node_id)
 }
 
-/// Reports the checks, up to the first that failed.
-fn pass(checks: Vec<Check>, report: &dyn Fn(&PreflightEvent)) -> Result<(), WorldError> {
-    for check in checks {
-        let failed = (check.outcome == CheckOutcome::Failed).then(|| WorldError::Preflight {
-            name: check.name,
-            found: check.found.clone(),
-        });
-        report(&PreflightEvent::Checked(check));
-        if let Some(failed) = failed {
-            return Err(failed);
-        }
-    }
-    Ok(())
-}
-
-/// Place in which the drive is led; the folder of the recording is in `parent`.
+/// Place in which the drives are checked; the folder of the recording is in `parent`.
 struct Session<'a> {
     parent: &'a Path,
     connection: &'a mut BusConnection,
     watch: &'a Watch,
+    report: &'a dyn Fn(&PreflightEvent),
 }
 
-/// Leads the drive through the ramp and judges the frames on the bus.
-fn heat(
-    drive: LoadedDrive,
-    (plan, one): (&Plan, &ControlLoop),
-    session: Session<'_>,
-    report: &dyn Fn(&PreflightEvent),
-) -> Result<End, WorldError> {
-    let Session {
-        parent,
-        connection,
-        watch,
-    } = session;
-    let ramp = ramp(&drive, plan, one)?;
-    let Shared { run, text, .. } = &ramp.shared;
-    let folder = RunFolder::create(parent, &run.name, run.seed, text)?;
-    write_plan(&folder, &ramp)?;
-    let progress = ProgressReader::new(&ramp)?;
-    let clock = ramp.scenario_clock()?;
-    let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let unit = &one.trial.wiring.sensor.measurand.unit;
-    let mut heating = Heating::new(&drive, ramp.scenario_clock()?, unit);
-    let mut is_enough = |capture: &Capture<'_>| {
-        heating.follow(capture);
-        heating.is_over()
-    };
-    let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
-    await_stopped(connection, &mut capture, &mut heating)?;
-    capture.finish()?;
-    let ended = match ended.map(|played| played.end) {
-        Err(second_master @ WorldError::SecondMaster(_)) => return Err(second_master),
-        Ok(End::Interrupted) => return Ok(End::Interrupted),
-        Ok(End::ByNode(end)) => Err(WorldError::ByNode(end)),
-        Ok(End::Completed) => Ok(()),
-        Err(error) => Err(error),
-    };
-    pass(heating.checks(ended.as_ref().copied()), report)?;
-    Ok(End::Completed)
+impl Session<'_> {
+    /// Reports the checks, up to the first that failed.
+    fn pass(&self, checks: Vec<Check>) -> Result<(), WorldError> {
+        for check in checks {
+            let failed = (check.outcome == CheckOutcome::Failed).then(|| WorldError::Preflight {
+                name: check.name,
+                found: check.found.clone(),
+            });
+            (self.report)(&PreflightEvent::Checked(check));
+            failed.map_or(Ok(()), Err)?;
+        }
+        Ok(())
+    }
+
+    /// Leads the drive through the ramp and judges the frames on the bus.
+    fn heat(
+        &mut self,
+        drive: &LoadedDrive,
+        plan: &Plan,
+        one: &ControlLoop,
+    ) -> Result<End, WorldError> {
+        let ramp = ramp(drive, plan, one)?;
+        let Shared { run, text, .. } = &ramp.shared;
+        let folder = RunFolder::create(self.parent, &run.name, run.seed, text)?;
+        write_plan(&folder, &ramp)?;
+        let (log, progress) = (folder.bus_log(false)?, ProgressReader::new(&ramp)?);
+        let clock = ramp.scenario_clock()?;
+        let unit = &one.trial.wiring.sensor.measurand.unit;
+        let mut heating = Heating::new(drive, clock.clone(), unit);
+        let mut capture = Capture::new(log, progress, clock, self.watch, Vec::new());
+        let mut is_enough = |capture: &Capture<'_>| {
+            heating.follow(capture);
+            heating.is_over()
+        };
+        let connection = &mut *self.connection;
+        let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
+        self.await_stopped(&mut capture, &mut heating)?;
+        capture.finish()?;
+        let ended = match ended.map(|played| played.end) {
+            Err(second_master @ WorldError::SecondMaster(_)) => return Err(second_master),
+            Ok(End::Interrupted) => return Ok(End::Interrupted),
+            Ok(End::ByNode(end)) => Err(WorldError::ByNode(end)),
+            Ok(End::Completed) => Ok(()),
+            Err(error) => Err(error),
+        };
+        self.pass(heating.checks(ended.as_ref().copied()))?;
+        Ok(End::Completed)
+    }
+
+    /// Continues the recording until a heartbeat of the drive shows that it was stopped.
+    fn await_stopped(
+        &mut self,
+        capture: &mut Capture<'_>,
+        heating: &mut Heating<'_>,
+    ) -> Result<(), WorldError> {
+        let patience = heating.patience() + HEARTBEAT_PATIENCE;
+        let clock = clock::Clock::start();
+        loop {
+            self.connection.collect(capture)?;
+            heating.follow(capture);
+            if heating.is_stopped() || clock.now() > patience {
+                return Ok(());
+            }
+            clock::sleep(POLL_PERIOD);
+        }
+    }
+
+    /// Waits, unless the user stops the pre-flight, and keeps the bench's place on the bus meanwhile.
+    fn cool(&self, time: Duration, manager: u8) -> Result<End, WorldError> {
+        let vigil = Vigil::begin(self.connection.address(), manager)?;
+        let clock = clock::Clock::start();
+        while clock.now() < time && !self.watch.is_interrupted() && !vigil.is_broken() {
+            clock::sleep(POLL_PERIOD);
+        }
+        vigil.end()?;
+        Ok(if self.watch.is_interrupted() {
+            End::Interrupted
+        } else {
+            End::Completed
+        })
+    }
 }
 
 fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldError> {
@@ -371,42 +380,4 @@ fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {
         name: NAME,
         found: format!("cannot be made: {reason}"),
     }
-}
-
-/// Continues the recording until a heartbeat of the drive shows that it was stopped.
-fn await_stopped(
-    connection: &mut BusConnection,
-    capture: &mut Capture<'_>,
-    heating: &mut Heating<'_>,
-) -> Result<(), WorldError> {
-    let patience = heating.patience() + HEARTBEAT_PATIENCE;
-    let clock = clock::Clock::start();
-    loop {
-        connection.collect(capture)?;
-        heating.follow(capture);
-        if heating.is_stopped() || clock.now() > patience {
-            return Ok(());
-        }
-        clock::sleep(POLL_PERIOD);
-    }
-}
-
-/// Waits, unless the user stops the pre-flight, and keeps the bench's place on the bus meanwhile.
-fn cool(
-    time: Duration,
-    manager: u8,
-    connection: &BusConnection,
-    watch: &Watch,
-) -> Result<End, WorldError> {
-    let vigil = Vigil::begin(connection.address(), manager)?;
-    let clock = clock::Clock::start();
-    while clock.now() < time && !watch.is_interrupted() && !vigil.is_broken() {
-        clock::sleep(POLL_PERIOD);
-    }
-    vigil.end()?;
-    Ok(if watch.is_interrupted() {
-        End::Interrupted
-    } else {
-        End::Completed
-    })
 }
