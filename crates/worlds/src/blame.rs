@@ -75,23 +75,23 @@ pub(crate) fn end_by_node(
         WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
             Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
         }
-        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::NoAnswer {
-            ref name,
-            patience,
-        })) => {
-            let what = format!("no answer within {} s{}", patience.as_secs(), seen.when());
-            Ok(seen.end(seen.node(name), None, what))
-        }
-        WorldError::Coordinator(CoordinatorError::Participant(ref lockstep))
-            if !matches!(lockstep, LockstepError::Channel { .. }) =>
-        {
-            let name = lockstep.name();
-            let what = format!("{}{}", without(name, &error), seen.when());
-            Ok(seen.end(seen.node(name), None, what))
-        }
-        WorldError::Coordinator(CoordinatorError::Overloaded { ref name }) => {
-            let what = format!("{}{}", without(name, &error), seen.when());
-            Ok(seen.end(seen.node(name), None, what))
+        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Channel {
+            ..
+        })) => Err(error),
+        WorldError::Coordinator(ref cause) => {
+            let Some(name) = cause.participant() else {
+                return Err(error);
+            };
+            let what = match cause {
+                CoordinatorError::Participant(LockstepError::NoAnswer { patience, .. }) => {
+                    format!("no answer within {} s", patience.as_secs())
+                }
+                _ => {
+                    let text = error.to_string();
+                    text.strip_prefix(name).unwrap_or(&text).trim().to_owned()
+                }
+            };
+            Ok(seen.end(seen.node(name), None, what + &seen.when()))
         }
         WorldError::Process {
             name,
@@ -106,12 +106,6 @@ pub(crate) fn end_by_node(
         }),
         error => Err(error),
     }
-}
-
-/// Returns the text of an error without the name at its beginning.
-fn without(name: &str, error: &WorldError) -> String {
-    let text = error.to_string();
-    text.strip_prefix(name).unwrap_or(&text).trim().to_owned()
 }
 
 /// End of a run as the recording shows it.
@@ -292,23 +286,20 @@ impl<'a> Seen<'a> {
 
     /// Returns the end by a node that gave up by itself. If a controller gave a drive up, the end is the drive's.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
-        let given_up = self
-            .drive_given_up()
-            .filter(|_| name == self.plan.controller().name);
-        let Some((drive, given_up)) = given_up else {
+        let is_controller = name == self.plan.controller().name;
+        let Some((drive, given_up)) = self.drive_given_up().filter(|_| is_controller) else {
             let what = format!("{how}{}{log}", self.when());
             let node = self.node(name);
             return self.end(node, self.last_position(node), what);
         };
         // The drive may have been heard again since if it was only late.
         let position = self.before(given_up).last_position(drive);
-        let when = self.when_at(Some(given_up));
         let patience = SILENT_PERIODS * self.plan.sync_period();
-        let silent = position
-            .filter(|position| given_up > *position + patience)
-            .and_then(|position| self.seconds(position));
+        let silent = position.filter(|position| given_up > *position + patience);
+        let silent = silent.and_then(|position| self.seconds(position));
         let silent =
             silent.map_or_else(String::new, |since| format!("silent since {since:.3} s; "));
+        let when = self.when_at(Some(given_up));
         let what = format!("{silent}the controller gave it up{when} and {how}{log}");
         EarlyEnd {
             at_seconds: Some(self.stamp(given_up)),
@@ -353,18 +344,12 @@ impl<'a> Seen<'a> {
     }
 
     fn is_bus_in_trouble(&self) -> bool {
-        let Some(end) = self.end_of_recording() else {
-            return false;
-        };
-        let mut lately = self
-            .frames
-            .iter()
-            .rev()
-            .take_while(|stamped| stamped.time + BUS_TROUBLE >= end);
-        lately.any(|stamped| {
-            error_frames::read(&stamped.frame).is_some_and(|message| {
-                !message.is_good && BUS_TROUBLES.iter().any(|text| message.text.contains(text))
-            })
+        let end = self.end_of_recording().unwrap_or_default();
+        let latest_first = self.frames.iter().rev();
+        let lately = latest_first.take_while(|stamped| stamped.time + BUS_TROUBLE >= end);
+        let mut messages = lately.filter_map(|stamped| error_frames::read(&stamped.frame));
+        messages.any(|message| {
+            !message.is_good && BUS_TROUBLES.iter().any(|text| message.text.contains(text))
         })
     }
 }

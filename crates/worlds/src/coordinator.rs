@@ -12,7 +12,10 @@ use std::time::Duration;
 
 use can::frame_bits::{arbitration_key, frame_bits};
 use can::{CanFrame, Progress, earliest};
+use platform::bus::Bus;
 use platform::lockstep::{LockstepError, Participant};
+use recording::capture::Capture;
+use recording::log::Stamped;
 
 use crate::agenda::{Agenda, NEVER, Nanos, Slot, Timed, audience, nanos};
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
@@ -26,18 +29,33 @@ const QUEUE_LIMIT: usize = 10_000;
 /// Longest look-ahead of a participant, so that one that never sends does not run away.
 const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
-/// Sink for the winners of the arbitration other than their addressees.
-pub(crate) trait Wire {
+/// Sinks for the winners of the arbitration other than their addressees: the recording and, if there is one, the real wire.
+pub(crate) struct Wire<'a, 'b, 'c> {
+    pub(crate) capture: &'a mut Capture<'b>,
+    pub(crate) bus: Option<&'c mut dyn Bus>,
+}
+
+impl Wire<'_, '_, '_> {
     /// Takes a frame whose last bit passed at `time` and which occupied the bus for this many bits.
     ///
     /// # Errors
-    /// If the wire cannot carry it.
+    /// If the real wire cannot carry it.
     fn put(
         &mut self,
         time: Duration,
         frame: &CanFrame,
         occupied_bits: u32,
-    ) -> Result<(), CoordinatorError>;
+    ) -> Result<(), CoordinatorError> {
+        self.capture
+            .record(Stamped::counted(time, *frame, occupied_bits));
+        match &mut self.bus {
+            Some(bus) => bus.send(frame).map_err(|source| CoordinatorError::Wire {
+                frame: *frame,
+                source,
+            }),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Reason why virtual time cannot continue.
@@ -70,6 +88,17 @@ pub enum CoordinatorError {
         /// Error of the bus.
         source: platform::bus::BusError,
     },
+}
+
+impl CoordinatorError {
+    /// Returns the name of the participant that is its cause.
+    pub(crate) fn participant(&self) -> Option<&str> {
+        match self {
+            Self::Participant(error) => Some(error.name()),
+            Self::Failed { name, .. } | Self::Overloaded { name } => Some(name),
+            Self::Wire { .. } => None,
+        }
+    }
 }
 
 struct InFlight {
@@ -141,7 +170,7 @@ impl<'a> Coordinator<'a> {
     /// If a participant or the wire failed.
     pub(crate) fn step(
         &mut self,
-        wire: &mut dyn Wire,
+        wire: &mut Wire<'_, '_, '_>,
     ) -> Result<Option<Duration>, CoordinatorError> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
@@ -175,7 +204,7 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// As [`Coordinator::step`].
-    pub(crate) fn settle(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+    pub(crate) fn settle(&mut self, wire: &mut Wire<'_, '_, '_>) -> Result<(), CoordinatorError> {
         self.horizon = self.now;
         while self.slots.iter().any(|slot| slot.answer.reached > self.now) {
             self.step(wire)?;
@@ -211,7 +240,7 @@ impl<'a> Coordinator<'a> {
     pub(crate) fn put(
         &mut self,
         frame: CanFrame,
-        wire: &mut dyn Wire,
+        wire: &mut Wire<'_, '_, '_>,
     ) -> Result<(), CoordinatorError> {
         while self.in_flight.is_some() {
             self.step(wire)?;
@@ -294,7 +323,11 @@ impl<'a> Coordinator<'a> {
     }
 
     /// Ends a transmission: the others receive the frame, or all count the error.
-    fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+    fn pass(
+        &mut self,
+        passed: &InFlight,
+        wire: &mut Wire<'_, '_, '_>,
+    ) -> Result<(), CoordinatorError> {
         let now = self.now;
         if !passed.is_disturbed {
             wire.put(now, &passed.frame, passed.occupied_bits)?;
@@ -326,7 +359,7 @@ impl<'a> Coordinator<'a> {
     fn count_errors(
         &mut self,
         passed: &InFlight,
-        wire: &mut dyn Wire,
+        wire: &mut Wire<'_, '_, '_>,
     ) -> Result<(), CoordinatorError> {
         let (now, start) = (self.now, passed.start);
         let free_at = self.bus.free_at();
@@ -365,7 +398,7 @@ impl<'a> Coordinator<'a> {
 
     /// Returns stations from bus-off whose time has come.
     #[inline]
-    fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+    fn recover(&mut self, wire: &mut Wire<'_, '_, '_>) -> Result<(), CoordinatorError> {
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };

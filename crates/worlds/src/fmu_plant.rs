@@ -3,14 +3,12 @@
 //! The ports of an FMU follow from its description alone. Its code is loaded only for a run, in a worker process of its own
 //! ([`crate::fmu_worker`]), so that a crash, a hang or an exit costs only that run.
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, SystemTime};
 
 use fmu::Fault;
 use fmu::table::{self, Misfit, wiring};
-use fmu::unit::Conversion;
 use fmu::worker::{LOAD_PATIENCE, Remote};
 use fmu::{Archive, FmuError, Unpacked};
 use plan::Plan;
@@ -36,19 +34,19 @@ pub(crate) fn more_patience(plan: &Plan) -> Duration {
 /// Returns the objection to the table of an FMU, or to the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
     let Misfit { place, fault } = fmu_wiring(fmu).err()?;
-    let name = Path::new(&fmu.file)
-        .file_name()
-        .unwrap_or(OsStr::new(""))
-        .to_string_lossy();
-    Some(Objection {
-        path: format!("plant.{FMU}.{place}"),
-        message: format!("{name} cannot be this plant: {fault}"),
+    let path = format!("plant.{FMU}.{place}");
+    Some(objection_to(&fmu.file, path, format!("plant: {fault}")))
+}
+
+/// Returns the objection to an FMU that cannot be a plant or a law, at this path of the scenario.
+pub(crate) fn objection_to(file: &str, path: String, role: String) -> Objection {
+    let name = Path::new(file).file_name().unwrap_or_default();
+    Objection {
+        path,
+        message: format!("{} cannot be this {role}", name.to_string_lossy()),
         label: "by what the FMU says of itself".to_owned(),
-        help: Some(format!(
-            "`canrig fmu {}` lists what it has and needs",
-            fmu.file
-        )),
-    })
+        help: Some(format!("`canrig fmu {file}` lists what it has and needs")),
+    }
 }
 
 /// Returns the instance name that the FMU may use in its messages.
@@ -61,17 +59,26 @@ fn invalid(error: impl ToString) -> InvalidPlant {
     InvalidPlant::Other(error.to_string())
 }
 
-/// Opens the FMU of a table; returns it with the ports that the table makes of its variables.
-fn wired(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> {
-    let opened = Opened::find(Path::new(&fmu.file)).map_err(invalid)?;
-    let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
-    let wiring = wiring.map_err(|misfit| {
-        invalid(FmuError {
-            file: PathBuf::from(&fmu.file),
-            fault: misfit.fault,
-        })
-    })?;
+/// Opens the FMU of a table, which may have to run here; returns it with the ports that the table makes of its variables.
+fn wired(fmu: &Fmu, must_run: bool) -> Result<(Arc<Opened>, table::Wiring), Misfit> {
+    let in_file = |fault| Misfit {
+        place: "file".to_owned(),
+        fault,
+    };
+    let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| in_file(error.fault))?;
+    if must_run {
+        opened.archive.runs_here().map_err(in_file)?;
+    }
+    let wiring = wiring(fmu, &instance(fmu), opened.archive.description())?;
     Ok((opened, wiring))
+}
+
+/// Returns the error of an FMU that is no plant.
+fn unfit(fmu: &Fmu, misfit: Misfit) -> InvalidPlant {
+    invalid(FmuError {
+        file: PathBuf::from(&fmu.file),
+        fault: misfit.fault,
+    })
 }
 
 fn fmu_ports(wiring: &table::Wiring) -> Ports {
@@ -107,15 +114,13 @@ fn described(port: Port, of: &table::Port) -> Port {
 /// Plant that an FMU in a worker process computes.
 #[derive(Debug)]
 pub(crate) struct FmuPlant {
-    ports: Ports,
+    wiring: table::Wiring,
     /// The FMU in its worker; `None` after a failure, with which the worker is gone.
     remote: Option<Remote>,
     /// Files that the worker has open.
     _unpacked: Arc<Unpacked>,
     /// Time in whole nanoseconds, as the drive counts it, so that no sum drifts.
     time: Duration,
-    from_ports: Vec<Conversion>,
-    to_ports: Vec<Conversion>,
     /// Inputs in the FMU's units.
     set: Vec<f64>,
     /// Outputs in the FMU's units, and in the units of the ports.
@@ -126,9 +131,9 @@ pub(crate) struct FmuPlant {
 
 impl FmuPlant {
     fn look(&mut self) {
-        let values = self.raw.iter().zip(&self.to_ports);
-        for (seen, (raw, conversion)) in self.seen.iter_mut().zip(values) {
-            *seen = conversion.of(*raw);
+        let values = self.raw.iter().zip(&self.wiring.outputs);
+        for (seen, (raw, port)) in self.seen.iter_mut().zip(values) {
+            *seen = port.conversion.of(*raw);
         }
     }
 }
@@ -141,7 +146,7 @@ impl Plant for FmuPlant {
     }
 
     fn new(fmu: &Fmu) -> Result<Self, InvalidPlant> {
-        let (opened, wiring) = wired(fmu)?;
+        let (opened, wiring) = wired(fmu, false).map_err(|misfit| unfit(fmu, misfit))?;
         let unpacked = opened.unpacked().map_err(|error| match error.fault {
             Fault::File { place, source } => InvalidPlant::Machine {
                 what: format!("{}: {place}", error.file.display()),
@@ -156,18 +161,14 @@ impl Plant for FmuPlant {
         let mut raw = vec![0.0; wiring.outputs.len()];
         let remote =
             Remote::load(worker, &unpacked, &wiring.configuration, &mut raw).map_err(invalid)?;
-        let conversions =
-            |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
         let mut plant = Self {
-            ports: fmu_ports(&wiring),
             remote: Some(remote),
             _unpacked: unpacked,
             time: Duration::ZERO,
-            from_ports: conversions(&wiring.inputs),
-            to_ports: conversions(&wiring.outputs),
             set: vec![0.0; wiring.inputs.len()],
             seen: vec![0.0; raw.len()],
             raw,
+            wiring,
             failure: None,
         };
         plant.look();
@@ -175,12 +176,12 @@ impl Plant for FmuPlant {
     }
 
     fn ports_by(fmu: &Fmu) -> Result<Ports, InvalidPlant> {
-        let (_, wiring) = wired(fmu)?;
-        Ok(fmu_ports(&wiring))
+        let wired = wired(fmu, false).map_err(|misfit| unfit(fmu, misfit));
+        wired.map(|(_, wiring)| fmu_ports(&wiring))
     }
 
     fn ports(&self) -> Ports {
-        self.ports.clone()
+        fmu_ports(&self.wiring)
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
@@ -188,9 +189,9 @@ impl Plant for FmuPlant {
             return;
         };
         self.time += Duration::try_from_secs_f64(duration_seconds).unwrap_or_default();
-        let values = inputs.iter().zip(&self.from_ports);
-        for (set, (input, conversion)) in self.set.iter_mut().zip(values) {
-            *set = conversion.back(*input);
+        let values = inputs.iter().zip(&self.wiring.inputs);
+        for (set, (input, port)) in self.set.iter_mut().zip(values) {
+            *set = port.conversion.back(*input);
         }
         match remote.advance(self.time.as_secs_f64(), &self.set, &mut self.raw) {
             Ok(()) => self.look(),
@@ -234,14 +235,7 @@ pub(crate) fn unpacked(file: &str) -> Result<Arc<Unpacked>, String> {
 /// # Errors
 /// If it cannot be read, does not run here, or does not fit the table.
 pub(crate) fn fmu_wiring(fmu: &Fmu) -> Result<table::Wiring, Misfit> {
-    let in_file = |fault| Misfit {
-        place: "file".to_owned(),
-        fault,
-    };
-    let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| in_file(error.fault))?;
-    let archive = &opened.archive;
-    archive.runs_here().map_err(in_file)?;
-    wiring(fmu, &instance(fmu), archive.description())
+    wired(fmu, true).map(|(_, wiring)| wiring)
 }
 
 /// FMU whose description was read. The cases of a sweep share it, and its files while one of them runs.

@@ -2,7 +2,6 @@
 //! program.
 
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, absolute};
 
@@ -16,7 +15,7 @@ use scenario::process_law::FmuLaw;
 use serde::Deserialize;
 use toml::Value;
 
-use crate::fmu_plant::fmu_wiring;
+use crate::fmu_plant::{fmu_wiring, objection_to};
 
 /// Hidden subcommand of a worker.
 const SUBCOMMAND: &str = "law-worker";
@@ -38,25 +37,11 @@ pub(crate) fn command(file: &str, folder: Option<&Path>) -> Result<Vec<String>, 
 
 /// Returns the objection to the FMU of a law, by the FMU's description.
 pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
-    let ports = [
-        ("reads", &law.reads, true),
-        ("writes", &law.writes, false),
-        ("terms", &law.terms, false),
-    ];
-    let variables = ports.iter().flat_map(|(_, ports, _)| ports.iter());
+    let variables = ports(law).into_iter().flat_map(|(_, ports)| ports);
     let variables = variables.map(|(variable, signal)| (signal.clone(), variable.clone()));
-    let name = Path::new(&law.file)
-        .file_name()
-        .unwrap_or(OsStr::new(""))
-        .to_string_lossy();
-    let objection = |place: String, what: String| Objection {
-        path: format!("controller.fmu.{place}"),
-        message: format!("{name} cannot be this law: {what}"),
-        label: "by what the FMU says of itself".to_owned(),
-        help: Some(format!(
-            "`canrig fmu {}` lists what it has and needs",
-            law.file
-        )),
+    let objection = |place: String, what: String| {
+        let path = format!("controller.fmu.{place}");
+        objection_to(&law.file, path, format!("law: {what}"))
     };
     let table = fmu_table(&law.file, variables.collect(), law.parameters.clone());
     let wiring = match fmu_wiring(&table) {
@@ -66,7 +51,8 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
         }
     };
     let is_input = |variable: &String| wiring.configuration.inputs.contains(variable);
-    ports.into_iter().find_map(|(key, ports, is_read)| {
+    ports(law).into_iter().find_map(|(key, ports)| {
+        let is_read = key == "reads";
         let wrong = ports
             .keys()
             .find(|variable| is_input(variable) != is_read)?;
@@ -79,6 +65,15 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
     })
 }
 
+/// Returns the tables of a law's ports, by their keys.
+fn ports(law: &FmuLaw) -> [(&'static str, &BTreeMap<String, String>); 3] {
+    [
+        ("reads", &law.reads),
+        ("writes", &law.writes),
+        ("terms", &law.terms),
+    ]
+}
+
 /// Converts a place in the table of a plant to the place in the table of the law.
 fn place_in_law(place: &str, law: &FmuLaw) -> String {
     if let Some(start) = place.strip_prefix("start.") {
@@ -86,12 +81,7 @@ fn place_in_law(place: &str, law: &FmuLaw) -> String {
     }
     let signal = place.strip_prefix("ports.");
     let signal = signal.map(|signal| signal.strip_suffix(".variable").unwrap_or(signal));
-    let tables = [
-        ("reads", &law.reads),
-        ("writes", &law.writes),
-        ("terms", &law.terms),
-    ];
-    let found = tables.into_iter().find_map(|(key, ports)| {
+    let found = ports(law).into_iter().find_map(|(key, ports)| {
         let mut ports = ports.iter();
         let (variable, _) = ports.find(|(_, port)| Some(port.as_str()) == signal)?;
         Some(format!("{key}.{variable}"))

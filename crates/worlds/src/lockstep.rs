@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Duration;
 
-use can::CanFrame;
 use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::lockstep::{Local, Participant};
@@ -22,13 +21,8 @@ use crate::played::End;
 use crate::programs::{Guests, Hosting, Seated};
 use plan::Plan;
 use recording::capture::Capture;
-use recording::log::Stamped;
 use scenario::node::{Node, Part};
 
-/// Number of frames of one loop in one cycle, including less frequent ones.
-const FRAMES_PER_CYCLE: f64 = 5.0;
-/// Largest number of frames for which room is reserved; a longer run gets more on the way.
-const FRAMES_EXPECTED_MAX: f64 = 1e6;
 /// Number of events between two looks at the clock.
 const EVENTS_PER_LOOK: u64 = 32;
 /// Wall time between two flushes and checks for the user's request to stop: a plant may take long for each event.
@@ -48,14 +42,8 @@ pub struct Role<'a> {
 impl<'a> Role<'a> {
     /// Makes the role of a plant with the drives that move it. They share the CAN controller of the first drive.
     pub fn plant(plan: &Plan, participant: &'a mut dyn Participant) -> Self {
-        let name = participant.name();
-        let loops = plan
-            .loops
-            .iter()
-            .filter(|one| names::emulator_name(one) == name);
-        let drives = loops.map(|one| one.place.drive_node_id);
         Self {
-            seat: Seat::Drive(drives.min().unwrap_or_default()),
+            seat: Seat::of_plant(participant.name(), plan),
             participant,
         }
     }
@@ -194,82 +182,74 @@ pub fn play(
         participants,
     )
     .with_faults(faults);
-    capture.expect(frames_expected(plan));
-    let mut taps = Taps { capture, wire };
+    let mut wire = Wire { capture, bus: wire };
     let (end, is_faulty) = (plan.duration(), plan.has_faults());
-    let ended = run_until(&mut coordinator, &mut taps, end, is_faulty);
+    let ended = run_until(&mut coordinator, &mut wire, end, is_faulty);
     let mut left = BTreeSet::from_iter(0..names.len());
     if let Err(error) = &ended
         && let Some(dead) = names.iter().position(|name| is_gone(name, error))
     {
-        taps.capture.break_off();
+        wire.capture.break_off();
         coordinator.leave_out(dead);
         left.remove(&dead);
         let manager = BTreeSet::from_iter(left.take(&(names.len() - 1)));
         // The end of the run is known, whatever happens now.
-        let _ = stop(&mut coordinator, &mut taps, &names, &manager, is_faulty);
-        let _ = ask_drives(plan, &mut coordinator, &mut taps);
-        let _ = stop(&mut coordinator, &mut taps, &names, &left, is_faulty);
+        let _ = stop(&mut coordinator, &mut wire, &names, &manager, is_faulty);
+        let _ = ask_drives(plan, &mut coordinator, &mut wire);
+        let _ = stop(&mut coordinator, &mut wire, &names, &left, is_faulty);
         return ended;
     }
     let end = ended?;
-    stop(&mut coordinator, &mut taps, &names, &left, is_faulty)?;
+    stop(&mut coordinator, &mut wire, &names, &left, is_faulty)?;
     Ok(end)
 }
 
 /// Returns whether the loss of this participant ended the run: its process has ended or hangs, or it gave up.
 fn is_gone(name: &str, error: &WorldError) -> bool {
-    match error {
-        WorldError::Coordinator(
-            CoordinatorError::Failed { name: gone, .. }
-            | CoordinatorError::Overloaded { name: gone },
-        ) => gone == name,
-        WorldError::Coordinator(CoordinatorError::Participant(error)) => error.name() == name,
-        _ => false,
-    }
+    matches!(error, WorldError::Coordinator(error) if error.participant() == Some(name))
 }
 
 /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
 fn ask_drives(
     plan: &Plan,
     coordinator: &mut Coordinator<'_>,
-    taps: &mut Taps<'_, '_, '_>,
+    wire: &mut Wire<'_, '_, '_>,
 ) -> Result<(), WorldError> {
-    go_on(coordinator, taps, after_end::watch(plan))?;
+    go_on(coordinator, wire, after_end::watch(plan))?;
     for round in after_end::requests(plan) {
         for request in round {
-            coordinator.put(request, taps)?;
+            coordinator.put(request, wire)?;
         }
-        go_on(coordinator, taps, ANSWER_TIME)?;
+        go_on(coordinator, wire, ANSWER_TIME)?;
     }
     Ok(())
 }
 
 fn go_on(
     coordinator: &mut Coordinator<'_>,
-    taps: &mut Taps<'_, '_, '_>,
+    wire: &mut Wire<'_, '_, '_>,
     time: Duration,
 ) -> Result<(), WorldError> {
     let until = coordinator.now() + time;
     coordinator.set_horizon(until);
-    while coordinator.step(taps)?.is_some_and(|now| now < until) {}
-    Ok(coordinator.settle(taps)?)
+    while coordinator.step(wire)?.is_some_and(|now| now < until) {}
+    Ok(coordinator.settle(wire)?)
 }
 
 /// Asks these participants for their safe states, the last first, and waits for each.
 fn stop(
     coordinator: &mut Coordinator<'_>,
-    taps: &mut Taps<'_, '_, '_>,
+    wire: &mut Wire<'_, '_, '_>,
     names: &[String],
     left: &BTreeSet<usize>,
     is_faulty: bool,
 ) -> Result<(), WorldError> {
-    coordinator.settle(taps)?;
+    coordinator.settle(wire)?;
     for index in left.iter().copied().rev() {
         coordinator.stop(index)?;
         let give_up = coordinator.now() + STOP_PATIENCE;
         while !coordinator.is_stopped(index) {
-            let is_late = coordinator.step(taps)?.is_none_or(|now| now > give_up);
+            let is_late = coordinator.step(wire)?.is_none_or(|now| now > give_up);
             // A participant that a fault keeps from ending is left as it is.
             if is_late && is_faulty {
                 break;
@@ -285,21 +265,9 @@ fn stop(
     Ok(())
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    clippy::cast_precision_loss,
-    reason = "positive numbers below a million"
-)]
-fn frames_expected(plan: &Plan) -> usize {
-    let cycles =
-        1e3 * plan.shared.run.duration_seconds / plan.shared.run.bus.sync_period_milliseconds;
-    (cycles * FRAMES_PER_CYCLE * plan.loops.len() as f64).min(FRAMES_EXPECTED_MAX) as usize
-}
-
 fn run_until(
     coordinator: &mut Coordinator<'_>,
-    taps: &mut Taps<'_, '_, '_>,
+    wire: &mut Wire<'_, '_, '_>,
     end: Duration,
     is_faulty: bool,
 ) -> Result<End, WorldError> {
@@ -308,7 +276,7 @@ fn run_until(
     let clock = Clock::start();
     let (mut flushed, mut seen) = (Duration::ZERO, 0);
     for event in 0_u64.. {
-        let Some(now) = coordinator.step(taps)? else {
+        let Some(now) = coordinator.step(wire)? else {
             return Err(NO_START);
         };
         match until {
@@ -318,7 +286,7 @@ fn run_until(
             None if now > START_PATIENCE && is_faulty => break,
             None if now > START_PATIENCE => return Err(NO_START),
             None => {
-                until = taps.capture.zero().map(|zero| zero + end);
+                until = wire.capture.zero().map(|zero| zero + end);
                 if let Some(until) = until {
                     coordinator.set_horizon(until);
                 }
@@ -330,37 +298,12 @@ fn run_until(
         flushed = clock.now();
         // A compressed log takes a flush without frames for silence, and writes its buffer: its bytes would depend on the
         // machine.
-        if !taps.capture.since(&mut seen).is_empty() {
-            taps.capture.flush()?;
+        if !wire.capture.since(&mut seen).is_empty() {
+            wire.capture.flush()?;
         }
-        if taps.capture.is_interrupted() {
+        if wire.capture.is_interrupted() {
             return Ok(End::Interrupted);
         }
     }
     Ok(End::Completed)
-}
-
-/// Sinks for the winners: the recording and, if there is one, the real wire.
-struct Taps<'a, 'b, 'c> {
-    capture: &'a mut Capture<'b>,
-    wire: Option<&'c mut dyn Bus>,
-}
-
-impl Wire for Taps<'_, '_, '_> {
-    fn put(
-        &mut self,
-        time: Duration,
-        frame: &CanFrame,
-        occupied_bits: u32,
-    ) -> Result<(), CoordinatorError> {
-        self.capture
-            .record(Stamped::counted(time, *frame, occupied_bits));
-        match &mut self.wire {
-            Some(wire) => wire.send(frame).map_err(|source| CoordinatorError::Wire {
-                frame: *frame,
-                source,
-            }),
-            None => Ok(()),
-        }
-    }
 }

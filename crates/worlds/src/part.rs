@@ -14,19 +14,13 @@ const ROWS_MAX: f64 = 100_000.0;
 
 /// Returns the part of a node.
 pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
-    let kind = match node.part {
-        Part::Controller => "controller",
-        Part::Drive => "drive",
-        Part::Io => "io",
-        Part::Bench => "bench",
-    };
     let loops = plan
         .loops
         .iter()
         .filter(|one| one.nodes.all().any(|other| other.id == node.id));
     json!({
         "version": VERSION,
-        "node": {"name": node.name, "node_id": node.id, "kind": kind},
+        "node": {"name": node.name, "node_id": node.id, "kind": node.part.word()},
         "bus": {
             "bits_per_second": 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
             "period_seconds": plan.sync_period().as_secs_f64(),
@@ -72,14 +66,8 @@ fn frame(plan: &Plan, signal: Option<SignalHandle>) -> Value {
 
 fn message_layout(message: Option<&Message>) -> Value {
     message.map_or(Value::Null, |message| {
-        let Message {
-            raw_id,
-            length_bytes,
-            signals,
-            ..
-        } = message;
-        let signals = Vec::from_iter(signals.iter().map(signal_layout));
-        json!({"id": raw_id, "length": length_bytes, "signals": signals})
+        let signals = Vec::from_iter(message.signals.iter().map(signal_layout));
+        json!({"id": message.raw_id, "length": message.length_bytes, "signals": signals})
     })
 }
 

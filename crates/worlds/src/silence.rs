@@ -6,7 +6,6 @@ use dbc::SignalMissing;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::Plan;
 use recording::capture::Capture;
-use recording::log::Stamped;
 
 use crate::error::WorldError;
 
@@ -60,9 +59,17 @@ impl SilenceWatch {
     /// # Errors
     /// If a node has been silent for too long since the scenario began.
     pub(super) fn check(&mut self, now: Duration, capture: &Capture<'_>) -> Result<(), WorldError> {
-        let mut taken = self.taken;
-        self.hear(now, capture.since(&mut taken));
-        self.taken = taken;
+        for stamped in capture.since(&mut self.taken) {
+            self.any = now;
+            let id = stamped.frame.raw_id();
+            if id == u32::from(SYNC_COB_ID) {
+                self.sync = now;
+            }
+            let mut drives = self.drives.iter_mut();
+            if let Some(drive) = drives.find(|drive| drive.position_id == id) {
+                drive.heard = now;
+            }
+        }
         let is_silent = |last: Duration| now.saturating_sub(last) > self.limit;
         let silent_drive = || self.drives.iter().find(|drive| is_silent(drive.heard));
         let controller = self.controller.as_str();
@@ -78,20 +85,6 @@ impl SilenceWatch {
                 node: node.to_owned(),
                 silence: self.limit,
             }),
-        }
-    }
-
-    fn hear(&mut self, now: Duration, frames: &[Stamped]) {
-        for stamped in frames {
-            self.any = now;
-            let id = stamped.frame.raw_id();
-            if id == u32::from(SYNC_COB_ID) {
-                self.sync = now;
-            }
-            let mut drives = self.drives.iter_mut();
-            if let Some(drive) = drives.find(|drive| drive.position_id == id) {
-                drive.heard = now;
-            }
         }
     }
 }

@@ -26,6 +26,8 @@ const TRUTH_COB_IDS: RangeInclusive<u16> = 0x6A1..=0x6BF;
 const NODE_ID_BITS: u16 = 0x7F;
 /// Name of the receiver's fault; all other faults are of senders.
 const LOSE: &str = "lose";
+/// Names of the faults that are foreign nodes.
+const FOREIGN: [&str; 2] = ["babble", "load"];
 
 /// Frame with the time from which it waits.
 type Timed = (Duration, CanFrame);
@@ -42,6 +44,11 @@ pub(crate) enum Seat {
 }
 
 impl Seat {
+    /// Returns the CAN controller of a plant's emulator: the first drive's.
+    pub(crate) fn of_plant(emulator: &str, plan: &Plan) -> Self {
+        Self::Drive(drives_of(emulator, plan).min().unwrap_or_default())
+    }
+
     /// Returns the CAN controller of a node. The drives of a plant share the first drive's.
     fn new(node: &Node, plan: &Plan) -> Self {
         match node.part {
@@ -57,14 +64,17 @@ impl Seat {
 
 /// Returns the node-IDs of the drives that move the plant of a drive, with its own.
 fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
-    let its_loop = plan
-        .loops
-        .iter()
-        .find(|one| one.place.drive_node_id == drive);
-    let beside = plan.loops.iter().filter(|one| {
-        its_loop.is_some_and(|its_loop| emulator_name(its_loop) == emulator_name(one))
-    });
-    beside.map(|one| one.place.drive_node_id).collect()
+    let mut loops = plan.loops.iter();
+    let its_loop = loops.find(|one| one.place.drive_node_id == drive);
+    let beside = its_loop.map(|one| drives_of(emulator_name(one), plan));
+    beside.into_iter().flatten().collect()
+}
+
+/// Returns the node-IDs of the drives that move the plant of an emulator.
+fn drives_of(emulator: &str, plan: &Plan) -> impl Iterator<Item = u8> {
+    let loops = plan.loops.iter();
+    let its_loops = loops.filter(move |one| emulator_name(one) == emulator);
+    its_loops.map(|one| one.place.drive_node_id)
 }
 
 /// Fault that hits frames, with its random numbers.
@@ -83,29 +93,22 @@ struct Hitting {
 }
 
 impl Hitting {
-    /// Returns the faults of a kind.
-    fn all(plan: &Plan, kind: &str) -> Vec<Self> {
-        let faults = plan.shared.run.faults.of(kind).cloned();
-        let hitting = faults.map(|fault| {
-            let node = fault.node.as_ref();
-            let drive = node
-                .filter(|node| node.part == Part::Drive)
-                .map(|node| node.id);
-            let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
-            let seed = match drive {
-                Some(drive) => drive_seed(plan.shared.run.seed, drive),
-                None => plan.shared.run.seed,
-            };
-            Self {
-                identifier: identifier(&fault),
-                seat: node.map(|node| Seat::new(node, plan)),
-                sender: drive.filter(|drive| kind != LOSE && shares_a_plant(drive)),
-                stream: Stream::for_fault(seed, &fault),
-                burst_left: 0,
-                fault,
-            }
-        });
-        hitting.collect()
+    fn new(plan: &Plan, fault: Fault) -> Self {
+        let node = fault.node.as_ref();
+        let drive = node.filter(|node| node.part == Part::Drive);
+        let drive = drive.map(|node| node.id);
+        let is_of_sender = fault.kind.name != LOSE;
+        let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
+        let seed = plan.shared.run.seed;
+        let seed = drive.map_or(seed, |drive| drive_seed(seed, drive));
+        Self {
+            identifier: identifier(&fault),
+            seat: node.map(|node| Seat::new(node, plan)),
+            sender: drive.filter(|drive| is_of_sender && shares_a_plant(drive)),
+            stream: Stream::for_fault(seed, &fault),
+            burst_left: 0,
+            fault,
+        }
     }
 
     /// Returns whether this frame is hit. Call it once for each matching frame.
@@ -180,12 +183,7 @@ impl Foreign {
 #[derive(Debug)]
 pub(crate) struct BusFaults {
     seats: Vec<Seat>,
-    lose: Vec<Hitting>,
-    delay: Vec<Hitting>,
-    duplicate: Vec<Hitting>,
-    reorder: Vec<Hitting>,
-    corrupt: Vec<Hitting>,
-    bit_error: Vec<Hitting>,
+    hitting: Vec<Hitting>,
     foreign: Vec<Foreign>,
     /// Frames that each station's gateway holds until the next one has overtaken them.
     held: Vec<Vec<CanFrame>>,
@@ -204,14 +202,13 @@ impl BusFaults {
         if faults.in_group(Group::Bus).next().is_none() {
             return Ok(None);
         }
-        let foreign = faults.of("babble").chain(faults.of("load"));
+        let foreign = FOREIGN.into_iter().flat_map(|kind| faults.of(kind));
         Ok(Some(Self {
-            lose: Hitting::all(plan, LOSE),
-            delay: Hitting::all(plan, "delay"),
-            duplicate: Hitting::all(plan, "duplicate"),
-            reorder: Hitting::all(plan, "reorder"),
-            corrupt: Hitting::all(plan, "corrupt"),
-            bit_error: Hitting::all(plan, "bit_error"),
+            hitting: faults
+                .in_group(Group::Bus)
+                .filter(|fault| !FOREIGN.contains(&fault.kind.name))
+                .map(|fault| Hitting::new(plan, fault.clone()))
+                .collect(),
             foreign: foreign.map(Foreign::new).collect(),
             held: vec![Vec::new(); seats.len()],
             states: vec![ErrorState::default(); seats.len()],
@@ -251,25 +248,25 @@ impl BusFaults {
             return vec![(time, frame)];
         };
         let seat = self.seats[index];
-        for corrupt in at_seat(&mut self.corrupt, seat) {
+        for corrupt in at_seat(&mut self.hitting, "corrupt", seat) {
             if corrupt.hits(seconds, &frame) {
                 let bits = corrupt.fault.whole("inverted_bits").unwrap_or_default();
                 frame = inverted(&frame, bits, &mut corrupt.stream);
             }
         }
         let mut leaves = time;
-        for delay in at_seat(&mut self.delay, seat) {
+        for delay in at_seat(&mut self.hitting, "delay", seat) {
             if delay.hits(seconds, &frame) {
                 let seconds = delay.fault.number("delay_milliseconds") * 1e-3;
                 leaves += Duration::from_secs_f64(seconds);
             }
         }
         let mut copies = 1;
-        for duplicate in at_seat(&mut self.duplicate, seat) {
+        for duplicate in at_seat(&mut self.hitting, "duplicate", seat) {
             copies += usize::from(duplicate.hits(seconds, &frame));
         }
         let mut is_overtaken = false;
-        for reorder in at_seat(&mut self.reorder, seat) {
+        for reorder in at_seat(&mut self.hitting, "reorder", seat) {
             is_overtaken |= reorder.hits(seconds, &frame);
         }
         if is_overtaken {
@@ -289,7 +286,7 @@ impl BusFaults {
         let seat = self.seats[index];
         let mut is_missed = false;
         // Every fault is asked, so that none depends on another.
-        for lose in at_seat(&mut self.lose, seat) {
+        for lose in at_seat(&mut self.hitting, LOSE, seat) {
             is_missed |= lose.hits(seconds, frame);
         }
         is_missed
@@ -306,7 +303,7 @@ impl BusFaults {
         let seconds = self.seconds(time).filter(|_| !is_truth(frame))?;
         let seat = self.seats[index];
         let mut disturbed = None;
-        for error in at_seat(&mut self.bit_error, seat) {
+        for error in at_seat(&mut self.hitting, "bit_error", seat) {
             if error.hits(seconds, frame) {
                 let place = error.stream.below(u64::from(bits));
                 disturbed = Some(1 + u32::try_from(place).unwrap_or_default());
@@ -349,7 +346,8 @@ impl BusFaults {
     /// Returns whether no participant may go ahead: errors on the wire may reach it at the end of any frame.
     #[must_use]
     pub(crate) fn forbids_look_ahead(&self) -> bool {
-        !self.bit_error.is_empty()
+        let mut kinds = self.hitting.iter().map(|one| one.fault.kind.name);
+        kinds.any(|kind| kind == "bit_error")
     }
 
     /// Returns the number of a participant's node, for its error messages.
@@ -376,9 +374,15 @@ fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
     outbox.insert(place, (time, frame));
 }
 
-/// Returns the faults that hit a participant.
-fn at_seat(faults: &mut [Hitting], seat: Seat) -> impl Iterator<Item = &mut Hitting> {
-    let is_meant = move |one: &&mut Hitting| one.seat.is_none_or(|hit| hit == seat);
+/// Returns the faults of a kind that hit a participant.
+fn at_seat<'a>(
+    faults: &'a mut [Hitting],
+    kind: &'static str,
+    seat: Seat,
+) -> impl Iterator<Item = &'a mut Hitting> {
+    let is_meant = move |one: &&mut Hitting| {
+        one.fault.kind.name == kind && one.seat.is_none_or(|hit| hit == seat)
+    };
     faults.iter_mut().filter(is_meant)
 }
 
