@@ -1,7 +1,8 @@
 //! Log of a run in progress.
 
+use std::fmt;
 use std::fs::{File, Metadata};
-use std::io::{self, BufWriter, IntoInnerError, Write};
+use std::io::{self, Write};
 use std::mem;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ use std::time::Duration;
 use zstd::bulk::Compressor;
 use zstd::zstd_safe::CParameter;
 
-use crate::log::{self, OpenLog, Stamped, is_compressed};
+use crate::log::{OpenLog, Stamped, is_compressed};
 use crate::write_error::WriteError;
 
 /// Length of the pieces in which a run is compressed. A kill loses no more than one.
@@ -20,18 +21,26 @@ const IDLE_FLUSHES_MAX: u32 = 50;
 /// Compression level; a higher one takes longer and saves little.
 const LEVEL: i32 = 3;
 
-/// `bus.log`, or the compressed log of a long run.
-#[derive(Debug)]
+/// `bus.log`, or the compressed log of a long run: there each second is a piece that can be read without the others.
 pub struct BusLog {
     /// Path of the log; `None` for a file without a name.
     path: Option<PathBuf>,
-    output: Output,
+    file: File,
+    compressor: Option<Compressor<'static>>,
+    /// Lines that are not in the file yet: since the latest flush, or of the latest piece.
+    text: String,
+    /// Time of the first frame among them.
+    since: Duration,
+    /// Whether frames came since the latest flush.
+    has_new: bool,
+    idle_flushes: u32,
 }
 
-#[derive(Debug)]
-enum Output {
-    Plain(BufWriter<File>),
-    Compressed(Pieces),
+impl fmt::Debug for BusLog {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = formatter.debug_struct("BusLog");
+        shown.field("file", &self.file).finish_non_exhaustive()
+    }
 }
 
 impl BusLog {
@@ -40,16 +49,13 @@ impl BusLog {
     /// # Errors
     /// If the file cannot be written.
     pub fn create(path: PathBuf) -> Result<Self, WriteError> {
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&path);
-        let output = file.and_then(|file| Output::new(file, is_compressed(&path)));
+        let mut options = File::options();
+        options.read(true).write(true).create(true).truncate(true);
+        let file = options.open(&path);
+        let log = file.and_then(|file| Self::new(file, is_compressed(&path)));
         Ok(Self {
-            output: output.map_err(WriteError::at(&path))?,
-            path: Some(path),
+            path: Some(path.clone()),
+            ..log.map_err(WriteError::at(&path))?
         })
     }
 
@@ -58,125 +64,31 @@ impl BusLog {
     /// # Errors
     /// If the file cannot be written.
     pub(crate) fn without_name() -> Result<Self, WriteError> {
-        let output = tempfile::tempfile().and_then(|file| Output::new(file, true));
-        Ok(Self {
-            output: output.map_err(WriteError::at(&std::env::temp_dir()))?,
-            path: None,
-        })
+        let log = tempfile::tempfile().and_then(|file| Self::new(file, true));
+        log.map_err(WriteError::at(&std::env::temp_dir()))
     }
 
-    /// Returns the path for an error message.
-    fn place(&self) -> PathBuf {
-        self.path.clone().unwrap_or_else(std::env::temp_dir)
-    }
-
-    /// # Errors
-    /// If the disk does not take them.
-    pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
-        let written = match &mut self.output {
-            Output::Plain(output) => log::write_log(output, frames),
-            Output::Compressed(pieces) => pieces.append(frames),
-        };
-        written.map_err(|error| WriteError::at(&self.place())(error))
-    }
-
-    /// Hands all frames to the operating system, so that a kill loses no older ones; for a compressed log, all but the latest
-    /// second.
-    ///
-    /// # Errors
-    /// If the disk does not take it.
-    pub fn flush(&mut self) -> Result<(), WriteError> {
-        let written = match &mut self.output {
-            Output::Plain(output) => output.flush(),
-            Output::Compressed(pieces) => pieces.flush(),
-        };
-        written.map_err(|error| WriteError::at(&self.place())(error))
-    }
-
-    /// Ends the log and returns it for reading.
-    ///
-    /// # Errors
-    /// If the disk does not take it, or the log is not at its path any more.
-    pub(crate) fn finish(mut self) -> Result<OpenLog, WriteError> {
-        self.flush()?;
-        let place = self.place();
-        let is_compressed = matches!(self.output, Output::Compressed(_));
-        let log = match self.output {
-            Output::Plain(output) => output.into_inner().map_err(IntoInnerError::into_error),
-            Output::Compressed(mut pieces) => pieces.write().map(|()| pieces.file),
-        };
-        let log = match &self.path {
-            Some(path) => log.and_then(|file| require_at(path, file)),
-            None => log,
-        };
-        let log = log.map_err(WriteError::at(&place))?;
-        Ok(OpenLog::new(log, is_compressed))
-    }
-}
-
-/// Returns whether an open file is the one at this path.
-pub(crate) fn has_name(file: &File, path: &Path) -> bool {
-    let number = |found: Metadata| (found.dev(), found.ino());
-    let opened = file.metadata().map(number);
-    let found = path.metadata().map(number);
-    opened.is_ok_and(|opened| found.is_ok_and(|found| opened == found))
-}
-
-/// Refuses a file that has lost its name: a folder without its log is no recording.
-fn require_at(path: &Path, file: File) -> io::Result<File> {
-    if has_name(&file, path) {
-        Ok(file)
-    } else {
-        Err(io::Error::other(
-            "somebody removed or replaced it during the run",
-        ))
-    }
-}
-
-impl Output {
     fn new(file: File, is_compressed: bool) -> io::Result<Self> {
-        if !is_compressed {
-            return Ok(Self::Plain(BufWriter::new(file)));
+        let mut compressor = is_compressed.then(|| Compressor::new(LEVEL)).transpose()?;
+        if let Some(compressor) = &mut compressor {
+            compressor.set_parameter(CParameter::ChecksumFlag(true))?;
         }
-        let mut compressor = Compressor::new(LEVEL)?;
-        compressor.set_parameter(CParameter::ChecksumFlag(true))?;
-        Ok(Self::Compressed(Pieces {
+        Ok(Self {
+            path: None,
             file,
             compressor,
             text: String::new(),
             since: Duration::ZERO,
             has_new: false,
             idle_flushes: 0,
-        }))
+        })
     }
-}
 
-/// Compressed log: each second is a piece that can be read without the others.
-struct Pieces {
-    file: File,
-    compressor: Compressor<'static>,
-    /// Lines of the latest piece, which is still open.
-    text: String,
-    /// Time of its first frame.
-    since: Duration,
-    /// Whether frames came since the latest flush.
-    has_new: bool,
-    idle_flushes: u32,
-}
-
-impl std::fmt::Debug for Pieces {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter
-            .debug_struct("Pieces")
-            .field("file", &self.file)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Pieces {
-    fn append(&mut self, frames: &[Stamped]) -> io::Result<()> {
+    /// # Errors
+    /// If the disk does not take them.
+    pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
         for stamped in frames {
-            if stamped.time.abs_diff(self.since) >= PIECE {
+            if self.compressor.is_some() && stamped.time.abs_diff(self.since) >= PIECE {
                 self.write()?;
             }
             if self.text.is_empty() {
@@ -188,27 +100,64 @@ impl Pieces {
         Ok(())
     }
 
-    fn flush(&mut self) -> io::Result<()> {
+    /// Hands all frames to the operating system, so that a kill loses no older ones; for a compressed log, all but the latest
+    /// second.
+    ///
+    /// # Errors
+    /// If the disk does not take it.
+    pub fn flush(&mut self) -> Result<(), WriteError> {
         self.idle_flushes = if mem::take(&mut self.has_new) {
             0
         } else {
             self.idle_flushes.saturating_add(1)
         };
-        match self.idle_flushes {
-            IDLE_FLUSHES_MAX => self.write(),
-            _ => Ok(()),
+        if self.compressor.is_none() || self.idle_flushes == IDLE_FLUSHES_MAX {
+            self.write()?;
+        }
+        Ok(())
+    }
+
+    /// Writes the lines that are not in the file yet.
+    fn write(&mut self) -> Result<(), WriteError> {
+        let text = self.text.as_bytes();
+        let written = match &mut self.compressor {
+            _ if text.is_empty() => Ok(()),
+            None => self.file.write_all(text),
+            Some(compressor) => compressor
+                .compress(text)
+                .and_then(|piece| self.file.write_all(&piece)),
+        };
+        self.text.clear();
+        written.map_err(|error| self.error(error))
+    }
+
+    fn error(&self, error: io::Error) -> WriteError {
+        match &self.path {
+            Some(path) => WriteError::at(path)(error),
+            None => WriteError::at(&std::env::temp_dir())(error),
         }
     }
 
-    /// Writes the open piece, and begins another.
-    fn write(&mut self) -> io::Result<()> {
-        if self.text.is_empty() {
-            return Ok(());
+    /// Ends the log and returns it for reading.
+    ///
+    /// # Errors
+    /// If the disk does not take it, or the log is not at its path any more: a folder without its log is no recording.
+    pub(crate) fn finish(mut self) -> Result<OpenLog, WriteError> {
+        self.write()?;
+        if (self.path.as_ref()).is_some_and(|path| !has_name(&self.file, path)) {
+            let gone = io::Error::other("somebody removed or replaced it during the run");
+            return Err(self.error(gone));
         }
-        let piece = self.compressor.compress(self.text.as_bytes())?;
-        self.text.clear();
-        self.file.write_all(&piece)
+        Ok(OpenLog::new(self.file, self.compressor.is_some()))
     }
+}
+
+/// Returns whether an open file is the one at this path.
+pub(crate) fn has_name(file: &File, path: &Path) -> bool {
+    let number = |found: Metadata| (found.dev(), found.ino());
+    let opened = file.metadata().map(number);
+    let found = path.metadata().map(number);
+    opened.is_ok_and(|opened| found.is_ok_and(|found| opened == found))
 }
 
 #[cfg(test)]

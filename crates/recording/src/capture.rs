@@ -108,12 +108,6 @@ impl<'a> Capture<'a> {
         }
     }
 
-    /// Reserves room for this many frames, since a growing buffer would copy them again and again.
-    pub fn expect(&mut self, frames: usize) {
-        let kept_max = self.log.as_ref().map_or(WITHOUT_LOG_MAX, |_| 2 * KEPT_MAX);
-        self.frames.reserve(frames.min(kept_max));
-    }
-
     /// Takes the next frame of the bus.
     #[inline]
     pub fn record(&mut self, stamped: Stamped) {

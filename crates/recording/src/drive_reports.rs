@@ -68,9 +68,11 @@ pub struct DriveReports {
 
 /// Reader of the answers of one drive.
 pub(crate) struct DriveReportReader {
-    raw_id: u32,
+    /// Identifier of the answers.
+    pub(crate) raw_id: u32,
     current: Option<(ObjectAddress, Coding)>,
-    reports: DriveReports,
+    /// Answers so far, in the order of time.
+    pub(crate) reports: DriveReports,
 }
 
 impl DriveReportReader {
@@ -81,10 +83,6 @@ impl DriveReportReader {
             current: current(one),
             reports: DriveReports::default(),
         }
-    }
-
-    pub(crate) fn raw_id(&self) -> u32 {
-        self.raw_id
     }
 
     /// Takes a frame with that identifier.
@@ -106,10 +104,5 @@ impl DriveReportReader {
             let amperes = coding.decode(&[a, b, c, d, 0, 0, 0, 0]);
             self.reports.currents_amperes.push((time_seconds, amperes));
         }
-    }
-
-    /// Takes all reports, in the order of time.
-    pub(crate) fn take_all(&mut self) -> DriveReports {
-        std::mem::take(&mut self.reports)
     }
 }

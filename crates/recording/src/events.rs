@@ -165,37 +165,45 @@ impl EventReader {
         else {
             return false;
         };
-        let (level, mut text) = describe(signal.kind, &signal.node, value, &label);
-        if signal.kind == EventKind::Command {
-            text += &addressee(&stamped.frame, &self.node_names);
-        }
-        if signal.kind == EventKind::Emergency && value != 0.0 {
-            let emergency = emergency(&signal.node, value);
-            self.emergencies.add(stamped.time.as_secs_f64(), emergency);
-            if let Some(cause) = signal.cause(stamped, &self.node_names) {
-                text += &format!(": {cause}");
+        let at_seconds = stamped.time.as_secs_f64();
+        let node = &signal.node;
+        let (level, text) = match signal.kind {
+            EventKind::State if label.starts_with("fault") => {
+                (Level::Error, format!("{node}: {label}"))
             }
-        }
-        let event = Event::new(level, &text);
-        self.events.add(stamped.time.as_secs_f64(), event);
+            EventKind::State => (Level::Info, format!("{node}: {label}")),
+            EventKind::Command => {
+                let addressee = addressee(&stamped.frame, &self.node_names);
+                (Level::Info, format!("NMT command: {label}{addressee}"))
+            }
+            EventKind::Emergency if value == 0.0 => {
+                (Level::Info, format!("{node}: emergency over"))
+            }
+            EventKind::Emergency => {
+                self.emergencies.add(at_seconds, emergency(node, value));
+                let cause = signal.cause(stamped, &self.node_names);
+                let cause = cause.map_or_else(String::new, |cause| format!(": {cause}"));
+                (Level::Error, format!("{node}: emergency {label}{cause}"))
+            }
+        };
+        self.events.add(at_seconds, Event::new(level, &text));
         true
     }
 
     /// Takes the report of a CAN driver. An error that it may report with each frame makes an event only when it begins.
     fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) -> bool {
-        let ErrorMessage {
-            node,
-            text,
-            is_good,
-            is_state,
-        } = message;
-        let text = format!("{}: {text}", name_or_bench(node, &self.node_names));
+        let node = name_or_bench(message.node, &self.node_names);
+        let text = format!("{node}: {}", message.text);
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time.saturating_sub(before) < BUS_ERROR_PAUSE);
-        if goes_on && !is_state {
+        if goes_on && !message.is_state {
             return false;
         }
-        let level = if is_good { Level::Info } else { Level::Error };
+        let level = if message.is_good {
+            Level::Info
+        } else {
+            Level::Error
+        };
         self.events
             .add(time.as_secs_f64(), Event::new(level, &text));
         true
@@ -302,18 +310,6 @@ fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
 fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
     let path = format!("{message}.manufacturer_error");
     Some((database.signal(&path)?, database.definition(&path)?.clone()))
-}
-
-fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, String) {
-    match kind {
-        EventKind::State if label.starts_with("fault") => {
-            (Level::Error, format!("{node}: {label}"))
-        }
-        EventKind::State => (Level::Info, format!("{node}: {label}")),
-        EventKind::Command => (Level::Info, format!("NMT command: {label}")),
-        EventKind::Emergency if value == 0.0 => (Level::Info, format!("{node}: emergency over")),
-        EventKind::Emergency => (Level::Error, format!("{node}: emergency {label}")),
-    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::slice;
 use std::time::Duration;
 
-use crate::log::{LogFile, OpenLog, Stamped, Unread};
+use crate::log::{LogReader, OpenLog, Stamped, Unread};
 
 /// Largest number of frames in memory: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
 pub(crate) const KEPT_MAX: usize = 1 << 17;
@@ -27,9 +27,8 @@ pub enum Clock {
 #[derive(Clone, Debug, Default)]
 pub struct Frames {
     kept: Vec<Stamped>,
-    count: usize,
-    /// Log with the frames, if not all are kept.
-    log: Option<OpenLog>,
+    /// Log with the frames, and their number, if not all are kept.
+    log: Option<(OpenLog, usize)>,
 }
 
 impl Frames {
@@ -38,8 +37,7 @@ impl Frames {
     pub(crate) fn in_log(log: OpenLog, count: usize) -> Self {
         Self {
             kept: Vec::new(),
-            count,
-            log: Some(log),
+            log: Some((log, count)),
         }
     }
 
@@ -54,12 +52,14 @@ impl Frames {
 
     #[must_use]
     pub fn len(&self) -> usize {
-        self.count
+        self.log
+            .as_ref()
+            .map_or(self.kept.len(), |(_, count)| *count)
     }
 
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.count == 0
+        self.len() == 0
     }
 
     /// Returns the clock of the frames' times; `None` without frames.
@@ -79,9 +79,9 @@ impl Frames {
     pub fn iter(&self) -> FrameIter<'_> {
         match &self.log {
             None => FrameIter::Kept(self.kept.iter()),
-            Some(log) => FrameIter::Log {
+            Some((log, count)) => FrameIter::Log {
                 log: Box::new(log.frames().unwrap_or_else(|error| changed(&error))),
-                left: self.count,
+                left: *count,
             },
         }
     }
@@ -90,7 +90,6 @@ impl Frames {
 impl From<Vec<Stamped>> for Frames {
     fn from(frames: Vec<Stamped>) -> Self {
         Self {
-            count: frames.len(),
             kept: frames,
             log: None,
         }
@@ -112,7 +111,7 @@ pub enum FrameIter<'a> {
     Kept(slice::Iter<'a, Stamped>),
     /// From their log.
     Log {
-        log: Box<LogFile>,
+        log: Box<LogReader<'static>>,
         /// Number of frames still to come. A log that has grown since it was read before has more.
         left: usize,
     },

@@ -19,18 +19,6 @@ impl Identifiers {
     }
 }
 
-impl Identifiers {
-    /// Returns the identifiers of 11 bits in the set.
-    fn standard(&self) -> impl Iterator<Item = usize> {
-        let words = self.0.iter().enumerate();
-        words.flat_map(|(word, bits)| {
-            (0..64)
-                .filter(move |bit| bits >> bit & 1 == 1)
-                .map(move |bit| 64 * word + bit)
-        })
-    }
-}
-
 impl FromIterator<u32> for Identifiers {
     fn from_iter<T: IntoIterator<Item = u32>>(raw_ids: T) -> Self {
         let mut all = [0; STANDARD / 64];
@@ -58,7 +46,8 @@ impl Readers {
         let mut standard = vec![Vec::new(); STANDARD];
         let mut all = Vec::new();
         for (place, ids) in read.into_iter().enumerate() {
-            ids.standard().for_each(|id| standard[id].push(place));
+            let read = (0..).zip(&mut standard).filter(|(id, _)| ids.has(*id));
+            read.for_each(|(_, readers)| readers.push(place));
             all.push(place);
         }
         Self { standard, all }

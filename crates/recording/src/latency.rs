@@ -46,6 +46,18 @@ impl Quantiles {
         }
     }
 
+    /// Returns the quantile of this name.
+    #[must_use]
+    pub fn named(&self, name: &str) -> Option<f64> {
+        match name {
+            "median" => Some(self.median),
+            "p99" => Some(self.p99),
+            "p99_9" => Some(self.p99_9),
+            "max" => Some(self.max),
+            _ => None,
+        }
+    }
+
     /// Returns the larger of each quantile.
     #[must_use]
     pub fn worst(self, other: Self) -> Self {
@@ -129,7 +141,6 @@ pub struct Host {
 
 /// Latencies of all cycles.
 pub struct Latencies {
-    cycle: CycleReader,
     /// Times from the SYNC to the drive's position, in microseconds.
     pub sync_to_position: Histogram<u64>,
     /// Times from the drive's position to the command that follows from it, in microseconds.
@@ -147,41 +158,35 @@ impl Latencies {
         frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
         one: &ControlLoop,
     ) -> Result<Self, SignalMissing> {
-        let mut latencies = Self::empty(one)?;
-        let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
-        for stamped in frames {
-            latencies.on_frame(stamped.borrow(), end);
-        }
-        Ok(latencies)
-    }
-
-    fn empty(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let histogram = || {
             Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
                 .expect("constant bounds that the histogram takes")
         };
-        Ok(Self {
-            cycle: CycleReader::new(one)?,
+        let mut latencies = Self {
             sync_to_position: histogram(),
             position_to_command: histogram(),
             round_trip: histogram(),
-        })
-    }
-
-    fn on_frame(&mut self, stamped: &Stamped, end: Duration) {
-        match self.cycle.stage_until(stamped, end) {
-            Some(CycleStage::Position { after_sync }) => {
-                record(&mut self.sync_to_position, after_sync)
+        };
+        let mut cycle = CycleReader::new(one)?;
+        let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
+        for stamped in frames {
+            let stamped = stamped.borrow();
+            let time = cycle.on_frame(stamped).filter(|time| *time < end);
+            match time.and_then(|time| cycle.stage(stamped, time)) {
+                Some(CycleStage::Position { after_sync }) => {
+                    record(&mut latencies.sync_to_position, after_sync);
+                }
+                Some(CycleStage::Command {
+                    after_position,
+                    after_sync,
+                }) => {
+                    record(&mut latencies.position_to_command, after_position);
+                    record(&mut latencies.round_trip, after_sync);
+                }
+                Some(CycleStage::Sync { .. }) | None => {}
             }
-            Some(CycleStage::Command {
-                after_position,
-                after_sync,
-            }) => {
-                record(&mut self.position_to_command, after_position);
-                record(&mut self.round_trip, after_sync);
-            }
-            Some(CycleStage::Sync { .. }) | None => {}
         }
+        Ok(latencies)
     }
 }
 
@@ -227,12 +232,6 @@ impl CycleReader {
             sync: None,
             position: None,
         })
-    }
-
-    /// Takes every frame of the bus in order; returns its stage in its cycle, from scenario time 0 to `end`.
-    fn stage_until(&mut self, stamped: &Stamped, end: Duration) -> Option<CycleStage> {
-        let time = self.on_frame(stamped).filter(|time| *time < end)?;
-        self.stage(stamped, time)
     }
 
     /// Takes every frame of the bus in order; returns its scenario time, `None` before the scenario began.
@@ -296,10 +295,8 @@ mod tests {
     #[test]
     fn latencies_are_differences_of_stamps_within_a_cycle() {
         let plan = plan();
-        let mut latencies = Latencies::empty(plan.only_loop().unwrap()).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
-        let end = Duration::from_secs(1);
-        for (micros, id) in [
+        let frames = [
             (0, 0x190),
             (1000, 0x080),
             (1150, 0x190),
@@ -309,9 +306,9 @@ mod tests {
             (2300, 0x190),
             (3000, 0x080),
             (3100, 0x210),
-        ] {
-            latencies.on_frame(&stamped(micros, id, &enabled), end);
-        }
+        ]
+        .map(|(micros, id)| stamped(micros, id, &enabled));
+        let latencies = Latencies::new(frames, plan.only_loop().unwrap()).unwrap();
         let quantiles = |histogram| Quantiles::new(histogram, 1);
         assert_eq!(latencies.sync_to_position.len(), 2);
         assert_eq!(quantiles(&latencies.sync_to_position).max, 250.0);

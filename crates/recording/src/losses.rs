@@ -5,9 +5,9 @@ use std::time::Duration;
 use can::CanFrame;
 use dbc::names;
 use plan::ControlLoop;
-use scenario::node::{LoopNodes, Part};
+use scenario::node::Part;
 
-use crate::events::{Event, Events, Level};
+use crate::events::{Event, Level};
 use crate::identifiers::ByIdentifier;
 use crate::node_names::NodeNames;
 use crate::occurrences::Notes;
@@ -41,87 +41,72 @@ struct Watched {
     last: Option<Duration>,
 }
 
-impl Watched {
-    /// Returns the time at which the first missing frame after `last` was due.
-    fn due(&self, last: Duration) -> Duration {
-        last + self.period
-    }
-
-    /// Returns the heartbeat that was lost from the last one until a scenario time.
-    fn lost(&self, back_seconds: f64) -> Option<LostHeartbeat> {
-        // A heartbeat that was never heard in the scenario is not missed.
-        let last = self.last.filter(|last| !last.is_zero())?;
-        Some(LostHeartbeat {
-            node: self.heartbeat_sender?,
-            due_seconds: self.due(last).as_secs_f64(),
-            back_seconds,
-        })
-    }
+/// Losses of a run.
+#[derive(Default)]
+pub(crate) struct Losses {
+    /// Events with scenario times.
+    pub(crate) events: Notes<Event>,
+    /// Heartbeats that did not come.
+    pub(crate) heartbeats: Vec<LostHeartbeat>,
+    /// First stretch of time in which no temperature was sent.
+    pub(crate) temperature_silence: Option<(f64, f64)>,
 }
 
 /// Reader that watches for losses from the start of the scenario to its end.
 pub(crate) struct LossReader {
     watched: ByIdentifier<Watched>,
     end: Duration,
-    /// Events with scenario times.
-    events: Notes<Event>,
-    heartbeats: Vec<LostHeartbeat>,
-    temperature_silence: Option<(f64, f64)>,
+    losses: Losses,
 }
 
 impl LossReader {
     pub(crate) fn new(one: &ControlLoop, node_names: &NodeNames) -> Self {
-        let scenario = &one.trial;
+        let sync_period = one.trial.run.bus.sync_period();
         let (controller, drive) = (node_names.controller(), node_names.drive());
-        let LoopNodes {
-            controller: leader,
-            drive: led,
-            io,
-            ..
-        } = &one.nodes;
-        let of = |node, service| one.message(node, service).ok();
-        let sync_period = scenario.run.bus.sync_period();
-        let cyclic_limit = PERIODS_MAX * sync_period;
-        let sync = one.database.message(names::SYNC);
-        let position = of(led, names::TPDO1);
-        let temperature = of(led, names::TPDO2);
-        let heartbeat = |node| of(node, names::HEARTBEAT);
+        let nodes = &one.nodes;
+        let drives = |service| one.message(&nodes.drive, service).ok();
         let cyclic = [
-            (sync, format!("SYNC from {controller}")),
-            (position, format!("position from {drive}")),
-            (temperature, String::new()),
-        ]
-        .map(|(message, what)| (message, what, Some(cyclic_limit), None));
-        let heartbeats = [
-            (heartbeat(leader), controller, Some(Part::Controller)),
-            (heartbeat(led), drive, Some(Part::Drive)),
+            (
+                one.database.message(names::SYNC),
+                format!("SYNC from {controller}"),
+            ),
+            (drives(names::TPDO1), format!("position from {drive}")),
+            (drives(names::TPDO2), String::new()),
         ];
-        let io_nodes = io.iter().map(|io| (heartbeat(io), io.in_sentence(), None));
-        let heartbeats = heartbeats
-            .into_iter()
-            .chain(io_nodes)
-            .map(|(message, from, node)| (message, format!("heartbeat from {from}"), None, node));
-        let regular = cyclic.into_iter().chain(heartbeats);
-        let watched = regular.filter_map(|(message, what, limit, heartbeat_sender)| {
-            let message = message?;
-            let heartbeat_period = Duration::from_millis(message.cycle_time_milliseconds);
-            let period = limit.map_or(heartbeat_period, |_| sync_period);
+        let cyclic = cyclic.into_iter().filter_map(|(message, what)| {
             let watched = Watched {
-                heartbeat_sender,
+                heartbeat_sender: None,
                 is_temperature: what.is_empty(),
                 what,
+                period: sync_period,
+                limit: PERIODS_MAX * sync_period,
+                last: None,
+            };
+            Some((message?.raw_id, watched))
+        });
+        let io = nodes.io.iter().map(|io| (io, io.in_sentence(), None));
+        let heartbeats = [
+            (&nodes.controller, controller, Some(Part::Controller)),
+            (&nodes.drive, drive, Some(Part::Drive)),
+        ];
+        let heartbeats = heartbeats.into_iter().chain(io);
+        let heartbeats = heartbeats.filter_map(|(node, name, heartbeat_sender)| {
+            let message = one.message(node, names::HEARTBEAT).ok()?;
+            let period = Duration::from_millis(message.cycle_time_milliseconds);
+            let watched = Watched {
+                heartbeat_sender,
+                is_temperature: false,
+                what: format!("heartbeat from {name}"),
                 period,
-                limit: limit.unwrap_or(HEARTBEATS_MAX * period),
+                limit: HEARTBEATS_MAX * period,
                 last: None,
             };
             Some((message.raw_id, watched))
         });
         Self {
-            watched: watched.collect(),
-            end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            events: Notes::default(),
-            heartbeats: Vec::new(),
-            temperature_silence: None,
+            watched: cyclic.chain(heartbeats).collect(),
+            end: Duration::from_secs_f64(one.trial.run.duration_seconds),
+            losses: Losses::default(),
         }
     }
 
@@ -140,51 +125,56 @@ impl LossReader {
         };
         let last = *watched.last.get_or_insert_default();
         if time.saturating_sub(last) > watched.limit {
-            if watched.is_temperature {
-                let silence = (last.as_secs_f64(), time.as_secs_f64());
-                self.temperature_silence.get_or_insert(silence);
-                watched.last = Some(time);
-                return;
-            }
-            let what = &watched.what;
-            let silent = time.saturating_sub(last);
-            let text = format!("loss: no {what} for {} ms", silent.as_millis());
-            let loss = Event::new(Level::Error, &text);
-            self.events.add(watched.due(last).as_secs_f64(), loss);
-            let back = Event::new(Level::Info, &format!("{what} is back"));
-            self.events.add(time.as_secs_f64(), back);
-            self.heartbeats.extend(watched.lost(time.as_secs_f64()));
+            self.losses.add(watched, last, time, true);
         }
         watched.last = Some(time);
     }
 
     /// Takes all losses, with those that last; `latest` is the scenario time of the last frame before the end.
-    pub(crate) fn take_all(&mut self, latest: Duration) -> Events {
+    pub(crate) fn take_all(&mut self, latest: Duration) -> Losses {
         for watched in self.watched.values() {
-            let Some(last) = watched.last else { continue };
-            if latest.saturating_sub(last) <= watched.limit {
-                continue;
-            }
-            if watched.is_temperature {
-                let silence = (last.as_secs_f64(), latest.as_secs_f64());
-                self.temperature_silence.get_or_insert(silence);
-            } else {
-                let text = format!("loss: no {} from here on", watched.what);
-                let loss = Event::new(Level::Error, &text);
-                self.events.add(watched.due(last).as_secs_f64(), loss);
-                self.heartbeats.extend(watched.lost(f64::INFINITY));
+            let is_lost = |last: &Duration| latest.saturating_sub(*last) > watched.limit;
+            if let Some(last) = watched.last.filter(is_lost) {
+                self.losses.add(watched, last, latest, false);
             }
         }
-        self.events.take_since(0.0)
+        std::mem::take(&mut self.losses)
     }
+}
 
-    /// Returns the first stretch of time in which no temperature was sent, after [`LossReader::take_all`].
-    pub(crate) fn temperature_silence(&self) -> Option<(f64, f64)> {
-        self.temperature_silence
-    }
-
-    /// Takes the heartbeats that did not come, after [`LossReader::take_all`].
-    pub(crate) fn take_heartbeats(&mut self) -> Vec<LostHeartbeat> {
-        std::mem::take(&mut self.heartbeats)
+impl Losses {
+    /// Adds a loss from the last message to a time, at which the next one came or the recording ended.
+    fn add(&mut self, watched: &Watched, last: Duration, until: Duration, is_back: bool) {
+        let until_seconds = until.as_secs_f64();
+        if watched.is_temperature {
+            let silence = (last.as_secs_f64(), until_seconds);
+            self.temperature_silence.get_or_insert(silence);
+            return;
+        }
+        let what = &watched.what;
+        let due_seconds = (last + watched.period).as_secs_f64();
+        let text = if is_back {
+            format!("loss: no {what} for {} ms", (until - last).as_millis())
+        } else {
+            format!("loss: no {what} from here on")
+        };
+        let loss = Event::new(Level::Error, &text);
+        self.events.add(due_seconds, loss);
+        if is_back {
+            let back = Event::new(Level::Info, &format!("{what} is back"));
+            self.events.add(until_seconds, back);
+        }
+        // A heartbeat that was never heard in the scenario is not missed.
+        if let Some(node) = watched.heartbeat_sender.filter(|_| !last.is_zero()) {
+            self.heartbeats.push(LostHeartbeat {
+                node,
+                due_seconds,
+                back_seconds: if is_back {
+                    until_seconds
+                } else {
+                    f64::INFINITY
+                },
+            });
+        }
     }
 }

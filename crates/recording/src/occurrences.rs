@@ -24,14 +24,6 @@ pub struct Occurrence<'a, T> {
     pub what: &'a T,
 }
 
-impl<T> Copy for Occurrence<'_, T> {}
-
-impl<T> Clone for Occurrence<'_, T> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
 impl<T> Deref for Occurrence<'_, T> {
     type Target = T;
 

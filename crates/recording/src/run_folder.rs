@@ -87,41 +87,6 @@ impl RunFolder {
         Ok(Self { path })
     }
 
-    /// As [`RunFolder::lasting`], with the files that `write` writes. The folder appears with all of them at once, even if other
-    /// machines make the same folder at the same time. Into an existing folder, `write` writes the missing files.
-    ///
-    /// # Errors
-    /// If the folder cannot be made, or `write` failed.
-    pub fn shared(
-        parent: &Path,
-        name: &str,
-        id: &str,
-        write: impl FnOnce(&Self) -> Result<(), WriteError>,
-    ) -> Result<Self, WriteError> {
-        let path = Self::lasting_path(parent, name, id);
-        let folder = Self { path };
-        if folder.path.exists() {
-            return write(&folder).map(|()| folder);
-        }
-        fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
-        let partial = format!("{}-{id}.partial", slug(name));
-        let partial = create_numbered(parent, &partial).map_err(WriteError::at(&folder.path))?;
-        let partial = Self { path: partial };
-        let written = write(&partial).and_then(|()| {
-            let renamed = fs::rename(partial.path(), &folder.path);
-            renamed.map_err(WriteError::at(&folder.path))
-        });
-        if written.is_err() {
-            // A remaining part does no harm.
-            let _ = fs::remove_dir_all(partial.path());
-        }
-        if folder.path.is_dir() {
-            Ok(folder)
-        } else {
-            written.map(|()| folder)
-        }
-    }
-
     /// Returns the scenario's copy in the folder.
     #[must_use]
     pub fn scenario(&self) -> PathBuf {
@@ -225,6 +190,44 @@ pub fn file_in(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
         }
         _ => Ok(path),
     }
+}
+
+/// Reads a table of a run folder: a header, then rows, each made of its cells. Without the file there are none.
+///
+/// # Errors
+/// If the file cannot be read, or is not of that form.
+pub(crate) fn read_rows<T, const COLUMNS: usize>(
+    folder: &Path,
+    name: &str,
+    bytes_max: u64,
+    header: &str,
+    row: impl Fn([&str; COLUMNS]) -> Option<T>,
+) -> io::Result<Vec<T>> {
+    match scenario::read_text(&file_in(folder, name)?, bytes_max) {
+        Ok(text) => parse_rows(&text, header, row)
+            .map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(error),
+    }
+}
+
+/// Parses such a table.
+pub(crate) fn parse_rows<T, const COLUMNS: usize>(
+    text: &str,
+    header: &str,
+    row: impl Fn([&str; COLUMNS]) -> Option<T>,
+) -> Result<Vec<T>, String> {
+    let mut lines = (1_u32..).zip(text.lines());
+    if lines.next().is_none_or(|(_, first)| first != header) {
+        return Err(format!("line 1: {header} is expected"));
+    }
+    let parsed = lines.map(|(number, line)| {
+        let cells = Vec::from_iter(line.split(',')).try_into().ok();
+        cells
+            .and_then(&row)
+            .ok_or_else(|| format!("line {number}: {header} is expected: \"{line}\""))
+    });
+    parsed.collect()
 }
 
 /// Returns the name of the log in a run folder. A plain log next to that of a long run is a decompressed copy, perhaps a partial
@@ -473,38 +476,12 @@ mod tests {
     }
 
     #[test]
-    fn a_shared_folder_is_there_with_all_that_is_in_it_or_not_at_all() {
-        let parent = tempfile::tempdir().unwrap();
-        let make = |text: &str| {
-            RunFolder::shared(parent.path(), "run", "1", |folder| {
-                folder.write("table.csv", text.as_bytes())?;
-                assert_eq!(parent.path().join("run-1").exists(), text == "late");
-                // Meanwhile another process is faster.
-                if text == "slow" {
-                    RunFolder::shared(parent.path(), "run", "1", |other| {
-                        other.write("table.csv", b"fast")?;
-                        other.write(file::SCENARIO, b"")
-                    })?;
-                }
-                folder.write(file::SCENARIO, b"")
-            })
-        };
-        let folder = make("slow").unwrap();
-        let read = || fs::read_to_string(folder.path().join("table.csv")).unwrap();
-        assert_eq!(read(), "fast");
-        make("late").unwrap();
-        assert_eq!(read(), "late");
-        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn what_is_missing_in_a_shared_folder_or_differs_is_written_again() {
+    fn what_is_missing_in_a_lasting_folder_or_differs_is_written_again() {
         let parent = tempfile::tempdir().unwrap();
         let make = || {
-            RunFolder::shared(parent.path(), "run", "1", |folder| {
-                folder.ensure("table.csv", b"table")?;
-                folder.ensure(file::SCENARIO, b"scenario")
-            })
+            let folder = RunFolder::lasting(parent.path(), "run", "1")?;
+            folder.ensure("table.csv", b"table")?;
+            folder.ensure(file::SCENARIO, b"scenario")
         };
         let path = |name: &str| parent.path().join("run-1").join(name);
         make().unwrap();

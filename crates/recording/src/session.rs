@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dbc::{Database, DbcError};
+use dbc::Database;
 use plan::Plan;
 use plan::catalogue::{Catalogue, ambiguous_name};
 use plan::named_nodes::node_sheets;
@@ -79,35 +79,26 @@ pub enum ReadError {
     #[error(transparent)]
     Scenario(Box<ScenarioError>),
     #[error(transparent)]
-    Frames(#[from] FramesError),
-    #[error("{} cannot be read: {source}", path.display())]
-    Link { path: PathBuf, source: io::Error },
+    File(#[from] FileError),
 }
 
-/// Returns the path of a file of a recording in its own folder.
-fn require_inside(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
-    file_in(folder, name).map_err(|source| ReadError::Link {
-        path: folder.join(name),
-        source,
-    })
-}
-
-/// Error: the `frames.dbc` of a recording cannot be used.
+/// Error: a file of a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("{} cannot be used: {fault}", path.display())]
-pub struct FramesError {
+#[error("{} cannot be used: {reason}", path.display())]
+pub struct FileError {
     path: PathBuf,
-    fault: FramesFault,
+    reason: String,
 }
 
-#[derive(Debug, thiserror::Error)]
-enum FramesFault {
-    #[error(transparent)]
-    Unreadable(#[from] io::Error),
-    #[error(transparent)]
-    Invalid(#[from] DbcError),
-    #[error("two signals that become columns are called `{0}`")]
-    TwoColumns(String),
+impl FileError {
+    /// Returns a function for `map_err` that makes the error of a file in a folder.
+    fn at<E: ToString>(folder: &Path, name: &str) -> impl Fn(E) -> Self {
+        let path = folder.join(name);
+        move |reason| Self {
+            path: path.clone(),
+            reason: reason.to_string(),
+        }
+    }
 }
 
 /// Reads back the plan of a run, with its external nodes, if those are known. The folder's own `frames.dbc` gives the frames
@@ -122,24 +113,16 @@ pub fn read_plan(
     catalogue: &Catalogue,
 ) -> Result<Plan, ReadError> {
     let frames = read_frames(folder)?;
-    let path = require_inside(folder, file::SCENARIO)?;
-    let plan = load(
-        &path,
-        frames.as_ref(),
-        external.unwrap_or_default(),
-        catalogue,
-    )?;
-    if frames.is_some()
-        && let Some(name) = plan
-            .loops
-            .iter()
-            .find_map(|one| ambiguous_name(plan.database(), &one.trial.wiring))
-    {
-        let path = folder.join(file::FRAMES);
-        let fault = FramesFault::TwoColumns(name.to_owned());
-        return Err(FramesError { path, fault }.into());
+    let path = file_in(folder, file::SCENARIO).map_err(FileError::at(folder, file::SCENARIO))?;
+    let external = external.unwrap_or_default();
+    let plan = load(&path, frames.as_ref(), external, catalogue)?;
+    let mut wirings = plan.loops.iter().map(|one| &one.trial.wiring);
+    let ambiguous = wirings.find_map(|wiring| ambiguous_name(plan.database(), wiring));
+    if let Some(name) = ambiguous.filter(|_| frames.is_some()) {
+        let reason = format!("two signals that become columns are called `{name}`");
+        return Err(FileError::at(folder, file::FRAMES)(reason).into());
     }
-    Ok(plan.recorded_external(external.unwrap_or_default()))
+    Ok(plan.recorded_external(external))
 }
 
 /// Returns the plan of a recording in a folder with the limits of another scenario; `None` if that has other loops.
@@ -172,23 +155,18 @@ fn load(
 }
 
 /// Reads the meaning of the frames of a recording, if its folder has it.
-fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
-    let path = folder.join(file::FRAMES);
-    let read = || -> Result<Option<Database>, FramesFault> {
-        file_in(folder, file::FRAMES)?;
-        let text = match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            read => read?,
-        };
-        let database = Database::parse(&text)?;
-        Ok(Some(database))
-    };
-    match read() {
-        Ok(database) => Ok(database.map(Arc::new)),
-        Err(fault) => Err(FramesError { path, fault }),
+fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FileError> {
+    let path = file_in(folder, file::FRAMES).map_err(FileError::at(folder, file::FRAMES))?;
+    match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(FileError::at(folder, file::FRAMES)(error)),
+        Ok(text) => {
+            let database = Database::parse(&text);
+            let database = database.map_err(FileError::at(folder, file::FRAMES))?;
+            Ok(Some(Arc::new(database)))
+        }
     }
 }
-
 #[cfg(test)]
 mod tests {
     use std::fs;

@@ -13,13 +13,14 @@ use std::time::Duration;
 
 use can::{CanFrame, STANDARD_IDS};
 use canopen::NmtState;
+use canopen::sdo::{DEFAULT_REQUEST_ID as SDO_REQUESTS, DEFAULT_RESPONSE_ID as SDO_RESPONSES};
 use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
-use scenario::node::{LoopNodes, Node, Part};
+use scenario::node::{Node, Part};
 
-use crate::run_folder::{file, file_in};
+use crate::run_folder::{file, read_rows};
 
 const HEADER: &str = "node,identifier,frames";
 /// Largest file that is read.
@@ -28,8 +29,6 @@ const BYTES_MAX: u64 = 1 << 20;
 const NMT_COB_ID: u16 = 0x000;
 const EMERGENCIES: u16 = 0x080;
 const HEARTBEATS: u16 = 0x700;
-const SDO_RESPONSES: u16 = 0x580;
-const SDO_REQUESTS: u16 = 0x600;
 /// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
@@ -78,12 +77,7 @@ impl Sent {
     #[must_use]
     pub fn to_csv(&self) -> String {
         let row = |sent: &SentFrames| {
-            let SentFrames {
-                node,
-                identifier,
-                frames,
-            } = sent;
-            format!("{node},0x{identifier:03X},{frames}\n")
+            format!("{},0x{:03X},{}\n", sent.node, sent.identifier, sent.frames)
         };
         let rows: String = self.0.iter().map(row).collect();
         format!("{HEADER}\n{rows}")
@@ -94,37 +88,17 @@ impl Sent {
     /// # Errors
     /// If the file cannot be read, or is not of that form.
     pub fn read(folder: &Path) -> io::Result<Self> {
-        match scenario::read_text(&file_in(folder, file::SENT)?, BYTES_MAX) {
-            Ok(text) => parse_csv(&text)
-                .map(Self)
-                .map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason)),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Self::default()),
-            Err(error) => Err(error),
-        }
+        read_rows(folder, file::SENT, BYTES_MAX, HEADER, sent_frames).map(Self)
     }
 }
 
-fn parse_csv(text: &str) -> Result<Vec<SentFrames>, String> {
-    let mut lines = (1..).zip(text.lines());
-    match lines.next() {
-        Some((_, HEADER)) => {}
-        _ => return Err(format!("line 1: {HEADER} is expected")),
-    }
-    let sent = |line: &str| {
-        let cells: Vec<&str> = line.split(',').collect();
-        let [node, identifier, frames] = cells[..] else {
-            return None;
-        };
-        Some(SentFrames {
-            node: node.to_owned(),
-            identifier: u16::from_str_radix(identifier.strip_prefix("0x")?, 16).ok()?,
-            frames: frames.parse().ok()?,
-        })
-    };
-    let lines = lines.map(|(number, line): (u32, &str)| {
-        sent(line).ok_or_else(|| format!("line {number}: {HEADER} is expected: \"{line}\""))
-    });
-    lines.collect()
+/// Returns the frames in a row of the file.
+fn sent_frames([node, identifier, frames]: [&str; 3]) -> Option<SentFrames> {
+    Some(SentFrames {
+        node: node.to_owned(),
+        identifier: u16::from_str_radix(identifier.strip_prefix("0x")?, 16).ok()?,
+        frames: frames.parse().ok()?,
+    })
 }
 
 /// Frames from a foreign sender.
@@ -146,24 +120,18 @@ pub struct SecondSource {
 /// Writes a text such as `0x210 (commands to the drive), 20 frames that canrig's nodes did not send, from 1.234 s on`.
 impl fmt::Display for SecondSource {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            identifier,
-            what,
-            first_seconds,
-            frames,
-            is_by_rate,
-            ..
-        } = self;
-        let noun = if *frames == 1 { "frame" } else { "frames" };
-        let how = if *is_by_rate {
+        let (identifier, what, frames) = (self.identifier, &self.what, self.frames);
+        let noun = if frames == 1 { "frame" } else { "frames" };
+        let how = if self.is_by_rate {
             "too many by their rate"
         } else {
             "that canrig's nodes did not send"
         };
         write!(
             formatter,
-            "0x{identifier:03X} ({what}), {frames} {noun} {how}, from {first_seconds:.3} s on"
-        )
+            "0x{identifier:03X} ({what}), {frames} {noun} {how}"
+        )?;
+        write!(formatter, ", from {:.3} s on", self.first_seconds)
     }
 }
 
@@ -172,8 +140,8 @@ impl fmt::Display for SecondSource {
 pub struct Sources {
     /// Counted frames by identifier.
     watched: Vec<(u16, Watched)>,
-    /// Frames that no node of the run sends, in any number, with the time of the first.
-    unexpected: BTreeMap<(&'static str, u16, String), (f64, u64)>,
+    /// Frames that no node of the run sends, in any number.
+    unexpected: BTreeMap<(&'static str, u16, String), SecondSource>,
     /// Whether time ran backwards by more than a clock is ever stepped in a run; then neither rates nor sequences prove anything.
     is_order_lost: bool,
     /// Whether a fault of a node changes the rate of its frames.
@@ -325,34 +293,28 @@ impl Sources {
             })
         });
         let mut found = Vec::from_iter(counted);
-        let unexpected =
-            self.unexpected
-                .iter()
-                .map(
-                    |((duty, identifier, what), (first_seconds, frames))| SecondSource {
-                        identifier: *identifier,
-                        what: what.clone(),
-                        duty,
-                        first_seconds: *first_seconds,
-                        frames: *frames,
-                        is_by_rate: false,
-                    },
-                );
         let is_new = |one: &SecondSource| {
             let mut others = found.iter().map(|other| other.identifier);
             others.all(|other| other != one.identifier)
         };
-        let unexpected = Vec::from_iter(unexpected.filter(is_new));
-        found.extend(unexpected);
+        let unexpected = self.unexpected.values().filter(|one| is_new(one));
+        found.extend(Vec::from_iter(unexpected.cloned()));
         found.sort_by(|left, right| left.first_seconds.total_cmp(&right.first_seconds));
         found
     }
 
-    fn add(&mut self, (duty, identifier): (&'static str, u16), what: String, at: Duration) {
-        let first = at.as_secs_f64();
-        let unexpected = self.unexpected.entry((duty, identifier, what));
-        let (_, frames) = unexpected.or_insert((first, 0));
-        *frames += 1;
+    fn add(&mut self, duty: &'static str, identifier: u16, what: impl Into<String>, at: Duration) {
+        let what = what.into();
+        let unexpected = self.unexpected.entry((duty, identifier, what.clone()));
+        let source = unexpected.or_insert_with(|| SecondSource {
+            identifier,
+            what,
+            duty,
+            first_seconds: at.as_secs_f64(),
+            frames: 0,
+            is_by_rate: false,
+        });
+        source.frames += 1;
     }
 }
 
@@ -373,7 +335,8 @@ pub struct SourceReader {
     drive: u16,
     /// Node-ID of the controller.
     controller: u8,
-    sync: Option<SyncPayload>,
+    /// Length of the latest SYNC, and its counter.
+    sync: Option<(usize, Option<u8>)>,
     /// Number of times that the scenario will still restart the controller.
     boot_ups_left: usize,
     has_newcomer: bool,
@@ -381,13 +344,6 @@ pub struct SourceReader {
     /// Time and addressee of NMT Stop before the controller gave up.
     stop: Option<(Duration, u8)>,
     has_given_up: bool,
-}
-
-/// Content of a SYNC.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct SyncPayload {
-    length: usize,
-    counter: Option<u8>,
 }
 
 impl SourceReader {
@@ -400,6 +356,8 @@ impl SourceReader {
         let cycle = scenario.run.bus.sync_period();
         let controller = &one.nodes.controller;
         let id = |service| identifier(one, controller, service);
+        // The usual identifiers (CiA 301, 7.3.5).
+        let number = u16::from(controller.id);
         let watched = Vec::from_iter(watched(one, cycle, is_ours, is_emulated));
         let mut places = Box::new([UNWATCHED; STANDARD_IDS]);
         for (place, (identifier, _)) in (0..).zip(&watched) {
@@ -414,8 +372,8 @@ impl SourceReader {
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(controller_id(one, HEARTBEATS)),
-            controller_emergency: id(names::EMERGENCY).unwrap_or(controller_id(one, EMERGENCIES)),
+            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(HEARTBEATS + number),
+            controller_emergency: id(names::EMERGENCY).unwrap_or(EMERGENCIES + number),
             is_ours,
             is_emulated,
             drive: u16::from(one.nodes.drive.id),
@@ -492,9 +450,7 @@ impl SourceReader {
                 self.on_heartbeat(now, identifier, state & 0x7F);
             }
             (identifier, _) if identifier == self.controller_emergency => self.on_emergency(),
-            (identifier, &[specifier, ..]) if self.is_sdo(identifier) => {
-                self.on_sdo(now, identifier, specifier);
-            }
+            (identifier, &[specifier, ..]) => self.on_sdo(now, identifier, specifier),
             _ => {}
         }
     }
@@ -507,24 +463,16 @@ impl SourceReader {
     /// Checks that the counter of a SYNC is the next one. 1 begins anew, and a lost SYNC leaves a gap; a step back or another
     /// length is strange.
     fn on_sync(&mut self, now: Duration, data: &[u8]) {
-        let payload = SyncPayload {
-            length: data.len(),
-            counter: data.first().copied(),
-        };
+        let payload = (data.len(), data.first().copied());
         let usual = *self.sync.get_or_insert(payload);
-        let is_back = usual
-            .counter
-            .zip(payload.counter)
-            .is_some_and(|(usual, counter)| counter <= usual && counter != 1);
-        let is_unexpected = usual.length != payload.length || self.sync != Some(payload) && is_back;
+        let counters = usual.1.zip(payload.1);
+        let is_back = counters.is_some_and(|(usual, counter)| counter <= usual && counter != 1);
+        let is_unexpected = usual.0 != payload.0 || usual != payload && is_back;
         if is_unexpected && !self.sources.is_rate_changed {
-            self.sources.add(
-                (SYNC, SYNC_COB_ID),
-                "SYNC, its counter does not go on".to_owned(),
-                now,
-            )
+            let what = "SYNC, its counter does not go on";
+            self.sources.add(SYNC, SYNC_COB_ID, what, now);
         } else {
-            self.sync = Some(payload)
+            self.sync = Some(payload);
         }
         let is_over = |stop: &mut (Duration, u8)| now > stop.0 + STOP_TIME;
         if let Some((at, node)) = self.stop.take_if(is_over) {
@@ -553,11 +501,8 @@ impl SourceReader {
     fn on_foreign_nmt(&mut self, at: Duration, specifier: u8, node: u8) {
         let command = canopen::NmtCommand::from_specifier(specifier);
         let command = command.map_or_else(|| format!("{specifier}"), |one| format!("{one:?}"));
-        self.sources.add(
-            (NMT, NMT_COB_ID),
-            format!("NMT {command} to node {node}"),
-            at,
-        );
+        let what = format!("NMT {command} to node {node}");
+        self.sources.add(NMT, NMT_COB_ID, what, at);
     }
 
     /// Takes an emergency of the controller. It reports why it gives up before it stops the drives, so an earlier Stop was
@@ -573,22 +518,21 @@ impl SourceReader {
         }
     }
 
-    fn is_sdo(&self, identifier: u16) -> bool {
-        let bases = [SDO_REQUESTS, SDO_RESPONSES];
-        bases.iter().any(|base| identifier == base + self.drive)
-    }
-
-    /// Takes an SDO. The run writes no more objects, unless a node comes up; a read changes nothing.
+    /// Takes a frame that may be an SDO of the drive. The run writes no more objects, unless a node comes up; a read changes
+    /// nothing.
     fn on_sdo(&mut self, now: Duration, identifier: u16, specifier: u8) {
-        let is_request = identifier == SDO_REQUESTS + self.drive;
-        let is_write = is_request && specifier >> 5 == SDO_DOWNLOAD;
-        let what = match (is_write, specifier) {
-            (true, _) => "SDO, an object is written",
-            (false, SDO_ABORT) => "SDO, a transfer is aborted",
+        let [requests, responses] = [SDO_REQUESTS, SDO_RESPONSES].map(|base| base + self.drive);
+        let what = match specifier {
+            _ if identifier == requests && specifier >> 5 == SDO_DOWNLOAD => {
+                "SDO, an object is written"
+            }
+            SDO_ABORT if [requests, responses].contains(&identifier) => {
+                "SDO, a transfer is aborted"
+            }
             _ => return,
         };
         if !self.has_newcomer && self.boot_ups_left == 0 {
-            self.sources.add((SDO, identifier), what.to_owned(), now);
+            self.sources.add(SDO, identifier, what, now);
         }
     }
 
@@ -605,8 +549,8 @@ impl SourceReader {
                     self.stop = None;
                 }
                 None => {
-                    let what = "boot-up of the controller".to_owned();
-                    self.sources.add((HEARTBEAT, identifier), what, now);
+                    let what = "boot-up of the controller";
+                    self.sources.add(HEARTBEAT, identifier, what, now);
                 }
             }
         }
@@ -620,64 +564,43 @@ fn watched(
     is_ours: bool,
     is_emulated: bool,
 ) -> BTreeMap<u16, Watched> {
-    let LoopNodes {
-        controller, drive, ..
-    } = &one.nodes;
-    let id = |node, service| identifier(one, node, service);
-    let heartbeats = |node| {
-        let message = one.message(node, names::HEARTBEAT).ok()?;
-        Some(Duration::from_millis(message.cycle_time_milliseconds))
+    let (controller, drive) = (&one.nodes.controller, &one.nodes.drive);
+    let position = identifier(one, drive, names::TPDO1);
+    let command = identifier(one, drive, names::RPDO1);
+    let (ours, drives) = ((is_ours, Some(SYNC_COB_ID)), (is_emulated, position));
+    let mut watched = BTreeMap::new();
+    let mut watch = |identifier: Option<u16>, duty, what, period, sender| {
+        let frames = identifier.map(|id| (id, Watched::new(duty, what, period, sender)));
+        watched.extend(frames);
     };
-    let at_controller = [
-        (Some(NMT_COB_ID), NMT, "NMT", None),
-        (Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle)),
+    watch(Some(NMT_COB_ID), NMT, "NMT", None, ours);
+    watch(Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle), ours);
+    watch(command, COMMAND, "commands to the drive", Some(cycle), ours);
+    let of_nodes = [
         (
-            id(drive, names::RPDO1),
-            COMMAND,
-            "commands to the drive",
-            Some(cycle),
+            controller,
+            ours,
+            [
+                "heartbeats of the controller",
+                "emergencies of the controller",
+            ],
         ),
         (
-            id(controller, names::HEARTBEAT),
-            HEARTBEAT,
-            "heartbeats of the controller",
-            heartbeats(controller),
-        ),
-        (
-            id(controller, names::EMERGENCY),
-            "emergency",
-            "emergencies of the controller",
-            None,
+            drive,
+            drives,
+            ["heartbeats of the drive", "emergencies of the drive"],
         ),
     ];
-    let position = id(drive, names::TPDO1);
-    let at_drive = [
-        (position, POSITION, "positions of the drive", Some(cycle)),
-        (
-            id(drive, names::HEARTBEAT),
-            HEARTBEAT,
-            "heartbeats of the drive",
-            heartbeats(drive),
-        ),
-        (
-            id(drive, names::EMERGENCY),
-            "emergency",
-            "emergencies of the drive",
-            None,
-        ),
-    ];
-    let watch = |node: (bool, Option<u16>)| {
-        move |(identifier, duty, what, period): (Option<u16>, _, _, _)| {
-            Some((identifier?, Watched::new(duty, what, period, node)))
-        }
-    };
-    let at_controller = at_controller
-        .into_iter()
-        .filter_map(watch((is_ours, Some(SYNC_COB_ID))));
-    let at_drive = at_drive
-        .into_iter()
-        .filter_map(watch((is_emulated, position)));
-    at_controller.chain(at_drive).collect()
+    for (node, sender, [heartbeats, emergencies]) in of_nodes {
+        let message = one.message(node, names::HEARTBEAT).ok();
+        let period = message.map(|message| Duration::from_millis(message.cycle_time_milliseconds));
+        let id = |service| identifier(one, node, service);
+        watch(id(names::HEARTBEAT), HEARTBEAT, heartbeats, period, sender);
+        watch(id(names::EMERGENCY), "emergency", emergencies, None, sender);
+    }
+    let positions = "positions of the drive";
+    watch(position, POSITION, positions, Some(cycle), drives);
+    watched
 }
 
 /// Returns how often a scenario restarts the controller.
@@ -687,11 +610,6 @@ fn starts_anew(faults: &Faults) -> usize {
         .filter(|fault| fault.until_seconds.is_some())
         .chain(faults.of("restart"));
     starts.filter(|fault| fault.is_at_controller()).count()
-}
-
-/// Returns the identifier of the controller's frames of a service (CiA 301, 7.3.5).
-fn controller_id(one: &ControlLoop, base: u16) -> u16 {
-    base + u16::from(one.nodes.controller.id)
 }
 
 fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {
@@ -705,6 +623,7 @@ mod tests {
     use scenario::Trial;
 
     use super::*;
+    use crate::run_folder::parse_rows;
 
     const PERIOD: Duration = Duration::from_millis(1);
     const MICRO: Duration = Duration::from_micros(1);
@@ -951,9 +870,9 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         let sent = sent(0x210, 1500);
-        assert_eq!(parse_csv(&sent.to_csv()), Ok(sent.0));
+        assert_eq!(parse_rows(&sent.to_csv(), HEADER, sent_frames), Ok(sent.0));
         for damaged in ["", "node,identifier,frames\ncontroller,210,5\n"] {
-            assert!(parse_csv(damaged).is_err());
+            assert!(parse_rows(damaged, HEADER, sent_frames).is_err());
         }
     }
 }

@@ -4,10 +4,9 @@
 use std::fmt;
 use std::io;
 use std::path::Path;
-use std::str::FromStr;
 use std::time::Duration;
 
-use crate::run_folder::{file, file_in};
+use crate::run_folder::{file, read_rows};
 
 const HEADER: &str = "from_seconds,until_seconds,who,what";
 /// Largest file that is read: a million rows.
@@ -133,49 +132,17 @@ pub fn to_csv(stalls: &[Stall]) -> String {
 /// # Errors
 /// If the file cannot be read, or is not of that form.
 pub fn read_stalls(folder: &Path) -> io::Result<Vec<Stall>> {
-    match scenario::read_text(&file_in(folder, file::STALLS)?, BYTES_MAX) {
-        Ok(text) => {
-            parse_csv(&text).map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason))
-        }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
-        Err(error) => Err(error),
-    }
+    read_rows(folder, file::STALLS, BYTES_MAX, HEADER, stall)
 }
 
-fn parse_csv(text: &str) -> Result<Vec<Stall>, String> {
-    let mut lines = (1..).zip(text.lines());
-    match lines.next() {
-        Some((_, HEADER)) => {}
-        _ => return Err(format!("line 1: {HEADER} is expected")),
-    }
-    let stall = |(number, line): (u32, &str)| {
-        line.parse()
-            .map_err(|reason| format!("line {number}: {reason}: \"{line}\""))
-    };
-    lines.map(stall).collect()
-}
-
-impl FromStr for Stall {
-    type Err = &'static str;
-
-    fn from_str(line: &str) -> Result<Self, Self::Err> {
-        let cells: Vec<&str> = line.split(',').collect();
-        let [from, until, who, what] = cells[..] else {
-            return Err("four columns are expected");
-        };
-        let who = Who::ALL.into_iter().find(|known| known.name() == who);
-        let what = What::ALL.into_iter().find(|known| known.label() == what);
-        let (from, until) = (seconds(from), seconds(until));
-        let (Some(from), Some(until)) = (from, until) else {
-            return Err("seconds with six decimals are expected");
-        };
-        Ok(Self {
-            from,
-            until,
-            who: who.ok_or("nobody of that name is watched")?,
-            what: what.ok_or("nobody is held up like that")?,
-        })
-    }
+/// Returns the stall in a row of the file.
+fn stall([from, until, who, what]: [&str; 4]) -> Option<Stall> {
+    Some(Stall {
+        from: seconds(from)?,
+        until: seconds(until)?,
+        who: Who::ALL.into_iter().find(|known| known.name() == who)?,
+        what: (What::ALL.into_iter()).find(|known| known.label() == what)?,
+    })
 }
 
 fn seconds(text: &str) -> Option<Duration> {
@@ -191,6 +158,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::run_folder::parse_rows;
+
+    fn parse_csv(text: &str) -> Result<Vec<Stall>, String> {
+        parse_rows(text, HEADER, stall)
+    }
 
     proptest! {
         #[test]

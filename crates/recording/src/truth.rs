@@ -8,6 +8,13 @@ use platform::series::{Series, SeriesWriter};
 
 use crate::log::Stamped;
 
+/// Signals of a message: the plant's own time, its current and its peak temperature.
+const SIGNALS: [&str; 3] = [
+    "plant_time_seconds",
+    names::PLANT_CURRENT,
+    "plant_peak_temperature_celsius",
+];
+
 /// Report of the emulated plant in one message.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
@@ -23,32 +30,22 @@ pub struct PlantTruth {
 /// Reader of the messages. The plant's clock is not the recording's: their difference is the smallest one between a stamp and the
 /// plant's own time in the message, since a full bus only makes messages late.
 pub(crate) struct TruthReader {
-    /// Signals of the truth; `None` for an external drive, which sends none.
-    signals: Option<TruthSignals>,
+    /// The [`SIGNALS`]; `None` for an external drive, which sends none.
+    signals: Option<[SignalHandle; 3]>,
     messages: SeriesWriter<PlantTruth>,
     offset_seconds: f64,
-}
-
-struct TruthSignals {
-    current: SignalHandle,
-    peak_temperature: SignalHandle,
-    time: SignalHandle,
 }
 
 impl TruthReader {
     pub(crate) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = one.message(&one.nodes.drive, names::TRUTH).ok();
+        let measurand = &one.trial.wiring.sensor.measurand;
         let signals = message.map(|message| {
-            let measurand = &one.trial.wiring.sensor.measurand;
-            let signal = |pattern| {
-                one.database
-                    .signal_of(&message.name, &measurand.name(pattern))
-            };
-            Ok(TruthSignals {
-                current: signal(names::PLANT_CURRENT)?,
-                peak_temperature: signal("plant_peak_temperature_celsius")?,
-                time: signal("plant_time_seconds")?,
-            })
+            let [time, current, peak_temperature] = SIGNALS.map(|pattern| {
+                let name = measurand.name(pattern);
+                one.database.signal_of(&message.name, &name)
+            });
+            Ok([time?, current?, peak_temperature?])
         });
         Ok(Self {
             signals: signals.transpose()?,
@@ -59,17 +56,15 @@ impl TruthReader {
 
     /// Returns the identifier of the messages.
     pub(crate) fn raw_id(&self) -> Option<u32> {
-        self.signals.as_ref().map(|signals| signals.time.raw_id())
+        self.signals.as_ref().map(|[time, ..]| time.raw_id())
     }
 
     pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
         let Some(signals) = &self.signals else { return };
-        let decode = |signal: &SignalHandle| signal.decode(&stamped.frame);
-        let Some(time_seconds) = decode(&signals.time) else {
-            return;
-        };
-        let current = decode(&signals.current);
-        let temperature = decode(&signals.peak_temperature);
+        let [time, current, temperature] = signals
+            .each_ref()
+            .map(|signal| signal.decode(&stamped.frame));
+        let Some(time_seconds) = time else { return };
         self.offset_seconds = self
             .offset_seconds
             .min(stamped.time.as_secs_f64() - time_seconds);

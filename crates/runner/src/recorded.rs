@@ -20,7 +20,7 @@ use recording::events::Events;
 use recording::frames::Log;
 use recording::log::Unread;
 use recording::run_folder::{file, file_in, log_in};
-use recording::session::{FramesError, ReadError, read_plan};
+use recording::session::{FileError, ReadError, read_plan};
 use recording::sources::Sent;
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline, all_events};
@@ -78,9 +78,9 @@ pub enum RecordedError {
     /// The scenario is not valid.
     #[error("the scenario of the recording is not valid")]
     Scenario(Box<ScenarioError>),
-    /// The folder's DBC is not valid.
+    /// A file of the folder is not valid.
     #[error(transparent)]
-    Frames(#[from] FramesError),
+    File(#[from] FileError),
     /// The limits are those of other loops.
     #[error("`{}` has other loops than the recording, so its limits cannot be applied", path.display())]
     OtherLoops {
@@ -115,8 +115,7 @@ impl From<ReadError> for RecordedError {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::Frames(error) => Self::Frames(error),
-            ReadError::Link { path, source } => Self::Read { path, source },
+            ReadError::File(error) => Self::File(error),
         }
     }
 }

@@ -331,12 +331,12 @@ pub(crate) fn open_folder(
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
     let id = folder_id(cases, shard);
-    RunFolder::shared(parent, &plan.shared.run.name, &id, |folder| {
-        for (name, text) in cases.files() {
-            folder.ensure(name, text.as_bytes())?;
-        }
-        write_scenario(folder, plan)
-    })
+    let folder = RunFolder::lasting(parent, &plan.shared.run.name, &id)?;
+    for (name, text) in cases.files() {
+        folder.ensure(name, text.as_bytes())?;
+    }
+    write_scenario(&folder, plan)?;
+    Ok(folder)
 }
 
 /// Returns the end of that folder's name.

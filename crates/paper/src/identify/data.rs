@@ -15,7 +15,7 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use plan::{ControlLoop, Plan, Shared};
 use recording::log::{self, Stamped};
 use recording::run_folder::{file_in, log_in};
-use recording::session::{FramesError, ReadError, read_plan};
+use recording::session::{FileError, ReadError, read_plan};
 use recording::timeline::{self, Series, Timeline};
 use worlds::catalogue::catalogue;
 
@@ -60,9 +60,9 @@ pub enum RecordingFault {
     /// The scenario is invalid.
     #[error("the scenario is invalid: {0}")]
     Scenario(Box<ScenarioError>),
-    /// The folder's DBC is invalid.
+    /// A file of the folder is invalid.
     #[error(transparent)]
-    Frames(#[from] FramesError),
+    File(#[from] FileError),
     /// The plant is not a shape-memory-alloy wire.
     #[error(
         "its plant is `{0}`; identification knows the equations of the shape-memory-alloy wire only"
@@ -202,11 +202,7 @@ impl From<ReadError> for RecordingFault {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::Frames(error) => Self::Frames(error),
-            ReadError::Link { path, source } => Self::Read {
-                name: path.display().to_string(),
-                source,
-            },
+            ReadError::File(error) => Self::File(error),
         }
     }
 }

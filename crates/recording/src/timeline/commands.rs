@@ -130,9 +130,9 @@ impl CommandReader {
         silence.cycles = silence.cycles.saturating_add(1);
     }
 
-    /// Takes all cycles without their command, and a lasting loss; `latest` is the scenario time of the last frame before the
-    /// end.
-    pub(super) fn take_all(&mut self, latest: Duration) -> (Series<u64>, Events) {
+    /// Takes all cycles without their command, those whose command came a whole cycle late, and a lasting loss; `latest` is the
+    /// scenario time of the last frame before the end.
+    pub(super) fn take_all(&mut self, latest: Duration) -> (Series<u64>, Series<u64>, Events) {
         let is_due = |(_, since): &(u64, Duration)| latest.saturating_sub(*since) >= self.period;
         if let Some((cycle, since)) = self.waiting.take().filter(is_due) {
             self.on_lacking(cycle, since);
@@ -144,12 +144,8 @@ impl CommandReader {
             (silence.since.as_secs_f64(), Event::new(Level::Error, &text))
         });
         let lacking = self.lacking.take(self.lacking.len());
-        (lacking, loss.into_iter().collect())
-    }
-
-    /// Takes all cycles whose command came a whole cycle late.
-    pub(super) fn take_late(&mut self) -> Series<u64> {
-        self.late.take(self.late.len())
+        let late = self.late.take(self.late.len());
+        (lacking, late, loss.into_iter().collect())
     }
 }
 
@@ -188,7 +184,7 @@ mod tests {
                 }
             }
         }
-        let (lacking, events) = reader.take_all(micros(cycles.len() as u64));
+        let (lacking, _, events) = reader.take_all(micros(cycles.len() as u64));
         let events = events
             .iter()
             .map(|event| (event.time_seconds, event.text.clone()));

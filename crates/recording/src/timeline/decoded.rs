@@ -10,9 +10,9 @@ use scenario::expect::Emergency;
 use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
-use crate::events::{Event, Events};
+use crate::events::Events;
 use crate::losses::LostHeartbeat;
-use crate::occurrences::{Occurrence, Occurrences};
+use crate::occurrences::Occurrences;
 use crate::sources::Sources;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
@@ -54,7 +54,7 @@ impl Column {
 }
 
 /// Decoded recording.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Timeline {
     /// Name of its loop; empty for the only one.
     pub loop_name: String,
@@ -222,10 +222,7 @@ impl Timeline {
         }
         let is_served = |position: &f64| !position.is_nan();
         let served = self.measured_position().iter().filter(is_served).count();
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "cycle counts stay far below 2^52"
-        )]
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let (due, served) = (self.cycles_due as f64, served as f64);
         100.0 * (due - served) / due
     }
@@ -276,26 +273,18 @@ pub fn all_events(timelines: &[Timeline]) -> Events {
     if timelines.len() < 2 {
         return all;
     }
-    let mut earlier: Option<Occurrence<'_, Event>> = None;
+    let mut earlier = None;
     let once = all.iter().filter(|later| {
-        let is_again = earlier.is_some_and(|earlier| {
-            let is_then = later.time_seconds.total_cmp(&earlier.time_seconds).is_eq();
-            is_then && later.text == earlier.text
-        });
-        if !is_again {
-            earlier = Some(*later);
-        }
-        !is_again
+        let later = (later.time_seconds.to_bits(), &later.what.text);
+        earlier.replace(later) != Some(later)
     });
     once.map(|event| (event.time_seconds, event.what.clone()))
         .collect()
 }
 
 /// Returns scenario time at which a cycle begins.
-#[expect(
-    clippy::cast_precision_loss,
-    reason = "cycle numbers stay far below 2^52"
-)]
-pub(super) fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
+#[expect(clippy::cast_precision_loss, reason = "numbers stay far below 2^52")]
+#[must_use]
+pub fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
     cycle as f64 * period_seconds
 }

@@ -5,8 +5,9 @@ mod commands;
 mod decoded;
 mod passing;
 mod reader;
-mod traffic;
 
-pub use decoded::{Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, all_events, signals};
+pub use decoded::{
+    Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, all_events, cycle_start_seconds, signals,
+};
 pub use platform::series::{Series, SeriesWriter};
 pub use reader::{TimelineReader, decode};

@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use dbc::SignalMissing;
-use dbc::scenario_clock::ScenarioClock;
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use plan::ControlLoop;
 
-use super::traffic::Traffic;
 use crate::log::STEP_MAX;
 use crate::log::Stamped;
 
@@ -16,7 +15,6 @@ pub(super) struct Passing {
     pub(super) clock: ScenarioClock,
     /// Whether time ran backwards by more than a clock is ever stepped in a run.
     pub(super) is_order_lost: bool,
-    pub(super) traffic: Traffic,
     /// Time of the first frame, on the recording's clock.
     pub(super) first_frame: Option<Duration>,
     /// Time of the last frame, on the recording's clock.
@@ -26,8 +24,19 @@ pub(super) struct Passing {
     /// Scenario time of the last frame before the scenario's end.
     pub(super) latest: Duration,
     end: Duration,
-    /// End of the time for which the traffic is judged.
+    /// Bus load from the first SYNC to the end of the judged time.
+    pub(super) traffic: Traffic,
     judged_end: Duration,
+}
+
+/// Number of the bits of all frames, and the times of the SYNCs.
+#[derive(Clone, Default)]
+pub(super) struct Traffic {
+    first_sync: Option<Duration>,
+    latest_sync: Option<Duration>,
+    latest: Duration,
+    sync_interval_max: Option<Duration>,
+    bits: u64,
 }
 
 /// Place of a frame in scenario time.
@@ -45,12 +54,12 @@ impl Passing {
         Ok(Self {
             clock: one.scenario_clock()?,
             is_order_lost: false,
-            traffic: Traffic::new(scenario),
             first_frame: None,
             last_frame: Duration::ZERO,
             highest: Duration::ZERO,
             latest: Duration::ZERO,
             end: Duration::from_secs_f64(scenario.run.duration_seconds),
+            traffic: Traffic::default(),
             judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
         })
     }
@@ -72,9 +81,44 @@ impl Passing {
             self.latest = time;
         }
         if time.is_none_or(|time| time < self.judged_end) {
-            let bits = stamped.occupied_bits;
-            self.traffic.on_frame(&stamped.frame, stamped.time, bits);
+            self.traffic.on_frame(stamped);
         }
         Passed { time, is_sync }
+    }
+}
+
+impl Traffic {
+    fn on_frame(&mut self, stamped: &Stamped) {
+        let now = stamped.time;
+        if self.first_sync.is_some() {
+            self.bits += u64::from(stamped.occupied_bits);
+        }
+        self.latest = now;
+        if stamped.frame.standard_id() == Some(SYNC_COB_ID) {
+            self.first_sync.get_or_insert(now);
+            if let Some(before) = self.latest_sync.replace(now) {
+                let interval = now.saturating_sub(before);
+                self.sync_interval_max = self.sync_interval_max.max(Some(interval));
+            }
+        }
+    }
+
+    /// Returns NaN before there are two frames from the first SYNC on.
+    pub(super) fn load_percent(&self, bitrate_kilobits_per_second: u32) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "bit counts stay far below 2^52")]
+        let milliseconds = self.bits as f64 / f64::from(bitrate_kilobits_per_second);
+        let first = self.first_sync.unwrap_or(self.latest);
+        let recorded = 1e3 * self.latest.saturating_sub(first).as_secs_f64();
+        if recorded > 0.0 {
+            100.0 * milliseconds / recorded
+        } else {
+            f64::NAN
+        }
+    }
+
+    /// Returns NaN before there are two SYNCs.
+    pub(super) fn sync_interval_milliseconds_max(&self) -> f64 {
+        self.sync_interval_max
+            .map_or(f64::NAN, |interval| 1e3 * interval.as_secs_f64())
     }
 }

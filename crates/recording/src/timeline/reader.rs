@@ -14,14 +14,13 @@ use super::columns::Columns;
 use super::commands::CommandReader;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
-use crate::drive_reports::{DriveReportReader, DriveReports};
-use crate::events::{EventReader, Events};
+use crate::drive_reports::DriveReportReader;
+use crate::events::EventReader;
 use crate::fan::FanReader;
 use crate::identifiers::{Identifiers, Readers};
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::node_names::NodeNames;
-use crate::occurrences::Occurrences;
 use crate::sources::SourceReader;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
@@ -42,10 +41,6 @@ pub fn decode(
     let kept_max = KEPT_MAX / plan.loops.len();
     readers.iter_mut().for_each(|reader| reader.keep(kept_max));
     let frames = frames.into_iter();
-    let expected = frames.size_hint().0;
-    readers
-        .iter_mut()
-        .for_each(|reader| reader.reserve(expected));
     match readers.as_mut_slice() {
         [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
         several => read_with(several, frames),
@@ -141,7 +136,7 @@ impl TimelineReader {
         let rare = losses
             .raw_ids()
             .chain(truth.raw_id())
-            .chain([drive_reports.raw_id()]);
+            .chain([drive_reports.raw_id]);
         let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
@@ -186,14 +181,6 @@ impl TimelineReader {
         self.syncs_seconds.keep(rows);
         self.columns.keep(rows);
         self.commands.keep(rows);
-    }
-
-    /// Reserves room for the rows of this many frames.
-    fn reserve(&mut self, frames: usize) {
-        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
-        let rows = cycles.min(frames);
-        self.cycle.reserve(rows);
-        self.columns.reserve(rows);
     }
 
     /// Takes every frame of the bus in order.
@@ -250,7 +237,7 @@ impl TimelineReader {
         if Some(stamped.frame.raw_id()) == self.truth.raw_id() {
             self.truth.on_frame(stamped);
         }
-        if stamped.frame.raw_id() == self.drive_reports.raw_id()
+        if stamped.frame.raw_id() == self.drive_reports.raw_id
             && let Some(time) = time
         {
             self.drive_reports.on_frame(time, &stamped.frame);
@@ -298,17 +285,18 @@ impl TimelineReader {
         let zero = self.passing.clock.zero();
         let events = self.events.take_until(f64::INFINITY, trial, zero);
         let latest = self.passing.latest;
-        let (uncommanded, silences) = self.commands.take_all(latest);
-        rest.uncommanded = uncommanded;
-        rest.late_commands = self.commands.take_late();
+        let silences;
+        (rest.uncommanded, rest.late_commands, silences) = self.commands.take_all(latest);
         rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
-        rest.events = events.merged(self.losses.take_all(latest)).merged(silences);
-        rest.lost_heartbeats = self.losses.take_heartbeats();
-        rest.temperature_silence = self.losses.temperature_silence();
+        let mut losses = self.losses.take_all(latest);
+        let lost = losses.events.take_since(0.0);
+        rest.events = events.merged(lost).merged(silences);
+        rest.lost_heartbeats = losses.heartbeats;
+        rest.temperature_silence = losses.temperature_silence;
         rest.emergencies = self.events.take_emergencies(zero);
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
-        rest.drive_reports = self.drive_reports.take_all();
+        rest.drive_reports = std::mem::take(&mut self.drive_reports.reports);
         Ok(rest)
     }
 
@@ -326,47 +314,32 @@ impl TimelineReader {
         }
         let zero = self.passing.clock.zero();
         let origin = zero.unwrap_or(self.passing.first_frame.unwrap_or_default());
-        let since_zero = self
-            .passing
-            .last_frame
-            .saturating_sub(zero.unwrap_or_default());
-        let measured_position = trial.wiring.sensor.measurand.name(names::POSITION);
-        let measured_position = trial.wiring.name_in_loop(&measured_position);
+        let last_frame = self.passing.last_frame;
+        let since_zero = last_frame.saturating_sub(zero.unwrap_or_default());
+        let traffic = &self.passing.traffic;
+        let wiring = &trial.wiring;
+        let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
+        let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,
             set_point: set_points(trial, &time_seconds),
-            measurand: trial.wiring.feedback.measurand.clone(),
+            measurand: measurand.clone(),
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,
-            uncommanded: Series::default(),
-            late_commands: Series::default(),
-            syncs_seconds: Series::default(),
-            lost_heartbeats: Vec::new(),
-            temperature_silence: None,
-            position: place(
-                &columns,
-                &trial.wiring.feedback.measurand.name(names::POSITION),
-            )?,
+            position: place(&columns, &measurand.name(names::POSITION))?,
             measured_position: place(&columns, &measured_position)?,
-            current: place(
-                &columns,
-                &trial.wiring.sensor.measurand.name(names::CURRENT),
-            )?,
+            current: place(&columns, &sensor.name(names::CURRENT))?,
             columns,
-            events: Events::default(),
-            emergencies: Occurrences::default(),
-            truth: Series::default(),
             has_fan: self.fan.has_fan(),
-            drive_reports: DriveReports::default(),
-            traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             origin_seconds: origin.as_secs_f64(),
             last_frame_seconds: since_zero.as_secs_f64(),
             sources: self.sources.sources().clone(),
-            bus_load_percent: self.passing.traffic.load_percent(),
-            sync_interval_milliseconds_max: self.passing.traffic.sync_interval_milliseconds_max(),
+            bus_load_percent: traffic.load_percent(trial.run.bus.bitrate_kilobits_per_second),
+            sync_interval_milliseconds_max: traffic.sync_interval_milliseconds_max(),
+            ..Timeline::default()
         })
     }
 }
