@@ -67,7 +67,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
     lowest.map_or_else(
-        || Measurement::Meaningless("no chirp of at least four turns in the scenario".to_owned()),
+        || Absence::meaningless("no chirp of at least four turns in the scenario").into(),
         Into::into,
     )
 }
@@ -111,10 +111,7 @@ fn point(
     end: f64,
 ) -> Result<FrequencyPoint, Absence> {
     let at = |turns: f64| chirp.from_seconds + chirp.sweep.seconds_at(turns);
-    let window = Window {
-        from_seconds: at(first),
-        until_seconds: at(end),
-    };
+    let window = Window::new(at(first), at(end));
     let samples = evidence.seen(window)?.map(|sample| {
         let phase = chirp.sweep.at(sample.time_seconds - chirp.from_seconds);
         (phase.radians(), sample.position)

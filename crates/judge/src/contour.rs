@@ -6,7 +6,7 @@ use recording::timeline::Timeline;
 use scenario::contour::Contour;
 use scenario::events::Window;
 
-use crate::evidence::{Absence, Evidence, MetricValue, Observation, checked};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked};
 use crate::metric::Metric;
 
 /// Time before and after a sample within which the nearest point of the path is searched for.
@@ -52,10 +52,10 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
         None => (first, values(contour, axes, end_seconds)),
     };
     let rows = contour.rows().into_iter().zip(values);
-    let rows = rows.map(|((name, limit), value)| {
-        let mut row = Observation::from(value).metric(axis, name, limit);
+    let rows = rows.filter_map(|((name, limit), value)| {
+        let mut row = Measurement::from(value).metric(axis, &name, limit)?;
         row.requirements.clone_from(&contour.requirements);
-        row
+        Some(row)
     });
     rows.collect()
 }
@@ -69,13 +69,17 @@ fn none(absence: impl Into<Absence>) -> [MetricValue; 2] {
 /// Returns the longest distance and the RMS of the distances.
 fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [MetricValue; 2] {
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
-    let mut errors = Errors::default();
     let is_left_out = |time: f64| axes.iter().any(|axis| axis.leaves_out(time, time));
-    contour_errors(contour, &timelines, end_seconds)
-        .filter(|(time, _)| !is_left_out(*time))
-        .for_each(|(_, error)| errors.add(error));
-    if errors.count > 0.0 {
-        [errors.longest, errors.rms()].map(checked)
+    let errors = contour_errors(contour, &timelines, end_seconds);
+    let errors = errors.filter(|(time, _)| !is_left_out(*time));
+    let (mut longest, mut squares, mut count) = (0.0, 0.0, 0.0);
+    for (_, error) in errors {
+        longest = f64::max(longest, error);
+        squares += error * error;
+        count += 1.0;
+    }
+    if count > 0.0 {
+        [longest, f64::sqrt(squares / count)].map(checked)
     } else if axes.iter().all(Evidence::has_all) {
         none("no sample of all axes in the window")
     } else {
@@ -86,30 +90,7 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Metric
 /// Returns the window of a contour, as far as it is judged.
 fn window(contour: &Contour, end_seconds: f64) -> Window {
     let until_seconds = contour.until_seconds.unwrap_or(end_seconds);
-    Window {
-        from_seconds: contour.from_seconds,
-        until_seconds: until_seconds.min(end_seconds),
-    }
-}
-
-/// Summary of distances from a path.
-#[derive(Default)]
-struct Errors {
-    longest: f64,
-    squares: f64,
-    count: f64,
-}
-
-impl Errors {
-    fn add(&mut self, error: f64) {
-        self.longest = self.longest.max(error);
-        self.squares += error * error;
-        self.count += 1.0;
-    }
-
-    fn rms(&self) -> f64 {
-        (self.squares / self.count).sqrt()
-    }
+    Window::new(contour.from_seconds, until_seconds.min(end_seconds))
 }
 
 /// Returns the distance of each sample in a contour's window from the path, with its time: seconds and millimetres. `axes` are

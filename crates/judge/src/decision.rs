@@ -8,7 +8,7 @@ use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Pass;
 use scenario::metrics::is_traffic_metric;
-use scenario::node::{LoopNodes, Part};
+use scenario::node::Part;
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};
@@ -150,16 +150,19 @@ struct BrokeOff {
 impl BrokeOff {
     /// Returns the node of the cause, if it is the drive of another loop.
     fn node_elsewhere(&self, evidence: &Evidence<'_>) -> Option<&str> {
-        let LoopNodes {
-            controller, drive, ..
-        } = &evidence.control_loop.nodes;
-        let loops = evidence.loops.iter();
-        let mut drives = loops.map(|(one, _)| one.nodes.drive.name.as_str());
         let node = self.cause.node.as_str();
-        let is_in_loop = [controller, drive].iter().any(|one| one.name == node);
-        let is_elsewhere = !is_in_loop && drives.any(|one| one == node);
-        is_elsewhere.then_some(node)
+        let mut loops = evidence.loops.iter();
+        let is_drive = loops.any(|(one, _)| one.nodes.drive.name == node);
+        (is_drive && !is_in_loop(evidence, node)).then_some(node)
     }
+}
+
+/// Returns whether a node is the controller or the drive of a loop.
+fn is_in_loop(evidence: &Evidence<'_>, node: &str) -> bool {
+    let nodes = &evidence.control_loop.nodes;
+    [&nodes.controller, &nodes.drive]
+        .iter()
+        .any(|one| one.name == node)
 }
 
 /// Returns the earliest breach of all loops that lasts to an end caused by a node, or else the end itself.
@@ -178,13 +181,9 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
             cause,
         });
     }
-    let concerns = |evidence: &&Evidence<'_>| {
-        let LoopNodes {
-            controller, drive, ..
-        } = &evidence.control_loop.nodes;
-        let ended_by = end.node.as_ref();
-        ended_by.is_some_and(|node| [&controller.name, &drive.name].contains(&node))
-    };
+    let ended_by = end.node.as_deref();
+    let concerns =
+        |evidence: &&Evidence<'_>| ended_by.is_some_and(|node| is_in_loop(evidence, node));
     // All loops feel a stall that held up a node outside the loops.
     let concerns_none = !all.iter().any(|evidence| concerns(&evidence));
     let mut concerned = all.iter().filter(|one| concerns_none || concerns(one));

@@ -25,7 +25,7 @@ fn worst_disturbance(
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
     if evidence.trial.reference.is_empty() {
-        return Measurement::Meaningless("no set-point".to_owned());
+        return Absence::meaningless("no set-point").into();
     }
     let windows = evidence.trial.disturbance_windows();
     let end_seconds = evidence.trial.judged_end_seconds();
@@ -41,9 +41,9 @@ fn worst_disturbance(
     }));
     let value = |evidence: &Evidence<'_>, _: &Window, window| metric(evidence, window);
     match evidence.worst_event(&watched, |window| *window, is_time, value) {
-        None => Measurement::Meaningless("no disturbance in the scenario".to_owned()),
+        None => Absence::meaningless("no disturbance in the scenario").into(),
         Some(_) if !evidence.timeline.has_fan => {
-            Measurement::Unavailable("not available: no fan on the bus".to_owned())
+            Absence::unavailable("not available: no fan on the bus").into()
         }
         Some(value) => value.into(),
     }

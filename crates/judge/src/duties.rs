@@ -40,7 +40,7 @@ pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
     let attribution = evidence.attribution();
     if attribution.due == 0 {
         let reason = "no cycle in the recording";
-        return Err(Absence::unseen(reason, evidence.whole())).into();
+        return Absence::unseen(reason, evidence.whole()).into();
     }
     Ok(attribution.cycles().percent(evidence.has_all())).into()
 }
@@ -61,11 +61,11 @@ fn command_share(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> M
     let is_watched = is_watched(evidence, metric);
     let is_sound = evidence.control_loop.faults().next().is_none();
     if !is_watched && (!is_sound || commands.are_sound(evidence.timeline)) {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     let totals = commands.totals(evidence);
     if !is_watched && totals.too_many(percent_max(evidence, metric), 0).is_empty() {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     let seen = evidence.seen(evidence.whole());
     seen.map(|_| totals.percent(evidence.has_all())).into()
@@ -80,12 +80,12 @@ fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
 /// Returns the largest distance of the mean of 64 SYNC periods from the nominal period, in percent of it.
 pub(crate) fn sync_period_error(evidence: &Evidence<'_>) -> Measurement {
     if !is_watched(evidence, SYNC_PERIOD_ERROR) {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     match largest_period_error(evidence, evidence.has_all()) {
         Some((percent, _)) => Ok(percent).into(),
-        None if !evidence.has_all() => Err(Absence::left_out()).into(),
-        None => Measurement::Meaningless(format!("no {PERIODS} SYNC periods in a row")),
+        None if !evidence.has_all() => Absence::left_out().into(),
+        None => Absence::meaningless(format!("no {PERIODS} SYNC periods in a row")).into(),
     }
 }
 

@@ -25,6 +25,7 @@ use crate::quality::reaches;
 pub(crate) type RecordedLoop<'a> = (&'a ControlLoop, &'a Timeline);
 
 /// Recording of a loop, and the criteria by which it is judged.
+#[derive(Clone)]
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
     pub(crate) control_loop: &'a ControlLoop,
@@ -57,158 +58,133 @@ pub(crate) type MetricValue = Result<f64, Absence>;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Absence {
     pub(crate) reason: String,
-    /// Stretch of time in which no sample came, if that is the reason.
-    silence: Option<Window>,
-    /// Whether stalls explain all samples that the value would need.
-    is_left_out: bool,
+    why: Why,
+}
+
+/// Meaning of an absence for a limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Why {
+    /// The loop did not do what is measured.
+    NotDone,
+    /// No sample came in this stretch of time.
+    Unseen(Window),
+    /// Stalls explain all samples that the value would need.
+    LeftOut,
+    /// No node on this bus sends the value, so a limit is neither met nor missed.
+    Unavailable,
+    /// The scenario gives the metric no meaning; relevant only if it has a limit.
+    Meaningless,
+    /// The metric is not reported.
+    NotAsked,
 }
 
 impl Absence {
+    fn new(reason: impl Into<String>, why: Why) -> Self {
+        let reason = reason.into();
+        Self { reason, why }
+    }
+
     pub(crate) fn left_out() -> Self {
-        Self {
-            is_left_out: true,
-            ..Self::from("only in what stalls explain")
-        }
+        Self::new("only in what stalls explain", Why::LeftOut)
     }
 
     pub(crate) fn unseen(reason: impl Into<String>, silence: Window) -> Self {
-        Self {
-            reason: reason.into(),
-            silence: Some(silence),
-            is_left_out: false,
-        }
+        Self::new(reason, Why::Unseen(silence))
+    }
+
+    pub(crate) fn unavailable(reason: impl Into<String>) -> Self {
+        Self::new(reason, Why::Unavailable)
+    }
+
+    /// Returns the absence of a value that only the emulated plant sends.
+    pub(crate) fn only_emulated() -> Self {
+        Self::unavailable("not available: only the emulated plant publishes it")
+    }
+
+    pub(crate) fn meaningless(reason: impl Into<String>) -> Self {
+        Self::new(reason, Why::Meaningless)
+    }
+
+    pub(crate) fn not_asked() -> Self {
+        Self::new("", Why::NotAsked)
     }
 
     pub(crate) fn silent(silence: Window) -> Self {
-        let (from, until) = (silence.from_seconds, silence.until_seconds);
-        Self::unseen(format!("silent from {from:.3} to {until:.3} s"), silence)
+        Self::unseen(format!("silent {silence}"), silence)
     }
 
     pub(crate) fn silent_between(from_seconds: f64, until_seconds: f64) -> Self {
-        Self::silent(Window {
-            from_seconds,
-            until_seconds,
-        })
+        Self::silent(Window::new(from_seconds, until_seconds))
     }
 
     /// Adds the name of the one of several that has no value.
     pub(crate) fn of(self, what: &str) -> Self {
-        Self {
-            reason: format!("{what}: {}", self.reason),
-            ..self
-        }
+        Self::new(format!("{what}: {}", self.reason), self.why)
     }
 }
 
 impl From<String> for Absence {
     fn from(reason: String) -> Self {
-        Self {
-            reason,
-            silence: None,
-            is_left_out: false,
-        }
+        Self::new(reason, Why::NotDone)
     }
 }
 
 impl From<&str> for Absence {
     fn from(reason: &str) -> Self {
-        reason.to_owned().into()
+        Self::new(reason, Why::NotDone)
     }
 }
 
-/// Measurement of a metric in the recording.
-pub(crate) enum Measurement {
-    Seen(Observation),
-    /// The scenario gives the metric no meaning, for this reason; relevant only if it has a limit.
-    Meaningless(String),
-    /// No node on this bus sends the value, so a limit is neither met nor missed.
-    Unavailable(String),
-    /// The metric is not reported.
-    NotAsked,
+/// Measurement of a metric or a check in the recording: a value, and its time.
+pub(crate) struct Measurement {
+    pub(crate) value: MetricValue,
+    pub(crate) at_seconds: Option<f64>,
 }
 
 impl From<MetricValue> for Measurement {
     fn from(value: MetricValue) -> Self {
-        Self::Seen(value.into())
+        Self {
+            value,
+            at_seconds: None,
+        }
+    }
+}
+
+impl From<Absence> for Measurement {
+    fn from(absence: Absence) -> Self {
+        Err(absence).into()
     }
 }
 
 impl Measurement {
-    /// Returns the measurement of a value that only the emulated plant sends, if there is none.
-    pub(crate) fn only_emulated() -> Self {
-        Self::Unavailable(only_emulated())
+    pub(crate) fn at(value: MetricValue, at_seconds: f64) -> Self {
+        Self {
+            value,
+            at_seconds: Some(at_seconds),
+        }
     }
 
-    /// Returns the row of the verdict, if there is one.
+    /// Returns the row of the verdict, if there is one. A value that a node kept from being seen is missed; one that the bench
+    /// kept from it is not judged.
     pub(crate) fn metric(
         self,
         evidence: &Evidence<'_>,
         name: &str,
         limit: Option<Limit>,
     ) -> Option<Metric> {
-        match self {
-            Self::Seen(observation) => Some(observation.metric(evidence, name.to_owned(), limit)),
-            Self::Meaningless(reason) => limit.map(|_| Metric::new(name, Err(reason), limit)),
-            Self::Unavailable(reason) => Some(Metric::not_judged(name, reason, limit)),
-            Self::NotAsked => None,
-        }
-    }
-}
-
-/// Observation of a metric or a check in the recording: a value, and its time.
-pub(crate) struct Observation {
-    pub(crate) value: MetricValue,
-    pub(crate) at_seconds: Option<f64>,
-    /// Whether no node on this bus sends the value, so that it is neither met nor missed.
-    is_unavailable: bool,
-}
-
-impl From<MetricValue> for Observation {
-    fn from(value: MetricValue) -> Self {
-        Self {
-            value,
-            at_seconds: None,
-            is_unavailable: false,
-        }
-    }
-}
-
-impl Observation {
-    pub(crate) fn at(value: MetricValue, at_seconds: f64) -> Self {
-        Self {
-            at_seconds: Some(at_seconds),
-            ..value.into()
-        }
-    }
-
-    pub(crate) fn none(reason: impl Into<Absence>) -> Self {
-        Err(reason.into()).into()
-    }
-
-    /// Returns the row of the verdict. A value that a node kept from being seen is missed; one that the bench kept from it is not
-    /// judged.
-    pub(crate) fn metric(
-        self,
-        evidence: &Evidence<'_>,
-        name: String,
-        limit: Option<Limit>,
-    ) -> Metric {
-        if self.is_unavailable {
-            return Metric::not_judged(name, only_emulated(), limit);
-        }
-        let is_unseen = |absence: &Absence| {
-            absence.is_left_out
-                || absence
-                    .silence
-                    .is_some_and(|silence| evidence.is_of_the_bench(silence))
+        let why = self.value.as_ref().err().map(|absence| absence.why);
+        let is_judged = match why {
+            Some(Why::NotAsked) => return None,
+            Some(Why::Meaningless) if limit.is_none() => return None,
+            Some(Why::LeftOut | Why::Unavailable) => false,
+            Some(Why::Unseen(silence)) => !evidence.is_of_the_bench(silence),
+            Some(Why::NotDone | Why::Meaningless) | None => true,
         };
-        match self.value {
-            Err(absence) if is_unseen(&absence) => Metric::not_judged(name, absence.reason, limit),
-            value => {
-                let value = value.map_err(|absence| absence.reason);
-                Metric::new(name, value, limit).at(self.at_seconds)
-            }
-        }
+        let value = self.value.map_err(|absence| absence.reason);
+        Some(match value {
+            Err(reason) if !is_judged => Metric::not_judged(name, reason, limit),
+            value => Metric::new(name, value, limit).at(self.at_seconds),
+        })
     }
 }
 
@@ -305,22 +281,18 @@ impl<'a> Evidence<'a> {
     /// Returns the same evidence without the pieces that stalls explain, or only without those of the long ones.
     pub(crate) fn rest(&self, only_long: bool) -> Self {
         let times = shadows(&self.stalls(), self.timeline.period_seconds, only_long);
+        let times = Rc::new(times);
         Self {
-            attribution: Rc::clone(&self.attribution),
-            left_out: Some(LeftOut {
-                times: Rc::new(times),
-                only_long,
-            }),
-            ..*self
+            left_out: Some(LeftOut { times, only_long }),
+            ..self.clone()
         }
     }
 
     /// Returns the same evidence including the pieces that stalls explain.
     fn all(&self) -> Self {
         Self {
-            attribution: Rc::clone(&self.attribution),
             left_out: None,
-            ..*self
+            ..self.clone()
         }
     }
 
@@ -346,9 +318,8 @@ impl<'a> Evidence<'a> {
             let longer_than = cut.until_seconds - cut.from_seconds - STAY_SECONDS;
             match value(&all, event, cut) {
                 Ok(value) => Ok(value),
-                Err(absence) if is_time && absence.silence.is_none() && longer_than > 0.0 => {
-                    Ok(longer_than)
-                }
+                Err(absence) if matches!(absence.why, Why::Unseen(_)) => Err(Absence::left_out()),
+                Err(_) if is_time && longer_than > 0.0 => Ok(longer_than),
                 Err(_) => Err(Absence::left_out()),
             }
         };
@@ -413,12 +384,11 @@ impl<'a> Evidence<'a> {
         seconds_max: f64,
     ) -> Option<Window> {
         let silences = silences(times_seconds, window, seconds_max);
-        let left_out = |silence: &Window| {
-            let left_out = self.left_out.as_ref();
-            left_out.map_or(0.0, |left_out| {
-                let (from, until) = (silence.from_seconds, silence.until_seconds);
-                left_out.times.seconds_in(from, until)
-            })
+        let left_out = |silence: &Window| match &self.left_out {
+            None => 0.0,
+            Some(left_out) => {
+                (left_out.times).seconds_in(silence.from_seconds, silence.until_seconds)
+            }
         };
         let mut silences = silences.filter(|silence| {
             let seconds = silence.until_seconds - silence.from_seconds - left_out(silence);
@@ -438,9 +408,7 @@ impl<'a> Evidence<'a> {
         let is_known = column.values.iter().any(|value| !value.is_nan());
         is_known.then_some(Self {
             position: &column.values,
-            attribution: Rc::clone(&self.attribution),
-            left_out: self.left_out.clone(),
-            ..*self
+            ..self.clone()
         })
     }
 
@@ -506,8 +474,7 @@ impl<'a> Evidence<'a> {
         let reason = if self.position.iter().all(|position| position.is_nan()) {
             "no position in the recording".to_owned()
         } else {
-            let (from, until) = (window.from_seconds, window.until_seconds);
-            format!("no position from {from:.3} to {until:.3} s")
+            format!("no position {window}")
         };
         Absence::unseen(reason, window)
     }
@@ -519,12 +486,9 @@ impl<'a> Evidence<'a> {
 
     /// Returns the silence of the SYNC up to the end of the judged time.
     pub(crate) fn silence_of_sync(&self) -> Option<Window> {
-        let silence = Window {
-            from_seconds: self.timeline.due_seconds(),
-            until_seconds: self.trial.judged_end_seconds(),
-        };
-        self.is_silence(silence.from_seconds, silence.until_seconds)
-            .then_some(silence)
+        let (from, until) = (self.timeline.due_seconds(), self.trial.judged_end_seconds());
+        self.is_silence(from, until)
+            .then(|| Window::new(from, until))
     }
 
     /// Returns whether the bench caused a silence, and not a node: the run broke off, its recording did, or every cycle in the
@@ -543,18 +507,12 @@ impl<'a> Evidence<'a> {
 
     /// Returns the window in which the loop is judged.
     pub(crate) fn whole(&self) -> Window {
-        Window {
-            from_seconds: 0.0,
-            until_seconds: self.trial.judged_end_seconds(),
-        }
+        Window::new(0.0, self.trial.judged_end_seconds())
     }
 
     /// Returns the window of the whole scenario.
     pub(crate) fn run(&self) -> Window {
-        Window {
-            from_seconds: 0.0,
-            until_seconds: self.trial.run.duration_seconds,
-        }
+        Window::new(0.0, self.trial.run.duration_seconds)
     }
 
     /// Returns the end of the scenario, or of the recording if the scenario never began.
@@ -566,27 +524,23 @@ impl<'a> Evidence<'a> {
     }
 
     /// Returns the trace of a signal that was on the bus.
-    pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Observation> {
-        let path = self
-            .control_loop
-            .names()
-            .find(name)
-            .map_err(|error| Observation {
-                // An external drive publishes no truth.
-                is_unavailable: self.control_loop.is_external(Part::Drive),
-                ..Observation::none(error.to_string())
-            })?;
+    pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Absence> {
+        let one = self.control_loop;
+        // An external drive publishes no truth.
+        let is_external = one.is_external(Part::Drive);
+        let path = one.names().find(name).map_err(|error| {
+            let unavailable = is_external.then(Absence::only_emulated);
+            unavailable.unwrap_or_else(|| error.to_string().into())
+        })?;
         if self.timeline.zero_seconds.is_none() {
-            return Err(Observation::none("the scenario never began"));
+            return Err("the scenario never began".into());
         }
         let mut traces = self.timeline.traces.iter();
-        let trace = traces.find(|trace| trace.path == path);
-        trace
-            .filter(|trace| !trace.samples.is_empty())
-            .ok_or_else(|| Observation {
-                is_unavailable: self.control_loop.is_truth(path),
-                ..Observation::none(format!("{path} never was on the bus"))
-            })
+        let trace = traces.find(|trace| trace.path == path && !trace.samples.is_empty());
+        trace.ok_or_else(|| {
+            let unavailable = one.is_truth(path).then(Absence::only_emulated);
+            unavailable.unwrap_or_else(|| format!("{path} never was on the bus").into())
+        })
     }
 }
 
@@ -599,17 +553,8 @@ pub(crate) fn samples_in(samples: &Series<SignalSample>, window: Window) -> Seri
     samples.part(from..until.max(from))
 }
 
-/// Returns the first stretch of a window without a sample that is longer than allowed.
-pub(crate) fn first_silence(
-    times_seconds: impl Iterator<Item = f64>,
-    window: Window,
-    seconds_max: f64,
-) -> Option<Window> {
-    silences(times_seconds, window, seconds_max).next()
-}
-
 /// Returns the stretches of a window without a sample that are longer than allowed.
-fn silences(
+pub(crate) fn silences(
     times_seconds: impl Iterator<Item = f64>,
     window: Window,
     seconds_max: f64,
@@ -617,10 +562,7 @@ fn silences(
     let mut from_seconds = window.from_seconds;
     let times = times_seconds.chain([window.until_seconds]);
     times.filter_map(move |until_seconds| {
-        let silence = Window {
-            from_seconds,
-            until_seconds,
-        };
+        let silence = Window::new(from_seconds, until_seconds);
         from_seconds = until_seconds;
         let seconds = silence.until_seconds - silence.from_seconds;
         (seconds > seconds_max + TIME_TOLERANCE_SECONDS).then_some(silence)
@@ -632,7 +574,7 @@ fn silences(
 pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricValue> {
     values.reduce(|worst, value| match (worst, value) {
         (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
-        (Err(absence), other) | (other, Err(absence)) if absence.is_left_out => other,
+        (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => other,
         (Err(reason), _) | (_, Err(reason)) => Err(reason),
     })
 }
@@ -663,8 +605,4 @@ pub(crate) fn checked(value: f64) -> MetricValue {
     } else {
         Ok(value)
     }
-}
-
-fn only_emulated() -> String {
-    "not available: only the emulated plant publishes it".to_owned()
 }

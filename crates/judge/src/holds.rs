@@ -1,10 +1,9 @@
 //! Quietness of the loop at the end, with a constant set-point: the ripple of its current, and hunting.
 
 use dbc::names::TARGET_CURRENT;
-use recording::timeline::TIME_TOLERANCE_SECONDS;
+use recording::timeline::{TIME_TOLERANCE_SECONDS, cycle_start_seconds};
 use scenario::events::Window;
 
-use crate::attribution::breaches::cycle_begin;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, mean};
 
@@ -25,7 +24,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
         .of("{command}_ripple_{command_unit}_rms")
         .is_none()
     {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     ripple(evidence).into()
 }
@@ -33,7 +32,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
 /// Returns the distance between the highest and the lowest short mean of the position in the last second.
 pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
     if evidence.trial.expect.of("hunting_{unit}").is_none() {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     position_range(evidence).into()
 }
@@ -52,9 +51,7 @@ fn ripple(evidence: &Evidence<'_>) -> MetricValue {
     }
     evidence.seen(hold).map(drop)?;
     if let Some(silence) = silence_of_commands(evidence, hold) {
-        let (from, until) = (silence.from_seconds, silence.until_seconds);
-        let reason = format!("no command from {from:.3} to {until:.3} s");
-        return Err(Absence::unseen(reason, silence));
+        return Err(Absence::unseen(format!("no command {silence}"), silence));
     }
     let currents = || currents_in(evidence, hold);
     if currents().next().is_none() {
@@ -111,10 +108,7 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
         .filter(|time| *time < until_seconds);
     let changed = evidence.set_point_changes().last().unwrap_or_default();
     let from_seconds = edges.fold(changed, f64::max);
-    Ok(Window {
-        from_seconds,
-        until_seconds,
-    })
+    Ok(Window::new(from_seconds, until_seconds))
 }
 
 /// Returns the first cycles in a row without a command that are too many, in a window.
@@ -128,8 +122,8 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
             .unwrap_or((cycle, cycle));
         begun = Some((first, cycle));
         let silence = Window {
-            from_seconds: cycle_begin(first, period).max(window.from_seconds),
-            until_seconds: cycle_begin(cycle + 1, period).min(window.until_seconds),
+            from_seconds: cycle_start_seconds(first, period).max(window.from_seconds),
+            until_seconds: cycle_start_seconds(cycle + 1, period).min(window.until_seconds),
         };
         evidence
             .is_silence(silence.from_seconds, silence.until_seconds)

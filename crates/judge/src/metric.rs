@@ -51,13 +51,8 @@ impl Metric {
     #[must_use]
     pub fn not_judged(name: impl Into<String>, reason: String, limit: Option<Limit>) -> Self {
         Self {
-            name: name.into(),
-            value: None,
-            at_seconds: None,
-            remark: Some(reason),
-            limit,
             passed: None,
-            requirements: Requirements::new(),
+            ..Self::new(name, Err(reason), limit)
         }
     }
 

@@ -31,24 +31,16 @@ static MEASURES: &[(&str, Measure)] = &[
     ("bandwidth_with_mean_hertz", chirp::bandwidth_with_mean),
     ("maximum_deviation_{unit}", disturbances::maximum_deviation),
     ("recovery_time_seconds", disturbances::recovery_time),
-    ("{signal}_{unit}_max", |evidence| {
-        position_max(evidence).into()
-    }),
-    ("{command}_{command_unit}_rms", |evidence| {
-        current_rms(evidence).into()
-    }),
+    ("{signal}_{unit}_max", position_max),
+    ("{command}_{command_unit}_rms", current_rms),
     ("{command}_ripple_{command_unit}_rms", holds::current_ripple),
     ("hunting_{unit}", holds::hunting),
     ("missed_cycles_percent", duties::missed_cycles),
     ("missed_commands_percent", duties::missed_commands),
     ("late_commands_percent", duties::late_commands),
     ("sync_period_error_percent", duties::sync_period_error),
-    ("bus_load_percent", |evidence| {
-        traffic(evidence.timeline.bus_load_percent).into()
-    }),
-    ("sync_interval_milliseconds_max", |evidence| {
-        sync_interval(evidence).into()
-    }),
+    ("bus_load_percent", bus_load),
+    ("sync_interval_milliseconds_max", sync_interval),
     ("temperature_celsius", reactions::temperature_max),
     ("no_event", reactions::unwanted_events),
     ("current_zero_within_milliseconds", reactions::current_zero),
@@ -122,17 +114,17 @@ fn without_pass(row: Metric) -> Metric {
 
 fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
     let until_seconds = evidence.trial.judged_end_seconds();
-    let window = Window {
-        from_seconds: (until_seconds - STEADY_STATE_SECONDS).max(0.0),
+    let window = Window::new(
+        (until_seconds - STEADY_STATE_SECONDS).max(0.0),
         until_seconds,
-    };
+    );
     if evidence.trial.reference.is_empty() {
-        return Measurement::Meaningless("no set-point".to_owned());
+        return Absence::meaningless("no set-point").into();
     }
     let samples = || evidence.samples(window);
     let mut pairs = samples().zip(samples().skip(1));
     if pairs.any(|(before, after)| !after.has_same_set_point(&before)) {
-        return Measurement::Meaningless("the set-point moves at the end".to_owned());
+        return Absence::meaningless("the set-point moves at the end").into();
     }
     let samples = evidence.seen(window);
     samples
@@ -142,7 +134,7 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
 
 fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
     if evidence.trial.reference.is_empty() {
-        return Measurement::Meaningless("no set-point".to_owned());
+        return Absence::meaningless("no set-point").into();
     }
     let sines = evidence.trial.judged_sines();
     let windows = sines.iter().map(|sine| sine.window);
@@ -157,12 +149,14 @@ fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     mean(squares).map(f64::sqrt)
 }
 
-fn position_max(evidence: &Evidence<'_>) -> MetricValue {
-    let samples = evidence.seen(evidence.whole())?;
-    largest(samples.map(|sample| sample.position))
+fn position_max(evidence: &Evidence<'_>) -> Measurement {
+    let samples = evidence.seen(evidence.whole());
+    samples
+        .and_then(|samples| largest(samples.map(|sample| sample.position)))
+        .into()
 }
 
-fn current_rms(evidence: &Evidence<'_>) -> MetricValue {
+fn current_rms(evidence: &Evidence<'_>) -> Measurement {
     let (timeline, whole) = (evidence.timeline, evidence.whole());
     let end_seconds = whole.until_seconds - TIME_TOLERANCE_SECONDS;
     let rows = || {
@@ -171,50 +165,45 @@ fn current_rms(evidence: &Evidence<'_>) -> MetricValue {
         rows.filter(|(time, _)| !evidence.leaves_out(*time, *time))
     };
     if rows().next().is_none() && !evidence.has_all() {
-        return Err(Absence::left_out());
+        return Absence::left_out().into();
     }
     if rows().next().is_none() {
-        let reason = "no current in the recording";
-        return Err(Absence::unseen(reason, whole));
+        return Absence::unseen("no current in the recording", whole).into();
     }
     let times = rows().map(|(time, _)| time);
     if let Some(silence) = evidence.first_silence(times, whole, evidence.silence_seconds_max) {
-        return Err(Absence::silent(silence));
+        return Absence::silent(silence).into();
     }
-    mean(rows().map(|(_, current)| current.powi(2))).map(f64::sqrt)
+    let squares = rows().map(|(_, current)| current.powi(2));
+    mean(squares).map(f64::sqrt).into()
 }
 
-fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {
+fn bus_load(evidence: &Evidence<'_>) -> Measurement {
+    traffic(evidence.timeline.bus_load_percent)
+}
+
+fn sync_interval(evidence: &Evidence<'_>) -> Measurement {
     if evidence.timeline.zero_seconds.is_none() {
-        return Err("the scenario never began".into());
+        return Absence::from("the scenario never began").into();
     }
-    let longest = if evidence.has_all() {
-        traffic(evidence.timeline.sync_interval_milliseconds_max)?
-    } else {
-        duties::longest_interval_milliseconds(evidence)
-    };
-    until_the_end(evidence)?;
-    Ok(longest)
-}
-
-/// # Errors
-/// The SYNC ended before the judged time did. If the bench ended it, the recording still shows the run until then.
-fn until_the_end(evidence: &Evidence<'_>) -> Result<(), Absence> {
-    match evidence.silence_of_sync() {
-        Some(silence) if !evidence.is_cut_before(silence.until_seconds) => {
-            let (from, until) = (silence.from_seconds, silence.until_seconds);
-            let reason = format!("no SYNC from {from:.3} to {until:.3} s");
-            Err(Absence::unseen(reason, silence))
+    // If the bench ended the SYNC, the recording still shows the run until then.
+    let silence = evidence.silence_of_sync();
+    let silence = silence.filter(|silence| !evidence.is_cut_before(silence.until_seconds));
+    let longest = evidence.timeline.sync_interval_milliseconds_max;
+    match silence {
+        Some(silence) if !longest.is_nan() || !evidence.has_all() => {
+            Absence::unseen(format!("no SYNC {silence}"), silence).into()
         }
-        _ => Ok(()),
+        _ if evidence.has_all() => traffic(longest),
+        _ => Ok(duties::longest_interval_milliseconds(evidence)).into(),
     }
 }
 
-fn traffic(value: f64) -> MetricValue {
+fn traffic(value: f64) -> Measurement {
     if value.is_nan() {
-        Err("no two SYNCs in the recording".into())
+        Absence::from("no two SYNCs in the recording").into()
     } else {
-        Ok(value)
+        Ok(value).into()
     }
 }
 

@@ -12,7 +12,10 @@ use crate::metric::rounded;
 /// Returns the reason why a recording that ends before its scenario leaves the outcome open.
 pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {
     let never_began = timeline.zero_seconds.is_none();
-    let is_whole = is_recorded_to_its_end(timeline, one) || never_began && has_boot_fault(one);
+    // With a fault of the boot the scenario need not begin.
+    let mut faults = one.faults();
+    let may_not_begin = faults.any(|fault| fault.from_seconds.is_none());
+    let is_whole = is_recorded_to_its_end(timeline, one) || never_began && may_not_begin;
     (!is_whole).then(|| {
         let reached = if never_began {
             0.0
@@ -28,11 +31,6 @@ pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String
 /// keep a scenario from beginning.
 pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
     timeline.zero_seconds.is_none() || timeline.last_frame_seconds + FAULTY_END_SECONDS >= seconds
-}
-
-/// Returns whether there is a fault with which the scenario need not begin.
-fn has_boot_fault(one: &ControlLoop) -> bool {
-    one.faults().any(|fault| fault.from_seconds.is_none())
 }
 
 /// Returns the reason why the outcome is open if the recording lacks frames that were on the bus.

@@ -28,17 +28,17 @@ const ESTIMATED: &str = "estimated_";
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if trial.expect.of("temperature_celsius").is_none() && !trial.has_loop_faults() {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     if !evidence.has_all() && temperatures(evidence).next().is_none() {
-        return Err(Absence::left_out()).into();
+        return Absence::left_out().into();
     }
     let mut temperatures = temperatures(evidence).peekable();
     if temperatures.peek().is_none() {
-        return Measurement::only_emulated();
+        return Absence::only_emulated().into();
     }
     if let Some(reason) = unseen_temperature(evidence) {
-        return Measurement::Unavailable(reason);
+        return Absence::unavailable(reason).into();
     }
     let is_seen = if evidence.timeline.truth.is_empty() {
         evidence.seen(evidence.run()).map(drop)
@@ -56,7 +56,7 @@ fn unseen_temperature(evidence: &Evidence<'_>) -> Option<String> {
         .filter(|_| timeline.truth.is_empty())?;
     let is_seen_otherwise =
         evidence.leaves_out(from, until) || evidence.seen(evidence.run()).is_err();
-    (!is_seen_otherwise).then(|| format!("no temperature from {from:.3} to {until:.3} s"))
+    (!is_seen_otherwise).then(|| format!("no temperature {}", Window::new(from, until)))
 }
 
 /// Returns the first silence between the plant's first message and the end.
@@ -68,10 +68,10 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
             from_seconds: first_seconds.min(0.0),
             ..evidence.run()
         },
-        None => Window {
-            from_seconds: first_seconds,
-            until_seconds: timeline.last_frame_seconds.max(first_seconds),
-        },
+        None => Window::new(
+            first_seconds,
+            timeline.last_frame_seconds.max(first_seconds),
+        ),
     };
     let times = truth
         .iter()
@@ -88,11 +88,7 @@ fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
 }
 
 fn truth_silence(silence: Window) -> Absence {
-    let (from, until) = (silence.from_seconds, silence.until_seconds);
-    Absence::unseen(
-        format!("no {TRUTH} from {from:.3} to {until:.3} s"),
-        silence,
-    )
+    Absence::unseen(format!("no {TRUTH} {silence}"), silence)
 }
 
 /// Returns the plant's own peaks, and the drive's view of the truth while the plant is silent.
@@ -121,7 +117,7 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
 pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     let unwanted = evidence.trial.expect.listed("no_event");
     if unwanted.is_empty() {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     let is_unwanted = |text: &str| unwanted.iter().any(|part| text.contains(part.as_str()));
     let mut events = evidence.timeline.events.iter();
@@ -131,9 +127,9 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
             && !evidence.leaves_out(event.time_seconds, event.time_seconds)
     });
     match found {
-        Some(event) => Err(format!("there is \"{}\"", event.text).into()).into(),
+        Some(event) => Absence::from(format!("there is \"{}\"", event.text)).into(),
         None if evidence.is_cut_before(evidence.trial.run.duration_seconds) => {
-            Measurement::Unavailable("none until the recording ends".to_owned())
+            Absence::unavailable("none until the recording ends").into()
         }
         None => Ok(0.0).into(),
     }
@@ -143,23 +139,15 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_loop_faults() {
-        return without_faults(
-            trial
-                .expect
-                .of("current_zero_within_milliseconds")
-                .is_some(),
-        );
+        return without_faults(evidence, "current_zero_within_milliseconds");
     }
     let truth = &evidence.timeline.truth;
     let Some(first) = truth.first() else {
-        return Measurement::only_emulated();
+        return Absence::only_emulated().into();
     };
     let fault = first_fault_seconds(trial).max(first.time_seconds);
     let silence_max = silence_of_truth_seconds_max(evidence);
-    let window = Window {
-        from_seconds: fault,
-        until_seconds: f64::INFINITY,
-    };
+    let window = Window::new(fault, f64::INFINITY);
     let value = |evidence: &Evidence<'_>, _: &(), window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
@@ -176,11 +164,11 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
 
 /// Returns the measurement of a value that the plant reports only if something can fail. A limit on it is not judged for a
 /// recording without faults.
-fn without_faults(is_limited: bool) -> Measurement {
-    if is_limited {
-        Measurement::Unavailable(format!("not available: without faults there is no {TRUTH}"))
+fn without_faults(evidence: &Evidence<'_>, metric: &str) -> Measurement {
+    if evidence.trial.expect.of(metric).is_some() {
+        Absence::unavailable(format!("not available: without faults there is no {TRUTH}")).into()
     } else {
-        Measurement::NotAsked
+        Absence::not_asked().into()
     }
 }
 
@@ -226,13 +214,13 @@ fn is_heated(truth: &PlantTruth) -> bool {
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_loop_faults() {
-        return Measurement::Meaningless("no fault in the scenario".to_owned());
+        return Absence::meaningless("no fault in the scenario").into();
     }
     if trial.reference.is_empty() {
-        return Measurement::Meaningless("no set-point".to_owned());
+        return Absence::meaningless("no set-point").into();
     }
     let Some(from_seconds) = last_fault_end_seconds(trial) else {
-        return Err("a fault lasts to the end".into()).into();
+        return Absence::from("a fault lasts to the end").into();
     };
     let window = Window {
         from_seconds,
@@ -265,17 +253,17 @@ fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_loop_faults() {
-        return without_faults(trial.expect.of("safe_state").is_some());
+        return without_faults(evidence, "safe_state");
     }
     if evidence.timeline.truth.is_empty() {
-        return Measurement::only_emulated();
+        return Absence::only_emulated().into();
     }
     let end = evidence.trial.run.duration_seconds;
     if evidence.leaves_out(end - END_SECONDS, end) {
-        return Err(Absence::left_out()).into();
+        return Absence::left_out().into();
     }
     if let Some(silence) = silence_at_end(evidence) {
-        return Err(truth_silence(silence)).into();
+        return truth_silence(silence).into();
     }
     let is_safe = is_safe_at_end(evidence);
     Ok(if is_safe { 1.0 } else { 0.0 }).into()
@@ -293,10 +281,7 @@ fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
     let latest = times
         .filter(|time| *time <= end_seconds)
         .fold(0.0, f64::max);
-    let window = Window {
-        from_seconds: latest,
-        until_seconds: end_seconds,
-    };
+    let window = Window::new(latest, end_seconds);
     let seconds_max = silence_of_truth_seconds_max(evidence);
     evidence.first_silence([].into_iter(), window, seconds_max)
 }
@@ -360,7 +345,7 @@ pub(crate) fn state(statusword: f64) -> Option<State> {
 pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
     let demanded = evidence.trial.expect.listed("emcy");
     if demanded.is_empty() {
-        return Measurement::NotAsked;
+        return Absence::not_asked().into();
     }
     let came = |wanted: &Emergency| {
         let mut emergencies = evidence.timeline.emergencies.iter();
@@ -376,5 +361,5 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
         return Ok(0.0).into();
     }
     let reason = format!("{} was not sent", missing.join(", "));
-    Err(Absence::unseen(reason, evidence.run())).into()
+    Absence::unseen(reason, evidence.run()).into()
 }

@@ -8,7 +8,7 @@ use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
-use crate::evidence::{Absence, Evidence, Observation, samples_in};
+use crate::evidence::{Absence, Evidence, Measurement, samples_in};
 use crate::metric::{Metric, rounded};
 use crate::signals::nearest;
 
@@ -37,7 +37,7 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             }
             Err(missing) => {
                 let reason = format!("{missing} did not come before");
-                Observation::none(Absence::unseen(reason, window))
+                Measurement::from(Absence::unseen(reason, window))
             }
         };
         let limit = event_limit(event, window);
@@ -50,11 +50,11 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             (_, missing) => missing,
         };
         let observation = if is_left_out {
-            Observation::none(Absence::left_out())
+            Measurement::from(Absence::left_out())
         } else {
             observation
         };
-        metrics.push(observation.metric(evidence, sequence.row_name(place), Some(limit)));
+        metrics.extend(observation.metric(evidence, &sequence.row_name(place), Some(limit)));
     }
     metrics
 }
@@ -80,9 +80,9 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
 }
 
 /// Returns the next occurrence of an event in a stretch of time, in milliseconds from its start.
-fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) -> Observation {
+fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) -> Measurement {
     if evidence.timeline.zero_seconds.is_none() {
-        return Observation::none("the scenario never began");
+        return Absence::from("the scenario never began").into();
     }
     let earliest = if again {
         rest.from_seconds + TIME_TOLERANCE_SECONDS
@@ -101,18 +101,18 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
             signal: Some(name), ..
         } => match evidence.trace(name) {
             Ok(trace) => reached(trace, event, rest, is_next),
-            Err(observation) => return observation,
+            Err(absence) => return absence.into(),
         },
-        _ => return Observation::none("nothing is expected"),
+        _ => return Absence::from("nothing is expected").into(),
     };
     match found {
         Some(at_seconds) => {
             let since = (at_seconds - rest.from_seconds).max(0.0);
-            Observation::at(Ok(1e3 * since), at_seconds)
+            Measurement::at(Ok(1e3 * since), at_seconds)
         }
         None => {
             let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
-            Observation::none(Absence::unseen(reason, rest))
+            Measurement::from(Absence::unseen(reason, rest))
         }
     }
 }

@@ -6,7 +6,7 @@ use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
-use crate::evidence::{Absence, Evidence, Observation, first_silence, margin, samples_in};
+use crate::evidence::{Absence, Evidence, Measurement, margin, samples_in, silences};
 use crate::metric::{Metric, rounded};
 
 /// Returns a row for each demand.
@@ -14,22 +14,21 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let checks = evidence.trial.expect.signal.iter();
     checks
         .flat_map(|check| {
-            check
-                .demands()
-                .map(|demand| metric(evidence, check, &demand))
+            let demands = check.demands();
+            demands.filter_map(|demand| metric(evidence, check, &demand))
         })
         .collect()
 }
 
-fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
+fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Option<Metric> {
     let window = check.window(demand, evidence.trial.run.duration_seconds);
     let limit = demand_limit(demand, window);
     let observation = match evidence.trace(&check.name) {
         Ok(trace) if evidence.has_all() => observe(trace, window, demand, limit),
         Ok(trace) => observe_rest(evidence, trace, window, demand, limit),
-        Err(observation) => observation,
+        Err(absence) => absence.into(),
     };
-    observation.metric(evidence, check.row_name(demand), Some(limit))
+    observation.metric(evidence, &check.row_name(demand), Some(limit))
 }
 
 /// Returns the limit of a demand's row.
@@ -66,7 +65,7 @@ fn observe_rest(
     window: Window,
     demand: &Demand<'_>,
     limit: Limit,
-) -> Observation {
+) -> Measurement {
     if matches!(demand, Demand::Reaches(_)) {
         let arrival = observe(trace, window, demand, limit);
         let until = arrival
@@ -74,7 +73,7 @@ fn observe_rest(
             .filter(|_| arrival.value.is_ok())
             .unwrap_or(window.until_seconds);
         return if evidence.leaves_out(window.from_seconds, until) {
-            Observation::none(Absence::left_out())
+            Measurement::from(Absence::left_out())
         } else {
             arrival
         };
@@ -83,7 +82,7 @@ fn observe_rest(
     let all = samples_in(&trace.samples, window);
     let samples: Series<SignalSample> = all.iter().filter(is_kept).collect();
     if samples.is_empty() && !all.is_empty() {
-        return Observation::none(Absence::left_out());
+        return Measurement::from(Absence::left_out());
     }
     let times = || samples.iter().map(|sample| sample.time_seconds);
     let is_silence = |seconds_max: &f64| {
@@ -99,27 +98,27 @@ fn observe_rest(
     observe(&rest, window, demand, limit)
 }
 
-fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Observation {
+fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Measurement {
     let samples = samples_in(&trace.samples, window);
     if samples.is_empty() {
-        return Observation::none(Absence::unseen(absence(trace, window), window));
+        return Measurement::from(Absence::unseen(absence(trace, window), window));
     }
     if let Demand::Reaches(wanted) = demand {
         return arrival(&samples, window, *wanted);
     }
     if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
         let reason = format!("{} is no number", sample.value);
-        return Observation::at(Err(reason.into()), sample.time_seconds);
+        return Measurement::at(Err(reason.into()), sample.time_seconds);
     }
     let times = samples.iter().map(|sample| sample.time_seconds);
     let silence = (trace.silence_seconds_max)
-        .and_then(|seconds_max| first_silence(times, window, seconds_max));
+        .and_then(|seconds_max| silences(times, window, seconds_max).next());
     if let Some(silence) = silence {
-        return Observation::none(Absence::silent(silence));
+        return Measurement::from(Absence::silent(silence));
     }
     match demand {
         Demand::RatePerSecond(_) if samples.len() < 2 => {
-            Observation::none("a single sample has no rate")
+            Absence::from("a single sample has no rate").into()
         }
         Demand::RatePerSecond(_) => worst(rates(&samples), limit),
         Demand::Follows(course) => worst(distances(&samples, course), limit),
@@ -143,17 +142,17 @@ fn absence(trace: &SignalTrace, window: Window) -> String {
 }
 
 /// Returns the time from the start of the window to the first sample within the limit.
-fn arrival(samples: &Series<SignalSample>, window: Window, wanted: Limit) -> Observation {
+fn arrival(samples: &Series<SignalSample>, window: Window, wanted: Limit) -> Measurement {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         let since = first.time_seconds - window.from_seconds;
-        return Observation::at(Ok(since), first.time_seconds);
+        return Measurement::at(Ok(since), first.time_seconds);
     }
     match nearest(samples, wanted) {
         Some(nearest) => {
             let reason = format!("not reached, only {}", rounded(nearest.value));
-            Observation::at(Err(Absence::unseen(reason, window)), nearest.time_seconds)
+            Measurement::at(Err(Absence::unseen(reason, window)), nearest.time_seconds)
         }
-        None => Observation::none("NaN is no number"),
+        None => Absence::from("NaN is no number").into(),
     }
 }
 
@@ -165,7 +164,7 @@ pub(crate) fn nearest(samples: &Series<SignalSample>, wanted: Limit) -> Option<S
 }
 
 /// Returns the value that is nearest to a limit or farthest beyond it; the first of several.
-fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observation {
+fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Measurement {
     let worst = values.reduce(|worst, sample| {
         if margin(sample.value, limit) < margin(worst.value, limit) {
             sample
@@ -174,8 +173,8 @@ fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observatio
         }
     });
     match worst {
-        Some(sample) => Observation::at(Ok(sample.value), sample.time_seconds),
-        None => Observation::none("no sample"),
+        Some(sample) => Measurement::at(Ok(sample.value), sample.time_seconds),
+        None => Absence::from("no sample").into(),
     }
 }
 

@@ -2,9 +2,7 @@
 
 use scenario::events::JudgedSine;
 
-use crate::evidence::{
-    Absence, CycleSample, Evidence, Measurement, MetricValue, Observation, checked, margin,
-};
+use crate::evidence::{Absence, CycleSample, Evidence, Measurement, MetricValue, checked, margin};
 use crate::harmonic::Harmonic;
 
 /// Property of a sine that is measured.
@@ -74,10 +72,10 @@ impl OfSine {
         match worst {
             None => {
                 let reason = "no sine of at least four periods in the scenario";
-                Measurement::Meaningless(reason.to_owned())
+                Absence::meaningless(reason).into()
             }
             Some((value, _)) if sines.len() == 1 => Ok(value).into(),
-            Some((value, from)) => Measurement::Seen(Observation::at(Ok(value), from)),
+            Some((value, from)) => Measurement::at(Ok(value), from),
         }
     }
 

@@ -34,7 +34,7 @@ fn worst_step(
     };
     match evidence.worst_event(&steps, |step| step.window, is_time, value) {
         Some(value) => value.into(),
-        None => Measurement::Meaningless("no step in the scenario".to_owned()),
+        None => Absence::meaningless("no step in the scenario").into(),
     }
 }
 

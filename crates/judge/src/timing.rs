@@ -8,8 +8,7 @@ use plan::Plan;
 use recording::frames::Frames;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
 use recording::stalls::Stall;
-use scenario::expect::Limit;
-use scenario::timing::{QuantileLimits, TimingLimits};
+use scenario::timing::TimingLimits;
 use serde::{Deserialize, Serialize};
 
 use crate::metric::Metric;
@@ -95,18 +94,32 @@ impl Timing {
             .filter_map(|(name, report)| Some((name, report.as_ref()?)))
     }
 
-    /// Returns the number of frames of the loops that waited for room in a full queue; `None` if all nodes are external.
-    fn frames_delayed(&self) -> Option<u64> {
-        self.loops()
-            .map(|(_, report)| report.frames_delayed)
-            .reduce(u64::add)
-    }
-
-    /// Returns the worse lateness of the loops; `None` if all nodes are external.
-    fn wake_up_lateness(&self) -> Option<Quantiles> {
-        self.loops()
-            .map(|(_, report)| report.wake_up_lateness_microseconds)
-            .reduce(Quantiles::worst)
+    /// Returns the value of a row of the verdict; `None` if all nodes are external.
+    fn value(&self, row: &str) -> Option<f64> {
+        #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
+        if row == "frames_delayed" {
+            let delayed = self.loops().map(|(_, report)| report.frames_delayed);
+            return delayed.reduce(u64::add).map(|frames| frames as f64);
+        }
+        let lateness = self.loops();
+        let lateness = lateness.map(|(_, report)| report.wake_up_lateness_microseconds);
+        let latencies = [
+            ("wake_up_lateness_", lateness.reduce(Quantiles::worst)),
+            (
+                "sync_to_position_",
+                Some(self.sync_to_position_microseconds),
+            ),
+            (
+                "position_to_command_",
+                Some(self.position_to_command_microseconds),
+            ),
+            ("round_trip_", Some(self.round_trip_microseconds)),
+        ];
+        let (quantile, quantiles) = latencies.into_iter().find_map(|(latency, quantiles)| {
+            let quantile = row.strip_prefix(latency)?.strip_prefix("microseconds_")?;
+            Some((quantile, quantiles?))
+        })?;
+        quantiles.named(quantile)
     }
 
     /// Returns the distributions with their names.
@@ -129,87 +142,30 @@ impl Timing {
     #[must_use]
     pub fn losses(&self) -> String {
         let losses = self.loops().map(|(name, report)| {
-            let NodeReport {
-                overruns,
-                frames_dropped,
-                frames_delayed,
-                late_answers,
-                ..
-            } = report;
-            let delayed = match frames_delayed {
+            let delayed = match report.frames_delayed {
                 0 => String::new(),
                 frames => format!(", {frames} frames delayed by a full queue of the bus"),
             };
-            let late = match late_answers {
+            let late = match report.late_answers {
                 0 => String::new(),
                 cycles => format!(", no answer of a law in time in {cycles} cycles"),
             };
-            format!("{name}: {overruns} overruns, {frames_dropped} frames dropped{delayed}{late}")
+            let (overruns, dropped) = (report.overruns, report.frames_dropped);
+            format!("{name}: {overruns} overruns, {dropped} frames dropped{delayed}{late}")
         });
         losses.collect::<Vec<_>>().join("; ")
     }
 
-    /// Checks the values against the limits that are given.
+    /// Checks the values against the limits that are given. External nodes report no value.
     #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
-        let latencies = [
-            (
-                "wake_up_lateness_microseconds",
-                self.wake_up_lateness(),
-                limits.wake_up_lateness_microseconds,
-            ),
-            (
-                "sync_to_position_microseconds",
-                Some(self.sync_to_position_microseconds),
-                limits.sync_to_position_microseconds,
-            ),
-            (
-                "position_to_command_microseconds",
-                Some(self.position_to_command_microseconds),
-                limits.position_to_command_microseconds,
-            ),
-            (
-                "round_trip_microseconds",
-                Some(self.round_trip_microseconds),
-                limits.round_trip_microseconds,
-            ),
-        ];
-        let quantiles = latencies
-            .into_iter()
-            .flat_map(|(latency, values, limits)| quantile_metrics(latency, values, limits));
-        #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
-        let delayed = self.frames_delayed().map(|frames| frames as f64);
-        let delayed = metric("frames_delayed".to_owned(), delayed, limits.frames_delayed);
-        quantiles.chain(delayed).collect()
+        let limits = limits.rows().zip(limits.limits());
+        let metrics = limits.map(|(row, (_, limit))| match self.value(&row) {
+            Some(value) => Metric::new(row, Ok(value), Some(limit)),
+            None => Metric::not_judged(row, NO_LOOP.to_owned(), Some(limit)),
+        });
+        metrics.collect()
     }
-}
-
-/// Checks the quantiles of one latency against the limits that are given.
-fn quantile_metrics(
-    latency: &'static str,
-    values: Option<Quantiles>,
-    limits: QuantileLimits,
-) -> impl Iterator<Item = Metric> {
-    let quantiles = [
-        ("median", values.map(|values| values.median), limits.median),
-        ("p99", values.map(|values| values.p99), limits.p99),
-        ("p99_9", values.map(|values| values.p99_9), limits.p99_9),
-        ("max", values.map(|values| values.max), limits.max),
-    ];
-    quantiles
-        .into_iter()
-        .filter_map(move |(quantile, value, limit)| {
-            metric(format!("{latency}_{quantile}"), value, limit)
-        })
-}
-
-/// Checks a value against its limit, if one is given. External nodes report no value.
-fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metric> {
-    limit?;
-    Some(match value {
-        Some(value) => Metric::new(name, Ok(value), limit),
-        None => Metric::not_judged(name, NO_LOOP.to_owned(), limit),
-    })
 }
 
 /// Returns the reasons why the timing of a run of this duration is not trusted.
@@ -259,6 +215,8 @@ fn covered(stalls: &[Stall]) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use scenario::expect::Limit;
+    use scenario::timing::QuantileLimits;
     use std::collections::BTreeSet;
 
     use recording::stalls::{What, Who};
@@ -294,6 +252,18 @@ mod tests {
         assert_eq!(distrust(&host, run), expected);
     }
 
+    /// Returns the timing of a run of external nodes.
+    fn timing() -> Timing {
+        Timing {
+            controller: None,
+            plant_emulator: None,
+            sync_to_position_microseconds: Quantiles::default(),
+            position_to_command_microseconds: Quantiles::default(),
+            round_trip_microseconds: Quantiles::default(),
+            distrust: Vec::new(),
+        }
+    }
+
     /// The limits of each key in the schema's `[expect.timing]` become metrics with the names of the key in `requirements`.
     #[test]
     fn each_key_of_the_schema_has_its_metric() {
@@ -322,15 +292,7 @@ mod tests {
         }
         assert_eq!(expected.len(), 4 * 4 + 1);
         let limits: TimingLimits = serde_json::from_value(limits.into()).unwrap();
-        let timing = Timing {
-            controller: None,
-            plant_emulator: None,
-            sync_to_position_microseconds: Quantiles::default(),
-            position_to_command_microseconds: Quantiles::default(),
-            round_trip_microseconds: Quantiles::default(),
-            distrust: Vec::new(),
-        };
-        let metrics = timing.metrics(&limits);
+        let metrics = timing().metrics(&limits);
         let names: Vec<&str> = metrics.iter().map(|metric| metric.name.as_str()).collect();
         assert_eq!(BTreeSet::from_iter(limits.rows()), expected);
         assert!(limits.rows().eq(names), "in the same order");
@@ -355,12 +317,20 @@ mod tests {
             p99_9: limit,
             max: limit,
         };
-        let rows = quantile_metrics("latency", Some(quantiles), limits)
-            .map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
+        let timing = Timing {
+            round_trip_microseconds: quantiles,
+            ..timing()
+        };
+        let limits = TimingLimits {
+            round_trip_microseconds: limits,
+            ..TimingLimits::default()
+        };
+        let rows = timing.metrics(&limits).into_iter();
+        let rows = rows.map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
         let expected = [
-            ("latency_median", 1.0, true),
-            ("latency_p99_9", 3.0, false),
-            ("latency_max", 4.0, false),
+            ("round_trip_microseconds_median", 1.0, true),
+            ("round_trip_microseconds_p99_9", 3.0, false),
+            ("round_trip_microseconds_max", 4.0, false),
         ]
         .map(|(name, value, passed)| (name.to_owned(), value, passed));
         assert_eq!(rows.collect::<Vec<_>>(), expected);

@@ -12,7 +12,7 @@ pub use crate::metric::Metric;
 use crate::timing::Timing;
 
 /// Outcome of a run.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// Every limit was met.
@@ -22,6 +22,7 @@ pub enum Outcome {
     /// The recording is not good enough to decide.
     Inconclusive,
     /// The run broke off. This outcome is written before the run starts, and replaced when the run has been judged.
+    #[default]
     Incomplete,
 }
 
@@ -50,7 +51,7 @@ pub struct Identity {
 }
 
 /// Verdict of a run, as `verdict.json` holds it, from any version of the program.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Verdict {
     /// Version of this file's format.
     pub schema: u32,
@@ -102,18 +103,8 @@ impl Verdict {
             scenario: scenario.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             seed,
-            identity: None,
-            requirements: Requirements::new(),
-            external: Vec::new(),
-            outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
-            cause: None,
-            frames_lost: 0,
-            fd_frames: 0,
-            ended_early: None,
-            metrics: Vec::new(),
-            losses: Vec::new(),
-            timing: None,
+            ..Self::default()
         }
     }
 

@@ -3,7 +3,7 @@
 use std::iter::Peekable;
 
 use plan::ControlLoop;
-use recording::timeline::Timeline;
+use recording::timeline::{Timeline, cycle_start_seconds};
 use scenario::node::Part;
 
 /// Duty of a node towards the others.
@@ -78,19 +78,10 @@ impl Breach {
         Self {
             duty,
             cycle,
-            from_seconds: cycle_begin(cycle, period_seconds),
-            until_seconds: cycle_begin(cycle + 1, period_seconds),
+            from_seconds: cycle_start_seconds(cycle, period_seconds),
+            until_seconds: cycle_start_seconds(cycle + 1, period_seconds),
         }
     }
-}
-
-/// Returns the time at which a cycle begins.
-#[expect(
-    clippy::cast_precision_loss,
-    reason = "cycle numbers stay far below 2^52"
-)]
-pub(crate) fn cycle_begin(cycle: u64, period_seconds: f64) -> f64 {
-    cycle as f64 * period_seconds
 }
 
 /// Returns the cycles without a SYNC or a position, among those that were due.

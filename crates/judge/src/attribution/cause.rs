@@ -2,7 +2,7 @@
 //! breaches follow from it by the nodes' own watches.
 
 use recording::stalls::Who;
-use recording::timeline::TIME_TOLERANCE_SECONDS;
+use recording::timeline::{TIME_TOLERANCE_SECONDS, cycle_start_seconds};
 use scenario::node::Part;
 use serde::{Deserialize, Serialize};
 
@@ -180,7 +180,7 @@ fn lasting(
 ) -> Option<Stay> {
     let stay = totals.lasting(cycles.saturating_sub(1))?;
     let count = stay.last_cycle + 1 - stay.first.cycle;
-    let seconds = super::breaches::cycle_begin(count, evidence.timeline.period_seconds);
+    let seconds = cycle_start_seconds(count, evidence.timeline.period_seconds);
     let lost = evidence.circumstances.unrecorded.frames_lost;
     let is_silence = count.saturating_sub(lost) > SILENT_AT_END.0
         && seconds > SILENT_AT_END.1 + TIME_TOLERANCE_SECONDS;

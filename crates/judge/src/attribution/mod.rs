@@ -211,12 +211,8 @@ impl<'a> Attribution<'a> {
         });
         let lost = lost
             .next()
-            .filter(|_| self.is_real_time && !self.is_external(node))?;
+            .filter(|_| self.is_real_time && !self.control_loop.is_external(node))?;
         Some(self.stood_in(node, lost.due_seconds, lost.back_seconds))
-    }
-
-    fn is_external(&self, node: Part) -> bool {
-        self.control_loop.is_external(node)
     }
 
     /// Returns whether cycles were missed in a window, and all of them because of stalls.
@@ -375,10 +371,7 @@ impl Totals {
     }
 
     fn share_percent(&self, count: usize) -> f64 {
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "cycle counts stay far below 2^52"
-        )]
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let (due, count) = (self.due as f64, count as f64);
         if self.due == 0 {
             0.0

@@ -46,10 +46,7 @@ impl Shared {
     }
 
     pub(super) fn remarks(&self, a: &Timeline, b: &Timeline) -> Vec<String> {
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "cycle counts stay far below 2^52"
-        )]
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let percent =
             100.0 * self.rows.len() as f64 / a.cycle.len().max(b.cycle.len()).max(1) as f64;
         if percent >= SHARED_PERCENT_MIN {
