@@ -18,7 +18,7 @@ use shared::{Shared, SignalDeviation, outside};
 
 pub use difference::{Comparison, MetricDifference, SignalDifference};
 pub use shared::reach;
-pub use tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
+pub use tolerance::{GivenTolerance, Scale, Tolerances};
 
 /// Prefixes of the signals that the controller publishes of itself. They come with every tenth cycle only, and may be late by as
 /// much.

@@ -86,14 +86,15 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
-        let row = measure(evidence).metric(evidence, name, metric.limit(expect));
-        rows.extend(row.map(|row| {
-            if is_cut && metric.is_traffic_metric() {
-                without_pass(row)
-            } else {
-                row
-            }
-        }));
+        let mut row = measure(evidence).metric(evidence, name, metric.limit(expect));
+        // A limit that was met until the bench ended the run may have been missed later.
+        if let Some(row) = row
+            .as_mut()
+            .filter(|_| is_cut && metric.is_traffic_metric())
+        {
+            row.passed = row.passed.filter(|passed| !passed);
+        }
+        rows.extend(row);
         if let Some(truth) = truth
             .as_ref()
             .filter(|_| metric.subject == Subject::Position)
@@ -102,14 +103,6 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
         }
     }
     rows
-}
-
-/// Opens a limit that was met until the bench ended the run, since it may have been missed later.
-fn without_pass(row: Metric) -> Metric {
-    Metric {
-        passed: row.passed.filter(|passed| !passed),
-        ..row
-    }
 }
 
 fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {

@@ -192,10 +192,6 @@ impl<'a> Seen<'a> {
         latest_first.find(|stamped| stamped.frame.raw_id() == raw_id)
     }
 
-    fn last_sync(&self) -> Option<Duration> {
-        self.last(SYNC_COB_ID.into()).map(|sync| sync.time)
-    }
-
     fn last_position(&self, drive: &str) -> Option<Duration> {
         let position = self.one(drive)?.drive_position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
@@ -213,7 +209,7 @@ impl<'a> Seen<'a> {
 
     fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
         let last = if node == self.plan.controller().name {
-            self.last_sync()
+            self.last(SYNC_COB_ID.into()).map(|sync| sync.time)
         } else {
             self.last_position(node)
         };

@@ -272,7 +272,10 @@ impl OwnProcess {
         };
         match ended.map_err(WorldError::spawn(&self.name))? {
             Some(status) if status.success() => {
-                self.remove_empty_log();
+                if fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0) {
+                    // A remaining empty file does no harm.
+                    let _ = fs::remove_file(&self.log);
+                }
                 Ok(())
             }
             Some(status) => Err(self.failure(status, when)),
@@ -310,14 +313,6 @@ impl OwnProcess {
         let lines: Vec<&str> = text.lines().collect();
         let tail = &lines[lines.len().saturating_sub(LOG_TAIL_LINES)..];
         (!tail.is_empty()).then(|| indented(&tail.join("\n")))
-    }
-
-    /// Removes the log of a node if it is empty.
-    fn remove_empty_log(&self) {
-        if fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0) {
-            // A remaining empty file does no harm.
-            let _ = fs::remove_file(&self.log);
-        }
     }
 }
 

@@ -187,7 +187,8 @@ impl<'a> Coordinator<'a> {
         let now = nanos(self.now);
         let mut first = 0;
         while let Some(index) = self.agenda.first_to_ask(first, now) {
-            self.ask(index)?;
+            let until = self.unreachable_until(index);
+            self.advance(index, self.now, until)?;
             first = index + 1;
         }
         self.arbitrate();
@@ -434,12 +435,6 @@ impl<'a> Coordinator<'a> {
         earliest(recoveries.chain([foreign])).map_or(NEVER, nanos)
     }
 
-    /// Gives a participant its arrived frames and advances it as far as no frame can reach it.
-    fn ask(&mut self, index: usize) -> Result<(), CoordinatorError> {
-        let until = self.unreachable_until(index);
-        self.advance(index, self.now, until)
-    }
-
     /// Returns the time before which no frame can arrive at a participant, apart from answers to its own. The bus must be idle.
     /// If no frame waits that is for it or may be answered, the participant that queues next does so at a known time, and that
     /// frame arrives later.
@@ -470,6 +465,7 @@ impl<'a> Coordinator<'a> {
         self.now.max(Duration::from_nanos(next))
     }
 
+    /// Gives a participant its arrived frames and advances it.
     fn advance(
         &mut self,
         index: usize,

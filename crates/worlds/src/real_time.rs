@@ -180,7 +180,10 @@ fn with_reports(
     for stopped in stopped {
         let is_ok = stopped.ended.is_ok();
         if let Some(report) = stopped.report.filter(|report| is_ok || !report.is_empty()) {
-            let report = read_report(&stopped.name, &report);
+            let report = serde_json::from_str(&report).unwrap_or_else(|_| NodeReport {
+                refused: vec![format!("{} gave no report of its timing", stopped.name)],
+                ..NodeReport::default()
+            });
             reports.insert(stopped.name, report);
         }
         match stopped.ended {
@@ -191,14 +194,6 @@ fn with_reports(
         }
     }
     (end, reports)
-}
-
-/// Reads the report of a node on itself at its end.
-fn read_report(name: &str, text: &str) -> NodeReport {
-    serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
-        refused: vec![format!("{name} gave no report of its timing")],
-        ..NodeReport::default()
-    })
 }
 
 /// Run in progress.

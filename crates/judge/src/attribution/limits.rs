@@ -3,7 +3,6 @@
 use scenario::expect::Limit;
 use scenario::metrics::{Metric as Row, is_traffic_metric};
 
-use super::stalls::Stretch;
 use crate::evidence::Evidence;
 use crate::metric::{Metric, leave_open};
 use crate::metrics::metrics;
@@ -47,7 +46,12 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
             opened.push(row.name.clone());
         }
     }
-    busy.or_else(|| (!opened.is_empty()).then(|| not_judged_since(&longest, &opened.join(", "))))
+    busy.or_else(|| {
+        let (stall, names) = (longest.description(), opened.join(", "));
+        (!opened.is_empty()).then(|| {
+            format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
+        })
+    })
 }
 
 /// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always
@@ -69,9 +73,4 @@ fn is_nearly_met(value: f64, limit: Limit) -> bool {
     let is_near = |beyond: f64, limit: f64| beyond <= NEARLY * limit.abs();
     limit.max.is_none_or(|max| is_near(value - max, max))
         && limit.min.is_none_or(|min| is_near(min - value, min))
-}
-
-fn not_judged_since(stall: &Stretch, names: &str) -> String {
-    let stall = stall.description();
-    format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
 }

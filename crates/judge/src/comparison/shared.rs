@@ -102,21 +102,18 @@ impl SignalDeviation {
         )]
         let reach = reach as usize;
         let stride = a.len() / LAG_SAMPLES_MAX + 1;
-        let (later, earlier) = (
-            mean_squares(a, b, reach, stride),
-            mean_squares(b, a, reach, stride),
-        );
+        let later = mean_squares(a, b, reach, stride);
+        let earlier = mean_squares(b, a, reach, stride);
         // A shift must reduce the difference clearly, or noise would look like a lag.
         let mut least = (later[0]? * LAG_GAIN, 0.0);
         let shifts = (0_u32..).map(f64::from);
-        let earlier = shifts
-            .clone()
-            .zip(&earlier)
-            .map(|(rows, found)| (-rows, found));
+        let earlier = Vec::from_iter(shifts.clone().zip(earlier).skip(1))
+            .into_iter()
+            .rev();
+        let earlier = earlier.map(|(rows, found)| (-rows, found));
         // The shifts go from the earliest to the latest. The first of equal ones counts.
-        let found = earlier.skip(1).collect::<Vec<_>>().into_iter().rev();
-        for (shift, found) in found.chain(shifts.zip(&later)).filter(|_| straight > 0.0) {
-            if let Some(found) = found.filter(|found| *found < least.0) {
+        for (shift, found) in earlier.chain(shifts.zip(later)) {
+            if let Some(found) = found.filter(|found| straight > 0.0 && *found < least.0) {
                 least = (found, shift);
             }
         }

@@ -66,10 +66,6 @@ impl FromStr for GivenTolerance {
     }
 }
 
-/// Error of a tolerance for a name that neither run has.
-#[derive(Debug)]
-pub struct UnknownName(pub String);
-
 /// Unit of a loop, and range of its sensor.
 pub struct Scale {
     /// Prefix of the names of the loop; empty if there is only one.
@@ -109,15 +105,9 @@ pub struct Tolerances<'a> {
 }
 
 impl Tolerances<'_> {
-    /// Refuses a name that neither run has, since it is mistyped.
-    ///
-    /// # Errors
-    /// The first such name.
-    pub fn check(
-        &self,
-        timelines: &[Timeline],
-        verdicts: [&Verdict; 2],
-    ) -> Result<(), UnknownName> {
+    /// Returns the first name that neither run has, since it is mistyped.
+    #[must_use]
+    pub fn unknown_name(&self, timelines: &[Timeline], verdicts: [&Verdict; 2]) -> Option<String> {
         let has_signal = |timeline: &Timeline, name: &str| {
             let in_loop = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
             let unit = symbol_of(name);
@@ -130,10 +120,8 @@ impl Tolerances<'_> {
             timelines.iter().any(|one| has_signal(one, name))
                 || metrics.any(|metric| metric.name == name)
         };
-        match self.given.iter().find(|given| !is_known(&given.name)) {
-            Some(unknown) => Err(UnknownName(unknown.name.clone())),
-            None => Ok(()),
-        }
+        let unknown = self.given.iter().find(|given| !is_known(&given.name));
+        unknown.map(|unknown| unknown.name.clone())
     }
 
     fn given(&self, name: &str) -> Option<f64> {

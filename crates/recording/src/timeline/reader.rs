@@ -256,7 +256,9 @@ impl TimelineReader {
         self.cycles_due = self.cycles_due.max(due);
         let is_new = self.cycle.last().is_none_or(|last| number > *last);
         // If the duration is no multiple of the period, a cycle may begin that is not the scenario's.
-        self.is_over |= number >= self.end_cycle && cycle_begin(number, self.period) < self.end;
+        let begin = u32::try_from(number).unwrap_or(u32::MAX);
+        let begin = self.period.saturating_mul(begin);
+        self.is_over |= number >= self.end_cycle && begin < self.end;
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
             self.commands.begin_cycle(number);
@@ -348,12 +350,6 @@ impl TimelineReader {
 fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
     let place = columns.iter().position(|column| column.name == name);
     place.ok_or_else(|| SignalMissing::new(name))
-}
-
-/// Returns the start of a cycle.
-fn cycle_begin(cycle: u64, period: Duration) -> Duration {
-    let cycle = u32::try_from(cycle).unwrap_or(u32::MAX);
-    period.saturating_mul(cycle)
 }
 
 /// Returns the nearest whole number of periods.

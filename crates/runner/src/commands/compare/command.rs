@@ -11,8 +11,7 @@ use crate::output::{link, write};
 use crate::play_record::PlayRecord;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::comparison::{
-    Comparison, GivenTolerance, SIGNAL_PASSES, Scale, SignalDifference, Tolerances, UnknownName,
-    compare_runs,
+    Comparison, GivenTolerance, SIGNAL_PASSES, Scale, SignalDifference, Tolerances, compare_runs,
 };
 use recording::run_folder::file;
 use scenario::metrics::is_traffic_metric;
@@ -92,7 +91,7 @@ pub fn compare(args: &CompareArgs) -> Exit {
 /// Reason why the runs were not compared.
 enum CompareError {
     Recorded(RecordedError),
-    NoSuchName(UnknownName),
+    NoSuchName(String),
 }
 
 impl<E: Into<RecordedError>> From<E> for CompareError {
@@ -106,7 +105,7 @@ impl CompareError {
     fn print(self) -> Exit {
         match self {
             Self::Recorded(error) => refuse(error),
-            Self::NoSuchName(UnknownName(name)) => {
+            Self::NoSuchName(name) => {
                 print_error(&format!(
                     "canrig: --tolerance: no signal, metric or unit is called `{name}`"
                 ));
@@ -136,7 +135,9 @@ fn compared<'a>(
         time_seconds: args.time_tolerance / 1e3,
         scales: a.plan.loops.iter().map(Scale::of).collect(),
     };
-    (tolerances.check(&a_timelines, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
+    if let Some(name) = tolerances.unknown_name(&a_timelines, [&a_verdict, &b_verdict]) {
+        return Err(CompareError::NoSuchName(name));
+    }
     let mut comparison = compare_runs(
         &tolerances,
         (&a_timelines, &a_verdict),
