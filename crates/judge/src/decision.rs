@@ -81,24 +81,15 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
 
 /// Returns the verdict of a loop whose nodes did not cause the end of the run: values that are missing because of it are not
 /// judged.
-fn ended_elsewhere(verdict: Verdict, node: &str, end: Option<&EarlyEnd>) -> Verdict {
-    let is_unseen =
-        |row: &Metric| row.value.is_none() && row.passed != Some(false) && row.name != DRIVE_OFF;
-    let unseen = |row: Metric| {
-        if is_unseen(&row) {
-            Metric {
-                remark: Some(format!("not judged, ended by {node}")),
-                ..row
-            }
-        } else {
-            row
-        }
+fn ended_elsewhere(mut verdict: Verdict, node: &str, end: Option<&EarlyEnd>) -> Verdict {
+    let is_unseen = |row: &&mut Metric| {
+        row.value.is_none() && row.passed != Some(false) && row.name != DRIVE_OFF
     };
-    Verdict {
-        ended_early: end.cloned(),
-        metrics: verdict.metrics.into_iter().map(unseen).collect(),
-        ..verdict
+    for row in verdict.metrics.iter_mut().filter(is_unseen) {
+        row.remark = Some(format!("not judged, ended by {node}"));
     }
+    verdict.ended_early = end.cloned();
+    verdict
 }
 
 /// Returns the verdict of one loop. The contours are among the rows of their first loop.
@@ -249,10 +240,10 @@ fn with_drive(evidence: &Evidence<'_>, off: Option<&Metric>, decision: Decision)
     };
     let description = on.remark.clone().unwrap_or_default();
     let (_, reason, cause) = decision;
-    let reason = reason.map_or_else(
-        || description.clone(),
-        |reason| format!("{description}; {reason}"),
-    );
+    let reason = match reason {
+        Some(reason) => format!("{description}; {reason}"),
+        None => description.clone(),
+    };
     let cause = cause.unwrap_or_else(|| NamedCause {
         node: node_name(evidence, Part::Drive).to_owned(),
         duty: "off".to_owned(),

@@ -105,7 +105,8 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
         } else if is_held_up {
             held_up -= 1.0 - interval;
         }
-        let is_of_host = !with_host && evidence.is_in_stall(Part::Controller, from, until);
+        let stall = || evidence.attribution().stall(Part::Controller, from, until);
+        let is_of_host = !with_host && stall().is_some();
         if is_gap || is_held_up || is_of_host {
             periods.clear();
             continue;
@@ -130,7 +131,9 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
 pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
     let is_explained = |(from, until): &(f64, f64)| {
         let due = from + evidence.timeline.period_seconds;
-        evidence.is_in_stall(Part::Controller, due.min(*until), *until)
+        let attribution = evidence.attribution();
+        let stall = attribution.stall(Part::Controller, due.min(*until), *until);
+        stall.is_some()
     };
     let intervals = sync_intervals(evidence).filter(|interval| !is_explained(interval));
     let longest = intervals.map(|(from, until)| 1e3 * (until - from));

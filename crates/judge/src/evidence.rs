@@ -359,12 +359,6 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Returns whether stalls that a node feels cover half of a stretch of time.
-    pub(crate) fn is_in_stall(&self, node: Part, from_seconds: f64, until_seconds: f64) -> bool {
-        let stall = self.attribution.stall(node, from_seconds, until_seconds);
-        stall.is_some()
-    }
-
     /// Returns whether the pieces that stalls explain count.
     pub(crate) fn has_all(&self) -> bool {
         self.left_out.is_none()

@@ -18,12 +18,8 @@ const MEAN_SECONDS: f64 = 0.01;
 
 /// Returns the standard deviation of the commanded current in the last hold.
 pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
-    if evidence
-        .trial
-        .expect
-        .of("{command}_ripple_{command_unit}_rms")
-        .is_none()
-    {
+    let expect = &evidence.trial.expect;
+    if expect.of("{command}_ripple_{command_unit}_rms").is_none() {
         return Absence::not_asked().into();
     }
     ripple(evidence).into()
@@ -135,8 +131,7 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
 /// Returns the commanded currents in the cycles of a window.
 fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = f64> {
     let timeline = evidence.timeline;
-    let name = Some(TARGET_CURRENT);
-    let column = name.and_then(|name| timeline.column(name));
+    let column = timeline.column(TARGET_CURRENT);
     let values = column.into_iter().flat_map(|column| &column.values);
     let rows = timeline.time_seconds.iter().zip(values);
     rows.filter(move |(time, current)| {

@@ -1,7 +1,6 @@
 //! The verdict of several loops that were played at once.
 
 use plan::{ControlLoop, Plan};
-use recording::ending::EarlyEnd;
 use scenario::contour::Contour;
 use scenario::expect::{Expect, Limit};
 use scenario::metrics::is_bus_metric;
@@ -70,19 +69,12 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let first = first_cause(&loops, outcome);
     let cause = first.and_then(|first| loops[first].1.cause.clone());
     let reason = joined_reason(&loops, first.unwrap_or_default());
-    let ended_early = first_end(&loops);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
     let mut contours = Vec::new();
     let mut losses: Vec<String> = Vec::new();
-    let mut external: Vec<String> = Vec::new();
     let mut whole = None;
     for (name, verdict) in loops {
-        let others = verdict
-            .external
-            .iter()
-            .filter(|name| !external.contains(name));
-        external.extend(Vec::from_iter(others.cloned()));
         for metric in verdict.metrics.iter().cloned() {
             if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
                 contours.push((place, metric));
@@ -108,10 +100,9 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         outcome: outcome.expect("there is a loop"),
         reason,
         cause,
-        ended_early,
         metrics,
         losses,
-        external,
+        // The loops share the facts of the run.
         ..whole.expect("there is a loop")
     }
 }
@@ -173,15 +164,6 @@ fn gravity(outcome: &Outcome) -> u8 {
         Outcome::Incomplete => 2,
         Outcome::Fail => 3,
     }
-}
-
-/// Returns the end that came first.
-fn first_end(loops: &[(String, Verdict)]) -> Option<EarlyEnd> {
-    let ends = loops
-        .iter()
-        .filter_map(|(_, verdict)| verdict.ended_early.clone());
-    let at = |end: &EarlyEnd| end.at_seconds.unwrap_or(f64::INFINITY);
-    ends.min_by(|left, right| at(left).total_cmp(&at(right)))
 }
 
 #[cfg(test)]

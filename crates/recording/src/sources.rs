@@ -509,11 +509,8 @@ impl SourceReader {
     /// foreign.
     fn on_emergency(&mut self) {
         self.has_given_up = true;
-        if let Some((at, node)) = self
-            .stop
-            .take()
-            .filter(|_| self.is_ours && self.is_emulated)
-        {
+        let is_ours = self.is_ours && self.is_emulated;
+        if let Some((at, node)) = self.stop.take().filter(|_| is_ours) {
             self.on_foreign_nmt(at, NMT_STOP, node);
         }
     }
@@ -542,17 +539,14 @@ impl SourceReader {
         if identifier != self.controller_heartbeat {
             self.has_newcomer |= is_new.contains(&state);
         } else if state == Some(NmtState::Initialising) && self.is_ours {
-            match self.boot_ups_left.checked_sub(1) {
-                Some(left) => {
-                    self.boot_ups_left = left;
-                    self.has_newcomer = true;
-                    self.stop = None;
-                }
-                None => {
-                    let what = "boot-up of the controller";
-                    self.sources.add(HEARTBEAT, identifier, what, now);
-                }
+            if self.boot_ups_left == 0 {
+                let what = "boot-up of the controller";
+                self.sources.add(HEARTBEAT, identifier, what, now);
+                return;
             }
+            self.boot_ups_left -= 1;
+            self.has_newcomer = true;
+            self.stop = None;
         }
     }
 }

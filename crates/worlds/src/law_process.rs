@@ -254,8 +254,11 @@ impl LawProcess {
         self.failure = Some(format!("{} {what}", self.who));
     }
 
-    /// Returns the rest of a window.
-    fn left(&mut self, window: &Window) -> Duration {
+    /// Returns the rest of a window in real time, otherwise this time.
+    fn patience(&mut self, window: &Window, in_virtual_time: Duration) -> Duration {
+        if !self.is_real_time {
+            return in_virtual_time;
+        }
         let now = self.clock.now();
         self.ahead = self.ahead.min(now.saturating_sub(window.now));
         (window.until + self.ahead).saturating_sub(now)
@@ -266,12 +269,9 @@ impl LawProcess {
         let time = Duration::try_from_secs_f64(cycle.scenario_time_seconds)
             .unwrap_or_default()
             .as_nanos();
+        let is_missing = reads.iter().any(|value| value.is_nan());
         let header = Header {
-            a: if reads.iter().any(|value| value.is_nan()) {
-                IS_MISSING
-            } else {
-                0
-            },
+            a: if is_missing { IS_MISSING } else { 0 },
             number: self.asked,
             time: u64::try_from(time).unwrap_or(u64::MAX),
             ..Header::of(Kind::Step)
@@ -285,11 +285,7 @@ impl LawProcess {
     fn wait(&mut self, window: &Window, writes: &mut [f64]) -> bool {
         let mut waits = 0;
         while !self.is_gone {
-            let patience = if self.is_real_time {
-                self.left(window)
-            } else {
-                WAIT
-            };
+            let patience = self.patience(window, WAIT);
             match self.program.receive(&mut self.answer, patience) {
                 Ok(Received::Message(length)) => {
                     if let Some(is_answer) = self.take(length, writes) {
@@ -307,11 +303,7 @@ impl LawProcess {
             }
         }
         // In real time one of the next cycles sees how it ended.
-        let patience = if self.is_real_time {
-            self.left(window)
-        } else {
-            CLOSED_PATIENCE
-        };
+        let patience = self.patience(window, CLOSED_PATIENCE);
         match self.program.ended(patience) {
             Some(ended) => self.fail(&end_text(&ended)),
             None if self.is_real_time => {}
