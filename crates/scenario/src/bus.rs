@@ -17,7 +17,6 @@ pub struct Bus {
     pub sync_period_milliseconds: f64,
     /// Number of cycles between two frames with the set-point of a loop, which the bench sends; 0 for no such frames. If absent 1
     /// where the controller is a program or external, else 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 100))]
     pub set_points_every_cycles: Option<u8>,
 }

@@ -21,15 +21,12 @@ pub struct Contour {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// End of the window; the end of the scenario if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
     /// Longest distance from the path.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[serde(rename = "contour_error_{unit}_max")]
     pub error_max: Option<Limit>,
     /// RMS of the distance from the path.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[serde(rename = "contour_error_{unit}_rms")]
     pub error_rms: Option<Limit>,
     /// Unit of the loops, put in by the loader.

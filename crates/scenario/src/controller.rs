@@ -14,28 +14,20 @@ use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 #[serde(deny_unknown_fields, default)]
 pub struct Controller {
     /// Sliding mode with an observer on a nominal model.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub sliding_mode: Option<SlidingMode>,
     /// Sliding mode as the paper prints it, with errata, Eq. (12)-(14).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub sliding_mode_paper: Option<SlidingModePaper>,
     /// PID with anti-windup.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub pid: Option<Pid>,
     /// PID for two drives that pull against each other.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub pid_pair: Option<PidPair>,
     /// A current profile without feedback.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub open_loop: Option<OpenLoop>,
     /// A program in any language.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<Program>,
     /// A function of a shared library behind `canrig_law.h`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub library: Option<Library>,
     /// An FMU of FMI 2.0 or 3.0 for co-simulation.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub fmu: Option<FmuLaw>,
     /// The table of a law from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
@@ -177,7 +169,6 @@ pub struct SlidingMode {
     pub observer: Observer,
     /// A file with a table `[nominal_model]`, relative to the scenario; `canrig identify` writes one. It takes the place of
     /// `nominal_model`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub nominal_model_file: Option<String>,
     /// The plant as the law assumes it.
     pub nominal_model: NominalModel,

@@ -35,7 +35,6 @@ pub struct Output {
     pub at_seconds: f64,
     /// Time at which the output returns to its value at rest; it stays if absent.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_seconds: Option<f64>,
     /// Its value, in the unit at the end of its name, within the range of the plant's port.
     pub value: f64,

@@ -48,7 +48,6 @@ pub struct Expect {
     /// `current_ripple_amperes_rms`. If absent 0.25 mm; in a loop of another unit 1/240 of the sensor's range, as 0.25 mm are of
     /// 60 mm.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[serde(rename = "recovery_band_{unit}")]
     pub recovery_band: Option<f64>,
     /// Requirements that single limits test, by the limit's key, `overshoot_percent = ["REQ-12"]`; for limits of
@@ -57,7 +56,6 @@ pub struct Expect {
     pub requirements: BTreeMap<String, Requirements>,
     /// End of the time on which the metrics of position, current and traffic are judged; later the loop is meant to be open,
     /// because a node dies on purpose. Reactions to faults, signals and sequences are judged to the end of the scenario.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub judged_until_seconds: Option<f64>,
     /// Demands on signals, each in its window of time.

@@ -20,8 +20,11 @@ impl schemars::transform::Transform for TakeNullAway {
                 object.insert("type".to_owned(), only);
             }
         }
-        if object.get("default") == Some(&Value::Null) {
-            object.remove("default");
+        if let Some(default) = object.get_mut("default") {
+            without_nulls(default);
+            if default.is_null() {
+                object.remove("default");
+            }
         }
         if let Some(Value::Array(mut alternatives)) = object.remove("anyOf") {
             alternatives.retain(|alternative| alternative["type"] != "null");
@@ -32,5 +35,13 @@ impl schemars::transform::Transform for TakeNullAway {
             };
             object.insert(name.to_owned(), Value::Array(alternatives));
         }
+    }
+}
+
+/// Removes the keys without a value from the tables of a default.
+fn without_nulls(default: &mut Value) {
+    if let Value::Object(table) = default {
+        table.retain(|_, value| !value.is_null());
+        table.values_mut().for_each(without_nulls);
     }
 }

@@ -10,16 +10,12 @@ use crate::limit::Limit;
 #[serde(deny_unknown_fields, default)]
 pub struct QuantileLimits {
     /// Half of the values are not above it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub median: Option<Limit>,
     /// 99 % of the values are not above it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub p99: Option<Limit>,
     /// 99.9 % of the values are not above it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub p99_9: Option<Limit>,
     /// The largest value.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<Limit>,
 }
 
@@ -38,7 +34,6 @@ pub struct TimingLimits {
     pub round_trip_microseconds: QuantileLimits,
     /// Frames of canrig's nodes that waited for room in the full queue of the bus (ENOBUFS); one that waits for 50 ms ends
     /// the run.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub frames_delayed: Option<Limit>,
 }
 

@@ -407,27 +407,21 @@ fn beginning(port: &str) -> &str {
 pub struct Plausible {
     /// The lowest plausible position.
     #[schemars(range(min = -1e9, max = 1e9))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
     /// The highest plausible position.
     #[schemars(range(min = -1e9, max = 1e9))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
     /// The fastest motion, per second.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_max: Option<f64>,
     /// Allowance for noise and quantisation of two samples, added to the motion; 0 if absent.
     #[schemars(range(min = 0.0, max = 1e9))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub jump: Option<f64>,
     /// Time for which a position above `max` is believed if it got there without a jump, in seconds: a load that was thrown up
     /// comes back.
     #[schemars(range(min = 0.0, max = 3_600.0))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub thrown_seconds: Option<f64>,
     /// Detection of a position that does not move under a large current without a reason.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub stall: Option<Stall>,
 }
 
@@ -447,12 +441,10 @@ pub struct Stall {
     pub motion: f64,
     /// Position below which the stall is detected: above it the plant may be at the end of the effect of a current.
     #[schemars(range(min = -1e9, max = 1e9))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below: Option<f64>,
     /// Distance from the set-point above which the stall is detected, at the largest current: for a plant that a current holds,
     /// as a motor does.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub away: Option<f64>,
 }
 

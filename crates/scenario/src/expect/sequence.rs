@@ -25,7 +25,6 @@ pub struct Sequence {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// End of the window: later events do not count. The end of the run if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
     /// The events, in their order.
@@ -38,26 +37,20 @@ pub struct Sequence {
 #[serde(deny_unknown_fields, default)]
 pub struct Expected {
     /// An emergency, as node and code: "drive 0x8130".
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 1, max = 200))]
     pub emcy: Option<String>,
     /// Part of the text of an event in the report, such as "loss: no SYNC".
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 1, max = 200))]
     pub text: Option<String>,
     /// A signal, named as in `[[expect.signal]]`, that gets within `reaches`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 1, max = 200))]
     pub signal: Option<String>,
     /// Limits that the signal must reach.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub reaches: Option<Limit>,
     /// Time for which the signal must stay within the limits; one sample is enough if absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub for_milliseconds: Option<f64>,
     /// Longest time after the event before; optional for the first event.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub within_milliseconds: Option<f64>,
 }

@@ -24,24 +24,18 @@ pub struct SignalCheck {
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
     /// Start of the window; a sample at this time counts. The start of the scenario if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: Option<f64>,
     /// End of the window; a sample at this time no longer counts. The end of the run if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
     /// Every sample of the window is within these limits; judged by the one that is nearest to a limit or beyond it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stays: Option<Limit>,
     /// Some sample of the window is within these limits; judged by the time from the start of the window to the first.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reaches: Option<Limit>,
     /// Difference of two successive samples, divided by the time between them, in the signal's unit per second.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_per_second: Option<Limit>,
     /// Every sample of the window is near a recorded course.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub follows: Option<Course>,
 }
 
@@ -53,7 +47,6 @@ pub struct Course {
     /// The file, relative to the scenario, with a column `time_seconds` in scenario time; rows without a value are skipped.
     pub file: String,
     /// The column of the signal; by the name of the signal, without its message, if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 1, max = 200))]
     pub column: Option<String>,
     /// Largest distance that passes, in the signal's unit.

@@ -16,7 +16,6 @@ pub struct Fmu {
     pub file: String,
     /// Length of its steps, if it should differ from the length that follows from the drive's cycle, or if the FMU takes no
     /// other.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub step_milliseconds: Option<f64>,
     /// Variables that are recorded in addition to the ports: outputs, local variables, parameters. Each becomes a port by its
@@ -77,16 +76,13 @@ pub struct FmuPort {
     #[schemars(length(min = 1, max = 1000))]
     pub variable: String,
     /// The port is the variable times this, plus the offset. Without both, the units of variable and port say it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = -1e12, max = 1e12))]
     pub factor: Option<f64>,
     /// Added to the variable times the factor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = -1e12, max = 1e12))]
     pub offset: Option<f64>,
     /// Lowest and highest value at the port, where they are to be other than the FMU says. An output without a range is not
     /// published.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 2, max = 2))]
     pub range: Option<Vec<f64>>,
 }

@@ -46,16 +46,12 @@ pub fn is_built_in(plant: &str) -> bool {
 #[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
 pub struct PlantModel {
     /// The shape-memory-alloy actuator of the paper.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub sma: Option<Sma>,
     /// A DC motor with gearbox, which lifts a load against a spring.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub dc_motor: Option<DcMotor>,
     /// A joint that two shape-memory-alloy wires turn, one each way.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub sma_pair: Option<SmaPair>,
     /// A plant from a modelling tool: an FMU of FMI 2.0 or 3.0 for co-simulation.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub fmu: Option<Fmu>,
     /// The table of a model from outside, under its own name.
     #[serde(flatten, skip_deserializing)]

@@ -35,7 +35,6 @@ pub struct Rig {
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
     /// Notes on the rig for its users.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
     /// The bus and its cycle.
     #[serde(default)]
@@ -528,7 +527,6 @@ pub fn controller_in(text: &str) -> Option<String> {
 #[serde(deny_unknown_fields, default)]
 pub struct Defaults {
     /// Values of each drive, unless its own table says otherwise.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub drive: Option<DriveDefaults>,
 }
 
@@ -543,17 +541,13 @@ impl Defaults {
 #[serde(deny_unknown_fields, default)]
 pub struct DriveDefaults {
     /// The amplifier.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub amplifier: Option<Amplifier>,
     /// The sensor.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Sensor>,
     /// Number of cycles from one publication of the truth about the plant to the next, which leaves room on the bus; 1 if absent.
     #[schemars(range(min = 1, max = 240))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
     /// Limits of plausible positions.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
 }
 
@@ -580,28 +574,22 @@ pub struct RigNode {
     #[schemars(range(min = 1, max = 127))]
     pub node_id: u8,
     /// Of a drive: the amplifier and the port of the plant that it drives.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amplifier: Option<Amplifier>,
     /// Of a drive: the sensor and the port of the plant that it reads.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Sensor>,
     /// Of a drive: number of cycles from one publication of the truth about the plant to the next, which leaves room on the bus;
     /// 1 if absent.
     #[schemars(range(min = 1, max = 240))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
     /// Of a drive: limits of plausible positions. A limit that is left out is not watched.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
     /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports, or outputs of any other
     /// plant, as `PLANT.PORT`. If absent: all of a plant with one drive but `turns_not_remembered`; where a plant has several,
     /// those whose names begin like that of the drive's input, and for the first drive also those that no drive's input begins
     /// like.
     #[schemars(length(max = 6), inner(length(min = 1, max = 64)))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub record: Option<Vec<String>>,
     /// Of an io node: its outputs, each with the port of a plant on which it acts.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outputs: Option<Outputs>,
     /// The node is external: canrig expects it on the bus. A drive with `limits` always is, and an external one needs them; an
     /// external io node acts on the plant of an external drive.
@@ -611,34 +599,25 @@ pub struct RigNode {
     /// `PATH`; one with a `/` in its name is a file in the folder of this file or below it, where the program runs. A drive that
     /// is a program needs the same keys as an external one.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 4096)))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<Vec<String>>,
     /// Of an external drive: its EDS, beside the rig file; that of the emulated drive if left out.
     #[schemars(length(min = 1, max = 200))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub eds: Option<String>,
     /// Of an external drive: written to 0x6060 before it is enabled; 10, cyclic synchronous torque, if left out. Negative modes
     /// are the maker's own.
     #[schemars(range(min = -128, max = 127))]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode_of_operation: Option<i8>,
     /// Of an external drive: the object of the current command.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<CommandObject>,
     /// Of an external drive: the object of the position.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position: Option<PositionObject>,
     /// Of an external drive: the object of the measured current; `object = ""` if it sends none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub current: Option<CurrentObject>,
     /// Of an external drive: hard limits, which apply whatever a scenario says.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<Limits>,
     /// Of an external drive: the times for which drive and controller wait for each other.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timeouts: Option<Timeouts>,
     /// Of an external drive: the checks of it before the first scenario.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preflight: Option<Preflight>,
 }
 
@@ -710,27 +689,21 @@ pub struct Amplifier {
     /// The port that it drives, as in `"wire.current_amperes"`, whose unit decides the output quantity: a current, in amperes; a
     /// voltage, in volts; a force, in newtons; or a torque, in newton metres.
     #[schemars(length(min = 1, max = 200))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
     /// The rated current (0x6075), or the rated value of another output quantity, in its unit. Commands and measured values are
     /// in thousandths of it; 1 if absent.
     #[schemars(range(min = 0.001, max = 1_000_000.0))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub rated: Option<f64>,
     /// The smallest current: 0, or negative for an amplifier that drives both ways; 0 if absent.
     #[schemars(range(min = -32_767_000.0, max = 0.0))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
     /// The largest current; the rated one if absent. It is at most 32.767 times that, as `min` is.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 32_767_000.0))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
     /// Resolution of its digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille.
     #[schemars(range(min = 0, max = 24))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
     /// Its I²t protection, only for an amplifier that gives a current; none if absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub i2t: Option<I2t>,
 }
 
@@ -741,37 +714,29 @@ pub struct Amplifier {
 pub struct Sensor {
     /// The port that it reads, as in `"wire.position_metres"`.
     #[schemars(length(min = 1, max = 200))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
     /// The name of the measured quantity, as in `"speed"`: that of the signal, of set-points and of limits. `position` if absent.
     #[schemars(length(min = 1, max = 64))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub signal: Option<String>,
     /// The unit of the other keys, of all positions of the drive and of its loop's set-points and limits: `millimetres` for a
     /// length, `degrees` or `revolutions` for an angle, else the port's own. `millimetres` if absent.
     #[schemars(length(min = 1, max = 64))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// The lowest position that its converter can give, and the lowest set-point; 0 if absent.
     #[schemars(range(min = -1e6, max = 1e6))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
     /// The highest position that its converter can give, and the highest set-point; 60 mm if absent.
     #[schemars(range(min = -1e6, max = 1e6))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
     /// Resolution of its converter.
     #[schemars(range(min = 1, max = 24))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
     /// Size of a count of the drive's position object (0x6064), in the sensor's unit; if absent a thousandth of the unit, or a
     /// millionth of a revolution. A converter whose steps are less than half of it is refused.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub position_increment: Option<f64>,
     /// Standard deviation of normal noise before conversion.
     #[schemars(range(min = 0.0, max = 1e6))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_rms: Option<f64>,
 }
 
