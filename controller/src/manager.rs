@@ -72,7 +72,7 @@ struct Program<'drive> {
 
 impl Program<'_> {
     fn push(&mut self, action: Action, index: u16, sub_index: u8, value: u32) {
-        let dictionary = self.drive.dictionary();
+        let dictionary = &self.drive.dictionary;
         let entry = dictionary
             .find(index, sub_index)
             .ok()
@@ -90,7 +90,7 @@ impl Program<'_> {
 
     /// Writes an object if the drive has it.
     fn write(&mut self, index: u16, sub_index: u8, value: u32) {
-        if self.drive.dictionary().find(index, sub_index).is_ok() {
+        if self.drive.dictionary.find(index, sub_index).is_ok() {
             self.push(Action::Write, index, sub_index, value);
         }
     }
@@ -151,11 +151,11 @@ impl BringUp {
     ) -> Self {
         let microseconds = u32::try_from(sync_period.as_micros()).unwrap_or(u32::MAX);
         let manager = u32::from(manager.get()) << 16;
-        let mode = u32::from(drive.mode_of_operation().cast_unsigned());
+        let mode = u32::from(drive.mode_of_operation.cast_unsigned());
         let steps = Vec::new();
         let mut program = Program { drive, steps };
         for (index, sub_index) in [(0x1000, 0), (0x1018, 1), (0x1018, 2)] {
-            if let Some(value) = drive.dictionary().unsigned(index, sub_index) {
+            if let Some(value) = drive.dictionary.unsigned(index, sub_index) {
                 program.push(Action::Require, index, sub_index, value);
             }
         }
@@ -165,10 +165,12 @@ impl BringUp {
         program.push(Action::Write, 0x1017, 0, heartbeat);
         program.write(cia402::MODES_OF_OPERATION, 0, mode);
         program.write(0x1006, 0, microseconds);
-        drive.pdos().into_iter().for_each(|pdo| program.pdo(pdo));
+        [&drive.feedback, &drive.command]
+            .into_iter()
+            .for_each(|pdo| program.pdo(pdo));
         let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
         Self {
-            client: SdoClient::new(drive.node_id().get()).with_timeout(answer_time),
+            client: SdoClient::new(drive.node_id.get()).with_timeout(answer_time),
             steps: program.steps,
             next: 0,
             differs: false,

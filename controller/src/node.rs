@@ -112,7 +112,7 @@ impl ControllerNode {
                 }
             }
         }
-        let drives = plans.iter().map(|plan| plan.drive.node_id());
+        let drives = plans.iter().map(|plan| plan.drive.node_id);
         let identifiers = plans.iter().map(|plan| plan.view.wiring.identifiers.terms);
         let terms = Vec::from_iter(terms.into_iter().zip(identifiers));
         let dictionary = dictionary(own_id, &terms, &Vec::from_iter(drives), &io_nodes)?;
@@ -191,14 +191,14 @@ fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, Controll
 /// Returns the index of the loop whose drive measures the position that a loop follows.
 fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, ControllerError> {
     let followed = of.view.wiring.nodes.followed.id;
-    let mut drives = plans.iter().map(|plan| plan.drive.node_id().get());
+    let mut drives = plans.iter().map(|plan| plan.drive.node_id.get());
     let place = drives.position(|drive| drive == followed);
     place.ok_or(ControllerError::NotLed(followed))
 }
 
 /// Returns the indices of the loops of a leader's further drives, in their order.
 fn further_drives(plans: &[LoopPlan<'_>], leader: &LoopPlan<'_>) -> Vec<usize> {
-    let own_id = leader.drive.node_id().get();
+    let own_id = leader.drive.node_id.get();
     let led = plans.iter().enumerate().filter_map(|(place, plan)| {
         let by = plan.view.wiring.led_by?;
         (by.first == own_id).then_some((by.place, place))
@@ -335,7 +335,7 @@ impl Node for ControllerNode {
             ..Filter::exact(id)
         };
         let drives = self.device.application().drives();
-        let feedback = drives.map(|drive| Filter::exact(drive.layout.feedback_id()));
+        let feedback = drives.map(|drive| Filter::exact(drive.layout.feedback.id()));
         let before = [Filter::exact(0x000), function(0x080)];
         let behind = [
             function(0x580),

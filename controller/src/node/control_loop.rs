@@ -69,7 +69,7 @@ impl ControlLoop {
         let text = format!(
             "{what} from the drive (node {}, frame 0x{:03X}) in {} cycles (limit {})",
             self.drive.node_id(),
-            self.drive.layout.feedback_id(),
+            self.drive.layout.feedback.id(),
             self.missing,
             self.missing_max
         );
@@ -97,7 +97,7 @@ impl ControlLoop {
         }
         let limits = self.drive.limits.as_mut();
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
-            return Err((Cause::RigLimit, violation.to_string()));
+            return Err((Cause::RigLimit, violation));
         }
         // A drive whose loop follows another one has no target.
         let set_point = (self.follows == place).then(|| self.look(number, feedback.position));

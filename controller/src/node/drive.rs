@@ -50,7 +50,7 @@ impl LedDrive {
         limits: Option<LimitWatch>,
         plausibility: Plausibility,
     ) -> Self {
-        let node_id = u32::from(layout.node_id().get());
+        let node_id = u32::from(layout.node_id.get());
         Self {
             bring_up: BringUp::new(&layout, manager, sync_period, timeouts),
             layout,
@@ -71,7 +71,7 @@ impl LedDrive {
     }
 
     pub(super) fn node_id(&self) -> NodeId {
-        self.layout.node_id()
+        self.layout.node_id
     }
 
     pub(super) fn is_configured(&self) -> bool {
@@ -179,7 +179,7 @@ impl LedDrive {
             DrivePhase::Enabling { .. } => {
                 let seconds = ENABLE_TIME.as_secs();
                 let last = self.last_statusword.map_or_else(
-                    || format!("it sent no TPDO1 (0x{:03X})", self.layout.feedback_id()),
+                    || format!("it sent no TPDO1 (0x{:03X})", self.layout.feedback.id()),
                     |statusword| format!("its last statusword was {}", state_text(statusword)),
                 );
                 let emergency = self.last_emergency.map_or_else(String::new, |message| {

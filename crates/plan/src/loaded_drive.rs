@@ -6,7 +6,7 @@ use dbc::names::{self, CURRENT, POSITION, TARGET_CURRENT};
 use dbc::{Coding, Composer, ExternalFrames, Kind, LoopUnits, Signal};
 use scenario::Trial;
 use scenario::reference::Trajectory;
-use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
+use scenario::rig::drive::{DriveError, DriveLayout, Field, Pdo, Scaled};
 use scenario::rig::{Limits, RealDrive};
 
 /// Tolerance for rounding at the end of a ramp or a sine.
@@ -43,19 +43,19 @@ impl LoadedDrive {
         unit: Option<&LoopUnits<'_>>,
     ) -> Composer {
         let drive = &self.layout;
-        let [statusword, controlword] = drive.words();
+        let pdos = [&drive.feedback, &drive.command];
         let feedback = |signal: &Signal| match names::pattern(&signal.name) {
-            Some(POSITION) => scaled(drive.position()),
-            Some(CURRENT) => drive.current().map_or(signal.coding.absent(), scaled),
-            _ => in_word(signal, statusword),
+            Some(POSITION) => scaled(drive.position),
+            Some(CURRENT) => drive.current.map_or(signal.coding.absent(), scaled),
+            _ => in_word(signal, drive.statusword),
         };
         let command = |signal: &Signal| match names::pattern(&signal.name) {
-            Some(TARGET_CURRENT) => scaled(drive.target()),
-            _ => in_word(signal, controlword),
+            Some(TARGET_CURRENT) => scaled(drive.target),
+            _ => in_word(signal, drive.controlword),
         };
         let frames = ExternalFrames {
-            identifiers: [drive.feedback_id(), drive.command_id()],
-            lengths_bytes: drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok()),
+            identifiers: pdos.map(Pdo::id),
+            lengths_bytes: pdos.map(|pdo| u8::try_from(pdo.length_bytes()).ok()),
             feedback: &feedback,
             command: &command,
             heartbeat_milliseconds: self.real.timeouts.drive_heartbeat_milliseconds.into(),

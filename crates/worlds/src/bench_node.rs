@@ -87,7 +87,7 @@ impl BenchNode {
         }
         let violation = self.real_drives.iter_mut().find_map(|drive| {
             let violation = drive.supervisor.as_mut()?.check(now, frame)?;
-            Some((drive.name.clone(), violation.to_string()))
+            Some((drive.name.clone(), violation))
         });
         if violation.is_some() {
             self.violation = violation;

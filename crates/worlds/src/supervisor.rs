@@ -9,7 +9,7 @@ use canopen::cia402::Command;
 use plan::loaded_drive::LoadedDrive;
 use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
-use scenario::rig::limits::{LimitWatch, Violation};
+use scenario::rig::limits::LimitWatch;
 
 /// Part of the bench's node that switches the current of a drive off.
 #[derive(Debug)]
@@ -31,11 +31,11 @@ impl Supervisor {
 
     /// Returns the filters for the frames that it must receive.
     pub(crate) fn filters(&self) -> [Filter; 2] {
-        [self.drive.feedback_id(), self.drive.command_id()].map(Filter::exact)
+        [&self.drive.feedback, &self.drive.command].map(|pdo| Filter::exact(pdo.id()))
     }
 
-    /// Checks a frame of the bus; returns the limit that it violates.
-    pub(crate) fn check(&mut self, now: Duration, frame: &CanFrame) -> Option<Violation> {
+    /// Checks a frame of the bus; describes the violation of a limit.
+    pub(crate) fn check(&mut self, now: Duration, frame: &CanFrame) -> Option<String> {
         match (self.drive.decode(frame), self.drive.decode_target(frame)) {
             (Some(feedback), _) => self.watch.check(now, &feedback),
             (_, Some(amperes)) => self.watch.check_command(amperes),
@@ -47,7 +47,7 @@ impl Supervisor {
     /// drive may follow PDOs.
     pub(crate) fn stop(&self) -> [CanFrame; 2] {
         let quick_stop = self.drive.encode(Command::QuickStop.controlword(), 0.0);
-        let stop = NmtCommand::Stop.frame(Some(self.drive.node_id()));
+        let stop = NmtCommand::Stop.frame(Some(self.drive.node_id));
         [quick_stop, stop]
     }
 }

@@ -12,55 +12,13 @@ const EVERY_SYNC: u8 = 1;
 
 /// Reason why a drive cannot be led.
 #[derive(Debug, thiserror::Error)]
-pub enum DriveError {
-    /// The EDS of the drive cannot be read.
-    #[error("the EDS is wrong: {0}")]
-    Eds(#[from] EdsError),
-    /// A PDO of the drive has an identifier that no node of the bench hears or sends.
-    #[error(
-        "the drive's EDS gives the PDO at 0x{parameters:04X}:01 the COB-ID 0x{cob_id:08X}: PDOs here have identifiers of 11 bits (up to 0x7FF), and none that CiA 301 keeps for other services; give this PDO another default there"
-    )]
-    Identifier {
-        /// Index of the PDO's communication parameters.
-        parameters: u16,
-        /// COB-ID in the EDS.
-        cob_id: u32,
-    },
-    /// The EDS does not describe a PDO of the drive.
-    #[error("the drive's EDS describes no usable PDO at 0x{0:04X}")]
-    Pdo(u16),
-    /// The drive lacks an object.
-    #[error("the drive's EDS has no object 0x{index:04X}:{sub_index:02X}")]
-    NoObject {
-        /// Index of the object.
-        index: u16,
-        /// Sub-index of the object.
-        sub_index: u8,
-    },
-    /// An object of the drive is of another type.
-    #[error("the drive's object 0x{index:04X}:{sub_index:02X} is no integer of 8, 16 or 32 bits")]
-    NoInteger {
-        /// Index of the object.
-        index: u16,
-        /// Sub-index of the object.
-        sub_index: u8,
-    },
-    /// A text is not the address of an object.
-    #[error("\"{0}\" names no object")]
-    Address(String),
-    /// A number is not a node-ID.
-    #[error("{0} is no node-ID")]
-    NodeId(u8),
-    /// The objects do not fit in a PDO.
-    #[error(
-        "the objects of the rig file take {bytes} bytes in PDO mapping 0x{mapping:04X} (limit 8)"
-    )]
-    PdoTooLong {
-        /// Index of the mapping.
-        mapping: u16,
-        /// Length of the objects.
-        bytes: usize,
-    },
+#[error("{0}")]
+pub struct DriveError(String);
+
+impl From<EdsError> for DriveError {
+    fn from(error: EdsError) -> Self {
+        Self(format!("the EDS is wrong: {error}"))
+    }
 }
 
 /// Content of the drive's TPDO1.
@@ -104,19 +62,26 @@ impl Pdo {
 
     /// Refuses an identifier of 29 bits, which the bench cannot serve: cut to 11 bits it would be another one.
     fn check_identifier(&self) -> Result<(), DriveError> {
-        let identifier = canopen::pdo::identifier(self.cob_id);
-        identifier.map(drop).map_err(|_| DriveError::Identifier {
-            parameters: self.parameters,
-            cob_id: self.cob_id,
+        let Self {
+            parameters, cob_id, ..
+        } = self;
+        let identifier = canopen::pdo::identifier(*cob_id);
+        identifier.map(drop).map_err(|_| {
+            DriveError(format!(
+                "the drive's EDS gives the PDO at 0x{parameters:04X}:01 the COB-ID 0x{cob_id:08X}: PDOs here have identifiers of 11 bits (up to 0x7FF), and none that CiA 301 keeps for other services; give this PDO another default there"
+            ))
         })
     }
 
     /// Returns the 11-bit identifier below the flags.
-    fn id(&self) -> u16 {
+    #[must_use]
+    pub fn id(&self) -> u16 {
         (self.cob_id & 0x7FF) as u16
     }
 
-    fn length_bytes(&self) -> usize {
+    /// Returns the total length of the mapped objects.
+    #[must_use]
+    pub fn length_bytes(&self) -> usize {
         bytes_of(&self.entries)
     }
 
@@ -142,10 +107,10 @@ impl Pdo {
         }
         match self.length_bytes() {
             0..=8 => Ok(self),
-            bytes => Err(DriveError::PdoTooLong {
-                mapping: self.mapping,
-                bytes,
-            }),
+            bytes => Err(DriveError(format!(
+                "the objects of the rig file take {bytes} bytes in PDO mapping 0x{:04X} (limit 8)",
+                self.mapping
+            ))),
         }
     }
 }
@@ -171,14 +136,20 @@ impl Object {
     /// Finds an integer in the drive's dictionary.
     fn find(dictionary: &ObjectDictionary, address: ObjectAddress) -> Result<Self, DriveError> {
         let ObjectAddress { index, sub_index } = address;
-        let handle = dictionary
-            .find(index, sub_index)
-            .map_err(|_| DriveError::NoObject { index, sub_index })?;
+        let handle = dictionary.find(index, sub_index).map_err(|_| {
+            DriveError(format!(
+                "the drive's EDS has no object 0x{index:04X}:{sub_index:02X}"
+            ))
+        })?;
         let data_type = dictionary.entry(handle).data_type;
         let length_bytes = data_type
             .size_bytes()
             .filter(|bytes| matches!(bytes, 1 | 2 | 4) && !data_type.is_real())
-            .ok_or(DriveError::NoInteger { index, sub_index })?;
+            .ok_or_else(|| {
+                DriveError(format!(
+                    "the drive's object 0x{index:04X}:{sub_index:02X} is no integer of 8, 16 or 32 bits"
+                ))
+            })?;
         #[expect(clippy::cast_possible_truncation, reason = "at most 32 bits")]
         let bits = 8 * length_bytes as u32;
         Ok(Self {
@@ -274,16 +245,26 @@ impl Scaled {
 /// Identity of the drive, and layout of its PDOs.
 #[derive(Clone, Debug)]
 pub struct DriveLayout {
-    node_id: NodeId,
-    dictionary: ObjectDictionary,
-    feedback: Pdo,
-    command: Pdo,
-    mode_of_operation: i8,
-    statusword: Field,
-    position: Scaled,
-    current: Option<Scaled>,
-    controlword: Field,
-    target: Scaled,
+    /// Node-ID of the drive.
+    pub node_id: NodeId,
+    /// Objects with their defaults.
+    pub dictionary: ObjectDictionary,
+    /// TPDO1, to be configured in the drive.
+    pub feedback: Pdo,
+    /// RPDO1, to be configured in the drive.
+    pub command: Pdo,
+    /// Mode of operation, which is written to 0x6060.
+    pub mode_of_operation: i8,
+    /// Place of the statusword in TPDO1.
+    pub statusword: Field,
+    /// Position in TPDO1, in millimetres.
+    pub position: Scaled,
+    /// Measured current in TPDO1, in amperes; `None` if the drive does not measure it.
+    pub current: Option<Scaled>,
+    /// Place of the controlword in RPDO1.
+    pub controlword: Field,
+    /// Commanded current in RPDO1, in amperes.
+    pub target: Scaled,
     /// Largest command, in whole units of the target.
     target_max: f64,
 }
@@ -299,17 +280,22 @@ impl DriveLayout {
         rig: &RigDrive,
         current_amperes_max: f64,
     ) -> Result<Self, DriveError> {
-        let node_id = NodeId::new(rig.node_id).ok_or(DriveError::NodeId(rig.node_id))?;
+        let node_id = NodeId::new(rig.node_id)
+            .ok_or_else(|| DriveError(format!("{} is no node-ID", rig.node_id)))?;
+        let no_pdo = |parameters: u16| {
+            DriveError(format!(
+                "the drive's EDS describes no usable PDO at 0x{parameters:04X}"
+            ))
+        };
         let pdo = |parameters, mapping| {
-            let pdo =
-                Pdo::read(&dictionary, parameters, mapping).ok_or(DriveError::Pdo(parameters))?;
+            let pdo = Pdo::read(&dictionary, parameters, mapping);
+            let pdo = pdo.ok_or_else(|| no_pdo(parameters))?;
             pdo.check_identifier()?;
             Ok::<_, DriveError>(pdo)
         };
         let object = |text: &str| {
-            let address = text
-                .parse()
-                .map_err(|_| DriveError::Address(text.to_owned()))?;
+            let address = text.parse();
+            let address = address.map_err(|_| DriveError(format!("\"{text}\" names no object")))?;
             Object::find(&dictionary, address)
         };
         let word = |index| {
@@ -327,7 +313,7 @@ impl DriveLayout {
         let feedback = pdo(0x1800, 0x1A00)?.with(&reported)?;
         let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
         let missing =
-            |pdo: &Pdo, object: &Object| pdo.place(object).ok_or(DriveError::Pdo(pdo.parameters));
+            |pdo: &Pdo, object: &Object| pdo.place(object).ok_or_else(|| no_pdo(pdo.parameters));
         let scaled = |field, units, offset| Scaled {
             field,
             units,
@@ -359,73 +345,6 @@ impl DriveLayout {
             feedback,
             command,
         })
-    }
-
-    /// Returns the identifier of TPDO1.
-    #[must_use]
-    pub fn feedback_id(&self) -> u16 {
-        self.feedback.id()
-    }
-
-    /// Returns the identifier of RPDO1.
-    #[must_use]
-    pub fn command_id(&self) -> u16 {
-        self.command.id()
-    }
-
-    /// Returns the node-ID.
-    #[must_use]
-    #[inline]
-    pub fn node_id(&self) -> NodeId {
-        self.node_id
-    }
-
-    /// Returns the objects with their defaults.
-    #[must_use]
-    pub fn dictionary(&self) -> &ObjectDictionary {
-        &self.dictionary
-    }
-
-    /// Returns TPDO1 and RPDO1, to be configured in the drive.
-    #[must_use]
-    pub fn pdos(&self) -> [&Pdo; 2] {
-        [&self.feedback, &self.command]
-    }
-
-    /// Returns the mode of operation, which is written to 0x6060.
-    #[must_use]
-    pub fn mode_of_operation(&self) -> i8 {
-        self.mode_of_operation
-    }
-
-    /// Returns the lengths of TPDO1 and RPDO1.
-    #[must_use]
-    pub fn lengths_bytes(&self) -> [usize; 2] {
-        [self.feedback.length_bytes(), self.command.length_bytes()]
-    }
-
-    /// Returns the places of the statusword in TPDO1 and of the controlword in RPDO1.
-    #[must_use]
-    pub fn words(&self) -> [Field; 2] {
-        [self.statusword, self.controlword]
-    }
-
-    /// Returns the position in TPDO1, in millimetres.
-    #[must_use]
-    pub fn position(&self) -> Scaled {
-        self.position
-    }
-
-    /// Returns the measured current in TPDO1, in amperes; `None` if the drive does not measure it.
-    #[must_use]
-    pub fn current(&self) -> Option<Scaled> {
-        self.current
-    }
-
-    /// Returns the commanded current in RPDO1, in amperes.
-    #[must_use]
-    pub fn target(&self) -> Scaled {
-        self.target
     }
 
     /// Decodes TPDO1; `None` for other frames, and for one that is too short.

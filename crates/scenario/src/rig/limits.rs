@@ -1,6 +1,5 @@
 //! Hard limits of a rig: the controller keeps to them, and the bench watches that all nodes do.
 
-use std::fmt;
 use std::time::Duration;
 
 use super::Limits;
@@ -14,74 +13,6 @@ const SPEED_WINDOW: Duration = Duration::from_millis(20);
 const MEASURED_CURRENT_TOLERANCE: f64 = 0.05;
 /// Tolerance for the rounding of commands to whole units of an object.
 const COMMAND_TOLERANCE_AMPERES: f64 = 1e-9;
-
-/// Violation of a limit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Violation {
-    /// A command exceeds the allowed current.
-    Command {
-        /// Commanded current.
-        amperes: f64,
-        /// Largest allowed current.
-        limit: f64,
-    },
-    /// The measured current exceeds the allowed one.
-    Current {
-        /// Measured current.
-        amperes: f64,
-        /// Largest allowed current.
-        limit: f64,
-    },
-    /// The load has left its allowed range.
-    Position {
-        /// Position of the load.
-        position: f64,
-        /// Lowest and highest allowed position.
-        limits: [f64; 2],
-        /// Unit of the positions.
-        symbol: &'static str,
-    },
-    /// The load moves too fast.
-    Speed {
-        /// Speed of the load.
-        rate: f64,
-        /// Highest allowed speed.
-        limit: f64,
-        /// Unit of positions; speeds are in it per second.
-        symbol: &'static str,
-    },
-}
-
-impl fmt::Display for Violation {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Command { amperes, limit } => write!(
-                formatter,
-                "limit of the rig: {amperes:.3} A are commanded (limit {limit} A)"
-            ),
-            Self::Current { amperes, limit } => write!(
-                formatter,
-                "limit of the rig: {amperes:.3} A flow (limit {limit} A)"
-            ),
-            Self::Position {
-                position,
-                limits: [min, max],
-                symbol,
-            } => write!(
-                formatter,
-                "limit of the rig: the position is {position:.2} {symbol} (limits {min} to {max} {symbol})"
-            ),
-            Self::Speed {
-                rate,
-                limit,
-                symbol,
-            } => write!(
-                formatter,
-                "limit of the rig: the load moves at {rate:.0} {symbol}/s (limit {limit} {symbol}/s)"
-            ),
-        }
-    }
-}
 
 /// Watch over the limits from sample to sample.
 #[derive(Clone, Copy, Debug)]
@@ -113,36 +44,35 @@ impl LimitWatch {
         Self { symbol, ..self }
     }
 
-    /// Checks a sample of the drive, and returns the limit that it violates.
-    pub fn check(&mut self, now: Duration, feedback: &Feedback) -> Option<Violation> {
+    /// Checks a sample of the drive, and describes the violation of a limit.
+    pub fn check(&mut self, now: Duration, feedback: &Feedback) -> Option<String> {
         let limit = self.limits.current_amperes;
-        let current = feedback.current_amperes.unwrap_or(0.0);
-        if current.abs() > limit * (1.0 + MEASURED_CURRENT_TOLERANCE) {
-            let amperes = current;
-            return Some(Violation::Current { amperes, limit });
+        let amperes = feedback.current_amperes.unwrap_or(0.0);
+        if amperes.abs() > limit * (1.0 + MEASURED_CURRENT_TOLERANCE) {
+            return Some(format!(
+                "limit of the rig: {amperes:.3} A flow (limit {limit} A)"
+            ));
         }
-        let position = feedback.position;
+        let (position, symbol) = (feedback.position, self.symbol);
         let Limits { min, max, .. } = self.limits;
         if !(min..=max).contains(&position) {
-            let limits = [min, max];
-            return Some(Violation::Position {
-                position,
-                limits,
-                symbol: self.symbol,
-            });
+            return Some(format!(
+                "limit of the rig: the position is {position:.2} {symbol} (limits {min} to {max} {symbol})"
+            ));
         }
         self.check_speed(now, position)
     }
 
-    /// Checks a command to the drive, and returns the limit that it violates.
+    /// Checks a command to the drive, and describes the violation of a limit.
     #[must_use]
-    pub fn check_command(&self, amperes: f64) -> Option<Violation> {
+    pub fn check_command(&self, amperes: f64) -> Option<String> {
         let limit = self.limits.current_amperes;
         let is_beyond = amperes.abs() > limit + COMMAND_TOLERANCE_AMPERES;
-        is_beyond.then_some(Violation::Command { amperes, limit })
+        is_beyond
+            .then(|| format!("limit of the rig: {amperes:.3} A are commanded (limit {limit} A)"))
     }
 
-    fn check_speed(&mut self, now: Duration, position: f64) -> Option<Violation> {
+    fn check_speed(&mut self, now: Duration, position: f64) -> Option<String> {
         let (start, before) = *self.since.get_or_insert((now, position));
         let elapsed = now.saturating_sub(start);
         if elapsed < self.window {
@@ -150,11 +80,11 @@ impl LimitWatch {
         }
         self.since = Some((now, position));
         let rate = (position - before).abs() / elapsed.as_secs_f64();
-        let limit = self.limits.rate_max;
-        (rate > limit).then_some(Violation::Speed {
-            rate,
-            limit,
-            symbol: self.symbol,
+        let (limit, symbol) = (self.limits.rate_max, self.symbol);
+        (rate > limit).then(|| {
+            format!(
+                "limit of the rig: the load moves at {rate:.0} {symbol}/s (limit {limit} {symbol}/s)"
+            )
         })
     }
 }
@@ -183,11 +113,8 @@ mod tests {
 
     #[test]
     fn each_limit_is_watched_and_named() {
-        let message =
-            |violation: Option<Violation>| violation.map(|violation| violation.to_string());
-        let check = |millimetres, amperes| {
-            message(watch().check(Duration::ZERO, &sample(millimetres, amperes)))
-        };
+        let check =
+            |millimetres, amperes| watch().check(Duration::ZERO, &sample(millimetres, amperes));
         assert_eq!(
             check(44.9, 0.94),
             None,
@@ -209,15 +136,15 @@ mod tests {
         );
         assert!(check(45.1, 0.0).is_some() && check(f64::NAN, 0.0).is_some());
         assert_eq!(
-            message(watch().check_command(0.901)).unwrap(),
+            watch().check_command(0.901).unwrap(),
             "limit of the rig: 0.901 A are commanded (limit 0.9 A)"
         );
         assert_eq!(
-            message(watch().check_command(-0.901)).unwrap(),
+            watch().check_command(-0.901).unwrap(),
             "limit of the rig: -0.901 A are commanded (limit 0.9 A)"
         );
         for allowed in [0.9, -0.9, 0.9 + COMMAND_TOLERANCE_AMPERES] {
-            assert_eq!(message(watch().check_command(allowed)), None);
+            assert_eq!(watch().check_command(allowed), None);
         }
     }
 
@@ -233,21 +160,15 @@ mod tests {
         for slow in [1.9, 2.0, -0.04] {
             assert_eq!(run(slow), None, "380 and 400 mm/s up, 8 mm/s down");
         }
-        assert!(
-            matches!(run(2.1), Some(Violation::Speed { .. })),
-            "420 mm/s"
-        );
+        let expected = "limit of the rig: the load moves at 420 mm/s (limit 400 mm/s)";
+        assert_eq!(run(2.1).as_deref(), Some(expected));
         // Downwards, from a place from which the load does not leave its range.
         let mut falling = watch();
         let down = (0..5_u32).find_map(|cycle| {
             let now = Duration::from_millis(5) * cycle;
             falling.check(now, &sample(40.0 - 2.1 * f64::from(cycle), 0.0))
         });
-        let expected = "limit of the rig: the load moves at 420 mm/s (limit 400 mm/s)";
-        assert_eq!(
-            down.map(|found| found.to_string()).as_deref(),
-            Some(expected)
-        );
+        assert_eq!(down.as_deref(), Some(expected));
         // One step of a coarse converter.
         let mut watch = watch();
         let jump = [0.0, 3.0, 3.0, 3.0, 3.0, 3.0];

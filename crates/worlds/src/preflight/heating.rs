@@ -9,7 +9,7 @@ use canopen::NmtState;
 use canopen::cia402::Command;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
-use scenario::rig::drive::{Feedback, Scaled};
+use scenario::rig::drive::{Feedback, Pdo, Scaled};
 
 use super::checklist::Check;
 use super::checklist::CheckOutcome::{self, Failed, Open, Passed};
@@ -101,7 +101,7 @@ impl<'a> Heating<'a> {
             self.on_feedback(now, &feedback);
         } else if let Some(amperes) = drive.decode_target(frame) {
             self.on_command(now, frame, amperes);
-        } else if *frame == NmtCommand::Stop.frame(Some(drive.node_id())) {
+        } else if *frame == NmtCommand::Stop.frame(Some(drive.node_id)) {
             self.nmt_stop.get_or_insert(now);
         } else if self.is_stopped_heartbeat(frame)
             && let Some(sent_at) = self.nmt_stop
@@ -141,7 +141,7 @@ impl<'a> Heating<'a> {
     }
 
     fn is_stopped_heartbeat(&self, frame: &CanFrame) -> bool {
-        let id = 0x700 + u16::from(self.drive.layout.node_id().get());
+        let id = 0x700 + u16::from(self.drive.layout.node_id.get());
         frame.standard_id() == Some(id) && frame.data().first() == Some(&NmtState::Stopped.number())
     }
 
@@ -191,9 +191,10 @@ impl<'a> Heating<'a> {
     }
 
     fn configuration(&self) -> Found {
-        let drive = &self.drive.layout;
-        let (feedback_id, command_id) = (drive.feedback_id(), drive.command_id());
-        let [feedback_bytes, command_bytes] = drive.lengths_bytes();
+        let layout = &self.drive.layout;
+        let pdos = [&layout.feedback, &layout.command];
+        let [feedback_id, command_id] = pdos.map(Pdo::id);
+        let [feedback_bytes, command_bytes] = pdos.map(Pdo::length_bytes);
         let is_stop_seen = self.quick_stop.is_some_and(|stop| stop.last.is_some());
         if self.rest.is_none() && self.motion.is_none() && !is_stop_seen {
             return Err(format!("no PDO 0x{feedback_id:03X} came"));
@@ -236,7 +237,7 @@ impl<'a> Heating<'a> {
                 range.min, range.max
             ));
         }
-        let position = self.drive.layout.position();
+        let position = self.drive.layout.position;
         if let Some(extreme) = [low, high].iter().find_map(|at| extreme(&position, *at)) {
             return Err(format!(
                 "the object has its extreme value {extreme}: is the sensor connected?"
@@ -555,7 +556,7 @@ mod tests {
         spike.cycle(0x0237, 3.0, 600);
         spike.cycle(0x0237, 0.0, 600);
         assert!(!spike.judged().1);
-        let position = drive().layout.position();
+        let position = drive().layout.position;
         assert_eq!(extreme(&position, -2_147_483.648), Some(-2_147_483_648.0));
         assert_eq!(extreme(&position, 10.0), None);
     }

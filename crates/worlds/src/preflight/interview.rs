@@ -113,7 +113,7 @@ impl Interview {
             phase: Phase::Start,
             to_call: nodes,
             present: Vec::new(),
-            client: SdoClient::new(drive.layout.node_id().get()).with_timeout(answer_time),
+            client: SdoClient::new(drive.layout.node_id.get()).with_timeout(answer_time),
             answer_time,
             questions: identity.chain(used.flat_map(questions)).collect(),
             answers: Vec::new(),

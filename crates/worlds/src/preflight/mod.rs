@@ -296,7 +296,7 @@ impl Session<'_> {
 }
 
 fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldError> {
-    let dictionary = eds::parse(&drive.eds, drive.layout.node_id().get())
+    let dictionary = eds::parse(&drive.eds, drive.layout.node_id.get())
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
     let io = one.nodes.io.iter().filter(|io| one.external.has(io));

@@ -54,10 +54,10 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
         );
         assert!(one.is_external(Part::Drive) && one.is_ours(Part::Controller));
         let drive = one.real_drive.as_ref().unwrap();
-        assert_eq!(drive.layout.node_id().get(), node_id);
-        assert_eq!(drive.layout.mode_of_operation(), -1);
+        assert_eq!(drive.layout.node_id.get(), node_id);
+        assert_eq!(drive.layout.mode_of_operation, -1);
         assert!((drive.real.limits.current_amperes - 1.0).abs() < 1e-12);
-        let feedback = drive.layout.feedback_id();
+        let feedback = drive.layout.feedback.id();
         assert_eq!(one.position().unwrap().raw_id(), u32::from(feedback));
         assert!(one.message(&one.nodes.drive, "truth").is_err());
     }
