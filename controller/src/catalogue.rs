@@ -92,7 +92,7 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidCustomLaw> {
         register(Section::Controller, tables)?;
     }
     OWN.set(laws)
-        .map_err(|_| InvalidCustomLaw::Table(InvalidRegistration::RegisteredAlready))
+        .map_err(|_| InvalidCustomLaw::Table(InvalidRegistration::again()))
 }
 
 /// Checks whether the bus can carry the outputs of a law of one loop.

@@ -83,7 +83,7 @@ pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidCustomPlant> 
         register(Section::Plant, tables)?;
     }
     OWN.set(plants)
-        .map_err(|_| InvalidCustomPlant::Table(InvalidRegistration::RegisteredAlready))
+        .map_err(|_| InvalidCustomPlant::Table(InvalidRegistration::again()))
 }
 
 /// Checks that the bus can carry the ports.

@@ -153,11 +153,10 @@ impl Catalogue {
             let output = outputs.iter().find(|one| one.name == change.name)?;
             let [min, max] = output.range;
             let (name, symbol) = (&output.name, &output.symbol);
-            (!(min..=max).contains(&change.value)).then(|| Objection {
-                path: format!("disturbance.output.{index}.value"),
-                message: format!("`{name}` cannot be {} {symbol}", change.value),
-                label: format!("must be {min} to {max}"),
-                help: None,
+            (!(min..=max).contains(&change.value)).then(|| {
+                let path = format!("disturbance.output.{index}.value");
+                let message = format!("`{name}` cannot be {} {symbol}", change.value);
+                Objection::new(path, message, format!("must be {min} to {max}"))
             })
         })
     }
@@ -220,12 +219,9 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
             "an output of this plant",
         )
     };
-    Some(Objection {
-        path,
-        message: format!("two signals are called `{name}`"),
-        label: format!("one is {owner}: give it another name"),
-        help: None,
-    })
+    let message = format!("two signals are called `{name}`");
+    let label = format!("one is {owner}: give it another name");
+    Some(Objection::new(path, message, label))
 }
 
 /// Returns a name that two columns of a loop would have.

@@ -63,7 +63,7 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
 fn plant_objection(plant: &str, ports: &Ports) -> Option<Objection> {
     let count = ports.inputs.len() + ports.outputs.len();
     let at_plant = |message: String, label: String| {
-        Some(objection_at(format!("plant.{plant}"), message, label))
+        Some(Objection::new(format!("plant.{plant}"), message, label))
     };
     if count > PORTS_MAX {
         let message = format!("the plant `{plant}` has {count} ports");
@@ -103,14 +103,14 @@ impl Wired<'_> {
                 other.direction
             );
             let label = format!("{direction}s of `{plant}`: {listed}");
-            return Err(objection_at(path.to_owned(), message, label));
+            return Err(Objection::new(path, message, label));
         }
         let message = format!("the plant `{plant}` has no port `{port}`");
         let label = match nearest(port, names()) {
             Some(meant) => format!("did you mean \"{plant}.{meant}\"?"),
             None => format!("{direction}s of `{plant}`: {listed}"),
         };
-        Err(objection_at(path.to_owned(), message, label))
+        Err(Objection::new(path, message, label))
     }
 
     fn amplifier(&self) -> Option<Objection> {
@@ -126,7 +126,7 @@ impl Wired<'_> {
                     "" => format!("a number without a unit, not {}", command.word()),
                     unit => format!("it is in {unit}, not in {}", command.word()),
                 };
-                Some(objection_at(path, message, label))
+                Some(Objection::new(path, message, label))
             }
         }
     }
@@ -153,7 +153,7 @@ impl Wired<'_> {
             label += ", or a word of yours, as in unit = \"fraction\"";
         }
         let path = format!("node.{}.sensor.unit", self.drive);
-        Some(objection_at(path, message, label))
+        Some(Objection::new(path, message, label))
     }
 
     /// Checks the range of a sensor against that of its port: one unit of the port is `factor` of the sensor's.
@@ -165,7 +165,7 @@ impl Wired<'_> {
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
         let objection = |message: String, label: String| {
             let path = format!("node.{}.sensor", self.drive);
-            Some(objection_at(path, message, label))
+            Some(Objection::new(path, message, label))
         };
         match port.has_range() {
             // The sensor's own range may be a part of the port's.
@@ -202,7 +202,7 @@ impl Wired<'_> {
                 };
                 let message = format!("`{key}` is {wanted}, and `{}` is none", port.local_name());
                 let label = format!("it is in {}", port.unit);
-                return Some(objection_at(path, message, label));
+                return Some(Objection::new(path, message, label));
             }
         }
         io.outputs
@@ -224,11 +224,11 @@ impl Wired<'_> {
                 "" => "it is a number without a unit".to_owned(),
                 unit => format!("it is in {unit}: call the output like the port, `{name}`"),
             };
-            return Some(objection_at(path, message, label));
+            return Some(Objection::new(path, message, label));
         }
         (!port.has_range()).then(|| {
             let message = format!("nobody knows which values `{name}` can have");
-            objection_at(path, message, "the port has no range".to_owned())
+            Objection::new(path, message, "the port has no range")
         })
     }
 
@@ -243,7 +243,7 @@ impl Wired<'_> {
                     Ok(port) if port.has_range() => None,
                     Ok(port) => {
                         let message = format!("`{}` cannot be published", port.local_name());
-                        Some(objection_at(path, message, "it has no range".to_owned()))
+                        Some(Objection::new(path, message, "it has no range"))
                     }
                     Err(objection) => Some(objection),
                 }
@@ -269,23 +269,10 @@ impl Wired<'_> {
                 Some(_) => path,
                 None => format!("node.{drive}"),
             };
-            Objection {
-                help: Some(format!(
-                    "choose up to {RECORDED_MAX}: record = [{}]",
-                    Vec::from_iter(names).join(", ")
-                )),
-                ..objection_at(path, message, label)
-            }
+            let names = Vec::from_iter(names).join(", ");
+            let help = format!("choose up to {RECORDED_MAX}: record = [{names}]");
+            Objection::new(path, message, label).with_help(help)
         })
-    }
-}
-
-fn objection_at(path: String, message: String, label: String) -> Objection {
-    Objection {
-        path,
-        message,
-        label,
-        help: None,
     }
 }
 

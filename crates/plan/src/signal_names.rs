@@ -1,6 +1,6 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
-use dbc::{Database, Message, names};
+use dbc::{Database, Message, Signal, names};
 use scenario::node::{Node, Part};
 use scenario::wiring::Wiring;
 use scenario::{Objection, Trial, nearest};
@@ -13,50 +13,18 @@ const CANDIDATES_MAX: usize = 10;
 
 /// Reason why a name does not give one signal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NameError {
-    /// No signal has the name.
-    #[error("no signal is called `{name}`")]
-    Unknown {
-        /// Unknown name.
-        name: String,
-        /// Name that was probably meant.
-        nearest: Option<String>,
-    },
-    /// Several signals have the name.
-    #[error("`{name}` is the name of {} signals", paths.len())]
-    Ambiguous {
-        /// Ambiguous name.
-        name: String,
-        /// Signals with the name, as `message.signal`.
-        paths: Vec<String>,
-    },
-    /// No PDO carries the object.
-    #[error("the object `{name}` is in no PDO, so no recording has it")]
-    NotOnBus {
-        /// Name of the object.
-        name: String,
-    },
-}
-
-/// Name and its signal, as `message.signal`.
-#[derive(Debug)]
-struct Alias {
-    name: String,
-    path: String,
-}
-
-/// Returns the aliases of a signal.
-fn path_aliases(path: String, names: Vec<String>) -> impl Iterator<Item = Alias> {
-    names.into_iter().map(move |name| Alias {
-        name,
-        path: path.clone(),
-    })
+#[error("{message}")]
+pub struct NameError {
+    message: String,
+    label: String,
+    help: String,
 }
 
 /// All names of all signals.
 #[derive(Debug)]
 pub struct SignalNames {
-    aliases: Vec<Alias>,
+    /// Names, each with its signal as `message.signal`.
+    aliases: Vec<(String, String)>,
     /// Objects of the data sheets, whether on the bus or not.
     objects: Vec<String>,
 }
@@ -67,28 +35,24 @@ impl SignalNames {
     pub fn new(database: &Database, wiring: &Wiring) -> Self {
         let nodes = &wiring.nodes;
         let sheets = data_sheet::rig_data_sheets();
-        let sheet_by_part = Vec::from_iter(
-            [Part::Controller, Part::Drive, Part::Io]
-                .into_iter()
-                .zip(&sheets),
-        );
+        let parts = [Part::Controller, Part::Drive, Part::Io];
+        let sheet_by_part = Vec::from_iter(parts.into_iter().zip(&sheets));
         let sheet = |wanted: Part| {
-            sheet_by_part
-                .iter()
-                .find(|(part, _)| *part == wanted)
-                .map(|one| one.1)
+            let mut sheets = sheet_by_part.iter();
+            sheets.find(|(part, _)| *part == wanted).map(|one| one.1)
         };
         let mut aliases = Vec::new();
-        let mut add = |message: &Message, node: Option<&Node>| {
+        let mut add = |message: &Message, signal: &Signal, names: Vec<String>| {
+            let path = format!("{}.{}", message.name, signal.name);
+            let names = [path.clone()].into_iter().chain(names);
+            aliases.extend(names.map(|name| (name, path.clone())));
+        };
+        let mut add_message = |message: &Message, node: Option<&Node>| {
             for signal in &message.signals {
-                let path = format!("{}.{}", message.name, signal.name);
-                let is_drive = node.is_some_and(|node| node.part == Part::Drive);
-                let name = if is_drive {
-                    name_in_loop(signal, wiring)
-                } else {
-                    signal.name.clone()
-                };
-                let mut names = vec![path.clone(), name];
+                let mut names = vec![match node {
+                    Some(node) if node.part == Part::Drive => name_in_loop(signal, wiring),
+                    _ => signal.name.clone(),
+                }];
                 if let Some(node) = node
                     && let Some(sheet) = sheet(node.part)
                     && let Some(object) = object_name(sheet, &signal.object)
@@ -96,14 +60,12 @@ impl SignalNames {
                     names.push(format!("{}.{object}", node.name));
                     names.push(object);
                 }
-                aliases.extend(path_aliases(path, names));
+                add(message, signal, names);
             }
         };
         for message in ["nmt_command", names::SYNC] {
-            database
-                .message(message)
-                .into_iter()
-                .for_each(|message| add(message, None));
+            let message = database.message(message).into_iter();
+            message.for_each(|message| add_message(message, None));
         }
         for node in nodes.all() {
             let services = match node.part {
@@ -115,31 +77,23 @@ impl SignalNames {
                 let name = names::message(&node.name, service);
                 database.message(&name)
             });
-            messages.for_each(|message| add(message, Some(node)));
+            messages.for_each(|message| add_message(message, Some(node)));
         }
         let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
-        terms.for_each(|message| add(message, Some(&nodes.controller)));
-        aliases.extend(followed(database, wiring).flat_map(|(message, signal)| {
-            let path = format!("{}.{}", message.name, signal.name);
-            let names = vec![path.clone(), signal.name.clone()];
-            path_aliases(path, names)
-        }));
-        let entries = |(part, sheet): &(Part, &DataSheet)| {
-            let names = sheet
-                .dictionary
-                .entries()
-                .iter()
-                .map(|entry| entry.name.clone());
-            let node = nodes.of(*part).map(|node| node.name.clone());
-            let full = names
-                .clone()
-                .zip(std::iter::repeat(node))
-                .filter_map(|(name, node)| Some(format!("{}.{name}", node?)));
-            names.chain(full).collect::<Vec<_>>()
-        };
+        terms.for_each(|message| add_message(message, Some(&nodes.controller)));
+        for (message, signal) in followed(database, wiring) {
+            add(message, signal, vec![signal.name.clone()]);
+        }
+        let objects = sheet_by_part.iter().flat_map(|(part, sheet)| {
+            let node = nodes.of(*part);
+            sheet.dictionary.entries().iter().flat_map(move |entry| {
+                let full = node.map(|node| format!("{}.{}", node.name, entry.name));
+                [Some(entry.name.clone()), full].into_iter().flatten()
+            })
+        });
         Self {
+            objects: objects.collect(),
             aliases,
-            objects: sheet_by_part.iter().flat_map(entries).collect(),
         }
     }
 
@@ -148,29 +102,45 @@ impl SignalNames {
     /// # Errors
     /// There is no such signal, or there are several.
     pub fn find(&self, name: &str) -> Result<&str, NameError> {
-        let is_meant = |alias: &&Alias| alias.name.eq_ignore_ascii_case(name);
-        let found = self.aliases.iter().filter(is_meant);
-        let paths: Vec<&str> = found.map(|alias| alias.path.as_str()).collect();
-        let name = name.to_owned();
-        match paths.as_slice() {
-            [path] => Ok(path),
-            [] if self
-                .objects
-                .iter()
-                .any(|object| object.eq_ignore_ascii_case(&name)) =>
-            {
-                Err(NameError::NotOnBus { name })
-            }
+        let is_meant = |other: &str| other.eq_ignore_ascii_case(name);
+        let found = self.aliases.iter().filter(|(alias, _)| is_meant(alias));
+        let paths = Vec::from_iter(found.map(|(_, path)| path.as_str()));
+        let (message, label, help) = match paths.as_slice() {
+            [path] => return Ok(path),
+            [] if self.objects.iter().any(|object| is_meant(object)) => (
+                format!("the object `{name}` is in no PDO, so no recording has it"),
+                "not on the bus".to_owned(),
+                "only what a PDO, an EMCY or a heartbeat carries can be judged".to_owned(),
+            ),
             [] => {
-                let known = self.aliases.iter().map(|alias| alias.name.as_str());
-                let nearest = nearest(&name, known).map(str::to_owned);
-                Err(NameError::Unknown { name, nearest })
+                let known = self.aliases.iter().map(|(alias, _)| alias.as_str());
+                let label = match nearest(name, known) {
+                    Some(nearest) => format!("did you mean `{nearest}`?"),
+                    None => "not on the bus".to_owned(),
+                };
+                let help = "`canrig signals SCENARIO` lists every signal with its unit, sender, message and range";
+                (
+                    format!("no signal is called `{name}`"),
+                    label,
+                    help.to_owned(),
+                )
             }
-            _ => {
-                let paths = paths.into_iter().map(str::to_owned).collect();
-                Err(NameError::Ambiguous { name, paths })
+            several => {
+                let count = several.len();
+                let more = if count > CANDIDATES_MAX { ", …" } else { "" };
+                let listed = several[..count.min(CANDIDATES_MAX)].join(", ");
+                (
+                    format!("`{name}` is the name of {count} signals"),
+                    "which one?".to_owned(),
+                    format!("it may be {listed}{more}"),
+                )
             }
-        }
+        };
+        Err(NameError {
+            message,
+            label,
+            help,
+        })
     }
 
     /// Returns objections to the names of signals in a scenario. `names` returns those of its bus; it is called only if the
@@ -179,8 +149,12 @@ impl SignalNames {
     pub fn objections<'a>(trial: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
-            let error = names().find(name).err()?;
-            Some(objection(path, &error))
+            let NameError {
+                message,
+                label,
+                help,
+            } = names().find(name).err()?;
+            Some(Objection::new(path, message, label).with_help(help))
         });
         wrong.collect()
     }
@@ -193,39 +167,6 @@ fn object_name(sheet: &DataSheet, object: &str) -> Option<String> {
     }
     let (index, sub_index) = sheet.find(object).ok()?;
     Some(sheet.entry(index, sub_index)?.name.clone())
-}
-
-fn objection(path: String, error: &NameError) -> Objection {
-    let (label, help) = match error {
-        NameError::Unknown { nearest, .. } => (
-            match nearest {
-                Some(nearest) => format!("did you mean `{nearest}`?"),
-                None => "not on the bus".to_owned(),
-            },
-            "`canrig signals SCENARIO` lists every signal with its unit, sender, message and range"
-                .to_owned(),
-        ),
-        NameError::Ambiguous { paths, .. } => {
-            let more = if paths.len() > CANDIDATES_MAX {
-                ", …"
-            } else {
-                ""
-            };
-            let listed = &paths[..paths.len().min(CANDIDATES_MAX)];
-            let help = format!("it may be {}{more}", listed.join(", "));
-            ("which one?".to_owned(), help)
-        }
-        NameError::NotOnBus { .. } => (
-            "not on the bus".to_owned(),
-            "only what a PDO, an EMCY or a heartbeat carries can be judged".to_owned(),
-        ),
-    };
-    Objection {
-        path,
-        message: error.to_string(),
-        label,
-        help: Some(help),
-    }
 }
 
 #[cfg(test)]
@@ -277,16 +218,15 @@ mod tests {
     #[test]
     fn the_nearest_name_is_suggested() {
         let names = actuator_names();
-        let suggested = |name: &str| match names.find(name) {
-            Err(NameError::Unknown { nearest, .. }) => nearest,
-            other => panic!("{other:?}"),
-        };
-        let near = suggested("drive_tpdo1.positon_millimetres");
-        assert_eq!(near.as_deref(), Some("drive_tpdo1.position_millimetres"));
+        let suggested = |name: &str| names.find(name).unwrap_err().label;
         assert_eq!(
-            suggested("Position actual valve").as_deref(),
-            Some("Position actual value")
+            suggested("drive_tpdo1.positon_millimetres"),
+            "did you mean `drive_tpdo1.position_millimetres`?"
         );
-        assert_eq!(suggested("§"), None);
+        assert_eq!(
+            suggested("Position actual valve"),
+            "did you mean `Position actual value`?"
+        );
+        assert_eq!(suggested("§"), "not on the bus");
     }
 }

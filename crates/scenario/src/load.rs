@@ -61,6 +61,27 @@ pub struct Objection {
 }
 
 impl Objection {
+    /// Makes an objection without advice.
+    pub fn new(
+        path: impl Into<String>,
+        message: impl Into<String>,
+        label: impl Into<String>,
+    ) -> Self {
+        Self {
+            path: path.into(),
+            message: message.into(),
+            label: label.into(),
+            help: None,
+        }
+    }
+
+    /// Adds advice.
+    #[must_use]
+    pub fn with_help(self, help: impl Into<String>) -> Self {
+        let help = Some(help.into());
+        Self { help, ..self }
+    }
+
     fn problem(self, document: &Document<'_>) -> Problem {
         let problem = document.problem(&self.path, self.message, self.label);
         match self.help {

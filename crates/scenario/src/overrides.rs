@@ -25,27 +25,19 @@ impl fmt::Display for Override {
 
 /// Reason why a value cannot replace another one.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum OverrideError {
-    /// There is no `=`, or no key before it.
-    #[error("KEY=VALUE is expected, such as reference.step[0].position_millimetres=20")]
-    NoKey,
-    /// A part of the key is no table, or no element of a list.
-    #[error(
-        "`{0}` leads nowhere: a key is the dotted path of a value, and reference.step[0] the first element of a list that the scenario has"
-    )]
-    Nowhere(String),
-    /// The list has fewer elements.
-    #[error("`{key}`: there is no {name} {place}; the scenario has {}", how_many(*.count))]
-    NoElement {
-        /// Whole key.
-        key: String,
-        /// Name of the list.
-        name: String,
-        /// Index that it does not have, counted from 0.
-        place: usize,
-        /// Number of its elements.
-        count: usize,
-    },
+#[error("{0}")]
+pub struct OverrideError(String);
+
+fn no_key() -> OverrideError {
+    OverrideError(
+        "KEY=VALUE is expected, such as reference.step[0].position_millimetres=20".to_owned(),
+    )
+}
+
+fn nowhere(key: &str) -> OverrideError {
+    OverrideError(format!(
+        "`{key}` leads nowhere: a key is the dotted path of a value, and reference.step[0] the first element of a list that the scenario has"
+    ))
 }
 
 fn how_many(count: usize) -> String {
@@ -61,10 +53,10 @@ impl FromStr for Override {
     type Err = OverrideError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let (key, value) = text.split_once('=').ok_or(OverrideError::NoKey)?;
+        let (key, value) = text.split_once('=').ok_or_else(no_key)?;
         let (key, value) = (key.trim(), value.trim());
         if key.is_empty() {
-            return Err(OverrideError::NoKey);
+            return Err(no_key());
         }
         Ok(Self {
             key: key.to_owned(),
@@ -86,67 +78,48 @@ pub fn overridden(text: String, overrides: &[Override]) -> Result<String, Overri
         return Ok(text);
     };
     for Override { key, value } in overrides {
-        let is_short = key.split('.').count() <= KEY_PARTS_MAX;
-        is_short
-            .then(|| set(&mut document, key, value.clone()))
-            .flatten()
-            .ok_or_else(|| why_nowhere(&document, key))?;
+        set(&mut document, key, value.clone())?;
     }
     Ok(document.to_string())
 }
 
-/// Returns the reason why a key leads nowhere.
-fn why_nowhere(document: &Table, key: &str) -> OverrideError {
-    let nowhere = || OverrideError::Nowhere(key.to_owned());
-    let mut table = document;
-    for part in key.split('.').take(KEY_PARTS_MAX) {
-        let (name, place) = match part.split_once('[') {
-            Some((name, rest)) => (name, rest.strip_suffix(']').map(str::parse::<usize>)),
-            None => (part, None),
-        };
-        let below = match (table.get(name), place) {
-            (Some(Value::Array(list)), Some(Ok(place))) if place >= list.len() => {
-                return OverrideError::NoElement {
-                    key: key.to_owned(),
-                    name: name.to_owned(),
-                    place,
-                    count: list.len(),
-                };
-            }
-            (Some(Value::Array(list)), Some(Ok(place))) => list.get(place),
-            (below, None) => below,
-            _ => return nowhere(),
-        };
-        let Some(Value::Table(below)) = below else {
-            return nowhere();
-        };
-        table = below;
+/// Sets a value by its key. Missing tables are made; elements of lists must exist.
+///
+/// # Errors
+/// A part of the key is no table, or no element of a list.
+pub fn set(table: &mut Table, key: &str, value: Value) -> Result<(), OverrideError> {
+    if key.split('.').count() > KEY_PARTS_MAX {
+        return Err(nowhere(key));
     }
-    nowhere()
+    let mut parts = key.split('.');
+    let last = parts.next_back().unwrap_or_default();
+    let above = parts.try_fold(table, |table, part| {
+        place(table, part, key)?
+            .as_table_mut()
+            .ok_or_else(|| nowhere(key))
+    })?;
+    *place(above, last, key)? = value;
+    Ok(())
 }
 
-/// Sets a value by its key. Missing tables are made; elements of lists must exist.
-pub fn set(table: &mut Table, key: &str, value: Value) -> Option<()> {
-    let (first, rest) = match key.split_once('.') {
-        Some((first, rest)) => (first, Some(rest)),
-        None => (key, None),
+/// Returns the value at a part of a key, such as `step[0]`.
+fn place<'a>(table: &'a mut Table, part: &str, key: &str) -> Result<&'a mut Value, OverrideError> {
+    let Some((name, index)) = part.split_once('[') else {
+        let below = table.entry(part);
+        return Ok(below.or_insert_with(|| Value::Table(Table::new())));
     };
-    let below = match first.split_once('[') {
-        Some((name, place)) => {
-            let place: usize = place.strip_suffix(']')?.parse().ok()?;
-            table.get_mut(name)?.as_array_mut()?.get_mut(place)?
-        }
-        None => table
-            .entry(first)
-            .or_insert_with(|| Value::Table(Table::new())),
+    let list = table.get_mut(name).and_then(Value::as_array_mut);
+    let index = index.strip_suffix(']').map(str::parse::<usize>);
+    let (Some(list), Some(Ok(index))) = (list, index) else {
+        return Err(nowhere(key));
     };
-    match rest {
-        Some(rest) => set(below.as_table_mut()?, rest, value),
-        None => {
-            *below = value;
-            Some(())
-        }
-    }
+    let count = list.len();
+    list.get_mut(index).ok_or_else(|| {
+        let count = how_many(count);
+        OverrideError(format!(
+            "`{key}`: there is no {name} {index}; the scenario has {count}"
+        ))
+    })
 }
 
 #[cfg(test)]
@@ -183,13 +156,13 @@ mod tests {
         assert_eq!(short.to_string(), text);
         for key in ["step[x].at", "step.at", "name.at", "steps[0].at"] {
             let error = with(&[&format!("{key}=1")]).unwrap_err();
-            assert_eq!(error, OverrideError::Nowhere(key.to_owned()));
+            assert_eq!(error, nowhere(key));
         }
         let deep = format!("{}x=1", "a.".repeat(8000));
         let error = with(&[&deep]).unwrap_err();
-        assert!(matches!(error, OverrideError::Nowhere(_)));
+        assert_eq!(error, nowhere(deep.trim_end_matches("=1")));
         for text in ["name", "=1"] {
-            assert_eq!(with(&[text]).unwrap_err(), OverrideError::NoKey);
+            assert_eq!(with(&[text]).unwrap_err(), no_key());
         }
     }
 

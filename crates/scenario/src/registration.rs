@@ -8,34 +8,22 @@ use crate::schema::schema_of;
 
 /// Reason why a plant or a law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidRegistration {
-    /// The name cannot be that of a table.
-    #[error(
-        "`{0}` cannot be the name of a table: a name has at most 64 small letters, digits and underscores, and begins with a letter"
-    )]
-    Name(String),
-    /// The name is taken.
-    #[error("[{}.{name}] is a table already: choose another name", section.key())]
-    Taken {
-        /// Section with the name.
-        section: Section,
-        /// Name that is taken.
-        name: String,
-    },
-    /// The parameters are not a table.
-    #[error("the parameters of `{0}` are no struct with named fields")]
-    NoTable(&'static str),
-    /// The fault does not exist.
-    #[error("`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]")]
-    Fault {
-        /// Name of the plant.
-        name: &'static str,
-        /// Name of the fault.
-        fault: &'static str,
-    },
-    /// Tables are registered twice, or after a scenario was read.
-    #[error("the plants and laws of a bench are registered once")]
-    RegisteredAlready,
+#[error("{0}")]
+pub struct InvalidRegistration(String);
+
+impl InvalidRegistration {
+    /// Makes the error of a second registration, or of one after a scenario was read.
+    #[must_use]
+    pub fn again() -> Self {
+        Self("the plants and laws of a bench are registered once".to_owned())
+    }
+
+    fn taken(section: Section, name: &str) -> Self {
+        let section = section.key();
+        Self(format!(
+            "[{section}.{name}] is a table already: choose another name"
+        ))
+    }
 }
 
 /// Registers all tables of a section, once and before anything is read.
@@ -47,21 +35,24 @@ pub fn register(section: Section, tables: Vec<CustomTable>) -> Result<(), Invali
         let name = table.name();
         is_free(section, name)?;
         if tables[..place].iter().any(|other| other.name() == name) {
-            let name = name.to_owned();
-            return Err(InvalidRegistration::Taken { section, name });
+            return Err(InvalidRegistration::taken(section, name));
         }
         if table.schema()["type"] != "object" {
-            return Err(InvalidRegistration::NoTable(name));
+            return Err(InvalidRegistration(format!(
+                "the parameters of `{name}` are no struct with named fields"
+            )));
         }
         let is_plants = |kind: &Kind| kind.group == Group::Plant;
         let unknown = |fault: &&&str| !Kind::named(fault).is_some_and(is_plants);
         if let Some(fault) = table.faults().iter().find(unknown) {
-            return Err(InvalidRegistration::Fault { name, fault });
+            return Err(InvalidRegistration(format!(
+                "`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]"
+            )));
         }
     }
     section
         .set_tables(tables)
-        .map_err(|_| InvalidRegistration::RegisteredAlready)
+        .map_err(|_| InvalidRegistration::again())
 }
 
 /// Refuses a name that a plant or a law cannot have.
@@ -70,15 +61,16 @@ pub fn register(section: Section, tables: Vec<CustomTable>) -> Result<(), Invali
 /// The name cannot be that of a table, or is that of another one.
 pub fn is_free(section: Section, name: &str) -> Result<(), InvalidRegistration> {
     if !is_name(name) {
-        return Err(InvalidRegistration::Name(name.to_owned()));
+        return Err(InvalidRegistration(format!(
+            "`{name}` cannot be the name of a table: a name has at most 64 small letters, digits and underscores, and begins with a letter"
+        )));
     }
     let is_taken = match section {
         Section::Plant => is_built_in(name) || PLANT_PARTS.contains(&name),
         Section::Controller => schema_of::<Controller>()["properties"].get(name).is_some(),
     };
     if RESERVED.contains(&name) || is_taken {
-        let name = name.to_owned();
-        return Err(InvalidRegistration::Taken { section, name });
+        return Err(InvalidRegistration::taken(section, name));
     }
     Ok(())
 }

@@ -308,35 +308,30 @@ fn the_schema_describes_them() {
 
 #[test]
 fn what_cannot_be_a_table_is_refused_when_it_is_registered() {
-    let plant = |table| register(Section::Plant, vec![table]).unwrap_err();
-    assert!(matches!(
-        plant(CustomTable::new::<Pendulum>("heat")),
-        InvalidRegistration::Taken { .. }
-    ));
-    assert!(matches!(
-        plant(CustomTable::new::<Pendulum>("sma")),
-        InvalidRegistration::Taken { .. }
-    ));
-    assert!(matches!(
-        plant(CustomTable::new::<Pendulum>("sma_actuator")),
-        InvalidRegistration::Taken { .. }
-    ));
-    assert!(matches!(
-        plant(CustomTable::new::<Pendulum>("My Plant")),
-        InvalidRegistration::Name(_)
-    ));
-    assert!(matches!(
-        plant(CustomTable::new::<f64>("number")),
-        InvalidRegistration::NoTable(_)
-    ));
+    let refused = |table| {
+        let error = register(Section::Plant, vec![table]).unwrap_err();
+        error.to_string()
+    };
+    for taken in ["heat", "sma", "sma_actuator"] {
+        assert_eq!(
+            refused(CustomTable::new::<Pendulum>(taken)),
+            format!("[plant.{taken}] is a table already: choose another name")
+        );
+    }
+    let nameless = refused(CustomTable::new::<Pendulum>("My Plant"));
+    assert!(nameless.starts_with("`My Plant` cannot be the name of a table: "));
+    assert_eq!(
+        refused(CustomTable::new::<f64>("number")),
+        "the parameters of `number` are no struct with named fields"
+    );
     let fault = CustomTable::new::<Pendulum>("swing").with_faults(&["rain"]);
-    assert!(matches!(
-        plant(fault),
-        InvalidRegistration::Fault { fault: "rain", .. }
-    ));
+    assert_eq!(
+        refused(fault),
+        "`swing` names a fault `rain`, and there is no [[fault.plant.rain]]"
+    );
     register_once();
     assert_eq!(
-        plant(CustomTable::new::<Pendulum>("swing")),
-        InvalidRegistration::RegisteredAlready
+        register(Section::Plant, vec![CustomTable::new::<Pendulum>("swing")]),
+        Err(InvalidRegistration::again())
     );
 }

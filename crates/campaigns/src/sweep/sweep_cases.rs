@@ -169,11 +169,14 @@ impl SweepCases {
     }
 
     /// Returns a case.
+    ///
+    /// # Panics
+    /// Never: the loader has checked the keys.
     #[must_use]
     pub fn case(&self, number: usize) -> SweepCase<'_> {
         let mut document = self.document.clone();
         for (key, value) in self.keys().zip(self.values(number)) {
-            set(&mut document, key, self.written(key, value));
+            set(&mut document, key, self.written(key, value)).expect("a key of the scenario");
         }
         let id = id(&document.to_string(), &self.tables);
         let name = case_name(&self.name, &format!("case {number}"));

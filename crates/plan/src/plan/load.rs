@@ -198,22 +198,16 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
         ),
         None => "no period would do: raise bitrate_kilobits_per_second in [bus]".to_owned(),
     };
-    Some(Objection {
-        path: "bus.sync_period_milliseconds".to_owned(),
-        message: "the frames of this rig do not fit between two SYNCs".to_owned(),
-        label: if budget.load_percent() > 100.0 {
-            format!(
-                "they need {budget}, and {:.0} % of the bus over many cycles",
-                budget.load_percent()
-            )
-        } else {
-            format!("they need {budget}")
-        },
-        help: Some(format!(
-            "{way_out}; bits in the fullest cycle: {}",
-            budget.fullest_cycle()
-        )),
-    })
+    let load = budget.load_percent();
+    let label = if load > 100.0 {
+        format!("they need {budget}, and {load:.0} % of the bus over many cycles")
+    } else {
+        format!("they need {budget}")
+    };
+    let message = "the frames of this rig do not fit between two SYNCs";
+    let objection = Objection::new("bus.sync_period_milliseconds", message, label);
+    let fullest = budget.fullest_cycle();
+    Some(objection.with_help(format!("{way_out}; bits in the fullest cycle: {fullest}")))
 }
 
 /// Makes the plan of the loops of a rig, each with the frames of the whole bus.
@@ -223,17 +217,12 @@ fn planned(scenario: Scenario, catalogue: &Catalogue) -> Result<Plan, Objection>
         ControlLoop::with_frames(trial, frames)
     };
     let plan = named(scenario, alone)?.composed();
-    match plan.database().refuse_duplicates() {
-        Err(error) => Err(Objection {
-            path: "node".to_owned(),
-            message: "two nodes of this rig send under one identifier".to_owned(),
-            label: error.to_string(),
-            help: Some(
-                "give one of them another node-ID or, in its EDS, another COB-ID".to_owned(),
-            ),
-        }),
-        Ok(()) => Ok(plan),
-    }
+    plan.database().refuse_duplicates().map_err(|error| {
+        let message = "two nodes of this rig send under one identifier";
+        let help = "give one of them another node-ID or, in its EDS, another COB-ID";
+        Objection::new("node", message, error.to_string()).with_help(help)
+    })?;
+    Ok(plan)
 }
 
 /// Finds names of signals in a scenario that its recording does not have. An external drive has no truth.
@@ -253,11 +242,9 @@ fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive
     let Some(real) = scenario.rig.real_drive(drive) else {
         return Ok(None);
     };
-    let loaded = LoadedDrive::new(real, scenario.sheets.get(drive)).map_err(|error| Objection {
-        path: format!("node.{drive}"),
-        message: format!("the drive `{drive}` cannot be led"),
-        label: error.to_string(),
-        help: None,
+    let loaded = LoadedDrive::new(real, scenario.sheets.get(drive)).map_err(|error| {
+        let message = format!("the drive `{drive}` cannot be led");
+        Objection::new(format!("node.{drive}"), message, error.to_string())
     })?;
     Ok(Some(Arc::new(loaded)))
 }
