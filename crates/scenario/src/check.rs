@@ -18,8 +18,8 @@ use crate::disturbance::Disturbance;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
-use crate::port::{Command, conversion};
-use crate::reference::{Chirp, Reference};
+use crate::port::{Command, UNIT, conversion};
+use crate::reference::Reference;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Outputs, Rig};
 use crate::run::Run;
 use crate::trial::Trial;
@@ -35,7 +35,7 @@ use fault::faults;
 pub(crate) use fault::faults_of_plants;
 use limits::limits;
 pub(crate) use limits::reactions;
-use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
+use pieces::{order, pieces};
 pub(crate) use plant::{cooling, temperatures};
 
 /// Checks the trial of a loop.
@@ -45,23 +45,11 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
     problems.extend(led_drives(document, &trial.wiring));
     problems.extend(law_without_current(document, trial));
     problems.extend(gains_in_other_unit(document, trial));
-    problems.extend(pieces(
-        document,
-        "reference",
-        &reference_pieces(&trial.reference),
-        duration_seconds,
-    ));
-    problems.extend(travel(document, &trial.reference, &trial.wiring));
-    problems.extend(chirps(document, &trial.reference));
-    if let Some(open_loop) = &trial.controller.open_loop {
-        let pieces_of_current = current_pieces(open_loop);
-        problems.extend(pieces(
-            document,
-            "controller.open_loop",
-            &pieces_of_current,
-            duration_seconds,
-        ));
+    for table in ["reference", "controller.open_loop"] {
+        problems.extend(pieces(document, table, duration_seconds));
     }
+    problems.extend(travel(document, &trial.wiring));
+    problems.extend(chirps(document, &trial.reference));
     problems.extend(currents::problems(document, trial));
     problems.extend(disturbances(document, trial, rig));
     problems.extend(limits(document, trial));
@@ -182,50 +170,39 @@ fn gains_in_other_unit(document: &Document<'_>, trial: &Trial) -> Option<Problem
 }
 
 /// Checks that sines and chirps stay within the travel. The schema limits single positions.
-fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Vec<Problem> {
-    let ([min, max], symbol) = (
-        wiring.feedback.range(),
-        wiring.feedback.measurand.unit.symbol(),
-    );
-    let sines = reference.sine.iter().enumerate().map(|(index, sine)| {
-        let (centre, amplitude) = (sine.centre, sine.amplitude);
-        ("sine", index, centre, amplitude)
-    });
-    let chirps = reference.chirp.iter().enumerate().map(|(index, chirp)| {
-        let (centre, amplitude) = (chirp.centre, chirp.amplitude);
-        ("chirp", index, centre, amplitude)
-    });
-    let problem = |(kind, index, centre, amplitude): (&str, usize, f64, f64)| {
-        let (lowest, highest) = (centre - amplitude, centre + amplitude);
-        (lowest < min || highest > max).then(|| {
-            let path = format!("reference.{kind}.{index}.amplitude_{{unit}}");
+fn travel(document: &Document<'_>, wiring: &Wiring) -> Vec<Problem> {
+    let [min, max] = wiring.feedback.range();
+    let symbol = wiring.feedback.measurand.unit.symbol();
+    let mut problems = Vec::new();
+    for kind in ["sine", "chirp"] {
+        let ends = (0_usize..).map_while(|index| {
+            let path = format!("reference.{kind}.{index}");
+            let centre = document.number(&format!("{path}.centre_{UNIT}"))?;
+            let path = format!("{path}.amplitude_{UNIT}");
+            let amplitude = document.number(&path)?;
+            Some((path, centre - amplitude, centre + amplitude))
+        });
+        let leaving = ends.filter(|(_, lowest, highest)| *lowest < min || *highest > max);
+        problems.extend(leaving.map(|(path, lowest, highest)| {
             let label = format!("goes from {lowest} to {highest} {symbol}");
             let message = format!("the {kind} leaves the travel of {min} to {max} {symbol}");
             document.problem(&path, message, label)
-        })
-    };
-    sines.chain(chirps).filter_map(problem).collect()
+        }));
+    }
+    problems
 }
 
-/// Checks that the frequency of each chirp moves, and does not exceed what the cycles can show.
+/// Checks that the frequency of each chirp moves.
 fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
-    let problem = |(index, chirp): (usize, &Chirp)| {
-        (chirp.from_hertz == chirp.until_hertz).then(|| {
-            let path = format!("reference.chirp.{index}.until_hertz");
-            let message = "the frequency of the chirp does not move";
-            document.problem(
-                &path,
-                message,
-                "the same as from_hertz; [[reference.sine]] has one frequency",
-            )
-        })
-    };
-    reference
-        .chirp
-        .iter()
-        .enumerate()
-        .filter_map(problem)
-        .collect()
+    let chirps = reference.chirp.iter().enumerate();
+    let still = chirps.filter(|(_, chirp)| chirp.from_hertz == chirp.until_hertz);
+    let problems = still.map(|(index, _)| {
+        let path = format!("reference.chirp.{index}.until_hertz");
+        let message = "the frequency of the chirp does not move";
+        let label = "the same as from_hertz; [[reference.sine]] has one frequency";
+        document.problem(&path, message, label)
+    });
+    problems.collect()
 }
 
 /// Finds disturbances for which no io node has an output.
@@ -267,8 +244,7 @@ fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig)
 }
 
 fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
-    let pieces = disturbance_pieces(trial);
-    let mut problems = order(document, "disturbance", &pieces, trial.run.duration_seconds);
+    let mut problems = order(document, "disturbance", trial.run.duration_seconds);
     for (index, pair) in trial.disturbance.fan.windows(2).enumerate() {
         let (first, second) = (&pair[0], &pair[1]);
         let is_same = first.node == second.node;

@@ -2,7 +2,6 @@
 
 use serde_json::json;
 
-use crate::controller::OpenLoop;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::structure::{broken_limit, out_of_range};
@@ -12,23 +11,15 @@ use crate::trial::Trial;
 pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let range = trial.wiring.current();
     let mut problems = Vec::new();
-    if let Some(OpenLoop { step, ramp, .. }) = &trial.controller.open_loop {
-        let path = |piece: &str, index: usize| {
-            format!("controller.open_loop.{piece}.{index}.{{command}}_{{command_unit}}")
-        };
-        let steps = step
-            .iter()
-            .enumerate()
-            .map(|(index, step)| (path("step", index), step.current));
-        let ramps = ramp
-            .iter()
-            .enumerate()
-            .map(|(index, ramp)| (path("ramp", index), ramp.current));
+    for kind in ["step", "ramp"] {
+        let path =
+            |index| format!("controller.open_loop.{kind}.{index}.{{command}}_{{command_unit}}");
+        let currents = (0_usize..)
+            .map(path)
+            .map_while(|path| Some((document.number(&path)?, path)));
         let within = [range.min, range.max];
         problems.extend(
-            steps
-                .chain(ramps)
-                .filter_map(|(path, current)| outside(document, &path, current, within)),
+            currents.filter_map(|(current, path)| outside(document, &path, current, within)),
         );
     }
     if let Some(pair) = &trial.controller.pid_pair {

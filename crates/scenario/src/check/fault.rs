@@ -1,5 +1,6 @@
 //! Checks of faults that the schema cannot express.
 
+use super::pieces::{Piece, window};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
@@ -26,35 +27,30 @@ pub(super) fn faults(
 }
 
 fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<Problem> {
-    let (path, heading) = (fault.path(), fault.kind.heading());
-    let mut problems = Vec::new();
-    let Some(from_seconds) = fault.from_seconds else {
-        return problems;
+    let Some(start_seconds) = fault.from_seconds else {
+        return Vec::new();
     };
-    if from_seconds >= duration_seconds {
-        let key = match fault.kind.time {
-            Time::Instant => "at_seconds",
-            _ => "from_seconds",
-        };
-        let message = format!("{heading} starts after the end of the run");
-        let label = format!("the run ends at {duration_seconds} s");
-        problems.push(document.problem(&format!("{path}.{key}"), message, label));
+    let (path, kind) = (fault.path(), fault.kind);
+    if kind.time == Time::Ends && fault.until_seconds.is_none() {
+        let message = format!(
+            "{} needs an end, at which its factors are reached",
+            kind.name
+        );
+        return vec![document.problem(&path, message, "`until_seconds` is missing")];
     }
-    let lasts = fault.kind.time != Time::Instant;
-    match fault.until_seconds {
-        Some(until) if lasts && until <= from_seconds => {
-            let message = format!("{heading} ends before it begins");
-            let label = format!("must be after {from_seconds} s");
-            problems.push(document.problem(&format!("{path}.until_seconds"), message, label));
-        }
-        None if fault.kind.time == Time::Ends => {
-            let name = fault.kind.name;
-            let message = format!("{name} needs an end, at which its factors are reached");
-            problems.push(document.problem(&path, message, "`until_seconds` is missing"));
-        }
-        _ => {}
-    }
-    problems
+    let is_instant = kind.time == Time::Instant;
+    let piece = Piece {
+        kind: kind.name,
+        path,
+        start_key: if is_instant {
+            "at_seconds"
+        } else {
+            "from_seconds"
+        },
+        start_seconds,
+        until_seconds: fault.until_seconds.filter(|_| !is_instant),
+    };
+    window(document, &piece, &kind.heading(), duration_seconds)
 }
 
 /// Refuses a foreign node that sends the report of a plant, on which the verdict rests.

@@ -1,176 +1,113 @@
 //! Checks the times of pieces of the set-point, of a current profile, and of disturbances.
 
-use crate::controller::OpenLoop;
+use toml::Spanned;
+use toml::de::DeValue;
+
 use crate::document::Document;
 use crate::error::Problem;
-use crate::reference::Reference;
-use crate::trial::Trial;
+use crate::structure::number;
 
 /// Entry of an array of timed tables.
-pub(super) struct Piece {
-    kind: &'static str,
-    index: usize,
-    start_key: &'static str,
-    start_seconds: f64,
-    until_seconds: Option<f64>,
+pub(super) struct Piece<'a> {
+    pub(super) kind: &'a str,
+    pub(super) path: String,
+    pub(super) start_key: &'static str,
+    pub(super) start_seconds: f64,
+    pub(super) until_seconds: Option<f64>,
 }
 
-impl Piece {
-    fn at(kind: &'static str, index: usize, start_seconds: f64) -> Self {
-        let (start_key, until_seconds) = ("at_seconds", None);
-        Self {
-            kind,
-            index,
-            start_key,
-            start_seconds,
-            until_seconds,
-        }
-    }
-
-    fn from(
-        kind: &'static str,
-        index: usize,
-        start_seconds: f64,
-        until_seconds: Option<f64>,
-    ) -> Self {
-        let start_key = "from_seconds";
-        Self {
-            kind,
-            index,
-            start_key,
-            start_seconds,
-            until_seconds,
-        }
-    }
-
-    fn path(&self, table: &str, key: &str) -> String {
-        format!("{table}.{}.{}.{key}", self.kind, self.index)
-    }
+/// Returns the entries of the arrays in a table, kind by kind.
+fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<'a>> {
+    let kinds = document.keys(table).into_iter();
+    let pieces = kinds.flat_map(|kind| {
+        let path = format!("{table}.{kind}");
+        let entries = document.spanned(&path).map(Spanned::get_ref);
+        let entries = entries.and_then(DeValue::as_array).into_iter().flatten();
+        entries.enumerate().filter_map(move |(index, entry)| {
+            let entry = entry.get_ref().as_table()?;
+            let seconds = |key: &str| number(entry.get(key)?.get_ref());
+            let mut starts = ["at_seconds", "from_seconds"].into_iter();
+            let (start_key, start_seconds) = starts.find_map(|key| Some((key, seconds(key)?)))?;
+            Some(Piece {
+                kind,
+                path: format!("{path}.{index}"),
+                start_key,
+                start_seconds,
+                until_seconds: seconds("until_seconds"),
+            })
+        })
+    });
+    pieces.collect()
 }
 
-pub(super) fn reference_pieces(reference: &Reference) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let holds = reference.hold.iter().enumerate();
-    pieces.extend(holds.map(|(index, hold)| Piece::at("hold", index, hold.at_seconds)));
-    let steps = reference.step.iter().enumerate();
-    pieces.extend(steps.map(|(index, step)| Piece::at("step", index, step.at_seconds)));
-    let ramps = reference.ramp.iter().enumerate();
-    pieces.extend(ramps.map(|(index, ramp)| {
-        Piece::from("ramp", index, ramp.from_seconds, Some(ramp.until_seconds))
-    }));
-    let sines = reference.sine.iter().enumerate();
-    pieces.extend(sines.map(|(index, sine)| Piece::from("sine", index, sine.from_seconds, None)));
-    let chirps = reference.chirp.iter().enumerate();
-    pieces.extend(chirps.map(|(index, chirp)| {
-        Piece::from(
-            "chirp",
-            index,
-            chirp.from_seconds,
-            Some(chirp.until_seconds),
-        )
-    }));
-    let tables = reference.table.iter().enumerate();
-    pieces
-        .extend(tables.map(|(index, table)| Piece::from("table", index, table.from_seconds, None)));
-    pieces
-}
-
-pub(super) fn current_pieces(open_loop: &OpenLoop) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let steps = open_loop.step.iter().enumerate();
-    pieces.extend(steps.map(|(index, step)| Piece::at("step", index, step.at_seconds)));
-    let ramps = open_loop.ramp.iter().enumerate();
-    pieces.extend(ramps.map(|(index, ramp)| {
-        Piece::from("ramp", index, ramp.from_seconds, Some(ramp.until_seconds))
-    }));
-    let tables = open_loop.table.iter().enumerate();
-    pieces
-        .extend(tables.map(|(index, table)| Piece::from("table", index, table.from_seconds, None)));
-    pieces
-}
-
-pub(super) fn disturbance_pieces(trial: &Trial) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let fans = trial.disturbance.fan.iter().enumerate();
-    pieces.extend(
-        fans.map(|(index, fan)| {
-            Piece::from("fan", index, fan.from_seconds, Some(fan.until_seconds))
-        }),
-    );
-    let loads = trial.disturbance.load.iter().enumerate();
-    pieces.extend(loads.map(|(index, load)| Piece::at("load", index, load.at_seconds)));
-    let outputs = trial.disturbance.output.iter().enumerate();
-    pieces.extend(outputs.map(|(index, output)| Piece {
-        until_seconds: output.until_seconds,
-        ..Piece::at("output", index, output.at_seconds)
-    }));
-    pieces
-}
-
-/// Checks that the times are in order, that windows end after they begin, that one piece acts at a time, and that none is after
-/// the end.
-pub(super) fn pieces(
-    document: &Document<'_>,
-    table: &str,
-    pieces: &[Piece],
-    duration_seconds: f64,
-) -> Vec<Problem> {
-    let mut problems = order(document, table, pieces, duration_seconds);
-    let mut by_start: Vec<&Piece> = pieces.iter().collect();
+/// Checks that the times of a table's entries are in order, that windows end after they begin, that one piece acts at a time, and
+/// that none is after the end.
+pub(super) fn pieces(document: &Document<'_>, table: &str, duration_seconds: f64) -> Vec<Problem> {
+    let mut problems = order(document, table, duration_seconds);
+    let mut by_start = entries(document, table);
     by_start.sort_by(|left, right| left.start_seconds.total_cmp(&right.start_seconds));
-    let is_double = |pair: &&[&Piece]| {
-        let [first, second] = pair else { return false };
-        first.start_seconds == second.start_seconds && first.kind != second.kind
+    let is_double = |pair: &&[Piece<'_>]| {
+        pair[0].start_seconds == pair[1].start_seconds && pair[0].kind != pair[1].kind
     };
     for pair in by_start.windows(2).filter(is_double) {
-        let (first, second) = (pair[0], pair[1]);
+        let (first, second) = (&pair[0], &pair[1]);
         let time = second.start_seconds;
         let message = format!("two pieces of [{table}] start at {time} s");
         let label = format!("a {} starts at the same time", first.kind);
-        problems.push(document.problem(&second.path(table, second.start_key), message, label));
+        let path = format!("{}.{}", second.path, second.start_key);
+        problems.push(document.problem(&path, message, label));
     }
     problems
 }
 
 /// Checks that the times are in order within each kind, that windows end after they begin, and that none is after the end.
-pub(super) fn order(
+pub(super) fn order(document: &Document<'_>, table: &str, duration_seconds: f64) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let pieces = entries(document, table);
+    for pair in pieces
+        .windows(2)
+        .filter(|pair| pair[0].kind == pair[1].kind)
+    {
+        let (before, piece) = (&pair[0], &pair[1]);
+        if piece.start_seconds <= before.start_seconds {
+            let message = format!("times of [[{table}.{}]] are out of order", piece.kind);
+            let start = before.start_seconds;
+            let label = format!("must be after {start} s, where the one before starts");
+            let path = format!("{}.{}", piece.path, piece.start_key);
+            problems.push(document.problem(&path, message, label));
+        }
+    }
+    for piece in &pieces {
+        let heading = format!("[[{table}.{}]]", piece.kind);
+        problems.extend(window(document, piece, &heading, duration_seconds));
+    }
+    problems
+}
+
+/// Checks that a window ends after it begins, and begins within the run.
+pub(super) fn window(
     document: &Document<'_>,
-    table: &str,
-    pieces: &[Piece],
+    piece: &Piece<'_>,
+    heading: &str,
     duration_seconds: f64,
 ) -> Vec<Problem> {
     let mut problems = Vec::new();
-    for (place, piece) in pieces.iter().enumerate() {
-        let Piece {
-            kind,
-            start_seconds,
-            ..
-        } = *piece;
-        let start_path = piece.path(table, piece.start_key);
-        let before = place.checked_sub(1).map(|place| &pieces[place]);
-        if let Some(before) = before.filter(|before| before.kind == kind)
-            && start_seconds <= before.start_seconds
-        {
-            let message = format!("times of [[{table}.{kind}]] are out of order");
-            let label = format!(
-                "must be after {} s, where the one before starts",
-                before.start_seconds
-            );
-            problems.push(document.problem(&start_path, message, label));
-        }
-        if start_seconds >= duration_seconds {
-            let message = format!("[[{table}.{kind}]] starts after the end of the run");
-            let label = format!("the run ends at {duration_seconds} s");
-            problems.push(document.problem(&start_path, message, label));
-        }
-        if piece
-            .until_seconds
-            .is_some_and(|until| until <= start_seconds)
-        {
-            let message = format!("[[{table}.{kind}]] ends before it begins");
-            let label = format!("must be after {start_seconds} s");
-            problems.push(document.problem(&piece.path(table, "until_seconds"), message, label));
-        }
+    let Piece {
+        path,
+        start_key,
+        start_seconds,
+        until_seconds,
+        ..
+    } = piece;
+    if *start_seconds >= duration_seconds {
+        let message = format!("{heading} starts after the end of the run");
+        let label = format!("the run ends at {duration_seconds} s");
+        problems.push(document.problem(&format!("{path}.{start_key}"), message, label));
+    }
+    if until_seconds.is_some_and(|until| until <= *start_seconds) {
+        let message = format!("{heading} ends before it begins");
+        let label = format!("must be after {start_seconds} s");
+        problems.push(document.problem(&format!("{path}.until_seconds"), message, label));
     }
     problems
 }
