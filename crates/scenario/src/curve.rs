@@ -1,8 +1,10 @@
-//! A curve over time, made of pieces: a later piece replaces an earlier one. Set-points and current profiles share it.
+//! A curve over time, made of pieces: a later piece replaces an earlier one. Set-points and current profiles share it; the
+//! position of a profile is its current.
 
 use std::f64::consts::TAU;
 
 use crate::chirp::{FrequencySweep, SweptPhase};
+use crate::reference::SetPoint;
 
 /// A piece as the scenario describes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,20 +30,12 @@ pub(crate) enum Piece {
     Table { rows: Vec<(f64, f64)> },
 }
 
-/// Value of the curve with its first three derivatives.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Sample {
-    pub(crate) value: f64,
-    pub(crate) derivatives: [f64; 3],
-    pub(crate) has_exact_derivatives: bool,
-}
-
-impl Sample {
-    fn line(value: f64, slope: f64) -> Self {
+impl SetPoint {
+    fn line(position: f64, velocity: f64) -> Self {
         Self {
-            value,
-            derivatives: [slope, 0.0, 0.0],
-            has_exact_derivatives: false,
+            position,
+            velocity,
+            ..Self::default()
         }
     }
 }
@@ -53,13 +47,15 @@ struct Segment {
     piece: Piece,
 }
 
-/// Pieces in the order of their starts; 0 before the first.
+/// Set-point or current prepared for a look-up in every cycle.
+///
+/// The piece that started last acts; before the first piece the value is 0, the stop on which the load rests.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Curve {
+pub struct Trajectory {
     segments: Vec<Segment>,
 }
 
-impl Curve {
+impl Trajectory {
     /// Sorts the pieces by their starts and gives each line its first value.
     pub(crate) fn new(mut pieces: Vec<(f64, Piece)>) -> Self {
         pieces.sort_by(|left, right| left.0.total_cmp(&right.0));
@@ -67,7 +63,7 @@ impl Curve {
             segments: Vec::with_capacity(pieces.len()),
         };
         for (start_seconds, piece) in pieces {
-            let start_value = curve.at(start_seconds).value;
+            let start_value = curve.at(start_seconds).position;
             curve.segments.push(Segment {
                 start_seconds,
                 start_value,
@@ -77,20 +73,29 @@ impl Curve {
         curve
     }
 
-    /// Returns the curve at a time, by a binary search without allocation.
-    pub(crate) fn at(&self, time_seconds: f64) -> Sample {
+    /// The raw set-point at a scenario time, by a binary search without allocation.
+    ///
+    /// ```
+    /// use scenario::reference::{Reference, Step};
+    /// let step = vec![Step { at_seconds: 10.0, position: 35.0 }];
+    /// let trajectory = Reference { step, ..Reference::default() }.trajectory();
+    /// assert_eq!(trajectory.at(9.999).position, 0.0);
+    /// assert_eq!(trajectory.at(10.0).position, 35.0);
+    /// ```
+    #[must_use]
+    pub fn at(&self, time_seconds: f64) -> SetPoint {
         let started = self
             .segments
             .partition_point(|segment| segment.start_seconds <= time_seconds);
         match started.checked_sub(1) {
             Some(last) => self.segments[last].at(time_seconds),
-            None => Sample::default(),
+            None => SetPoint::default(),
         }
     }
 
-    /// Returns stretches of time that together show every value until `end_seconds`. The rest of a piece that is constant or
-    /// periodic is left out.
-    pub(crate) fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
+    /// Returns stretches of scenario time that together show every value until `end_seconds`. The rest of a piece that is constant
+    /// or periodic is left out, and a stretch may end where it begins.
+    pub fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
         let starts = self.segments.iter().map(|segment| segment.start_seconds);
         let ends = starts.skip(1).chain([end_seconds]);
         let pieces = self.segments.iter().zip(ends).map(move |(piece, end)| {
@@ -99,13 +104,12 @@ impl Curve {
         });
         [(0.0, 0.0)].into_iter().chain(pieces)
     }
-}
 
-impl Curve {
     /// Returns rows `(seconds, value)` until a time, with straight lines between them; two rows at one time are a jump. A piece
     /// that is not a straight line has a row in each spacing.
-    pub(crate) fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
-        let mut rows = vec![(0.0, self.at(0.0).value)];
+    #[must_use]
+    pub fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
+        let mut rows = vec![(0.0, self.at(0.0).position)];
         let starts = self.segments.iter().map(|segment| segment.start_seconds);
         let ends = starts.skip(1).chain([f64::INFINITY]);
         for (segment, end) in self.segments.iter().zip(ends) {
@@ -121,7 +125,7 @@ impl Curve {
                 .into_iter()
                 .filter(|time| (start..end).contains(time));
             let times = [start].into_iter().chain(between).chain([end]);
-            rows.extend(times.map(|time| (time, segment.at(time).value)));
+            rows.extend(times.map(|time| (time, segment.at(time).position)));
         }
         rows.dedup();
         rows
@@ -162,10 +166,10 @@ impl Segment {
         }
     }
 
-    fn at(&self, time_seconds: f64) -> Sample {
+    fn at(&self, time_seconds: f64) -> SetPoint {
         let elapsed = time_seconds - self.start_seconds;
         match &self.piece {
-            Piece::Constant { value } => Sample::line(*value, 0.0),
+            Piece::Constant { value } => SetPoint::line(*value, 0.0),
             Piece::Line { until_seconds, end } => {
                 let rows = [
                     (0.0, self.start_value),
@@ -187,7 +191,7 @@ impl Segment {
                 if time_seconds < *until_seconds {
                     chirp(*centre, *amplitude, &sweep.at(elapsed))
                 } else {
-                    Sample::line(*centre, 0.0)
+                    SetPoint::line(*centre, 0.0)
                 }
             }
             Piece::Table { rows } => interpolate(rows, elapsed),
@@ -196,46 +200,42 @@ impl Segment {
 }
 
 /// Returns `centre + amplitude sin(ω t)` with its exact derivatives.
-fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> Sample {
+fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> SetPoint {
     // The phase within one turn keeps its accuracy in long runs.
     let turns = omega * elapsed_seconds / TAU;
     let (sin, cos) = libm::sincos(TAU * (turns - libm::floor(turns)));
-    Sample {
-        value: centre + amplitude * sin,
-        derivatives: [
-            amplitude * omega * cos,
-            -amplitude * omega * omega * sin,
-            -amplitude * omega * omega * omega * cos,
-        ],
+    SetPoint {
+        position: centre + amplitude * sin,
+        velocity: amplitude * omega * cos,
+        acceleration: -amplitude * omega * omega * sin,
+        jerk: -amplitude * omega * omega * omega * cos,
         has_exact_derivatives: true,
     }
 }
 
 /// Returns `centre + amplitude sin φ` with its exact derivatives.
-fn chirp(centre: f64, amplitude: f64, phase: &SweptPhase) -> Sample {
+fn chirp(centre: f64, amplitude: f64, phase: &SweptPhase) -> SetPoint {
     let (sin, cos) = libm::sincos(phase.radians());
     let [omega, slope, curvature] = phase.derivatives;
-    Sample {
-        value: centre + amplitude * sin,
-        derivatives: [
-            amplitude * omega * cos,
-            amplitude * (slope * cos - omega * omega * sin),
-            amplitude * ((curvature - omega * omega * omega) * cos - 3.0 * omega * slope * sin),
-        ],
+    SetPoint {
+        position: centre + amplitude * sin,
+        velocity: amplitude * omega * cos,
+        acceleration: amplitude * (slope * cos - omega * omega * sin),
+        jerk: amplitude * ((curvature - omega * omega * omega) * cos - 3.0 * omega * slope * sin),
         has_exact_derivatives: true,
     }
 }
 
 /// Interpolates the rows by straight lines; constant before the first row and from the last on.
-pub(crate) fn interpolate(rows: &[(f64, f64)], time: f64) -> Sample {
+pub(crate) fn interpolate(rows: &[(f64, f64)], time: f64) -> SetPoint {
     let next = rows.partition_point(|row| row.0 <= time);
     match (next.checked_sub(1).map(|last| rows[last]), rows.get(next)) {
         (Some((from, start)), Some(&(until, end))) => {
             let slope = (end - start) / (until - from);
-            Sample::line(start + slope * (time - from), slope)
+            SetPoint::line(start + slope * (time - from), slope)
         }
-        (Some((_, value)), None) | (None, Some(&(_, value))) => Sample::line(value, 0.0),
-        (None, None) => Sample::default(),
+        (Some((_, value)), None) | (None, Some(&(_, value))) => SetPoint::line(value, 0.0),
+        (None, None) => SetPoint::default(),
     }
 }
 
@@ -245,22 +245,22 @@ mod tests {
 
     #[test]
     fn zero_before_the_first_piece_and_without_pieces() {
-        assert_eq!(Curve::default().at(1.0).value, 0.0);
-        let curve = Curve::new(vec![(2.0, Piece::Constant { value: 5.0 })]);
-        assert_eq!(curve.at(1.999).value, 0.0);
-        assert_eq!(curve.at(2.0).value, 5.0);
-        assert_eq!(curve.at(f64::NAN), Sample::default());
+        assert_eq!(Trajectory::default().at(1.0).position, 0.0);
+        let curve = Trajectory::new(vec![(2.0, Piece::Constant { value: 5.0 })]);
+        assert_eq!(curve.at(1.999).position, 0.0);
+        assert_eq!(curve.at(2.0).position, 5.0);
+        assert_eq!(curve.at(f64::NAN), SetPoint::default());
     }
 
     #[test]
     fn a_line_starts_from_the_present_value_even_of_an_unfinished_line() {
         let line = |until_seconds, end| Piece::Line { until_seconds, end };
-        let curve = Curve::new(vec![(1.0, line(3.0, 4.0)), (2.0, line(4.0, 0.0))]);
-        assert_eq!(curve.at(1.5).value, 1.0);
-        assert_eq!(curve.at(1.5).derivatives, [2.0, 0.0, 0.0]);
-        assert_eq!(curve.at(2.0).value, 2.0);
-        assert_eq!(curve.at(3.0).value, 1.0);
-        assert_eq!(curve.at(9.0), Sample::line(0.0, 0.0));
+        let curve = Trajectory::new(vec![(1.0, line(3.0, 4.0)), (2.0, line(4.0, 0.0))]);
+        assert_eq!(curve.at(1.5).position, 1.0);
+        assert_eq!(curve.at(1.5).velocity, 2.0);
+        assert_eq!(curve.at(2.0).position, 2.0);
+        assert_eq!(curve.at(3.0).position, 1.0);
+        assert_eq!(curve.at(9.0), SetPoint::line(0.0, 0.0));
     }
 
     #[test]
@@ -287,7 +287,7 @@ mod tests {
 
     #[track_caller]
     fn check_derivatives(piece: Piece) {
-        let curve = Curve::new(vec![(1.0, piece)]);
+        let curve = Trajectory::new(vec![(1.0, piece)]);
         let step = 1e-4;
         for time in [1.0, 2.7, 50.3] {
             let (before, now, after) = (
@@ -295,10 +295,7 @@ mod tests {
                 curve.at(time + step),
                 curve.at(time + 2.0 * step),
             );
-            let values = |sample: Sample| {
-                let [first, second, third] = sample.derivatives;
-                [sample.value, first, second, third]
-            };
+            let values = |one: SetPoint| [one.position, one.velocity, one.acceleration, one.jerk];
             for order in 0..3 {
                 let difference = (values(after)[order] - values(before)[order]) / (2.0 * step);
                 assert!(
@@ -314,9 +311,9 @@ mod tests {
     #[test]
     fn a_table_counts_from_its_start_and_holds_its_last_row() {
         let rows = vec![(0.5, 1.0), (1.5, 3.0)];
-        let curve = Curve::new(vec![(10.0, Piece::Table { rows })]);
-        assert_eq!(curve.at(10.0).value, 1.0);
-        assert_eq!(curve.at(11.0).value, 2.0);
-        assert_eq!(curve.at(20.0).value, 3.0);
+        let curve = Trajectory::new(vec![(10.0, Piece::Table { rows })]);
+        assert_eq!(curve.at(10.0).position, 1.0);
+        assert_eq!(curve.at(11.0).position, 2.0);
+        assert_eq!(curve.at(20.0).position, 3.0);
     }
 }

@@ -1,17 +1,17 @@
 //! The current profile of `[controller.open_loop]`, prepared for a look-up in every cycle.
 
 use crate::controller::OpenLoop;
-use crate::curve::{Curve, Piece};
+use crate::curve::{Piece, Trajectory};
 
 /// Current over time; the piece that started last acts, 0 A before the first.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Profile(Curve);
+pub struct Profile(Trajectory);
 
 impl Profile {
     /// Returns the current in amperes at a scenario time, without allocation.
     #[must_use]
     pub fn current_at(&self, time_seconds: f64) -> f64 {
-        self.0.at(time_seconds).value
+        self.0.at(time_seconds).position
     }
 }
 
@@ -31,14 +31,7 @@ impl OpenLoop {
             let rows = table.rows.clone();
             (table.from_seconds, Piece::Table { rows })
         });
-        Profile(Curve::new(steps.chain(ramps).chain(tables).collect()))
-    }
-
-    /// Returns the current in amperes at one time. It builds the profile first: use [`Profile::current_at`] for a look-up in
-    /// every cycle.
-    #[must_use]
-    pub fn current_at(&self, time_seconds: f64) -> f64 {
-        self.profile().current_at(time_seconds)
+        Profile(Trajectory::new(steps.chain(ramps).chain(tables).collect()))
     }
 }
 
@@ -65,12 +58,12 @@ mod tests {
             (30.0, 0.5),
             (41.0, 0.0),
         ] {
-            assert_eq!(open_loop.current_at(time), amperes, "at {time}");
+            assert_eq!(open_loop.profile().current_at(time), amperes, "at {time}");
         }
         open_loop.step.push(CurrentStep {
             at_seconds: 42.0,
             current: 0.6,
         });
-        assert_eq!(open_loop.current_at(42.0), 0.6);
+        assert_eq!(open_loop.profile().current_at(42.0), 0.6);
     }
 }

@@ -4,7 +4,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::chirp::FrequencySweep;
-use crate::curve::{Curve, Piece};
+use crate::curve::Piece;
+pub use crate::curve::Trajectory;
 use crate::sweep::Spacing;
 
 /// The position set-point, in pieces ordered by time.
@@ -165,49 +166,6 @@ pub struct SetPoint {
     pub has_exact_derivatives: bool,
 }
 
-/// Set-point prepared for a look-up in every cycle.
-///
-/// The piece that started last acts; before the first piece the set-point is 0, the stop on which the load rests.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Trajectory(Curve);
-
-impl Trajectory {
-    /// The raw set-point at a scenario time; no allocation.
-    ///
-    /// ```
-    /// use scenario::reference::{Reference, Step};
-    /// let step = vec![Step { at_seconds: 10.0, position: 35.0 }];
-    /// let trajectory = Reference { step, ..Reference::default() }.trajectory();
-    /// assert_eq!(trajectory.at(9.999).position, 0.0);
-    /// assert_eq!(trajectory.at(10.0).position, 35.0);
-    /// ```
-    #[must_use]
-    pub fn at(&self, time_seconds: f64) -> SetPoint {
-        let sample = self.0.at(time_seconds);
-        let [velocity, acceleration, jerk] = sample.derivatives;
-        SetPoint {
-            position: sample.value,
-            velocity,
-            acceleration,
-            jerk,
-            has_exact_derivatives: sample.has_exact_derivatives,
-        }
-    }
-
-    /// Returns rows `(seconds, set-point)` until a time, with straight lines between them; two rows at one time are a jump. A
-    /// piece that is not a straight line has a row in each spacing.
-    #[must_use]
-    pub fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
-        self.0.rows(end_seconds, spacing_seconds)
-    }
-
-    /// Returns stretches of scenario time that together show every set-point until `end_seconds`. A stretch may end where it
-    /// begins.
-    pub fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
-        self.0.stretches(end_seconds)
-    }
-}
-
 impl Reference {
     /// Checks whether there is no piece.
     #[must_use]
@@ -247,14 +205,7 @@ impl Reference {
             (chirp.from_seconds, piece)
         });
         let moving = ramps.chain(sines).chain(chirps).chain(tables);
-        Trajectory(Curve::new(holds.chain(steps).chain(moving).collect()))
-    }
-
-    /// Returns the raw set-point at one time. It builds the trajectory first: use [`Trajectory::at`] for a look-up in every
-    /// cycle.
-    #[must_use]
-    pub fn at(&self, time_seconds: f64) -> SetPoint {
-        self.trajectory().at(time_seconds)
+        Trajectory::new(holds.chain(steps).chain(moving).collect())
     }
 
     /// Returns the starts of all pieces, kind by kind.
@@ -343,8 +294,7 @@ mod tests {
 
     #[test]
     fn every_kind_of_piece_takes_its_turn() {
-        let reference = one_of_each();
-        let trajectory = reference.trajectory();
+        let trajectory = one_of_each().trajectory();
         let expected = [
             (0.5, 10.0),
             (1.0, 30.0),
@@ -366,7 +316,6 @@ mod tests {
                 (position - millimetres).abs() < 1e-9,
                 "{position} at {time}"
             );
-            assert_eq!(reference.at(time), trajectory.at(time));
         }
         assert!(trajectory.at(6.0).has_exact_derivatives);
         assert!(trajectory.at(11.9).has_exact_derivatives);

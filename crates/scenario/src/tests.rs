@@ -643,6 +643,7 @@ fn a_recorded_current_is_one_column_of_many() {
             .open_loop
             .as_ref()
             .unwrap()
+            .profile()
             .current_at(time)
     };
     assert_eq!([current(0.9), current(1.0), current(9.0)], [0.0, 0.5, 0.7]);
@@ -672,7 +673,7 @@ fn a_recorded_current_is_one_column_of_many() {
     let table = "time_seconds,current_amperes,target_current_amperes\n0,0.1,0.2\n";
     let scenario = Trial::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     let open_loop = scenario.controller.open_loop.unwrap();
-    assert_eq!(open_loop.current_at(1.0), 0.2);
+    assert_eq!(open_loop.profile().current_at(1.0), 0.2);
     // The controller reads the table, too.
     let view = ControllerView::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     assert_eq!(view.controller.open_loop, Some(open_loop));
@@ -735,7 +736,7 @@ fn files_and_tables_are_read_within_bounds() {
     )
     .unwrap();
     let scenario = Trial::load(&path).unwrap();
-    assert_eq!(scenario.reference.at(1.0).position, 2.0);
+    assert_eq!(scenario.reference.trajectory().at(1.0).position, 2.0);
 
     fs::write(
         folder.join("secret.csv"),

@@ -87,7 +87,7 @@ impl Course {
     /// Returns the value at a scenario time: straight lines through the rows, constant outside.
     #[must_use]
     pub fn at(&self, time_seconds: f64) -> f64 {
-        curve::interpolate(&self.rows, time_seconds).value
+        curve::interpolate(&self.rows, time_seconds).position
     }
 
     /// Returns the time from the first row to the last.
