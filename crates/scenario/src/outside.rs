@@ -6,62 +6,58 @@ use serde_json::{Value, json};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::controller;
 use crate::custom::{self, Section, is_name};
 use crate::plant::MODELS;
-use crate::schema;
 
 /// Tables from outside that a reader of a scenario admits.
 pub(crate) enum Outside {
     /// Tables of the plants and laws that are registered here.
     Registered,
-    /// Tables of a recorded scenario. Their plants and laws need not be known here: the recording holds their effects, so the
-    /// content of these tables is not read.
+    /// Tables of a recording. Their plants and laws need not be known here: the recording holds their effects, so the content of
+    /// these tables is not read.
     Recorded(Vec<(Section, String)>),
 }
 
 impl Outside {
-    /// Collects the tables of a recorded scenario: every law that the format itself does not know.
-    pub(crate) fn from_recording(root: &DeTable<'_>) -> Self {
-        let laws = root.get(Section::Controller.key());
-        let laws = laws.and_then(|laws| laws.get_ref().as_table());
-        let known = &schema::SHIPPED["definitions"]["Controller"]["properties"];
-        let tables = laws
-            .into_iter()
-            .flat_map(DeTable::iter)
-            .filter(|(_, value)| value.get_ref().is_table());
-        let names = tables.map(|(key, _)| key.get_ref().as_ref());
-        let unknown = names.filter(|name| is_name(name) && known.get(name).is_none());
+    /// Collects the tables of a recorded scenario or its rig: every law and every model of a plant that the format itself does not
+    /// know.
+    pub(crate) fn recorded(root: &DeTable<'_>) -> Self {
+        let section = |section: Section| root.get(section.key()).into_iter().flat_map(tables);
+        let laws = section(Section::Controller).map(|(law, _)| (Section::Controller, law));
+        let models = section(Section::Plant).flat_map(|(_, plant)| tables(plant));
+        let models = models.map(|(model, _)| (Section::Plant, model));
+        let is_unknown = |(section, name): &(Section, &str)| {
+            let is_known = match section {
+                Section::Plant => MODELS.contains(name),
+                Section::Controller => controller::is_built_in(name),
+            };
+            is_name(name) && !is_known
+        };
+        let unknown = laws.chain(models).filter(is_unknown);
         Self::Recorded(
             unknown
-                .map(|name| (Section::Controller, name.to_owned()))
+                .map(|(section, name)| (section, name.to_owned()))
                 .collect(),
         )
     }
 
-    /// Collects the tables of the rig of a recording: every model of a plant that the format itself does not know.
-    pub(crate) fn from_recorded_rig(root: &DeTable<'_>) -> Self {
-        let plants = root.get(Section::Plant.key());
-        let plants = plants.and_then(|plants| plants.get_ref().as_table());
-        let models = plants.into_iter().flat_map(|plants| plants.values());
-        let models = models.filter_map(|models| models.get_ref().as_table());
-        let names = models
-            .flat_map(|models| models.keys())
-            .map(|name| name.get_ref().to_string());
-        let unknown = names.filter(|name| is_name(name) && !MODELS.contains(&name.as_str()));
-        Self::Recorded(unknown.map(|name| (Section::Plant, name)).collect())
-    }
-
-    /// Returns the schema for a rig file with these models.
-    pub(crate) fn rig_schema(&self) -> Cow<'static, Value> {
+    /// Returns a schema with these tables.
+    pub(crate) fn schema(&self, schema: &'static Value) -> Cow<'static, Value> {
         match self {
-            Self::Registered => Cow::Borrowed(&schema::RIG),
-            Self::Recorded(models) => {
-                let mut schema = schema::RIG.clone();
-                for (_, name) in models {
-                    schema["definitions"]["PlantModel"]["properties"][name] = json!({});
+            Self::Recorded(tables) if !tables.is_empty() => {
+                let mut schema = schema.clone();
+                for (section, name) in tables {
+                    let definition = match section {
+                        Section::Plant => "PlantModel",
+                        Section::Controller => "Controller",
+                    };
+                    // A schema without keywords admits everything.
+                    schema["definitions"][definition]["properties"][name] = json!({});
                 }
                 Cow::Owned(schema)
             }
+            Self::Registered | Self::Recorded(_) => Cow::Borrowed(schema),
         }
     }
 
@@ -75,22 +71,6 @@ impl Outside {
             Self::Recorded(tables) => {
                 let in_section = tables.iter().filter(|(place, _)| *place == section);
                 in_section.map(|(_, name)| name.as_str()).collect()
-            }
-        }
-    }
-
-    /// Returns the schema for scenarios with these tables.
-    pub(crate) fn schema(&self) -> Cow<'static, Value> {
-        match self {
-            Self::Registered => Cow::Borrowed(&schema::SECTIONS),
-            Self::Recorded(tables) if tables.is_empty() => Cow::Borrowed(&schema::SHIPPED),
-            Self::Recorded(tables) => {
-                let mut schema = schema::SHIPPED.clone();
-                for (_, name) in tables {
-                    // A schema without keywords admits everything.
-                    schema["definitions"]["Controller"]["properties"][name] = json!({});
-                }
-                Cow::Owned(schema)
             }
         }
     }
@@ -133,4 +113,13 @@ impl Outside {
             }
         }
     }
+}
+
+/// Returns the tables in a table.
+fn tables<'a, 'text>(
+    value: &'a Spanned<DeValue<'text>>,
+) -> impl Iterator<Item = (&'a str, &'a Spanned<DeValue<'text>>)> {
+    let entries = value.get_ref().as_table().into_iter().flatten();
+    let tables = entries.filter(|(_, below)| below.get_ref().is_table());
+    tables.map(|(name, below)| (name.get_ref().as_ref(), below))
 }

@@ -21,8 +21,6 @@ use crate::wiring::Wiring;
 
 /// Schema of the trial of a loop. Making a schema takes most of the time of loading, so each is made once.
 pub(crate) static SECTIONS: LazyLock<Value> = LazyLock::new(schema_of::<Sections>);
-/// Schema as [`SECTIONS`] for a recording: without laws from outside.
-pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Sections>);
 /// Schema of the keys of a scenario that are not tables.
 pub(crate) static HEADER: LazyLock<Value> = LazyLock::new(schema_of::<Header>);
 /// Schema of rig files.
@@ -112,15 +110,10 @@ pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
 
 /// Returns the schema of a type, with the plants and laws from outside; its definitions are in `definitions`.
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
-    let mut schema = shipped::<T>();
+    let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
+    let mut schema = settings.into_generator().into_root_schema_for::<T>().into();
     custom::describe(&mut schema);
     schema
-}
-
-/// Returns the schema of a type without plants and laws from outside.
-fn shipped<T: JsonSchema>() -> Value {
-    let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
-    settings.into_generator().into_root_schema_for::<T>().into()
 }
 
 /// Follows references to the definition that has the keywords; `root` is the whole schema.

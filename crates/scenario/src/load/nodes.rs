@@ -20,6 +20,7 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode};
 use crate::rig::{ObjectAddress, RealDrive};
+use crate::schema;
 use crate::table;
 use crate::{meant_or_known, nearest};
 
@@ -91,9 +92,9 @@ impl Rig {
     ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
-            Reading::Recorded => Outside::from_recorded_rig(document.root()),
+            Reading::Recorded => Outside::recorded(document.root()),
         };
-        let schema = outside.rig_schema();
+        let schema = outside.schema(&schema::RIG);
         let places = default_places(document);
         let said_once = |mut problems| {
             say_once(&mut problems, &places);

@@ -368,10 +368,10 @@ impl TrialReader<'_, '_> {
     fn read(&mut self, wiring: Wiring) -> Result<Option<Trial>, Vec<Problem>> {
         let document = &self.document;
         let outside = match self.asked.reading {
-            Reading::Recorded => Outside::from_recording(document.root()),
+            Reading::Recorded => Outside::recorded(document.root()),
             Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
         };
-        let schema = schema::with_travel(outside.schema(), &wiring);
+        let schema = schema::with_travel(outside.schema(&schema::SECTIONS), &wiring);
         let built = build::<Sections>(document, &outside, "the scenario", &schema);
         let (sections, mut problems) = built?;
         let Some(run) = self.run else {
