@@ -290,7 +290,7 @@ impl PlantEmulator {
                 holder.drive_mut().disturb(now, *input, load);
             }
             for output in others {
-                let value = module.steps(output.place) / output.steps_per_unit;
+                let value = module.steps(output.place) / output.port.steps_per_unit;
                 let value = value * output.factor;
                 holder.drive_mut().disturb(now, output.input, value);
             }
@@ -437,8 +437,8 @@ fn disturbance(
     let node_id = node_id(number)?;
     let outputs = outputs.iter().map(|output| AnalogueOutput {
         place: output.place,
-        name: output.name.clone(),
-        at_rest: output.raw(output.at_rest),
+        name: output.port.name.clone(),
+        at_rest: output.raw_at_rest(),
     });
     let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, &Vec::from_iter(outputs));
     let mut objects = dictionary(node_id, &text)?;

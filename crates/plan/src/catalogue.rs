@@ -150,10 +150,14 @@ impl Catalogue {
         changes.find_map(|(index, change)| {
             let mut nodes = trial.wiring.io.iter().zip(&outputs);
             let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;
-            let output = outputs.iter().find(|one| one.name == change.name)?;
-            let [min, max] = output.range;
-            let (name, symbol) = (&output.name, &output.symbol);
-            (!(min..=max).contains(&change.value)).then(|| {
+            let mut ports = outputs.iter().map(|one| &one.port);
+            let Port {
+                name,
+                symbol,
+                range: [min, max],
+                ..
+            } = ports.find(|port| port.name == change.name)?;
+            (!(*min..=*max).contains(&change.value)).then(|| {
                 let path = format!("disturbance.output.{index}.value");
                 let message = format!("`{name}` cannot be {} {symbol}", change.value);
                 Objection::new(path, message, format!("must be {min} to {max}"))
@@ -423,16 +427,8 @@ impl Published {
 /// Adds the frames of an io node with these outputs in addition to fan and load.
 fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
     let first = outputs.first().map_or(0, |output| output.place);
-    let outputs = outputs.iter().map(|output| PlantSignal {
-        name: output.name.clone(),
-        unit: output.symbol.clone(),
-        comment: output.comment.clone(),
-        resolution: 1.0 / output.steps_per_unit,
-        range: Range {
-            minimum: output.range[0],
-            maximum: output.range[1],
-        },
-    });
+    let outputs = outputs.iter();
+    let outputs = outputs.map(|output| signal_of(&output.port, output.port.name.clone()));
     composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
 }
 

@@ -1,9 +1,7 @@
 //! The data sheets (EDS) that the bench knows: those of the rig, and those that the user names.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use canopen::eds::EdsError;
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 
@@ -20,29 +18,10 @@ const INVALID: u32 = 0x8000_0000;
 /// Objects that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 8;
 
-/// Reason why a data sheet cannot be used.
+/// Reason why a data sheet cannot be used, or why a text of the user names no node or no object.
 #[derive(Debug, thiserror::Error)]
-pub enum DataSheetError {
-    /// A text of the user names no node or no object.
-    #[error("{0}")]
-    Unknown(String),
-    /// A file cannot be read.
-    #[error("`{}` cannot be read: {source}", path.display())]
-    File {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-    /// An EDS is wrong.
-    #[error("{}: {error}", path.display())]
-    Eds {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the EDS.
-        error: Box<EdsError>,
-    },
-}
+#[error("{0}")]
+pub struct DataSheetError(pub(crate) String);
 
 /// An EDS, read for one node-ID.
 #[derive(Clone, Debug)]
@@ -108,7 +87,7 @@ pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, DataSheetError> {
         let nearest = scenario::nearest(text, names.iter().copied());
         let meant =
             nearest.map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
-        DataSheetError::Unknown(format!(
+        DataSheetError(format!(
             "\"{text}\" is not a node: give a number from 1 to 127 (such as 16 or 0x10), or one of {}{meant}",
             names.join(", ")
         ))
@@ -121,15 +100,11 @@ impl DataSheet {
     /// # Errors
     /// The file cannot be read or is not an EDS.
     pub fn load(path: &Path, node_id: u8) -> Result<Self, DataSheetError> {
-        let text =
-            scenario::read_text(path, FILE_BYTES_MAX).map_err(|source| DataSheetError::File {
-                path: path.to_owned(),
-                source,
-            })?;
-        let eds = eds::parse(&text, node_id).map_err(|error| DataSheetError::Eds {
-            path: path.to_owned(),
-            error: Box::new(error),
-        })?;
+        let file = path.display();
+        let text = scenario::read_text(path, FILE_BYTES_MAX)
+            .map_err(|error| DataSheetError(format!("`{file}` cannot be read: {error}")))?;
+        let eds = eds::parse(&text, node_id)
+            .map_err(|error| DataSheetError(format!("{file}: {error}")))?;
         let name = path.file_name().unwrap_or(path.as_os_str());
         Ok(Self {
             name: name.to_string_lossy().into_owned(),
@@ -192,28 +167,22 @@ impl DataSheet {
         }
         match found.as_slice() {
             [entry] => Ok((entry.index, entry.sub_index)),
-            [] => Err(DataSheetError::Unknown(self.unknown(text))),
-            several => Err(DataSheetError::Unknown(ambiguous(text, several))),
+            [] => Err(DataSheetError(self.unknown(text))),
+            several => Err(DataSheetError(ambiguous(text, several))),
         }
     }
 
     /// Describes the problem of a name that no object has.
     fn unknown(&self, text: &str) -> String {
-        let entries = self.dictionary.entries().iter();
-        let known: Vec<(String, &Entry)> = entries
-            .map(|entry| (entry.name.to_lowercase(), entry))
-            .collect();
-        let nearest = scenario::nearest(
-            &text.to_lowercase(),
-            known.iter().map(|(name, _)| name.as_str()),
-        );
-        let meant = known
+        let entries = self.dictionary.entries();
+        let nearest = scenario::nearest(text, entries.iter().map(|entry| entry.name.as_str()));
+        let meant = entries
             .iter()
-            .find(|(name, _)| Some(name.as_str()) == nearest)
-            .map_or_else(String::new, |(_, entry)| {
-                let (name, index, sub_index) = (&entry.name, entry.index, entry.sub_index);
-                format!("; did you mean \"{name}\" (0x{index:04X}:{sub_index:02X})?")
-            });
+            .find(|entry| Some(entry.name.as_str()) == nearest);
+        let meant = meant.map_or_else(String::new, |entry| {
+            let (name, index, sub_index) = (&entry.name, entry.index, entry.sub_index);
+            format!("; did you mean \"{name}\" (0x{index:04X}:{sub_index:02X})?")
+        });
         format!(
             "{} has no object \"{text}\": give an index such as 0x6064:00, or a name from the EDS{meant}",
             self.name

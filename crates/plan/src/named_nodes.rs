@@ -77,8 +77,8 @@ fn loop_sheets(one: &ControlLoop) -> Vec<NodeSheet> {
     let io_sheets = one.nodes.io.iter().map(|io| {
         let outputs = one.io_outputs(io).iter().map(|output| AnalogueOutput {
             place: output.place,
-            name: output.name.clone(),
-            at_rest: output.raw(output.at_rest),
+            name: output.port.name.clone(),
+            at_rest: output.raw_at_rest(),
         });
         let eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
         let values = NodeValues {
@@ -121,10 +121,8 @@ impl NamedNodes {
                 node_id,
                 text,
             } = sheet;
-            let parsed = eds::parse(&text, node_id).map_err(|error| DataSheetError::Eds {
-                path: file.clone().into(),
-                error: Box::new(error),
-            });
+            let parsed = eds::parse(&text, node_id)
+                .map_err(|error| DataSheetError(format!("{file}: {error}")));
             Ok(DataSheet {
                 name: file,
                 node_name: name,

@@ -206,13 +206,9 @@ impl Wiring {
         let Some(drives) = drives else {
             return self.loops.iter().map(|one| one.current).collect();
         };
-        let mut currents = vec![self.current(); drives];
-        for one in &self.loops {
-            let by = one.led_by.filter(|by| by.first == self.nodes.drive.id);
-            if let Some(current) = by.and_then(|by| currents.get_mut(by.place)) {
-                *current = one.current;
-            }
-        }
+        let led = self.led_loops().into_iter();
+        let mut currents = Vec::from_iter(led.map(|one| one.current));
+        currents.resize(drives, self.current());
         currents
     }
 
@@ -342,24 +338,15 @@ impl IoWiring {
 /// Output of an io node other than fan and load: 16 bits that drive an input of a plant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IoOutput {
-    /// Name, which ends in its unit; the unit of the port if it names none.
-    pub name: String,
-    /// Unit as the DBC writes it.
-    pub symbol: String,
-    /// Description of the output.
-    pub comment: String,
+    /// Port of the plant, in the unit of the output and under the name of that, which ends in its unit; in the unit of the port if
+    /// it names none.
+    pub port: Port,
     /// Place among the outputs of its node.
     pub place: usize,
     /// Index of the plant's input.
     pub input: usize,
-    /// Factor from its unit to the unit of the port.
+    /// Factor from its unit to the unit of the plant's input.
     pub factor: f64,
-    /// Lowest and highest value.
-    pub range: [f64; 2],
-    /// Value while no node commands it.
-    pub at_rest: f64,
-    /// Steps of one unit.
-    pub steps_per_unit: f64,
 }
 
 impl IoOutput {
@@ -371,27 +358,30 @@ impl IoOutput {
             unit => (conversion(unit, &port.unit)?, symbol_of(unit).to_owned()),
         };
         let range = port.range.map(|end| end / factor);
-        Some(Self {
+        let port = Port {
             name: name.to_owned(),
             symbol,
-            comment: port.comment.clone(),
-            place,
-            input,
-            factor,
             range,
             at_rest: port.at_rest / factor,
             steps_per_unit: steps_for(range),
+            ..port.clone()
+        };
+        Some(Self {
+            port,
+            place,
+            input,
+            factor,
         })
     }
 
-    /// Returns a value in steps, cut to 16 bits.
+    /// Returns the value while no node commands it in steps, cut to 16 bits.
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
         reason = "`as` cuts to the ends of the type, which is what is wanted"
     )]
-    pub fn raw(&self, value: f64) -> i16 {
-        libm::round(value * self.steps_per_unit) as i16
+    pub fn raw_at_rest(&self) -> i16 {
+        libm::round(self.port.at_rest * self.port.steps_per_unit) as i16
     }
 }
 

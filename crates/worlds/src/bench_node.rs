@@ -223,7 +223,7 @@ fn disturbances(
     let others = one
         .io_outputs(io)
         .iter()
-        .map(|output| Ok((output, database.signal_of(&outputs, &output.name)?)));
+        .map(|output| Ok((output, database.signal_of(&outputs, &output.port.name)?)));
     let others = others.collect::<Result<Vec<_>, SignalMissing>>()?;
     let mut message = database
         .builder(&outputs)
@@ -238,8 +238,8 @@ fn disturbances(
             }
         }
         for (output, signal) in &others {
-            let value = disturbance.output_at(&output.name, command.at_seconds);
-            message.set(signal, value.unwrap_or(output.at_rest));
+            let value = disturbance.output_at(&output.port.name, command.at_seconds);
+            message.set(signal, value.unwrap_or(output.port.at_rest));
         }
         (command.at_seconds, message.frame())
     });
