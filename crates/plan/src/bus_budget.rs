@@ -73,22 +73,6 @@ impl BusShare {
             Pace::Milliseconds(_) => false,
         }
     }
-
-    /// Returns its mean bits in a cycle.
-    fn bits_per_cycle(&self) -> f64 {
-        match self.pace {
-            Pace::Cycles { every, .. } => self.bits / f64::from(every.max(1)),
-            Pace::Milliseconds(_) => 0.0,
-        }
-    }
-
-    /// Returns its mean bits in a millisecond, if it is sent by the clock.
-    fn bits_per_millisecond(&self) -> f64 {
-        match self.pace {
-            Pace::Cycles { .. } => 0.0,
-            Pace::Milliseconds(period) => self.bits / period,
-        }
-    }
 }
 
 impl BusBudget {
@@ -122,12 +106,8 @@ impl BusBudget {
         });
         let all = [sync].into_iter().chain(shares).chain(set_points);
         let mut shares = Vec::from_iter(all.chain(heartbeats(plan)));
-        let id = |name: &str| {
-            plan.nodes()
-                .find(|node| node.name == name)
-                .map(|node| node.id)
-        };
-        shares.sort_by_key(|share| id(&share.node));
+        let node = |name: &str| plan.nodes().find(|node| node.name == name);
+        shares.sort_by_key(|share| node(&share.node).map(|node| node.id));
         Self {
             shares,
             bitrate_kilobits_per_second: plan.shared.run.bus.bitrate_kilobits_per_second.into(),
@@ -188,16 +168,21 @@ impl BusBudget {
     /// Returns the share of the bus that all frames occupy on average.
     #[must_use]
     pub fn load_percent(&self) -> f64 {
-        let bits = self.bits_per_cycle() + self.period_milliseconds * self.bits_per_millisecond();
+        let [per_cycle, per_millisecond] = self.mean_bits();
+        let bits = per_cycle + self.period_milliseconds * per_millisecond;
         100.0 * bits / self.available_bits()
     }
 
-    fn bits_per_cycle(&self) -> f64 {
-        self.shares.iter().map(BusShare::bits_per_cycle).sum()
-    }
-
-    fn bits_per_millisecond(&self) -> f64 {
-        self.shares.iter().map(BusShare::bits_per_millisecond).sum()
+    /// Returns the mean bits of a cycle that come with the SYNC, and those of a millisecond that come by the clock.
+    fn mean_bits(&self) -> [f64; 2] {
+        let mut bits = [0.0; 2];
+        for share in &self.shares {
+            match share.pace {
+                Pace::Cycles { every, .. } => bits[0] += share.bits / f64::from(every.max(1)),
+                Pace::Milliseconds(period) => bits[1] += share.bits / period,
+            }
+        }
+        bits
     }
 
     /// Checks whether the traffic fits.
@@ -210,11 +195,12 @@ impl BusBudget {
     #[must_use]
     pub fn period_milliseconds_min(&self) -> Option<f64> {
         let bitrate = self.bitrate_kilobits_per_second;
-        if self.bits_per_millisecond() >= bitrate {
+        let [per_cycle, per_millisecond] = self.mean_bits();
+        if per_millisecond >= bitrate {
             return None;
         }
         let for_fullest = self.needed_bits() / bitrate;
-        let for_all = self.bits_per_cycle() / (bitrate - self.bits_per_millisecond());
+        let for_all = per_cycle / (bitrate - per_millisecond);
         let period = for_fullest.max(for_all);
         // A sum of whole bits is no tenth of a bit above a step.
         let steps = (period / PERIOD_STEP_MILLISECONDS - 1e-9).ceil();

@@ -36,7 +36,7 @@ pub struct Plan {
 }
 
 /// Facts of a run that belong to no single loop.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Shared {
     /// Locations of the scenario and of the files that it names; empty for a scenario without a file.
     pub beside: Beside,
@@ -99,16 +99,9 @@ impl Plan {
         let several = loops.iter().filter(|one| one.loop_name().is_some());
         let nodes_of_loops = several.map(|one| (one.name().to_owned(), one.nodes.clone()));
         let shared = Shared {
-            beside: Beside::default(),
-            text: String::new(),
-            tables: BTreeMap::new(),
             run,
-            sweep: None,
-            contours: Vec::new(),
             nodes_of_loops: nodes_of_loops.collect(),
-            programs: BTreeMap::new(),
-            has_unused_law: false,
-            rig: Arc::default(),
+            ..Shared::default()
         };
         Self { shared, loops }
     }

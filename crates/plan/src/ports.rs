@@ -52,11 +52,7 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
         ports: &ports,
         trial: one,
     };
-    wired
-        .amplifier()
-        .or_else(|| wired.sensor())
-        .or_else(|| one.wiring.io.iter().find_map(|io| wired.io(io)))
-        .or_else(|| wired.record())
+    wired.check().err()
 }
 
 /// Finds a port that a plant cannot have.
@@ -113,110 +109,95 @@ impl Wired<'_> {
         Err(Objection::new(path, message, label))
     }
 
-    fn amplifier(&self) -> Option<Objection> {
-        let path = format!("node.{}.amplifier.port", self.drive);
-        let name = &self.trial.wiring.input;
-        let command = self.trial.wiring.sensor.measurand.command;
-        match self.find(&path, name, Direction::Input) {
-            Err(objection) => Some(objection),
-            Ok(port) if conversion(command.word(), &port.unit).is_some() => None,
-            Ok(port) => {
-                let message = format!("an amplifier cannot drive `{}`", port.local_name());
-                let label = match port.unit.as_str() {
-                    "" => format!("a number without a unit, not {}", command.word()),
-                    unit => format!("it is in {unit}, not in {}", command.word()),
-                };
-                Some(Objection::new(path, message, label))
-            }
-        }
+    fn check(&self) -> Result<(), Objection> {
+        self.amplifier()?;
+        self.sensor()?;
+        let mut io_nodes = self.trial.wiring.io.iter();
+        io_nodes.try_for_each(|io| self.io(io))?;
+        self.record()
     }
 
-    fn sensor(&self) -> Option<Objection> {
+    fn amplifier(&self) -> Result<(), Objection> {
+        let path = format!("node.{}.amplifier.port", self.drive);
+        let command = self.trial.wiring.sensor.measurand.command;
+        let port = self.find(&path, &self.trial.wiring.input, Direction::Input)?;
+        if conversion(command.word(), &port.unit).is_some() {
+            return Ok(());
+        }
+        let message = format!("an amplifier cannot drive `{}`", port.local_name());
+        let label = match port.unit.as_str() {
+            "" => format!("a number without a unit, not {}", command.word()),
+            unit => format!("it is in {unit}, not in {}", command.word()),
+        };
+        Err(Objection::new(path, message, label))
+    }
+
+    fn sensor(&self) -> Result<(), Objection> {
         let path = format!("node.{}.sensor.port", self.drive);
         let wiring = &self.trial.wiring;
-        let port = match self.find(&path, &wiring.output, Direction::Output) {
-            Ok(port) => port,
-            Err(objection) => return Some(objection),
-        };
-        if let Some(factor) = conversion(&port.unit, wiring.sensor.measurand.unit.word()) {
+        let port = self.find(&path, &wiring.output, Direction::Output)?;
+        let unit = &wiring.sensor.measurand.unit;
+        if let Some(factor) = conversion(&port.unit, unit.word()) {
             return self.range(port, factor);
         }
         let fitting = Unit::fitting_port(&port.unit);
-        let message = format!(
-            "`{}` cannot be measured in {}",
-            port.local_name(),
-            wiring.sensor.measurand.unit
-        );
+        let message = format!("`{}` cannot be measured in {unit}", port.local_name());
         let units = fitting.iter().map(|unit| format!("unit = \"{unit}\""));
         let mut label = format!("write {}", Vec::from_iter(units).join(" or "));
         if port.unit.is_empty() {
             label += ", or a word of yours, as in unit = \"fraction\"";
         }
         let path = format!("node.{}.sensor.unit", self.drive);
-        Some(Objection::new(path, message, label))
+        Err(Objection::new(path, message, label))
     }
 
     /// Checks the range of a sensor against that of its port: one unit of the port is `factor` of the sensor's.
-    fn range(&self, port: &Port, factor: f64) -> Option<Objection> {
+    fn range(&self, port: &Port, factor: f64) -> Result<(), Objection> {
         let wiring = &self.trial.wiring;
         let [min, max] = wiring.sensor.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
         let (name, unit) = (port.local_name(), &wiring.sensor.measurand.unit);
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
-        let objection = |message: String, label: String| {
-            let path = format!("node.{}.sensor", self.drive);
-            Some(Objection::new(path, message, label))
-        };
-        match port.has_range() {
+        let (message, label) = match port.has_range() {
             // The sensor's own range may be a part of the port's.
-            true if wiring.sensor.max.is_none() && is_wider => objection(
+            true if wiring.sensor.max.is_none() && is_wider => (
                 format!("the sensor of `{}` has no range", self.drive),
                 format!("`{name}` goes from {lowest} to {highest} {unit}: write min and max"),
             ),
-            true if max <= lowest || min >= highest => objection(
+            true if max <= lowest || min >= highest => (
                 format!("`{name}` is never where its sensor measures, from {min} to {max} {unit}"),
                 format!("it goes from {lowest} to {highest} {unit}"),
             ),
-            _ => None,
-        }
+            _ => return Ok(()),
+        };
+        let path = format!("node.{}.sensor", self.drive);
+        Err(Objection::new(path, message, label))
     }
 
     /// Checks the outputs of an io node.
-    fn io(&self, io: &IoWiring) -> Option<Objection> {
+    fn io(&self, io: &IoWiring) -> Result<(), Objection> {
         let node = &io.node.name;
-        for (key, name, unit) in [
-            ("convection_factor", &io.fan, ""),
-            ("added_load_grams", &io.load, "kilograms"),
+        for (key, name, unit, wanted) in [
+            ("convection_factor", &io.fan, "", "a number without a unit"),
+            ("added_load_grams", &io.load, "kilograms", "a mass"),
         ] {
             let Some(name) = name else { continue };
             let path = format!("node.{node}.outputs.{key}");
-            let port = match self.find(&path, name, Direction::Input) {
-                Ok(port) => port,
-                Err(objection) => return Some(objection),
-            };
+            let port = self.find(&path, name, Direction::Input)?;
             if conversion(unit, &port.unit).is_none() {
-                let wanted = if unit.is_empty() {
-                    "a number without a unit"
-                } else {
-                    "a mass"
-                };
                 let message = format!("`{key}` is {wanted}, and `{}` is none", port.local_name());
                 let label = format!("it is in {}", port.unit);
-                return Some(Objection::new(path, message, label));
+                return Err(Objection::new(path, message, label));
             }
         }
-        io.outputs
-            .iter()
-            .find_map(|(output, port)| self.output(node, output, port))
+        let mut outputs = io.outputs.iter();
+        outputs.try_for_each(|(output, port)| self.output(node, output, port))
     }
 
     /// Checks another output of the io node.
-    fn output(&self, io: &str, output: &str, name: &str) -> Option<Objection> {
+    fn output(&self, io: &str, output: &str, name: &str) -> Result<(), Objection> {
         let path = format!("node.{io}.outputs.{output}");
-        let port = match self.find(&path, name, Direction::Input) {
-            Ok(port) => port,
-            Err(objection) => return Some(objection),
-        };
+        let port = self.find(&path, name, Direction::Input)?;
         let (name, unit) = (port.local_name(), unit_in(output));
         if !unit.is_empty() && conversion(unit, &port.unit).is_none() {
             let message = format!("`{output}` is in {unit}, and `{name}` is not");
@@ -224,55 +205,47 @@ impl Wired<'_> {
                 "" => "it is a number without a unit".to_owned(),
                 unit => format!("it is in {unit}: call the output like the port, `{name}`"),
             };
-            return Some(Objection::new(path, message, label));
+            return Err(Objection::new(path, message, label));
         }
-        (!port.has_range()).then(|| {
+        if !port.has_range() {
             let message = format!("nobody knows which values `{name}` can have");
-            Objection::new(path, message, "the port has no range")
-        })
+            return Err(Objection::new(path, message, "the port has no range"));
+        }
+        Ok(())
     }
 
     /// Checks the outputs that the drive publishes of its plant.
-    fn record(&self) -> Option<Objection> {
-        let wiring = &self.trial.wiring;
-        let path = format!("node.{}.record", self.drive);
-        if let Some(names) = &wiring.record {
-            let wrong = names.iter().enumerate().find_map(|(place, name)| {
-                let path = format!("{path}.{place}");
-                match self.find(&path, name, Direction::Output) {
-                    Ok(port) if port.has_range() => None,
-                    Ok(port) => {
-                        let message = format!("`{}` cannot be published", port.local_name());
-                        Some(Objection::new(path, message, "it has no range"))
-                    }
-                    Err(objection) => Some(objection),
-                }
-            });
-            if wrong.is_some() {
-                return wrong;
+    fn record(&self) -> Result<(), Objection> {
+        let (wiring, drive) = (&self.trial.wiring, self.drive);
+        let path = format!("node.{drive}.record");
+        for (place, name) in wiring.record.iter().flatten().enumerate() {
+            let path = format!("{path}.{place}");
+            let port = self.find(&path, name, Direction::Output)?;
+            if !port.has_range() {
+                let message = format!("`{}` cannot be published", port.local_name());
+                return Err(Objection::new(path, message, "it has no range"));
             }
         }
         let recorded = wiring.recorded(self.ports).unwrap_or_default();
-        (recorded.len() > RECORDED_MAX).then(|| {
-            let (count, drive) = (recorded.len(), self.drive);
-            let message = format!(
-                "`{drive}` would publish {count} outputs of `{}`: {} bits",
-                wiring.plant,
-                count * BITS
-            );
-            let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
-            let names = recorded
-                .iter()
-                .take(RECORDED_MAX)
-                .map(|(_, port)| format!("\"{}\"", port.local_name()));
-            let path = match wiring.record {
-                Some(_) => path,
-                None => format!("node.{drive}"),
-            };
-            let names = Vec::from_iter(names).join(", ");
-            let help = format!("choose up to {RECORDED_MAX}: record = [{names}]");
-            Objection::new(path, message, label).with_help(help)
-        })
+        let count = recorded.len();
+        if count <= RECORDED_MAX {
+            return Ok(());
+        }
+        let message = format!(
+            "`{drive}` would publish {count} outputs of `{}`: {} bits",
+            wiring.plant,
+            count * BITS
+        );
+        let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
+        let names = recorded.iter().take(RECORDED_MAX);
+        let names = names.map(|(_, port)| format!("\"{}\"", port.local_name()));
+        let names = Vec::from_iter(names).join(", ");
+        let path = match wiring.record {
+            Some(_) => path,
+            None => format!("node.{drive}"),
+        };
+        let help = format!("choose up to {RECORDED_MAX}: record = [{names}]");
+        Err(Objection::new(path, message, label).with_help(help))
     }
 }
 
@@ -321,12 +294,7 @@ mod tests {
             ports: &joined,
             trial: &scenario,
         };
-        let mut io = scenario.wiring.io.iter();
-        let found = plant_objection("joint", ports)
-            .or_else(|| wired.amplifier())
-            .or_else(|| wired.sensor())
-            .or_else(|| io.find_map(|io| wired.io(io)))
-            .or_else(|| wired.record());
+        let found = plant_objection("joint", ports).or_else(|| wired.check().err());
         found.map(|found| format!("{}: {}: {}", found.path, found.message, found.label))
     }
 
