@@ -227,7 +227,7 @@ impl EventReader {
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
         let planned = trial
-            .events(self.node_names.loop_names())
+            .events(self.node_names.loop_name())
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| {
@@ -296,7 +296,7 @@ fn name_or_bench(node: u8, node_names: &NodeNames) -> &str {
 
 /// Describes the addressee of a command, if there are several drives.
 fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
-    match (node_names.loop_names(), frame.data()) {
+    match (node_names.loop_name(), frame.data()) {
         (Some(_), [_, 0, ..]) => " to all nodes".to_owned(),
         (Some(_), [_, node, ..]) => match node_names.name(*node) {
             Some(name) => format!(" to {name}"),

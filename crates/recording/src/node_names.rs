@@ -4,14 +4,13 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use plan::{ControlLoop, Shared};
-use scenario::events::LoopNames;
 use scenario::node::LoopNodes;
 
 /// Names of the nodes on a bus, as one loop sees them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NodeNames {
-    /// Names of the loop, if there are several.
-    loop_names: Option<LoopNames>,
+    /// Name of the loop, if there are several.
+    loop_name: Option<String>,
     nodes: LoopNodes,
     /// Names of all nodes of the run by node-ID.
     by_id: BTreeMap<u8, String>,
@@ -20,23 +19,18 @@ pub(crate) struct NodeNames {
 impl NodeNames {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
         let nodes = &one.nodes;
-        let loop_names = one.loop_name().map(|name| LoopNames {
-            name: name.to_owned(),
-            controller: nodes.controller.name.clone(),
-            drive: nodes.drive.name.clone(),
-        });
         let others = shared.nodes_of_loops.values().flat_map(LoopNodes::all);
         let all = nodes.all().chain(others);
         Self {
-            loop_names,
+            loop_name: one.loop_name().map(str::to_owned),
             nodes: nodes.clone(),
             by_id: all.map(|node| (node.id, node.name.clone())).collect(),
         }
     }
 
-    /// Returns the names of the loop and its nodes, if there are several loops.
-    pub(crate) fn loop_names(&self) -> Option<&LoopNames> {
-        self.loop_names.as_ref()
+    /// Returns the name of the loop, if there are several.
+    pub(crate) fn loop_name(&self) -> Option<&str> {
+        self.loop_name.as_deref()
     }
 
     /// Returns the name of the controller, within a sentence.
@@ -81,11 +75,7 @@ pub(crate) mod tests {
         let (_, here) = all.iter().find(|(one, _)| *one == name).unwrap();
         let by_id = all.iter().flat_map(|(_, nodes)| nodes.all());
         NodeNames {
-            loop_names: Some(LoopNames {
-                name: name.to_owned(),
-                controller: "controller".to_owned(),
-                drive: here.drive.name.clone(),
-            }),
+            loop_name: Some(name.to_owned()),
             nodes: here.clone(),
             by_id: by_id.map(|node| (node.id, node.name.clone())).collect(),
         }

@@ -66,17 +66,6 @@ pub struct Event {
     pub is_fault: bool,
 }
 
-/// Names of a loop and its nodes, where a run has several loops.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LoopNames {
-    /// Name of the loop.
-    pub name: String,
-    /// Name of its controller.
-    pub controller: String,
-    /// Name of its drive.
-    pub drive: String,
-}
-
 /// Command to an io node from one time on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisturbanceCommand {
@@ -128,10 +117,7 @@ impl Trial {
                 };
                 let next = starts.get(next).copied().unwrap_or(end_seconds);
                 JudgedStep {
-                    window: Window {
-                        from_seconds: step.at_seconds,
-                        until_seconds: next.min(end_seconds),
-                    },
+                    window: Window::new(step.at_seconds, next.min(end_seconds)),
                     from,
                     to: step.position,
                 }
@@ -151,10 +137,7 @@ impl Trial {
             let periods = libm::floor(length_seconds / period_seconds + 1e-9);
             let until_seconds = sine.from_seconds + periods * period_seconds;
             (periods >= 4.0).then_some(JudgedSine {
-                window: Window {
-                    from_seconds: until_seconds - 3.0 * period_seconds,
-                    until_seconds,
-                },
+                window: Window::new(until_seconds - 3.0 * period_seconds, until_seconds),
                 period_seconds,
             })
         });
@@ -186,26 +169,17 @@ impl Trial {
     #[must_use]
     pub fn disturbance_windows(&self) -> Vec<DisturbanceWindow> {
         let fans = self.disturbance.fan.iter().map(|fan| DisturbanceWindow {
-            window: Window {
-                from_seconds: fan.from_seconds,
-                until_seconds: fan.until_seconds,
-            },
+            window: Window::new(fan.from_seconds, fan.until_seconds),
             text: format!("fan, convection × {}", fan.convection_factor),
         });
         let loads = self.disturbance.load.iter().map(|load| DisturbanceWindow {
-            window: Window {
-                from_seconds: load.at_seconds,
-                until_seconds: load.at_seconds,
-            },
+            window: Window::new(load.at_seconds, load.at_seconds),
             text: format!("load {:+} g", load.added_grams),
         });
         let outputs = self.disturbance.output.iter().map(|output| {
             let (at_seconds, unit) = (output.at_seconds, symbol_of(unit_in(&output.name)));
             DisturbanceWindow {
-                window: Window {
-                    from_seconds: at_seconds,
-                    until_seconds: output.until_seconds.unwrap_or(at_seconds),
-                },
+                window: Window::new(at_seconds, output.until_seconds.unwrap_or(at_seconds)),
                 text: format!("{} {} {unit}", output.name, output.value)
                     .trim_end()
                     .to_owned(),
@@ -223,28 +197,31 @@ impl Trial {
     /// Returns the starts and ends of the loop's disturbances and faults, in no order.
     #[must_use]
     pub fn edges_seconds(&self) -> Vec<f64> {
-        let disturbances = self
-            .disturbance_windows()
-            .into_iter()
-            .flat_map(|one| [one.window.from_seconds, one.window.until_seconds].map(Some));
+        let disturbances = self.disturbance_ends().map(Some);
         let faults = self
             .loop_faults()
             .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
         disturbances.chain(faults).flatten().collect()
     }
 
-    /// Returns the steps, disturbances and faults for plots, in the order of time; `names` name the loop, where there are
-    /// several.
+    /// Returns the starts and ends of the disturbances.
+    fn disturbance_ends(&self) -> impl Iterator<Item = f64> + use<> {
+        let windows = self.disturbance_windows().into_iter();
+        windows.flat_map(|one| [one.window.from_seconds, one.window.until_seconds])
+    }
+
+    /// Returns the steps, disturbances and faults for plots, in the order of time; `loop_name` is that of the loop,
+    /// where there are several.
     #[must_use]
-    pub fn events(&self, names: Option<&LoopNames>) -> Vec<Event> {
+    pub fn events(&self, loop_name: Option<&str>) -> Vec<Event> {
         let event = |at_seconds, text| Event {
             at_seconds,
             text,
             is_fault: false,
         };
-        let named = |at_seconds, text: String| match names {
+        let named = |at_seconds, text: String| match loop_name {
             None => event(at_seconds, text),
-            Some(names) => event(at_seconds, format!("{}: {text}", names.name)),
+            Some(name) => event(at_seconds, format!("{name}: {text}")),
         };
         let unit = self.wiring.feedback.measurand.unit.symbol();
         let steps = self.reference.step.iter().map(|step| {
@@ -271,7 +248,7 @@ impl Trial {
         let faults = self.loop_faults().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
-            let text = fault.text(names.is_some());
+            let text = fault.text(loop_name.is_some());
             let end = until_seconds.map(|end| event(end, format!("{text} over")));
             let begin = Event {
                 is_fault: true,
@@ -301,18 +278,8 @@ impl Trial {
 
     /// Returns the starts of all pieces and disturbances, and the ends of disturbances, in the order of time.
     fn starts_in_order(&self) -> Vec<f64> {
-        let windows = self.disturbance_windows();
-        let disturbances = windows.iter().flat_map(|disturbance| {
-            [
-                disturbance.window.from_seconds,
-                disturbance.window.until_seconds,
-            ]
-        });
-        let mut starts: Vec<f64> = self
-            .reference
-            .starts_seconds()
-            .chain(disturbances)
-            .collect();
+        let starts = self.reference.starts_seconds();
+        let mut starts = Vec::from_iter(starts.chain(self.disturbance_ends()));
         starts.sort_by(f64::total_cmp);
         starts
     }

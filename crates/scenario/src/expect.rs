@@ -8,8 +8,7 @@ use std::str::FromStr;
 
 use schemars::{JsonSchema, Schema};
 use serde::de::{DeserializeOwned, Error as _};
-use serde::ser::Error as _;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 pub use crate::limit::Limit;
@@ -23,8 +22,7 @@ pub use signal::{Course, Demand, SignalCheck};
 pub type Requirements = Vec<String>;
 
 /// Expectation of a metric, in the form of its row in [`METRICS`].
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(untagged)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Expectation {
     /// A limit with two sides.
     Limit(Limit),
@@ -37,7 +35,7 @@ pub enum Expectation {
 }
 
 /// Limits on the metrics of a run.
-#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields, default, remote = "Self")]
 #[schemars(transform = add_metrics)]
 pub struct Expect {
@@ -60,14 +58,11 @@ pub struct Expect {
     pub judged_until_seconds: Option<f64>,
     /// Demands on signals, each in its window of time.
     #[schemars(length(max = 1000))]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub signal: Vec<SignalCheck>,
     /// Lists of events that must come one after the other.
     #[schemars(length(max = 100))]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sequence: Vec<Sequence>,
     /// Limits on latencies in real time; virtual time ignores them.
-    #[serde(skip_serializing_if = "TimingLimits::is_empty")]
     pub timing: TimingLimits,
 }
 
@@ -193,26 +188,6 @@ fn expected(form: Form, value: toml::Value) -> Result<Expectation, toml::de::Err
         Form::Answer => Expectation::Answer(read(value)?),
         Form::List => Expectation::List(read(value)?),
     })
-}
-
-impl Serialize for Expect {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut table = toml::Table::try_from(OtherKeys(self)).map_err(S::Error::custom)?;
-        for (name, expected) in &self.metrics {
-            let value = toml::Value::try_from(expected).map_err(S::Error::custom)?;
-            table.insert((*name).to_owned(), value);
-        }
-        table.serialize(serializer)
-    }
-}
-
-/// Keys of `[expect]` that are not metrics.
-struct OtherKeys<'a>(&'a Expect);
-
-impl Serialize for OtherKeys<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        Expect::serialize(self.0, serializer)
-    }
 }
 
 /// Adds the keys of the metrics to the schema.

@@ -1,12 +1,12 @@
 //! The `[expect.timing]` table: limits on real time, which are judged only if the clock can be trusted.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::limit::Limit;
 
 /// Limits on median and tail of a distribution.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct QuantileLimits {
     /// Half of the values are not above it.
@@ -21,7 +21,7 @@ pub struct QuantileLimits {
 
 /// Limits on the timing of a run in real time; virtual time has none. If real-time priority was refused, or if the machine held
 /// the nodes up, the run is inconclusive.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimingLimits {
     /// Lateness of the nodes' loops on wake-up, the worse of controller and plant emulator.

@@ -50,7 +50,7 @@ impl CommandReader {
         period: Duration,
     ) -> Result<Self, SignalMissing> {
         let to = node_names
-            .loop_names()
+            .loop_name()
             .map(|_| format!(" to {}", node_names.drive()));
         Ok(Self {
             position_id: one.position()?.raw_id(),

@@ -3,13 +3,13 @@
 use std::fmt;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::limit::Limit;
 use crate::window::Window;
 
 /// Events that must come one after the other, each soon enough after the one before.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Sequence {
     /// Short name of the sequence.
@@ -33,7 +33,7 @@ pub struct Sequence {
 }
 
 /// Event of a sequence: exactly one of `emcy`, `text` and `signal`.
-#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Expected {
     /// An emergency, as node and code: "drive 0x8130".
@@ -59,10 +59,10 @@ impl Sequence {
     /// Returns the window in which events count, in a run of this duration.
     #[must_use]
     pub fn window(&self, duration_seconds: f64) -> Window {
-        Window {
-            from_seconds: self.from_seconds,
-            until_seconds: self.until_seconds.unwrap_or(duration_seconds),
-        }
+        Window::new(
+            self.from_seconds,
+            self.until_seconds.unwrap_or(duration_seconds),
+        )
     }
 
     /// Returns the name of an event's row in the verdict.

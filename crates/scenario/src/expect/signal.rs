@@ -1,7 +1,7 @@
 //! `[[expect.signal]]`: demands on a signal in a window of time.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::curve;
 use crate::limit::Limit;
@@ -12,7 +12,7 @@ const RESOLUTION_SECONDS: f64 = 1e-6;
 
 /// Demands on a signal in a window of time; at least one of `stays`, `reaches`, `rate_per_second` and `follows`. A window without
 /// a sample, a silent signal and a value that is no number never pass.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct SignalCheck {
     /// Requirements that the check tests, such as "REQ-12".
@@ -41,7 +41,7 @@ pub struct SignalCheck {
 
 /// A recorded course of a signal: straight lines through the rows of a CSV file such as the `signals.csv` of a run. Without
 /// a window of its own the check lasts as long as the course.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Course {
     /// The file, relative to the scenario, with a column `time_seconds` in scenario time; rows without a value are skipped.
@@ -94,11 +94,8 @@ impl Course {
     #[must_use]
     pub fn span(&self) -> Option<Window> {
         let (first, last) = (self.rows.first()?, self.rows.last()?);
-        Some(Window {
-            from_seconds: first.0,
-            // A window ends before its last instant, but the last row counts.
-            until_seconds: last.0 + RESOLUTION_SECONDS,
-        })
+        // A window ends before its last instant, but the last row counts.
+        Some(Window::new(first.0, last.0 + RESOLUTION_SECONDS))
     }
 
     /// Returns the column to read.
@@ -123,20 +120,14 @@ impl SignalCheck {
     /// Returns the window of a demand, in a run of this duration.
     #[must_use]
     pub fn window(&self, demand: &Demand<'_>, duration_seconds: f64) -> Window {
-        let whole = Window {
-            from_seconds: 0.0,
-            until_seconds: duration_seconds,
-        };
+        let whole = Window::new(0.0, duration_seconds);
         let natural = match demand {
             Demand::Follows(course) => course.span().unwrap_or(whole),
             _ => whole,
         };
-        Window {
-            from_seconds: self.from_seconds.unwrap_or(natural.from_seconds),
-            until_seconds: self
-                .until_seconds
-                .unwrap_or(natural.until_seconds.min(duration_seconds)),
-        }
+        let end = natural.until_seconds.min(duration_seconds);
+        let from_seconds = self.from_seconds.unwrap_or(natural.from_seconds);
+        Window::new(from_seconds, self.until_seconds.unwrap_or(end))
     }
 
     /// Returns the name of a demand's row in the verdict. A value in another unit than the signal's has that unit at the end of
