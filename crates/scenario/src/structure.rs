@@ -15,16 +15,27 @@ use crate::schema::{MULTIPLE_OF, resolve};
 
 /// Finds everything in the document that the schema does not admit; `what` names the whole in messages.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
+    check_table(document, what, (0..0, document.root()), schema, schema)
+}
+
+/// Checks a table of the document as [`check`], against a part of the schema.
+pub(crate) fn check_table(
+    document: &Document<'_>,
+    what: &str,
+    table: (Range<usize>, &DeTable<'_>),
+    schema: &Value,
+    part: &Value,
+) -> Vec<Problem> {
     let mut checker = Checker {
         source: &document.source,
         measurand: &document.measurand,
         schema,
         problems: Vec::new(),
     };
-    // A table such as `[controller.x.pid]`, or the whole file.
+    // A table such as `[[fault.bus.lose]]`, or the whole file.
     let path = what.trim_matches(['[', ']']);
     let path = if path.len() < what.len() { path } else { "" };
-    checker.table(what, path, (0..0, document.root()), schema);
+    checker.table(what, path, table, part);
     checker.problems
 }
 

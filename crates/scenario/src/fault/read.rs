@@ -5,16 +5,17 @@ use std::collections::BTreeMap;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
+use super::schema::definition;
 use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
 use crate::check::outside;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::load::{Naming, in_unit};
+use crate::load::{Naming, in_unit, without_problems};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
 use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
-use crate::structure::{self, number};
+use crate::structure::{self, check_table, number};
 
 const FAULT: &str = "fault";
 const PLANT: &str = "plant";
@@ -248,42 +249,25 @@ impl<'text> Reader<'_, 'text> {
         entry: &Spanned<DeValue<'text>>,
         node: Option<&Node>,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
-        let name = |name: &'static str| Spanned::new(entry.span(), name.into());
-        let array = DeValue::Array([entry.clone()].into_iter().collect());
-        let kinds = [(name(kind.name), Spanned::new(entry.span(), array))];
-        let kinds = DeValue::Table(kinds.into_iter().collect());
-        let groups = [(name(kind.group.name()), Spanned::new(entry.span(), kinds))];
-        let groups = DeValue::Table(groups.into_iter().collect());
-        let section = [(name(FAULT), Spanned::new(entry.span(), groups))];
-        let mut tree: DeTable<'text> = section.into_iter().collect();
         let drive = node.filter(|node| node.part == Part::Drive);
         let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
-        let measurand = wiring
-            .as_ref()
-            .map(|one| one.sensor.measurand.clone())
-            .unwrap_or_default();
-        if let Some(wiring) = &wiring {
+        let wiring = wiring.unwrap_or_default();
+        let measurand = wiring.sensor.measurand;
+        let part = &schema::FAULTS["definitions"][definition(kind)];
+        let mut table = entry.get_ref().as_table().cloned().unwrap_or_default();
+        if drive.is_some() {
             let naming = Naming {
                 source: &self.document.source,
                 measurand: &measurand,
                 loop_name: &wiring.loop_name,
                 schema: &schema::FAULTS,
             };
-            naming.apply(&mut tree, naming.schema).map_err(one)?;
+            naming.apply(&mut table, part).map_err(one)?;
         }
-        let document = self.document.with_loop(tree.clone(), measurand.clone());
-        let problems = structure::check(&document, "the scenario", &schema::FAULTS);
-        let problems = in_unit(problems, &measurand);
-        if !problems.is_empty() {
-            return Err(problems);
-        }
-        let path = format!("{FAULT}.{}.{}.0", kind.group.name(), kind.name);
-        let document = self.document.with_root(tree);
-        let table = document.spanned(&path).map(Spanned::get_ref);
-        Ok(table
-            .and_then(DeValue::as_table)
-            .cloned()
-            .unwrap_or_default())
+        let document = self.document.with_loop(DeTable::new(), measurand.clone());
+        let at = (entry.span(), &table);
+        let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
+        without_problems(in_unit(problems, &measurand), table)
     }
 }
 

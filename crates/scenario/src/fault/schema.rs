@@ -52,7 +52,7 @@ fn group_definition(group: Group) -> String {
 }
 
 /// Returns the name of a kind's definition.
-fn definition(kind: &Kind) -> String {
+pub(super) fn definition(kind: &Kind) -> String {
     let words = kind.name.split('_').map(capitalised);
     format!("{}Fault", words.collect::<String>())
 }
