@@ -97,7 +97,13 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Ve
     let mut problems = Vec::new();
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
     let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
-    for Metric { name, .. } in demanded {
+    for metric in demanded {
+        let name = metric.name;
+        if let Some(missing) = metric.missing_in(trial) {
+            let message = format!("`{name}` cannot be judged");
+            let path = format!("expect.{name}");
+            problems.push(document.problem(&path, message, format!("needs {missing}")));
+        }
         if !trial.has_loop_faults() {
             let message = format!("`{name}` cannot be judged");
             let path = format!("expect.{name}");
@@ -108,15 +114,6 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Ve
     for (index, text) in expect.listed("emcy").iter().enumerate() {
         let path = format!("expect.emcy.{index}");
         problems.extend(emergency(document, &path, text, rig));
-    }
-    for metric in METRICS.iter().filter(|metric| metric.needs_fault()) {
-        if expect.of(metric.name).is_some()
-            && let Some(missing) = metric.missing_in(trial)
-        {
-            let message = format!("`{}` cannot be judged", metric.name);
-            let path = format!("expect.{}", metric.name);
-            problems.push(document.problem(&path, message, format!("needs {missing}")));
-        }
     }
     problems
 }

@@ -8,27 +8,29 @@ use crate::plant::{Heat, Kinetics, Phase};
 ///
 /// `path` is the path of the table in the document.
 pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -> Vec<Problem> {
+    let (austenite, martensite) = ("austenite_start_celsius", "martensite_finish_celsius");
+    let (finish, start) = (
+        phase.austenite_finish_celsius,
+        phase.austenite_start_celsius,
+    );
+    let (from, until) = (
+        phase.martensite_start_celsius,
+        phase.martensite_finish_celsius,
+    );
     let pairs = [
-        (
-            "austenite_finish_celsius",
-            phase.austenite_finish_celsius,
-            "austenite_start_celsius",
-            phase.austenite_start_celsius,
-        ),
-        (
-            "martensite_start_celsius",
-            phase.martensite_start_celsius,
-            "martensite_finish_celsius",
-            phase.martensite_finish_celsius,
-        ),
+        ("austenite_finish_celsius", finish, austenite, start),
+        ("martensite_start_celsius", from, martensite, until),
     ];
-    let is_wrong = |(_, high, _, low): &(&str, f64, &str, f64)| high <= low;
-    let problem = |(name, _, below, low): (&str, f64, &str, f64)| {
+    let wrong = pairs.into_iter().filter(|(_, high, _, low)| high <= low);
+    let problems = wrong.map(|(name, _, below, low)| {
         let message = format!("`{name}` must be above `{below}`");
-        let path = format!("{path}.{name}");
-        document.problem(&path, message, format!("must be above {low}"))
-    };
-    pairs.into_iter().filter(is_wrong).map(problem).collect()
+        document.problem(
+            &format!("{path}.{name}"),
+            message,
+            format!("must be above {low}"),
+        )
+    });
+    problems.collect()
 }
 
 /// Checks that air and cooling element do not keep the wire above `Mf`: a memory of turns begins with all martensite.

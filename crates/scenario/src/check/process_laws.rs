@@ -144,17 +144,13 @@ impl Files<'_, '_> {
         if !is_inside_folder(file) {
             return Some(self.wrong(path, file, OUTSIDE));
         }
-        match self.hash(file) {
-            Err(error) if !self.is_recorded => Some(match error.kind() {
-                io::ErrorKind::NotFound => self.wrong(
-                    path,
-                    file,
-                    &format!("there is no such file beside {}", self.kind()),
-                ),
-                _ => self.wrong(path, file, &error.to_string()),
-            }),
-            _ => None,
-        }
+        let error = self.hash(file).err()?;
+        let label = match (error.kind(), self.beside) {
+            (io::ErrorKind::NotFound, "") => "there is no such file beside the scenario".to_owned(),
+            (io::ErrorKind::NotFound, _) => "there is no such file beside the rig file".to_owned(),
+            _ => error.to_string(),
+        };
+        Some(self.wrong(path, file, &label))
     }
 
     fn hash(&mut self, file: &str) -> io::Result<()> {
@@ -163,14 +159,6 @@ impl Files<'_, '_> {
         match read {
             Err(_) if self.is_recorded => Ok(()),
             read => read.map(drop),
-        }
-    }
-
-    /// Returns the kind of file that names the others, for messages.
-    fn kind(&self) -> &'static str {
-        match self.beside {
-            "" => "the scenario",
-            _ => "the rig file",
         }
     }
 
