@@ -11,6 +11,8 @@ use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
+use scenario::{Beside, Scenario};
+use std::path::Path;
 
 use scenario::node::{Node as RigNode, Part};
 
@@ -139,12 +141,10 @@ fn view(tables: &str) -> ControllerView {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n{tables}"
     );
-    let view = ControllerView::parse(
-        &text,
-        "t.toml",
-        |_| Err(std::io::ErrorKind::NotFound.into()),
-    );
-    view.unwrap()
+    let beside = Beside::new(Path::new("t.toml"));
+    let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+    let (scenario, _) = Scenario::parse_view(&beside, text, none).unwrap();
+    scenario.loops[0].controller_view()
 }
 
 fn drive(node_id: NodeId) -> Device<TestDrive> {

@@ -71,12 +71,8 @@ impl Section {
         }
     }
 
-    /// Sets the tables from outside once and for all; returns them if they have been set before.
-    pub(crate) fn set_tables(self, tables: Vec<CustomTable>) -> Result<(), Vec<CustomTable>> {
-        self.tables().set(tables)
-    }
-
-    fn tables(self) -> &'static OnceLock<Vec<CustomTable>> {
+    /// Returns the tables from outside, which are set once and for all.
+    pub(crate) fn tables(self) -> &'static OnceLock<Vec<CustomTable>> {
         static PLANTS: OnceLock<Vec<CustomTable>> = OnceLock::new();
         static LAWS: OnceLock<Vec<CustomTable>> = OnceLock::new();
         match self {
@@ -89,13 +85,14 @@ impl Section {
 /// Table of a plant or a law from outside.
 #[derive(Debug)]
 pub struct CustomTable {
-    name: &'static str,
+    pub(crate) name: &'static str,
     /// Faults of `[[fault.plant.…]]` that have a meaning for the plant.
-    faults: &'static [&'static str],
+    pub(crate) faults: &'static [&'static str],
     /// Number of drives of its loop that a law leads; `None` for a law that leads all loops.
     drives: Option<usize>,
-    schema: Value,
-    check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
+    pub(crate) schema: Value,
+    /// Checks a table by the type of the parameters.
+    pub(crate) check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
 }
 
 impl CustomTable {
@@ -121,23 +118,6 @@ impl CustomTable {
     #[must_use]
     pub fn leading(self, drives: Option<usize>) -> Self {
         Self { drives, ..self }
-    }
-
-    pub(crate) fn name(&self) -> &'static str {
-        self.name
-    }
-
-    pub(crate) fn faults(&self) -> &'static [&'static str] {
-        self.faults
-    }
-
-    pub(crate) fn schema(&self) -> &Value {
-        &self.schema
-    }
-
-    /// Checks a table by the type of the parameters.
-    pub(crate) fn check(&self, table: Spanned<DeValue<'_>>) -> Result<(), toml::de::Error> {
-        (self.check)(table)
     }
 }
 
@@ -199,32 +179,20 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     )
 }
 
-/// Returns the schema of the table of a plant from outside.
-pub(crate) fn plant_schema(name: &str) -> Value {
-    find(Section::Plant, name).map_or_else(Value::default, |table| table.schema.clone())
-}
-
-/// Adds the tables of plants from outside to the properties of a schema.
-pub(crate) fn describe_plants(properties: &mut Value) {
-    let Some(properties) = properties.as_object_mut() else {
-        return;
-    };
-    for table in tables(Section::Plant) {
-        properties.insert(table.name.to_owned(), table.schema.clone());
+/// Adds the tables of a section from outside to the properties of a schema.
+pub(crate) fn describe_section(section: Section, properties: Option<&mut Value>) {
+    if let Some(properties) = properties.and_then(Value::as_object_mut) {
+        let tables = tables(section).iter();
+        properties.extend(tables.map(|table| (table.name.to_owned(), table.schema.clone())));
     }
 }
 
 /// Adds the tables from outside to a schema.
 pub(crate) fn describe(schema: &mut Value) {
-    if let Some(models) = schema.pointer_mut("/definitions/PlantModel/properties") {
-        describe_plants(models);
-    }
+    let plants = schema.pointer_mut("/definitions/PlantModel/properties");
+    describe_section(Section::Plant, plants);
     let laws = schema.pointer_mut("/definitions/Controller/properties");
-    if let Some(laws) = laws.and_then(Value::as_object_mut) {
-        for table in tables(Section::Controller) {
-            laws.insert(table.name.to_owned(), table.schema.clone());
-        }
-    }
+    describe_section(Section::Controller, laws);
 }
 
 /// Table of a plant or a law from outside, as a scenario has it. Its parameters are checked, except in a recorded scenario.

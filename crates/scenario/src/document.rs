@@ -1,6 +1,5 @@
 //! A TOML document that keeps the place of each value.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use serde::de::DeserializeOwned;
@@ -49,10 +48,6 @@ impl<'text> Document<'text> {
             .last()
             .map_or(0, |(at, _)| at);
         let headings = headings(text);
-        let mut firsts = BTreeMap::new();
-        for (heading, path) in &headings {
-            firsts.entry(*path).or_insert(heading);
-        }
         let mut second_table = 0..0;
         let mut problems = Vec::new();
         let span = |error: &toml::de::Error| {
@@ -75,24 +70,20 @@ impl<'text> Document<'text> {
             }
             let next = headings.partition_point(|(heading, _)| heading.start <= span.start);
             let heading = next.checked_sub(1).map(|place| &headings[place]);
-            let is_heading = |(heading, _): &&(Range<usize>, _)| heading.contains(&span.start);
-            let Some((heading, path)) = heading.filter(is_heading).filter(|_| is_duplicate) else {
+            let is_it = |(heading, _): &&(Range<usize>, _)| heading.contains(&span.start);
+            let Some((heading, path)) = heading.filter(is_it).filter(|_| is_duplicate) else {
                 problems.push(self.syntax_error(span, error));
                 continue;
             };
-            let end = headings
-                .get(next)
-                .map_or(text.len(), |(next, _)| next.start);
-            second_table = heading.start..end;
+            let end = headings.get(next);
+            second_table = heading.start..end.map_or(text.len(), |(next, _)| next.start);
             let message = format!("[{path}] stands twice");
-            let problem = (self.source).problem(span, message, "for the second time");
-            let problem = match firsts.get(path) {
-                Some(first) if first.start < heading.start => {
-                    let first = first.start..first.start + text[(*first).clone()].trim_end().len();
-                    problem.with_place(first, "here for the first time")
-                }
-                _ => problem,
-            };
+            let mut problem = (self.source).problem(span, message, "for the second time");
+            let mut before = headings.iter().take(next - 1);
+            if let Some((first, _)) = before.find(|(_, other)| other == path) {
+                let first = first.start..first.start + text[first.clone()].trim_end().len();
+                problem = problem.with_place(first, "here for the first time");
+            }
             problems.push(problem.with_help("keep one of them"));
         }
         problems

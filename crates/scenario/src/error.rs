@@ -180,13 +180,7 @@ impl Problem {
     }
 
     fn is_same(&self, other: &Self) -> bool {
-        let parts = |problem: &Self| {
-            (
-                problem.offset,
-                problem.message.clone(),
-                problem.label.clone(),
-            )
-        };
+        let parts = |one: &Self| (one.offset, [one.message.clone(), one.label.clone()]);
         parts(self) == parts(other)
     }
 

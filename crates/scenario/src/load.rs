@@ -35,12 +35,10 @@ use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
 use crate::outside::Outside;
 use crate::port::Measurand;
-use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
 use crate::structure;
 use crate::table::ReadTable;
 use crate::trial::Trial;
-use crate::view::ControllerView;
 
 /// Longest scenario file.
 pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
@@ -101,8 +99,8 @@ pub struct Texts {
 }
 
 /// Purpose for which a scenario is read.
-#[derive(Clone, Copy)]
-enum Reading {
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Reading {
     ToPlay,
     /// As `ToPlay`, with other values than those with which its rig was checked.
     Case,
@@ -140,22 +138,6 @@ impl Trial {
         let text = text.to_owned();
         let (scenario, _) = Scenario::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
         only(scenario.loops, file_name)
-    }
-}
-
-impl ControllerView {
-    /// Reads the part of a scenario that the controller may know, for a rig with one loop; as [`Trial::parse`].
-    ///
-    /// # Errors
-    /// As [`Trial::parse`], for the tables that the controller sees.
-    pub fn parse(
-        text: &str,
-        file_name: &str,
-        read_table: impl FnMut(&str) -> io::Result<String>,
-    ) -> Result<Self, ScenarioError> {
-        let beside = Beside::new(Path::new(file_name));
-        let (scenario, _) = Scenario::parse_view(&beside, text.to_owned(), read_table)?;
-        only(scenario.loops, file_name).map(|one| one.controller_view())
     }
 }
 
@@ -221,66 +203,28 @@ pub(crate) fn build<T: DeserializeOwned>(
     }
 }
 
-/// Returns the table from outside at a path of a document, if there is one, and the problems that its Rust type finds in it.
+/// Returns the table from outside at a path of a document, if there is one. A problem that its Rust type finds is added if there
+/// is no other: the schema may have found the same.
 fn custom_table(
     document: &Document<'_>,
     outside: &Outside,
     section: Section,
     path: &str,
-) -> Option<(Custom, Option<Problem>)> {
+    problems: &mut Vec<Problem>,
+) -> Option<Custom> {
     let keys = document.keys(path);
     let mut names = outside.names(section).into_iter();
     let name = names.find(|name| keys.contains(name))?;
     let value = document.spanned(&format!("{path}.{name}"))?;
-    let problem = |error: toml::de::Error| {
+    if let Err(error) = outside.check(section, name, value.clone())
+        && problems.is_empty()
+    {
         let span = error.span().unwrap_or_else(|| value.span());
-        (document.source).problem(span, "invalid value", error.message())
-    };
-    let checked = outside
-        .check(section, name, value.clone())
-        .err()
-        .map(problem);
+        problems.push((document.source).problem(span, "invalid value", error.message()));
+    }
     let table =
         toml::Table::deserialize(ValueDeserializer::from(value.clone())).unwrap_or_default();
-    Some((Custom::new(name, table), checked))
-}
-
-/// Reads the table of a law from outside. A problem that its Rust type finds is reported only if there is no other: the schema may
-/// have found the same.
-fn read_law(
-    document: &Document<'_>,
-    outside: &Outside,
-    into: &mut Option<Custom>,
-    problems: &mut Vec<Problem>,
-) {
-    let section = Section::Controller;
-    let Some((custom, problem)) = custom_table(document, outside, section, section.key()) else {
-        return;
-    };
-    *into = Some(custom);
-    if problems.is_empty() {
-        problems.extend(problem);
-    }
-}
-
-/// Reads the models of plants from outside. Problems that their Rust types find are reported only if there are no others: the
-/// schema may have found the same.
-fn read_models(
-    document: &Document<'_>,
-    outside: &Outside,
-    rig: &mut Rig,
-    problems: &mut Vec<Problem>,
-) {
-    for (name, plant) in &mut rig.plant {
-        let path = format!("plant.{name}");
-        let Some((custom, problem)) = custom_table(document, outside, Section::Plant, &path) else {
-            continue;
-        };
-        plant.custom = Some(custom);
-        if problems.is_empty() {
-            problems.extend(problem);
-        }
-    }
+    Some(Custom::new(name, table))
 }
 
 pub(crate) fn without_problems<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {

@@ -8,6 +8,8 @@ use toml::de::{DeTable, DeValue};
 
 use crate::controller;
 use crate::custom::{self, Section, is_name};
+use crate::document::Document;
+use crate::load::Reading;
 use crate::plant::MODELS;
 
 /// Tables from outside that a reader of a scenario admits.
@@ -20,9 +22,17 @@ pub(crate) enum Outside {
 }
 
 impl Outside {
+    /// Returns the tables that a document may have when it is read for a purpose.
+    pub(crate) fn of(reading: Reading, document: &Document<'_>) -> Self {
+        match reading {
+            Reading::Recorded => Self::recorded(document.root()),
+            Reading::ToPlay | Reading::Case | Reading::View => Self::Registered,
+        }
+    }
+
     /// Collects the tables of a recorded scenario or its rig: every law and every model of a plant that the format itself does not
     /// know.
-    pub(crate) fn recorded(root: &DeTable<'_>) -> Self {
+    fn recorded(root: &DeTable<'_>) -> Self {
         let section = |section: Section| root.get(section.key()).into_iter().flat_map(tables);
         let laws = section(Section::Controller).map(|(law, _)| (Section::Controller, law));
         let models = section(Section::Plant).flat_map(|(_, plant)| tables(plant));
@@ -66,7 +76,7 @@ impl Outside {
         match self {
             Self::Registered => custom::tables(section)
                 .iter()
-                .map(|custom| custom.name())
+                .map(|custom| custom.name)
                 .collect(),
             Self::Recorded(tables) => {
                 let in_section = tables.iter().filter(|(place, _)| *place == section);
@@ -85,8 +95,8 @@ impl Outside {
         match self {
             Self::Registered => {
                 let mut registered = custom::tables(section).iter();
-                let found = registered.find(|custom| custom.name() == name);
-                found.map_or(Ok(()), |custom| custom.check(table))
+                let found = registered.find(|custom| custom.name == name);
+                found.map_or(Ok(()), |custom| (custom.check)(table))
             }
             Self::Recorded(_) => Ok(()),
         }

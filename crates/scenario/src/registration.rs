@@ -32,26 +32,27 @@ impl InvalidRegistration {
 /// One of them cannot be a table of the section.
 pub fn register(section: Section, tables: Vec<CustomTable>) -> Result<(), InvalidRegistration> {
     for (place, table) in tables.iter().enumerate() {
-        let name = table.name();
+        let name = table.name;
         is_free(section, name)?;
-        if tables[..place].iter().any(|other| other.name() == name) {
+        if tables[..place].iter().any(|other| other.name == name) {
             return Err(InvalidRegistration::taken(section, name));
         }
-        if table.schema()["type"] != "object" {
+        if table.schema["type"] != "object" {
             return Err(InvalidRegistration(format!(
                 "the parameters of `{name}` are no struct with named fields"
             )));
         }
         let is_plants = |kind: &Kind| kind.group == Group::Plant;
         let unknown = |fault: &&&str| !Kind::named(fault).is_some_and(is_plants);
-        if let Some(fault) = table.faults().iter().find(unknown) {
+        if let Some(fault) = table.faults.iter().find(unknown) {
             return Err(InvalidRegistration(format!(
                 "`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]"
             )));
         }
     }
     section
-        .set_tables(tables)
+        .tables()
+        .set(tables)
         .map_err(|_| InvalidRegistration::again())
 }
 

@@ -55,26 +55,18 @@ pub(crate) struct Header {
 
 impl Header {
     pub(crate) fn run(self, bus: Bus, faults: Faults) -> Run {
-        let Self {
-            name,
-            description,
-            requirements,
-            seed,
-            duration_seconds,
-            ..
-        } = self;
         // A length that is not positive is one problem; that events come after the end of the run is not a further one.
-        let duration_seconds = if duration_seconds > 0.0 {
-            duration_seconds
-        } else {
-            f64::INFINITY
-        };
+        let is_length = self.duration_seconds > 0.0;
         Run {
-            name,
-            description,
-            requirements,
-            seed,
-            duration_seconds,
+            name: self.name,
+            description: self.description,
+            requirements: self.requirements,
+            seed: self.seed,
+            duration_seconds: if is_length {
+                self.duration_seconds
+            } else {
+                f64::INFINITY
+            },
             bus,
             faults,
         }

@@ -31,8 +31,6 @@ pub struct Scenario {
     pub programs: BTreeMap<String, NodeProgram>,
     /// Whether the scenario has laws that are not used, since a program leads.
     pub has_unused_law: bool,
-    /// Name and text of the copy, in a run folder, of a rig that ships.
-    pub(crate) shipped_rig: Option<(String, String)>,
 }
 
 /// Program that plays a node.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use proptest::prelude::*;
 
-use crate::{ControllerView, ScenarioError, Trial};
+use crate::{Beside, ControllerView, Scenario, ScenarioError, Trial};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
@@ -40,6 +40,15 @@ fn render(error: &ScenarioError) -> String {
 
 fn no_tables(_: &str) -> std::io::Result<String> {
     Err(std::io::Error::other("no such file"))
+}
+
+fn view_of(
+    text: &str,
+    read_file: impl FnMut(&str) -> std::io::Result<String>,
+) -> Result<ControllerView, ScenarioError> {
+    let beside = Beside::new(Path::new("x.toml"));
+    let (scenario, _) = Scenario::parse_view(&beside, text.to_owned(), read_file)?;
+    Ok(scenario.loops[0].controller_view())
 }
 
 /// Returns the smallest valid scenario, with `more` behind it.
@@ -675,7 +684,7 @@ fn a_recorded_current_is_one_column_of_many() {
     let open_loop = scenario.controller.open_loop.unwrap();
     assert_eq!(open_loop.profile().current_at(1.0), 0.2);
     // The controller reads the table, too.
-    let view = ControllerView::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
+    let view = view_of(&column, |_| Ok(table.to_owned())).unwrap();
     assert_eq!(view.controller.open_loop, Some(open_loop));
 }
 
@@ -701,7 +710,7 @@ fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
             .nominal_model,
         model
     );
-    let view = ControllerView::parse(&text, "x.toml", |_| Ok(file.clone())).unwrap();
+    let view = view_of(&text, |_| Ok(file.clone())).unwrap();
     assert_eq!(view.controller, scenario.controller);
     for (file, message) in [
         (
@@ -790,16 +799,10 @@ fn the_controller_never_looks_at_the_plant() {
             .len(),
         4
     );
-    let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
+    let view = view_of(&text, no_tables).unwrap();
     assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));
     let text = text.replace("[plant.wire.heat]", "[plants]");
-    assert_eq!(
-        ControllerView::parse(&text, "x.toml", no_tables)
-            .unwrap_err()
-            .problems()
-            .len(),
-        1
-    );
+    assert_eq!(view_of(&text, no_tables).unwrap_err().problems().len(), 1);
 }
 
 #[test]
@@ -876,7 +879,7 @@ fn all_shipped_scenarios_load_and_name_their_schema() {
         let scenario = Trial::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
         let text = fs::read_to_string(&path).unwrap();
         let beside = crate::Beside::new(&path);
-        let view = ControllerView::parse(&text, "x.toml", |name| beside.read(name))
+        let view = view_of(&text, |name| beside.read(name))
             .unwrap_or_else(|error| panic!("{}", render(&error)));
         assert_eq!(view, scenario.controller_view());
         assert!(
@@ -899,7 +902,7 @@ proptest! {
     #[test]
     fn arbitrary_text_never_panics(text in ".{0,400}") {
         let _ = Trial::parse(&text, "x.toml", no_tables);
-        let _ = ControllerView::parse(&text, "x.toml", no_tables);
+        let _ = view_of(&text, no_tables);
         let _ = parse_table(&text);
     }
 
@@ -920,7 +923,7 @@ proptest! {
             prop_assert!(error.problems().iter().all(|problem| problem.line_and_column().is_some()));
             render(&error);
         }
-        let _ = ControllerView::parse(&text, "x.toml", no_tables);
+        let _ = view_of(&text, no_tables);
     }
 
     #[test]

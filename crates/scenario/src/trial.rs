@@ -13,6 +13,7 @@ use crate::disturbance::Disturbance;
 use crate::expect::Expect;
 use crate::fault::{Fault, Faults};
 use crate::identifiers::Identifiers;
+use crate::node::Node;
 use crate::plant::{Amplifier, PlantModel, Sensor};
 use crate::reference::Reference;
 use crate::run::Run;
@@ -98,16 +99,18 @@ impl Trial {
 
     /// Returns the faults of its loop: those of its drive and plant, and those of no drive.
     pub fn loop_faults(&self) -> impl Iterator<Item = &Fault> {
-        let Wiring { nodes, plant, .. } = &self.wiring;
-        let is_in_loop = |fault: &&Fault| fault.is_in_loop(nodes.drive.id, plant);
-        self.run.faults.iter().filter(is_in_loop)
+        self.faults_around(&self.wiring.nodes.drive)
     }
 
     /// Returns the faults that it would have if its drive were the one that it follows.
     pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
-        let Wiring { nodes, plant, .. } = &self.wiring;
-        let is_in_loop = |fault: &&Fault| fault.is_in_loop(nodes.followed.id, plant);
-        self.run.faults.iter().filter(is_in_loop)
+        self.faults_around(&self.wiring.nodes.followed)
+    }
+
+    fn faults_around(&self, drive: &Node) -> impl Iterator<Item = &Fault> {
+        let (id, plant) = (drive.id, &self.wiring.plant);
+        let faults = self.run.faults.iter();
+        faults.filter(move |fault| fault.is_in_loop(id, plant))
     }
 
     /// Returns the faults of its drive, and of the plant that the drive moves.

@@ -86,7 +86,7 @@ fn rig_text(
             return Err(problem(message, &label).with_help(help));
         };
         let copy = shipped::copied_name(rig);
-        let recorded = matches!(reading, Reading::Recorded).then(|| read_file(&copy).ok());
+        let recorded = (reading == Reading::Recorded).then(|| read_file(&copy).ok());
         return Ok(RigText {
             text: recorded.flatten().unwrap_or_else(|| text.to_owned()),
             name: rig.to_owned(),
@@ -97,11 +97,6 @@ fn rig_text(
     if !is_inside_folder(rig) {
         let message = "a rig file must lie in the scenario's folder, or below it".to_owned();
         return Err(problem(message, "no absolute path, no `..`"));
-    }
-    if is_same_file(rig, beside.scenario()) {
-        let message = format!("`{rig}` is this scenario itself");
-        let problem = problem(message, "a rig file is another file");
-        return Err(problem.with_place(scenario.key_span("name"), "this is a scenario"));
     }
     if is_same_file(rig, Path::new(SCENARIO_FILE)) {
         let message = format!("a rig file cannot be called `{rig}`");

@@ -12,9 +12,9 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::kind;
-use super::{Reading, build, read_models, without_problems};
+use super::{Reading, build, custom_table, without_problems};
 use crate::check;
-use crate::custom::is_name;
+use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
@@ -31,6 +31,17 @@ const TABLES: [(&str, usize); 3] = [
     ("plant", NODES_MAX),
     ("node", NODES_MAX),
     ("loop", LOOPS_MAX),
+];
+/// Keys that only an external drive has.
+const EXTERNAL_KEYS: [&str; 8] = [
+    "eds",
+    "mode_of_operation",
+    "command",
+    "position",
+    "current",
+    "limits",
+    "timeouts",
+    "preflight",
 ];
 const CURRENT_PORT: &str = "current_amperes";
 const POSITION_PORT: &str = "position_metres";
@@ -90,10 +101,7 @@ impl Rig {
         document: &Document<'_>,
         reading: Reading,
     ) -> Result<Self, Vec<Problem>> {
-        let outside = match reading {
-            Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
-            Reading::Recorded => Outside::recorded(document.root()),
-        };
+        let outside = Outside::of(reading, document);
         let schema = outside.schema(&schema::RIG);
         let places = default_places(document);
         let said_once = |mut problems| {
@@ -102,7 +110,10 @@ impl Rig {
         };
         let built = build::<Self>(document, &outside, "the rig file", &schema);
         let (mut rig, mut problems) = built.map_err(said_once)?;
-        read_models(document, &outside, &mut rig, &mut problems);
+        for (name, plant) in &mut rig.plant {
+            let path = format!("plant.{name}");
+            plant.custom = custom_table(document, &outside, Section::Plant, &path, &mut problems);
+        }
         for node in rig.node.values_mut() {
             node.external |= node.kind == NodeKind::Drive && node.limits.is_some();
         }
@@ -372,10 +383,11 @@ impl Check<'_> {
             let path = format!("node.{name}");
             match (!node.is_ours(), node.kind) {
                 (false, _) | (true, NodeKind::Io) => {
-                    problems.extend(node.external_keys().map(|key| {
+                    let keys = EXTERNAL_KEYS.map(|key| (key, format!("{path}.{key}")));
+                    let there = keys.into_iter().filter(|(_, path)| self.document.has(path));
+                    problems.extend(there.map(|(key, path)| {
                         let message = format!("`{name}` can have no {key}");
-                        let label = "only a drive with `limits` has this";
-                        self.problem(&format!("{path}.{key}"), message, label)
+                        self.problem(&path, message, "only a drive with `limits` has this")
                     }));
                 }
                 (true, NodeKind::Controller) if !node.external => {}

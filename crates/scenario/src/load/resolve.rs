@@ -11,11 +11,12 @@ use super::overlay::overlaid;
 use super::sections::{CONTROLLER, Selector};
 use super::sweep::read_sweep;
 use super::{
-    FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, read_law, reading,
+    FindObjections, KIND, Objection, Reading, Texts, build, custom_table, in_unit, nodes, reading,
     without_problems,
 };
 use crate::beside::Beside;
 use crate::check;
+use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault::{self, Fault};
@@ -47,6 +48,16 @@ struct Asked<'a> {
     object: FindObjection<'a>,
 }
 
+impl<'a> Asked<'a> {
+    fn new(reading: Reading, objections: FindObjections<'a>, object: FindObjection<'a>) -> Self {
+        Self {
+            reading,
+            objections,
+            object,
+        }
+    }
+}
+
 impl Scenario {
     /// Parses a scenario, the rig that it names, and its tables, and returns it with the texts that were read. `read_file`
     /// returns the text of a file by the name that the scenario uses; `beside` locates these files. `objections` finds further
@@ -61,11 +72,7 @@ impl Scenario {
         objections: impl Fn(&Trial) -> Vec<Objection>,
         object: impl Fn(&Self) -> Option<Objection>,
     ) -> Result<(Self, Texts), ScenarioError> {
-        let asked = Asked {
-            reading: Reading::ToPlay,
-            objections: &objections,
-            object: &object,
-        };
+        let asked = Asked::new(Reading::ToPlay, &objections, &object);
         parse_for(beside, text, &mut read_file, &asked)
     }
 
@@ -79,11 +86,7 @@ impl Scenario {
         mut read_file: impl FnMut(&str) -> io::Result<String>,
         object: impl Fn(&Self) -> Option<Objection>,
     ) -> Result<Self, ScenarioError> {
-        let asked = Asked {
-            reading: Reading::Case,
-            objections: &|_| Vec::new(),
-            object: &object,
-        };
+        let asked = Asked::new(Reading::Case, &|_| Vec::new(), &object);
         parse_for(beside, text, &mut read_file, &asked).map(|(scenario, _)| scenario)
     }
 
@@ -98,11 +101,7 @@ impl Scenario {
         objections: impl Fn(&Trial) -> Vec<Objection>,
         object: impl Fn(&Self) -> Option<Objection>,
     ) -> Result<(Self, Texts), ScenarioError> {
-        let asked = Asked {
-            reading: Reading::Recorded,
-            objections: &objections,
-            object: &object,
-        };
+        let asked = Asked::new(Reading::Recorded, &objections, &object);
         // Hashes come from the recording.
         let read = &mut |name: &str| beside.read_text(name);
         parse_for(beside, text, read, &asked)
@@ -118,11 +117,7 @@ impl Scenario {
         text: String,
         mut read_file: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<(Self, Texts), ScenarioError> {
-        let asked = Asked {
-            reading: Reading::View,
-            objections: &|_| Vec::new(),
-            object: &|_| None,
-        };
+        let asked = Asked::new(Reading::View, &|_| Vec::new(), &|_| None);
         parse_for(beside, text, &mut read_file, &asked)
     }
 
@@ -149,11 +144,7 @@ impl Scenario {
             },
             path: PathBuf::from(name),
         };
-        let asked = Asked {
-            reading: Reading::ToPlay,
-            objections: &|_| Vec::new(),
-            object: &object,
-        };
+        let asked = Asked::new(Reading::ToPlay, &|_| Vec::new(), &object);
         resolve(&files, &mut |file| beside.read(file), &asked)
     }
 }
@@ -166,18 +157,18 @@ fn parse_for(
     asked: &Asked<'_>,
 ) -> Result<(Scenario, Texts), ScenarioError> {
     let name = beside.scenario().display().to_string();
-    let (scenario, mut texts) = reading(text, read_file, |text, read_file| {
+    let ((scenario, copy), mut texts) = reading(text, read_file, |text, read_file| {
         let mut files = Files::parse(text, &name, beside, asked.reading, read_file)?;
-        if matches!(asked.reading, Reading::View) {
+        if asked.reading == Reading::View {
             for key in HIDDEN_FROM_CONTROLLER {
                 files.scenario.remove(key);
             }
         }
-        resolve(&files, read_file, asked)
+        let scenario = resolve(&files, read_file, asked)?;
+        let RigText { beside, text, .. } = files.rig;
+        Ok((scenario, files.rig.is_shipped.then_some((beside, text))))
     })?;
-    if let Some((name, text)) = &scenario.shipped_rig {
-        texts.tables.insert(name.clone(), text.clone());
-    }
+    texts.tables.extend(copy);
     Ok((scenario, texts))
 }
 
@@ -190,8 +181,7 @@ fn resolve(
     let rig_name = &files.rig.name;
     let rig_document = Rig::document(&files.rig.text, rig_name)?;
     // The rig of a case was checked before.
-    let as_written =
-        (!matches!(reading, Reading::Case)).then(|| Rig::from_tree(&rig_document, reading));
+    let as_written = (reading != Reading::Case).then(|| Rig::from_tree(&rig_document, reading));
     let as_written = as_written
         .transpose()
         .map_err(|problems| nodes::fail(rig_name, problems))?;
@@ -220,14 +210,18 @@ fn resolve(
         return Err(fail(problems));
     }
     let (run, has_all_faults) = read_run(&selector, &mut problems);
-    let told = (run.as_ref(), has_all_faults);
-    let loops = read_loops(&selector, files, told, read_file, asked, &mut problems);
+    let told = Told {
+        rig: &rig,
+        run,
+        has_all_faults,
+    };
+    let loops = read_loops(&selector, files, &told, read_file, asked, &mut problems);
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
         problems.extend(found);
         Vec::new()
     });
     // All loops together are checked once each of them is right.
-    let run = match run {
+    let run = match told.run {
         Some(run) if loops.len() == rig.loops.len() => run,
         _ => return Err(fail(problems)),
     };
@@ -239,12 +233,6 @@ fn resolve(
         Reading::ToPlay => read_sweep(document, &rig).map_err(fail)?,
         Reading::Case | Reading::Recorded | Reading::View => None,
     };
-    let RigText {
-        text,
-        beside,
-        is_shipped,
-        ..
-    } = &files.rig;
     let scenario = Scenario {
         run,
         loops,
@@ -254,7 +242,6 @@ fn resolve(
         has_unused_law: rig.is_led_by_program() && document.has(CONTROLLER),
         rig,
         programs,
-        shipped_rig: is_shipped.then(|| (beside.clone(), text.clone())),
     };
     match (asked.object)(&scenario) {
         None => Ok(scenario),
@@ -262,40 +249,95 @@ fn resolve(
     }
 }
 
-/// Reads the trial of each loop, without loops that cannot be read. Also returns the facts of the run, and whether all of its
-/// faults could be read.
+/// Facts of a run for the readers of its trials.
+struct Told<'a> {
+    rig: &'a Rig,
+    /// `None` if the facts of the run are not known.
+    run: Option<Arc<Run>>,
+    /// False if some of the faults could not be read.
+    has_all_faults: bool,
+}
+
+/// Reads the trial of each loop, without loops that cannot be read.
 fn read_loops(
     selector: &Selector<'_, '_>,
     files: &Files<'_>,
-    (run, has_all_faults): (Option<&Arc<Run>>, bool),
+    told: &Told<'_>,
     read_file: ReadTable<'_>,
     asked: &Asked<'_>,
     problems: &mut Vec<Problem>,
 ) -> Vec<Trial> {
-    let Selector { scenario, rig } = *selector;
     let (tables, wrong_tables) = selector.select();
     problems.extend(wrong_tables);
     let mut loops = Vec::new();
     for one in tables {
-        let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
+        let wiring = told.rig.wiring_of(told.rig.drive_of_loop(&one.name));
         let measurand = wiring.feedback.measurand.clone();
-        let mut reader = TrialReader {
-            document: scenario.with_loop(one.tree, measurand.clone()),
-            factors: &one.factors,
-            rig,
-            rig_path: &files.path,
-            scenario_path: Path::new(&files.name),
-            run,
-            has_all_faults,
-            read_file: &mut *read_file,
-            asked,
-        };
-        match reader.read(wiring) {
+        // The keys of its tables, and the names in problems, are patterns.
+        let document = selector.scenario.with_loop(one.tree, measurand.clone());
+        let tables = (&document, one.factors.as_slice());
+        match read_trial(tables, wiring, files, told, read_file, asked) {
             Ok(one) => loops.extend(one),
             Err(found) => problems.extend(in_unit(found, &measurand)),
         }
     }
     loops
+}
+
+/// Reads the trial of one loop from its tables, with the factors for parameters of its law; `None` if the facts of the run are not
+/// known.
+fn read_trial(
+    (document, factors): (&Document<'_>, &[(String, f64)]),
+    wiring: Wiring,
+    files: &Files<'_>,
+    told: &Told<'_>,
+    read_file: ReadTable<'_>,
+    asked: &Asked<'_>,
+) -> Result<Option<Trial>, Vec<Problem>> {
+    let outside = Outside::of(asked.reading, document);
+    let schema = schema::with_travel(outside.schema(&schema::SECTIONS), &wiring);
+    let built = build::<Sections>(document, &outside, "the scenario", &schema);
+    let (sections, mut problems) = built?;
+    let (rig, Some(run)) = (told.rig, &told.run) else {
+        return without_problems(problems, None);
+    };
+    let Sections {
+        controller,
+        reference,
+        disturbance,
+        expect,
+    } = sections;
+    let drive = &wiring.nodes.drive.name;
+    let (sensor, amplifier) = rig.parts_of(drive);
+    let mut trial = Trial {
+        run: Arc::clone(run),
+        controller,
+        reference,
+        disturbance,
+        expect,
+        plant: rig.model_of(drive, &files.path),
+        plants_beside: rig.models_beside(drive, &files.path),
+        sensor,
+        amplifier,
+        wiring,
+    };
+    let section = Section::Controller;
+    let law = custom_table(document, &outside, section, section.key(), &mut problems);
+    trial.controller.custom = law;
+    trial.controller.scale(factors);
+    problems.extend(check::trial(document, &trial, rig));
+    if told.has_all_faults {
+        problems.extend(check::reactions(document, &trial, rig));
+    }
+    problems.extend(check::read_tables(document, &mut trial, read_file));
+    problems.extend(check::read_courses(document, &mut trial, read_file));
+    let is_recorded = asked.reading == Reading::Recorded;
+    let law = &trial.controller;
+    problems.extend(check::read_files(document, law, is_recorded, read_file));
+    trial.controller.place_files(Path::new(&files.name));
+    let objections = (asked.objections)(&trial).into_iter();
+    problems.extend(objections.map(|objection| objection.problem(document)));
+    without_problems(problems, Some(trial))
 }
 
 /// Places an objection: in the scenario if that has a value at its path, else in the rig file.
@@ -348,82 +390,6 @@ fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Opti
     header
 }
 
-/// Reads the trial of one loop.
-struct TrialReader<'a, 'text> {
-    /// Tables of the loop; their keys, and the names in problems, are patterns.
-    document: Document<'text>,
-    factors: &'a [(String, f64)],
-    rig: &'a Rig,
-    rig_path: &'a Path,
-    scenario_path: &'a Path,
-    run: Option<&'a Arc<Run>>,
-    /// False if some of the faults could not be read.
-    has_all_faults: bool,
-    read_file: ReadTable<'a>,
-    asked: &'a Asked<'a>,
-}
-
-impl TrialReader<'_, '_> {
-    /// Reads the trial; `None` if the facts of the run are not known.
-    fn read(&mut self, wiring: Wiring) -> Result<Option<Trial>, Vec<Problem>> {
-        let document = &self.document;
-        let outside = match self.asked.reading {
-            Reading::Recorded => Outside::recorded(document.root()),
-            Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
-        };
-        let schema = schema::with_travel(outside.schema(&schema::SECTIONS), &wiring);
-        let built = build::<Sections>(document, &outside, "the scenario", &schema);
-        let (sections, mut problems) = built?;
-        let Some(run) = self.run else {
-            return without_problems(problems, None);
-        };
-        let Sections {
-            controller,
-            reference,
-            disturbance,
-            expect,
-        } = sections;
-        let drive = &wiring.nodes.drive.name;
-        let (sensor, amplifier) = self.rig.parts_of(drive);
-        let mut trial = Trial {
-            run: Arc::clone(run),
-            controller,
-            reference,
-            disturbance,
-            expect,
-            plant: self.rig.model_of(drive, self.rig_path),
-            plants_beside: self.rig.models_beside(drive, self.rig_path),
-            sensor,
-            amplifier,
-            wiring,
-        };
-        read_law(
-            document,
-            &outside,
-            &mut trial.controller.custom,
-            &mut problems,
-        );
-        trial.controller.scale(self.factors);
-        problems.extend(check::trial(document, &trial, self.rig));
-        if self.has_all_faults {
-            problems.extend(check::reactions(document, &trial, self.rig));
-        }
-        problems.extend(check::read_tables(document, &mut trial, self.read_file));
-        problems.extend(check::read_courses(document, &mut trial, self.read_file));
-        let is_recorded = matches!(self.asked.reading, Reading::Recorded);
-        problems.extend(check::read_files(
-            document,
-            &trial.controller,
-            is_recorded,
-            self.read_file,
-        ));
-        trial.controller.place_files(self.scenario_path);
-        let objections = (self.asked.objections)(&trial).into_iter();
-        problems.extend(objections.map(|objection| objection.problem(document)));
-        without_problems(problems, Some(trial))
-    }
-}
-
 /// Returns the path by which a scenario changes a value of its rig: without the name of the plant's model.
 fn path_in_scenario(path: &str, rig: &Rig) -> String {
     let mut plants = rig.plant.iter();
@@ -442,8 +408,7 @@ fn wrong_plant_faults(
     reading: Reading,
 ) -> Vec<Problem> {
     // Only the bench that played a plant from outside knows which faults have a meaning for it.
-    let is_known =
-        |one: &&Trial| one.plant.custom.is_none() || !matches!(reading, Reading::Recorded);
+    let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
     let plant_model = |fault: &Fault| {
         let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
         let at = loops.iter().find(is_at).filter(is_known);
@@ -522,8 +487,8 @@ fn read_programs(
         nodes.filter_map(|(name, node)| Some((name, node.program.as_ref()?)))
     };
     // The files of a case were found before.
-    if !matches!(reading, Reading::Case) {
-        let is_recorded = matches!(reading, Reading::Recorded);
+    if reading != Reading::Case {
+        let is_recorded = reading == Reading::Recorded;
         let in_rig = all().filter(|(name, _)| !named(name).is_empty());
         let (text, beside) = (rig_document, &files.rig.beside);
         let found = check::read_programs(text, in_rig, beside, is_recorded, read_file);

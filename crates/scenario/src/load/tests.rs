@@ -1,9 +1,9 @@
 use std::fs;
 
-use super::*;
 use crate::beside::Beside;
 use crate::error::ScenarioError;
 use crate::expect::Expectation;
+use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
 use crate::trial::Trial;
 
@@ -172,7 +172,7 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
         (
             "\"rig.toml\"",
             "\"./scenario.toml\"",
-            "`./scenario.toml` is this scenario itself",
+            "a rig file cannot be called `./scenario.toml`",
         ),
         (
             "duration_seconds",

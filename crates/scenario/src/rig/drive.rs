@@ -60,19 +60,6 @@ impl Pdo {
         })
     }
 
-    /// Refuses an identifier of 29 bits, which the bench cannot serve: cut to 11 bits it would be another one.
-    fn check_identifier(&self) -> Result<(), DriveError> {
-        let Self {
-            parameters, cob_id, ..
-        } = self;
-        let identifier = canopen::pdo::identifier(*cob_id);
-        identifier.map(drop).map_err(|_| {
-            DriveError(format!(
-                "the drive's EDS gives the PDO at 0x{parameters:04X}:01 the COB-ID 0x{cob_id:08X}: PDOs here have identifiers of 11 bits (up to 0x7FF), and none that CiA 301 keeps for other services; give this PDO another default there"
-            ))
-        })
-    }
-
     /// Returns the 11-bit identifier below the flags.
     #[must_use]
     pub fn id(&self) -> u16 {
@@ -290,7 +277,13 @@ impl DriveLayout {
         let pdo = |parameters, mapping| {
             let pdo = Pdo::read(&dictionary, parameters, mapping);
             let pdo = pdo.ok_or_else(|| no_pdo(parameters))?;
-            pdo.check_identifier()?;
+            // Cut to 11 bits, an identifier of 29 bits would be another one.
+            canopen::pdo::identifier(pdo.cob_id).map_err(|_| {
+                DriveError(format!(
+                    "the drive's EDS gives the PDO at 0x{parameters:04X}:01 the COB-ID 0x{:08X}: PDOs here have identifiers of 11 bits (up to 0x7FF), and none that CiA 301 keeps for other services; give this PDO another default there",
+                    pdo.cob_id
+                ))
+            })?;
             Ok::<_, DriveError>(pdo)
         };
         let object = |text: &str| {

@@ -187,12 +187,6 @@ impl Rig {
         })
     }
 
-    /// Returns the plant that a loop moves; empty if the rig has no such loop.
-    #[must_use]
-    pub fn plant_of_loop(&self, name: &str) -> &str {
-        self.plant_of(self.drive_of_loop(name)).unwrap_or_default()
-    }
-
     /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
     /// the io node acts. If no drive moves these, it is the first one with which they are emulated.
     #[must_use]
@@ -224,23 +218,6 @@ impl Rig {
         first.map(|(name, _)| name.as_str())
     }
 
-    /// Returns the other drives of the plant that a drive moves, each with whether its node-ID is lower.
-    fn drives_beside<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = (&'a RigNode, bool)> {
-        let plant = self.plant_of(drive);
-        let node_id = self.node.get(drive).map(|node| node.node_id);
-        let others = self.node.iter().filter(move |(name, _)| {
-            name.as_str() != drive && plant.is_some() && self.plant_of(name) == plant
-        });
-        others.map(move |(_, node)| (node, Some(node.node_id) < node_id))
-    }
-
-    /// Returns the number of drives that a law leads, by its first drive.
-    fn drives_led_from(&self, drive: &str) -> usize {
-        let mut loops = self.loops.values().filter(|one| one.led_by.is_none());
-        let led = loops.find(|one| one.drives.first().is_some_and(|first| first == drive));
-        led.map_or(1, |one| one.drives.len())
-    }
-
     /// Returns the wiring of a drive.
     #[must_use]
     pub fn wiring_of(&self, drive: &str) -> Wiring {
@@ -257,7 +234,10 @@ impl Rig {
                 format!("{plant}.{port}")
             }
         };
-        let beside = self.drives_beside(drive);
+        let others = self.node.iter().filter(|(name, _)| {
+            name.as_str() != drive && !plant.is_empty() && self.plant_of(name) == Some(plant)
+        });
+        let others = Vec::from_iter(others.map(|(_, node)| node));
         let loop_name = self.loop_of(drive);
         let rig_loop = self.loops.get(loop_name);
         Wiring {
@@ -275,12 +255,12 @@ impl Rig {
             io: self.io_beside(drive),
             truth_every_cycles: node.truth_every_cycles.unwrap_or(1),
             record: (node.record.as_ref()).map(|ports| ports.iter().map(in_full).collect()),
-            beside: beside
-                .filter_map(|(other, _)| amplifier_port(other))
+            beside: (others.iter().copied())
+                .filter_map(amplifier_port)
                 .collect(),
-            is_second: self.drives_beside(drive).any(|(_, is_before)| is_before),
+            is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
-            leads: self.drives_led_from(drive),
+            leads: rig_loop.map_or(1, |one| one.drives.len()),
             led_by: self.led_by(drive),
             identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
             loop_name: loop_name.to_owned(),
@@ -403,18 +383,12 @@ impl Rig {
         }
         if let Some(node) = self.node.get(drive) {
             let mut node = node.clone();
-            let RigDrive {
-                eds,
-                mode_of_operation,
-                command,
-                position,
-                current,
-                ..
-            } = real.drive.clone();
-            (node.eds, node.mode_of_operation) = (eds, Some(mode_of_operation));
-            node.command = Some(command);
-            node.position = Some(position);
-            node.current = Some(current);
+            let objects = real.drive.clone();
+            node.eds = objects.eds;
+            node.mode_of_operation = Some(objects.mode_of_operation);
+            node.command = Some(objects.command);
+            node.position = Some(objects.position);
+            node.current = Some(objects.current);
             node.limits = Some(real.limits);
             node.timeouts = Some(real.timeouts);
             node.preflight = Some(real.preflight);
@@ -662,22 +636,6 @@ impl RigNode {
         let recorded = self.record.iter().flatten();
         let ports = amplifier.chain(sensor).chain(outputs).chain(recorded);
         ports.filter_map(|port| plant_of_port(port)).collect()
-    }
-
-    /// Returns the keys of an external drive that the node has.
-    pub(crate) fn external_keys(&self) -> impl Iterator<Item = &'static str> {
-        let keys = [
-            ("eds", self.eds.is_some()),
-            ("mode_of_operation", self.mode_of_operation.is_some()),
-            ("command", self.command.is_some()),
-            ("position", self.position.is_some()),
-            ("current", self.current.is_some()),
-            ("limits", self.limits.is_some()),
-            ("timeouts", self.timeouts.is_some()),
-            ("preflight", self.preflight.is_some()),
-        ];
-        let present = keys.into_iter().filter(|(_, is_there)| *is_there);
-        present.map(|(key, _)| key)
     }
 }
 

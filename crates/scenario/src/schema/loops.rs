@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use super::{CONTOURS, HEADER, RIG, SECTIONS, SWEPT, entries, part_of, schema_of};
-use crate::custom;
+use super::{CONTOURS, HEADER, RIG, SECTIONS, SWEPT, entries, part_of, resolve, schema_of};
+use crate::custom::{self, Section};
 use crate::fault;
 use crate::plant::PlantModel;
 use crate::port::{Command, Measurand, UNIT, Unit, conversion, is_gain, is_pattern, known_units};
@@ -175,43 +175,31 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         }
         below["default"] = json!({});
     }
+    let models = &RIG["definitions"]["PlantModel"]["properties"];
     let plants = rig.plant.iter().map(|(name, plant)| {
-        let definition = match plant.key() {
-            "dc_motor" => reference("DcMotor"),
-            "sma" => reference("Sma"),
-            "sma_pair" => reference("SmaPair"),
-            "fmu" => fmu(&schema, plant),
-            name => custom::plant_schema(name),
+        let definition = match &plant.fmu {
+            Some(_) => fmu(&schema, plant),
+            None => resolve(&RIG, &models[plant.key()]).clone(),
         };
         let parameters = json!({"allOf": [definition], "default": {}});
         (name.clone(), parameters)
     });
     let plants = Map::from_iter(plants);
     schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
-    let nodes =
-        rig.node.iter().map(|(name, node)| {
-            let has = [
-                node.amplifier.is_some(),
-                node.sensor.is_some(),
-                node.plausible.is_some(),
-                node.timeouts.is_some(),
-                node.preflight.is_some(),
-            ];
-            let parts = PARTS.into_iter().zip(has).filter(|(_, has)| *has).map(
-                |((part, definition), _)| {
-                    let definition = reference(&values(definition));
-                    (
-                        part.to_owned(),
-                        json!({"allOf": [definition], "default": {}}),
-                    )
-                },
-            );
-            let parts = Map::from_iter(parts);
-            (
-                name.clone(),
-                json!({"type": "object", "default": {}, "properties": parts}),
-            )
+    let nodes = rig.node.iter().map(|(name, node)| {
+        let has = toml::Table::try_from(node).unwrap_or_default();
+        let parts = PARTS
+            .into_iter()
+            .filter(|(part, _)| has.contains_key(*part));
+        let parts = parts.map(|(part, definition)| {
+            let definition = reference(&values(definition));
+            let part_schema = json!({"allOf": [definition], "default": {}});
+            (part.to_owned(), part_schema)
         });
+        let parts = Map::from_iter(parts);
+        let node = json!({"type": "object", "default": {}, "properties": parts});
+        (name.clone(), node)
+    });
     let nodes = Map::from_iter(nodes);
     schema["properties"]["node"] = json!({"type": "object", "default": {}, "properties": nodes});
     schema
@@ -402,7 +390,7 @@ fn with_contours(schema: &Value) -> Value {
 /// Returns the schema of a plant's parameters.
 fn models(schema: &mut Value) -> Value {
     let mut model = schema_of::<PlantModel>();
-    custom::describe_plants(&mut model["properties"]);
+    custom::describe_section(Section::Plant, model.get_mut("properties"));
     add_definitions(schema, &model);
     let models = model["properties"].as_object().into_iter().flatten();
     models.map(|(_, model)| model_values(model)).collect()
