@@ -7,7 +7,6 @@ use std::time::Duration;
 use can::frame_bits::occupied_bits_max;
 use dbc::loops::TERMS_EVERY_CYCLES;
 use dbc::{Message, names};
-use scenario::node::LoopNodes;
 
 use crate::plan::{ControlLoop, Plan};
 
@@ -251,60 +250,39 @@ fn by_clock(message: &Message) -> Pace {
 
 /// Returns the traffic of one loop.
 fn loop_shares(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
-    let place = &one.place;
-    let LoopNodes {
-        controller: leader,
-        drive: led,
-        ..
-    } = &one.nodes;
-    let truth = Sent::of(one.database.plant_messages(&led.name));
-    let terms = Sent::of(one.database.term_messages(&leader.name, one.name()));
-    let frame = |service| one.message(led, service).ok();
-    let share = |node: &str, what, sent: &Sent, pace| BusShare {
+    let (place, nodes) = (&one.place, &one.nodes);
+    let truth = Sent::of(one.database.plant_messages(&nodes.drive.name));
+    let terms = Sent::of(
+        one.database
+            .term_messages(&nodes.controller.name, one.name()),
+    );
+    let frame = |service| one.message(&nodes.drive, service).ok();
+    let cycles = |every, remainder| Pace::Cycles { every, remainder };
+    // For a drive without faults only the truth is published.
+    let beside_faults = frame(names::TRUTH).filter(|_| one.trial.has_loop_faults());
+    let terms_text = format!("terms of the law for {drive} ({})", terms.frames());
+    let truth_text = format!("truth of the plant ({})", truth.frames());
+    let truth_pace = cycles(place.truth_every_cycles, place.truth_cycle());
+    let fault_text = "current and peak temperature, for its faults (1 frame)".to_owned();
+    let fault_pace = beside_faults.map_or(EACH, by_clock);
+    let (sample, command) = (frame(names::TPDO1), frame(names::RPDO1));
+    let command_text = format!("command to {drive} (RPDO1)");
+    let terms_pace = cycles(TERMS_EVERY_CYCLES, place.terms_cycle());
+    let shares = [
+        (drive, "sample (TPDO1)".to_owned(), Sent::of(sample), EACH),
+        (controller, command_text, Sent::of(command), EACH),
+        (drive, truth_text, truth, truth_pace),
+        (drive, fault_text, Sent::of(beside_faults), fault_pace),
+        (controller, terms_text, terms, terms_pace),
+    ];
+    let sent = shares.into_iter().filter(|(_, _, sent, _)| sent.count > 0);
+    let shares = sent.map(|(node, what, sent, pace)| BusShare {
         node: node.to_owned(),
         what,
         bits: sent.bits,
         pace,
-    };
-    let cycles = |every, remainder| Pace::Cycles { every, remainder };
-    // For a drive without faults only the truth is published.
-    let beside_faults = frame(names::TRUTH).filter(|_| one.trial.has_loop_faults());
-    let shares = [
-        share(
-            drive,
-            "sample (TPDO1)".to_owned(),
-            &Sent::of(frame(names::TPDO1)),
-            EACH,
-        ),
-        share(
-            controller,
-            format!("command to {drive} (RPDO1)"),
-            &Sent::of(frame(names::RPDO1)),
-            EACH,
-        ),
-        share(
-            drive,
-            format!("truth of the plant ({})", truth.frames()),
-            &truth,
-            cycles(place.truth_every_cycles, place.truth_cycle()),
-        ),
-        share(
-            drive,
-            "current and peak temperature, for its faults (1 frame)".to_owned(),
-            &Sent::of(beside_faults),
-            beside_faults.map_or(EACH, by_clock),
-        ),
-        share(
-            controller,
-            format!("terms of the law for {drive} ({})", terms.frames()),
-            &terms,
-            cycles(TERMS_EVERY_CYCLES, place.terms_cycle()),
-        ),
-    ];
-    shares
-        .into_iter()
-        .filter(|share| share.bits > 0.0)
-        .collect()
+    });
+    shares.collect()
 }
 
 /// Pace of traffic in every cycle.

@@ -204,13 +204,8 @@ impl Plan {
     pub fn external_names(&self) -> Vec<String> {
         let mut names = Vec::new();
         for one in &self.loops {
-            let LoopNodes {
-                controller,
-                drive,
-                io,
-                ..
-            } = &one.nodes;
-            let nodes = [drive, controller].into_iter().chain(io);
+            let nodes = [&one.nodes.drive, &one.nodes.controller].into_iter();
+            let nodes = nodes.chain(&one.nodes.io);
             for node in nodes.filter(|node| one.external.has(node)) {
                 if !names.contains(&node.name) {
                     names.push(node.name.clone());
@@ -224,14 +219,10 @@ impl Plan {
     #[must_use]
     pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
         let mut programs: Vec<(&Node, &NodeProgram)> = Vec::new();
-        for one in &self.loops {
-            let LoopNodes { drive, io, .. } = &one.nodes;
-            let nodes = [drive].into_iter().chain(io).chain([self.controller()]);
-            for node in nodes {
-                let is_new = programs.iter().all(|(other, _)| *other != node);
-                let program = self.shared.programs.get(&node.name);
-                programs.extend(program.filter(|_| is_new).map(|program| (node, program)));
-            }
+        for node in self.nodes() {
+            let is_new = programs.iter().all(|(other, _)| *other != node);
+            let program = self.shared.programs.get(&node.name);
+            programs.extend(program.filter(|_| is_new).map(|program| (node, program)));
         }
         programs.sort_by_key(|(node, _)| node.part == Part::Controller);
         programs

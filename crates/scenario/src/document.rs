@@ -185,32 +185,29 @@ impl<'text> Document<'text> {
 
     /// Returns the value at a path, with its place.
     pub(crate) fn spanned(&self, path: &str) -> Option<&Spanned<DeValue<'text>>> {
-        let mut names = path.split('.');
-        let mut value = self.root().get(names.next()?)?;
-        for name in names {
-            value = child(value.get_ref(), name)?.1;
-        }
-        Some(value)
+        self.steps(path).last()?.map(|(_, value)| value)
     }
 
     /// Returns the spans of value and key of the deepest part of the path that exists.
     fn walk(&self, path: &str) -> (Range<usize>, Range<usize>) {
+        let deepest = self.steps(path).flatten().last();
+        deepest.map_or((0..0, 0..0), |(key, value)| (value.span(), key))
+    }
+
+    /// Returns the values at each part of a path; `None` from the first part on that does not exist.
+    fn steps<'a>(&'a self, path: &str) -> impl Iterator<Item = Option<Child<'a, 'text>>> {
         let mut names = path.split('.');
-        let first = names
-            .next()
-            .and_then(|name| self.root().get_key_value(name));
-        let Some((key, mut value)) = first else {
-            return (0..0, 0..0);
-        };
-        let mut spans = (value.span(), key.span());
-        for name in names {
-            let Some((key_span, below)) = child(value.get_ref(), name) else {
-                break;
-            };
-            spans = (below.span(), key_span);
-            value = below;
-        }
-        spans
+        let root = names.next().and_then(|name| {
+            let (key, value) = self.root().get_key_value(name)?;
+            Some((key.span(), value))
+        });
+        let below = names.scan(root.clone(), |above, name| {
+            *above = above
+                .take()
+                .and_then(|(_, value)| child(value.get_ref(), name));
+            Some(above.clone())
+        });
+        [root].into_iter().chain(below)
     }
 }
 

@@ -122,20 +122,16 @@ impl Port {
     /// `reference_velocity_{unit}_per_second`.
     #[must_use]
     pub fn position_term(name: &str) -> Self {
-        let port = Self::output(name, POSITION_RANGE).counted(Width::Signed(32), POSITION_STEPS);
-        Self {
-            is_position: true,
-            ..port
-        }
+        let mut port = Self::output(name, POSITION_RANGE);
+        port.is_position = true;
+        port.counted(Width::Signed(32), POSITION_STEPS)
     }
 
     /// Sets the form in which the port is published, and the steps of one unit.
     #[must_use]
-    pub fn counted(self, width: Width, steps_per_unit: f64) -> Self {
-        Self {
-            width,
-            ..self.in_steps(steps_per_unit)
-        }
+    pub fn counted(mut self, width: Width, steps_per_unit: f64) -> Self {
+        (self.width, self.steps_per_unit) = (width, steps_per_unit);
+        self
     }
 
     /// Sets the description, a sentence.
@@ -147,21 +143,16 @@ impl Port {
 
     /// Restricts the publication to drives whose `record` names the port.
     #[must_use]
-    pub fn if_recorded(self) -> Self {
-        Self {
-            is_published: false,
-            ..self
-        }
+    pub fn if_recorded(mut self) -> Self {
+        self.is_published = false;
+        self
     }
 
     /// Sets another unit than the end of its name, in words and as the DBC writes it.
     #[must_use]
-    pub fn with_unit(self, unit: &str, symbol: &str) -> Self {
-        Self {
-            unit: unit.to_owned(),
-            symbol: symbol.to_owned(),
-            ..self
-        }
+    pub fn with_unit(mut self, unit: &str, symbol: &str) -> Self {
+        (self.unit, self.symbol) = (unit.to_owned(), symbol.to_owned());
+        self
     }
 
     /// Sets the value that acts while no node drives the port.
@@ -172,11 +163,9 @@ impl Port {
 
     /// Sets the steps of one unit in which the port is published.
     #[must_use]
-    pub fn in_steps(self, steps_per_unit: f64) -> Self {
-        Self {
-            steps_per_unit,
-            ..self
-        }
+    pub fn in_steps(mut self, steps_per_unit: f64) -> Self {
+        self.steps_per_unit = steps_per_unit;
+        self
     }
 
     /// Returns its name without that of its plant.

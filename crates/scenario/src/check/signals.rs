@@ -128,48 +128,34 @@ fn event_problem(
 ) -> Option<Problem> {
     let kinds = [&event.emcy, &event.text, &event.signal];
     let given = kinds.iter().filter(|kind| kind.is_some()).count();
-    if given != 1 {
+    let (is_signal, reaches) = (event.signal.is_some(), event.reaches.is_some());
+    let has_control = |text: &String| text.contains(char::is_control);
+    let at = |key: &str| format!("{path}.{key}");
+    let (place, message, label) = if given != 1 {
         let message = "an event of a sequence is one of `emcy`, `text` and `signal`";
         let label = match given {
             0 => "none is given",
             _ => "more than one is given",
         };
-        return Some(document.problem(path, message, label));
-    }
-    match event {
-        Expected {
-            signal: Some(_),
-            reaches: None,
-            ..
-        } => {
-            let message = "a signal alone is no event";
-            Some(document.problem(path, message, "`reaches` is missing"))
-        }
-        Expected {
-            signal: None,
-            reaches,
-            for_milliseconds,
-            ..
-        } if reaches.is_some() || for_milliseconds.is_some() => {
-            let key = match reaches {
-                Some(_) => "reaches",
-                None => "for_milliseconds",
-            };
-            let message = format!("`{key}` is for events of a signal");
-            let path = format!("{path}.{key}");
-            Some(document.problem(&path, message, "`signal` is missing"))
-        }
-        Expected {
-            text: Some(text), ..
-        } if text.contains(char::is_control) => {
-            let message = "`text` has a control character in it";
-            Some(document.problem(&format!("{path}.text"), message, "one line of plain text"))
-        }
-        Expected {
-            emcy: Some(text), ..
-        } => emergency(document, &format!("{path}.emcy"), text, rig),
-        _ => None,
-    }
+        (path.to_owned(), message.to_owned(), label)
+    } else if is_signal && !reaches {
+        let message = "a signal alone is no event".to_owned();
+        (path.to_owned(), message, "`reaches` is missing")
+    } else if !is_signal && (reaches || event.for_milliseconds.is_some()) {
+        let key = if reaches {
+            "reaches"
+        } else {
+            "for_milliseconds"
+        };
+        let message = format!("`{key}` is for events of a signal");
+        (at(key), message, "`signal` is missing")
+    } else if event.text.as_ref().is_some_and(has_control) {
+        let message = "`text` has a control character in it".to_owned();
+        (at("text"), message, "one line of plain text")
+    } else {
+        return emergency(document, &at("emcy"), event.emcy.as_ref()?, rig);
+    };
+    Some(document.problem(&place, message, label))
 }
 
 /// Reads the courses that signals must follow.

@@ -199,14 +199,14 @@ impl<'text> Reader<'_, 'text> {
         let path = format!("{path}.{key}");
         let heading = kind.heading();
         let (message, label) = match rig.node.get(name).map(|node| node.kind) {
-            Some(NodeKind::Io) => (
-                format!("{heading} cannot happen to `{name}`"),
-                "an io node; faults happen to drives and the controller".to_owned(),
-            ),
-            Some(_) => (
-                format!("{heading} cannot happen to `{name}`"),
-                "no drive".to_owned(),
-            ),
+            Some(kind) => {
+                let label = match kind {
+                    NodeKind::Io => "an io node; faults happen to drives and the controller",
+                    _ => "no drive",
+                };
+                let message = format!("{heading} cannot happen to `{name}`");
+                (message, label.to_owned())
+            }
             None => {
                 let known = Vec::from_iter(rig.node.keys().map(String::as_str));
                 (

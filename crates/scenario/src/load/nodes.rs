@@ -490,22 +490,18 @@ impl Check<'_> {
         let mut problems = Vec::new();
         let mut driven: BTreeMap<&str, String> = BTreeMap::new();
         for (name, node) in &self.rig.node {
-            let amplifier = node
-                .amplifier
-                .as_ref()
-                .map(|part| ("amplifier.port", &part.port, CURRENT_PORT));
-            let sensor = node
-                .sensor
-                .as_ref()
-                .map(|part| ("sensor.port", &part.port, POSITION_PORT));
+            let amplifier = node.amplifier.iter().map(|part| {
+                let port = part.port.as_ref();
+                ("amplifier.port".to_owned(), port, CURRENT_PORT)
+            });
+            let sensor = node.sensor.iter().map(|part| {
+                let port = part.port.as_ref();
+                ("sensor.port".to_owned(), port, POSITION_PORT)
+            });
             let outputs = node.outputs.iter().flat_map(|outputs| &outputs.0);
             let outputs = outputs
                 .map(|(output, port)| (format!("outputs.{output}"), Some(port), an_input(output)));
-            let parts = [amplifier, sensor]
-                .into_iter()
-                .flatten()
-                .map(|(key, port, wanted)| (key.to_owned(), port.as_ref(), wanted));
-            for (key, port, wanted) in parts.chain(outputs) {
+            for (key, port, wanted) in amplifier.chain(sensor).chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
                     if node.kind == NodeKind::Drive && node.is_ours() {

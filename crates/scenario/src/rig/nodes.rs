@@ -138,19 +138,12 @@ impl Rig {
             let followed = one.followed().to_owned();
             let is_new = !is_led(&followed) && only_followed.insert(followed.clone());
             let followed = is_new.then_some(&followed).into_iter();
-            led.extend(one.drives.iter().skip(1).chain(followed).map(|drive| {
-                let alone = self.one_drive_loop(drive);
-                let drives = vec![drive.clone()];
-                let led_by = Some(name.clone());
-                (
-                    drive.clone(),
-                    RigLoop {
-                        drives,
-                        led_by,
-                        ..alone
-                    },
-                )
-            }));
+            for drive in one.drives.iter().skip(1).chain(followed) {
+                let mut alone = self.one_drive_loop(drive);
+                alone.drives.push(drive.clone());
+                alone.led_by = Some(name.clone());
+                led.push((drive.clone(), alone));
+            }
         }
         self.loops.extend(led);
     }
