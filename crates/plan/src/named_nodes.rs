@@ -116,17 +116,12 @@ impl NamedNodes {
     pub fn of(plan: &Plan) -> Result<Self, DataSheetError> {
         let sheets = node_sheets(plan).into_iter().map(|sheet| {
             let file = sheet.file_name();
-            let NodeSheet {
-                name,
-                node_id,
-                text,
-            } = sheet;
-            let parsed = eds::parse(&text, node_id)
+            let parsed = eds::parse(&sheet.text, sheet.node_id)
                 .map_err(|error| DataSheetError(format!("{file}: {error}")));
             Ok(DataSheet {
                 name: file,
-                node_name: name,
-                node_id,
+                node_name: sheet.name,
+                node_id: sheet.node_id,
                 dictionary: parsed?.dictionary,
             })
         });

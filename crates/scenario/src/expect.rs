@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::str::FromStr;
 
 use schemars::{JsonSchema, Schema};
-use serde::de::{DeserializeOwned, Error as _};
+use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
@@ -177,17 +177,13 @@ impl<'de> Deserialize<'de> for Expect {
     }
 }
 
-fn read<T: DeserializeOwned>(value: toml::Value) -> Result<T, toml::de::Error> {
-    value.try_into()
-}
-
 fn expected(form: Form, value: toml::Value) -> Result<Expectation, toml::de::Error> {
-    Ok(match form {
-        Form::TwoSided => Expectation::Limit(read(value)?),
-        Form::AtMost(_) => Expectation::AtMost(read(value)?),
-        Form::Answer => Expectation::Answer(read(value)?),
-        Form::List => Expectation::List(read(value)?),
-    })
+    match form {
+        Form::TwoSided => value.try_into().map(Expectation::Limit),
+        Form::AtMost(_) => value.try_into().map(Expectation::AtMost),
+        Form::Answer => value.try_into().map(Expectation::Answer),
+        Form::List => value.try_into().map(Expectation::List),
+    }
 }
 
 /// Adds the keys of the metrics to the schema.

@@ -15,23 +15,6 @@ const HEADER: [&str; 2] = ["time_seconds", "{signal}_{unit}"];
 const ROWS_MAX: usize = 1_000_000;
 /// Largest number of columns that are listed if a column is missing.
 const COLUMNS_LISTED_MAX: usize = 50;
-/// Returns the values that a profile may command.
-fn currents(range: &CurrentRange) -> Values {
-    Values {
-        what: "leaves the range of the current",
-        range: range.min..=range.max,
-    }
-}
-
-/// Returns the travel of a loop.
-fn positions(wiring: &Wiring) -> Values {
-    let [min, max] = wiring.feedback.range();
-    Values {
-        what: "leaves the travel",
-        range: min..=max,
-    }
-}
-
 /// Reader of the text of a table, by the name that a scenario uses.
 pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
 
@@ -51,6 +34,11 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
     let reader = Reader::new(name, text);
     let position = wiring.feedback.measurand.name(HEADER[1]);
+    let [min, max] = wiring.feedback.range();
+    let travel = Values {
+        what: "leaves the travel",
+        range: min..=max,
+    };
     let names = [HEADER[0], position.as_str()];
     if reader.columns() != names {
         let label = format!("expected `{}`", names.join(","));
@@ -60,7 +48,7 @@ pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Pro
         names,
         places: [0, 1],
         count: 2,
-        values: Some(positions(wiring)),
+        values: Some(travel),
         is_complete: true,
     })
 }
@@ -78,7 +66,11 @@ pub(crate) fn parse_current(
     column: &str,
     range: &CurrentRange,
 ) -> Result<Rows, Problem> {
-    parse_column(name, text, column, Some(currents(range)))
+    let values = Values {
+        what: "leaves the range of the current",
+        range: range.min..=range.max,
+    };
+    parse_column(name, text, column, Some(values))
 }
 
 fn parse_column(

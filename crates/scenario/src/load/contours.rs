@@ -97,17 +97,16 @@ fn wrong_contour(
     rig: &Rig,
 ) -> Option<Problem> {
     let known = Vec::from_iter(rig.loops.keys().map(String::as_str));
-    let is_unknown = |(_, name): &(usize, &String)| !rig.loops.contains_key(*name);
-    if let Some((place, name)) = contour.loops.iter().enumerate().find(is_unknown) {
-        let message = format!("the rig has no loop `{name}`");
-        let label = meant_or_known(name, &known);
-        return Some(document.problem(&format!("{path}.loops.{place}"), message, label));
-    }
-    let is_repeated = |(place, name): &(usize, &String)| contour.loops[..*place].contains(name);
-    if let Some((place, name)) = contour.loops.iter().enumerate().find(is_repeated) {
-        let message = format!("the loop `{name}` is an axis of this contour twice");
+    for (place, name) in contour.loops.iter().enumerate() {
         let path = format!("{path}.loops.{place}");
-        return Some(document.problem(&path, message, "each loop is one axis"));
+        if !rig.loops.contains_key(name) {
+            let message = format!("the rig has no loop `{name}`");
+            return Some(document.problem(&path, message, meant_or_known(name, &known)));
+        }
+        if contour.loops[..place].contains(name) {
+            let message = format!("the loop `{name}` is an axis of this contour twice");
+            return Some(document.problem(&path, message, "each loop is one axis"));
+        }
     }
     let limits = [contour.error_max, contour.error_rms];
     if limits.iter().all(Option::is_none) {

@@ -430,19 +430,17 @@ fn find_fmus(
         let named = &fmu.file;
         let file = Path::new(&files.rig.beside).with_file_name(named);
         let file = file.to_string_lossy();
-        let wrong = match wrong_name(named) {
-            Some(label) => Some(label.to_owned()),
-            None => match (read_file(&format!("{file}{HASH_SUFFIX}")), reading) {
-                (Err(error), Reading::ToPlay | Reading::Case | Reading::View) => {
-                    Some(match error.kind() {
-                        io::ErrorKind::NotFound => {
-                            "there is no such file beside the rig file".to_owned()
-                        }
-                        _ => error.to_string(),
-                    })
-                }
-                _ => None,
-            },
+        let wrong = if !is_inside_folder(named) {
+            Some("no absolute path, no `..`: it lies beside the rig file".to_owned())
+        } else if !named.ends_with(".fmu") {
+            Some("its name must end in .fmu".to_owned())
+        } else {
+            let error = read_file(&format!("{file}{HASH_SUFFIX}")).err();
+            let error = error.filter(|_| reading != Reading::Recorded);
+            error.map(|error| match error.kind() {
+                io::ErrorKind::NotFound => "there is no such file beside the rig file".to_owned(),
+                _ => error.to_string(),
+            })
         };
         if let Some(label) = wrong {
             let message = format!("`{named}` cannot be the FMU of `{plant}`");
@@ -452,17 +450,6 @@ fn find_fmus(
         }
     }
     Ok(())
-}
-
-/// Returns the reason why a file cannot belong to a plant, whether it exists or not.
-fn wrong_name(file: &str) -> Option<&'static str> {
-    match file {
-        file if !is_inside_folder(file) => {
-            Some("no absolute path, no `..`: it lies beside the rig file")
-        }
-        file if !file.ends_with(".fmu") => Some("its name must end in .fmu"),
-        _ => None,
-    }
 }
 
 /// Returns the programs of nodes, with their files; problems of a program that the scenario names are added to `problems`.
@@ -476,11 +463,8 @@ fn read_programs(
 ) -> Result<BTreeMap<String, NodeProgram>, ScenarioError> {
     let document = &files.scenario;
     let named = |node: &str| {
-        if document.has(&format!("node.{node}.program")) {
-            ""
-        } else {
-            &files.rig.beside
-        }
+        let is_here = document.has(&format!("node.{node}.program"));
+        if is_here { "" } else { &files.rig.beside }
     };
     let all = || {
         let nodes = rig.node.iter();
@@ -495,14 +479,9 @@ fn read_programs(
         if !found.is_empty() {
             return Err(nodes::fail(&files.rig.name, found));
         }
-        let in_scenario = all().filter(|(name, _)| named(name).is_empty());
-        problems.extend(check::read_programs(
-            document,
-            in_scenario,
-            "",
-            is_recorded,
-            read_file,
-        ));
+        let here = all().filter(|(name, _)| named(name).is_empty());
+        let found = check::read_programs(document, here, "", is_recorded, read_file);
+        problems.extend(found);
     }
     let program = |(name, command): (&String, &Vec<String>)| {
         let program = NodeProgram {
