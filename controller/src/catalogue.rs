@@ -163,29 +163,14 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     let name = controller.law_name();
     if let Some((parameter, reason)) = law.objection() {
         let words = parameter.replace('_', " ");
-        return Some(Objection {
-            path: format!("controller.{name}.{parameter}"),
-            message: format!("the {words} of `{name}` makes no physical sense"),
-            label: reason,
-            help: None,
-        });
+        let path = format!("controller.{name}.{parameter}");
+        let message = format!("the {words} of `{name}` makes no physical sense");
+        return Some(Objection::new(path, message, reason));
     }
     let is_of_all = law.drives().is_none();
-    let objection = |message: String, label: String, help: Option<String>| Objection {
-        path: format!("controller.{name}"),
-        message,
-        label,
-        help,
-    };
-    match wiring.loops.first() {
-        None if is_of_all => {
-            let message = format!("the law `{name}` needs a rig file");
-            let label = "it leads the loops of a rig".to_owned();
-            let help = "write schema = 2, rig = \"FILE.toml\" and [controller.all.LAW]";
-            return Some(objection(message, label, Some(help.to_owned())));
-        }
-        Some(first) if is_of_all && first.name != wiring.loop_name => return None,
-        _ => {}
+    let is_of_another = |first: &LoopFacts| first.name != wiring.loop_name;
+    if is_of_all && wiring.loops.first().is_some_and(is_of_another) {
+        return None;
     }
     if let Some(objection) = process_law::objection(controller, wiring) {
         return Some(objection);
@@ -200,7 +185,7 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
         }
     });
     let WrongPort { message, label } = checked.err()?;
-    Some(objection(message, label, None))
+    Some(Objection::new(format!("controller.{name}"), message, label))
 }
 
 #[cfg(test)]

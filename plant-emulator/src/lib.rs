@@ -34,6 +34,7 @@ use std::time::Duration;
 use can::{CanFrame, Filter, Node, Progress, earlier};
 use canopen::device::PDOS_AND_SDOS;
 use canopen::eds::EdsError;
+use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::services::InvalidPdo;
 use canopen::{Device, NodeId};
 
@@ -54,7 +55,6 @@ use wires::{IoWires, Wires};
 
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
-const HEARTBEATS: u16 = 0x700;
 
 /// Returns the filters below and above [`PDOS_AND_SDOS`] except heartbeats: NMT, SYNC, EMCY and TIME; LSS.
 fn other_services() -> [Filter; 4] {
@@ -332,7 +332,7 @@ impl Node for PlantEmulator {
         let nodes = (1..=127).filter_map(NodeId::new);
         let heartbeats = nodes
             .filter(is_watched)
-            .map(|node| Filter::exact(HEARTBEATS + u16::from(node.get())));
+            .map(|node| Filter::exact(ERROR_CONTROL_ID + u16::from(node.get())));
         let others = [Filter::REMOTE, Filter::EXTENDED, Filter::ERRORS];
         other_services()
             .into_iter()

@@ -12,7 +12,7 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use crate::application::{Application, CommunicationLoss};
-use crate::emcy::{EmergencyMessage, ErrorCode};
+use crate::emcy::{self, EmergencyMessage, ErrorCode};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{self, NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
@@ -336,7 +336,9 @@ impl<A: Application> Device<A> {
     }
 
     fn on_emergency_frame(&mut self, id: u16, data: &[u8]) {
-        let node_id = u8::try_from(id - 0x080).ok().and_then(NodeId::new);
+        let node_id = u8::try_from(id - emcy::DEFAULT_ID)
+            .ok()
+            .and_then(NodeId::new);
         if let (Some(node_id), Some(message)) = (node_id, EmergencyMessage::decode(data)) {
             self.application
                 .on_emergency(&mut self.services, node_id, &message);

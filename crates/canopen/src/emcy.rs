@@ -11,6 +11,9 @@ use crate::cob_id::CobId;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use can::CanFrame;
 
+/// Default COB-ID of emergencies, without the node-ID.
+pub const DEFAULT_ID: u16 = 0x080;
+
 const ERROR_REGISTER: u16 = 0x1001;
 const HISTORY: u16 = 0x1003;
 const COB_ID: u16 = 0x1014;

@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use crate::nmt::{NmtState, NodeId};
+use crate::nmt::{ERROR_CONTROL_ID, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use can::CanFrame;
 use can::earliest;
@@ -43,7 +43,7 @@ pub(crate) fn check_write(
 /// Decodes the heartbeat of a node.
 #[must_use]
 pub(crate) fn decode(id: u16, data: &[u8]) -> Option<(NodeId, NmtState)> {
-    let node_id = NodeId::new(u8::try_from(id.checked_sub(0x700)?).ok()?)?;
+    let node_id = NodeId::new(u8::try_from(id.checked_sub(ERROR_CONTROL_ID)?).ok()?)?;
     let [state] = *data else { return None };
     Some((node_id, NmtState::from_number(state & 0x7F)?))
 }
@@ -91,7 +91,7 @@ impl HeartbeatProducer {
 
     /// Returns the heartbeat.
     pub(crate) fn frame(node_id: NodeId, state: NmtState) -> CanFrame {
-        CanFrame::new(node_id.with(0x700), &[state.number()])
+        CanFrame::new(node_id.with(ERROR_CONTROL_ID), &[state.number()])
     }
 }
 

@@ -4,6 +4,9 @@ use std::fmt;
 
 use can::CanFrame;
 
+/// COB-ID of boot-up messages and heartbeats, without the node-ID.
+pub const ERROR_CONTROL_ID: u16 = 0x700;
+
 /// Number of a CANopen node, 1 to 127.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct NodeId(u8);
@@ -154,7 +157,10 @@ impl NmtCommand {
 /// Returns the boot-up message (CiA 301, 7.2.8.3.3).
 #[must_use]
 pub fn boot_up_frame(node_id: NodeId) -> CanFrame {
-    CanFrame::new(node_id.with(0x700), &[NmtState::Initialising.number()])
+    CanFrame::new(
+        node_id.with(ERROR_CONTROL_ID),
+        &[NmtState::Initialising.number()],
+    )
 }
 
 #[cfg(test)]

@@ -4,12 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use can::CanFrame;
 use canopen::NmtState;
+use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use dbc::scenario_clock::SYNC_COB_ID;
 
 use crate::data_sheet::DataSheet;
-
-const SYNC: u16 = 0x080;
-const HEARTBEAT: u16 = 0x700;
 
 /// Nodes, SYNC and SDO users whose frames were on the bus.
 #[derive(Clone, Debug, Default)]
@@ -28,8 +27,8 @@ impl Presence {
         };
         let node_id = (id & 0x7F) as u8;
         match id - u16::from(node_id) {
-            SYNC if node_id == 0 => self.has_sync = true,
-            HEARTBEAT if node_id != 0 => {
+            SYNC_COB_ID if node_id == 0 => self.has_sync = true,
+            ERROR_CONTROL_ID if node_id != 0 => {
                 let number = frame.data().first().map(|state| state & 0x7F);
                 if let Some(state) = number.and_then(NmtState::from_number) {
                     self.states.insert(node_id, state);

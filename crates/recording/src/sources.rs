@@ -12,8 +12,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use can::{CanFrame, STANDARD_IDS};
-use canopen::NmtState;
+use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::sdo::{DEFAULT_REQUEST_ID as SDO_REQUESTS, DEFAULT_RESPONSE_ID as SDO_RESPONSES};
+use canopen::{NmtState, emcy};
 use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::ControlLoop;
@@ -27,8 +28,6 @@ const HEADER: &str = "node,identifier,frames";
 const BYTES_MAX: u64 = 1 << 20;
 
 const NMT_COB_ID: u16 = 0x000;
-const EMERGENCIES: u16 = 0x080;
-const HEARTBEATS: u16 = 0x700;
 /// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
@@ -372,8 +371,8 @@ impl SourceReader {
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(HEARTBEATS + number),
-            controller_emergency: id(names::EMERGENCY).unwrap_or(EMERGENCIES + number),
+            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(ERROR_CONTROL_ID + number),
+            controller_emergency: id(names::EMERGENCY).unwrap_or(emcy::DEFAULT_ID + number),
             is_ours,
             is_emulated,
             drive: u16::from(one.nodes.drive.id),
@@ -394,7 +393,7 @@ impl SourceReader {
             .watched
             .iter()
             .map(|(identifier, _)| *identifier);
-        let heartbeats = HEARTBEATS + 1..HEARTBEATS + 0x80;
+        let heartbeats = ERROR_CONTROL_ID + 1..ERROR_CONTROL_ID + 0x80;
         let sdo = [SDO_REQUESTS, SDO_RESPONSES].map(|base| base + self.drive);
         let others = [self.controller_emergency].into_iter().chain(sdo);
         let all = counted.chain(others).chain(heartbeats);
@@ -445,7 +444,7 @@ impl SourceReader {
             }
             (NMT_COB_ID, &[specifier, node, ..]) => self.on_nmt(now, specifier, node),
             (identifier, &[state, ..])
-                if (HEARTBEATS + 1..HEARTBEATS + 0x80).contains(&identifier) =>
+                if (ERROR_CONTROL_ID + 1..ERROR_CONTROL_ID + 0x80).contains(&identifier) =>
             {
                 self.on_heartbeat(now, identifier, state & 0x7F);
             }

@@ -5,7 +5,8 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::CanFrame;
-use canopen::emcy::{EmergencyMessage, ErrorCode};
+use canopen::emcy::{self, EmergencyMessage, ErrorCode};
+use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::error_frames;
@@ -31,8 +32,6 @@ const NMT_START: u8 = 1;
 const NMT_STOP: u8 = 2;
 /// Identifiers of all nodes' emergencies.
 const EMCYS: RangeInclusive<u16> = 0x081..=0x0FF;
-const EMCY: u16 = 0x080;
-const HEARTBEAT: u16 = 0x700;
 /// Causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no bring-up.
 const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
 
@@ -222,7 +221,7 @@ impl<'a> Seen<'a> {
 
     /// Returns the end of a run in which no controller enabled the drive.
     fn never_began(&self, patience: Duration) -> EarlyEnd {
-        let heartbeat = HEARTBEAT + self.controller_id();
+        let heartbeat = ERROR_CONTROL_ID + self.controller_id();
         let is_of_controller = |stamped: &&Stamped| {
             let frame = &stamped.frame;
             match frame.standard_id() {
@@ -307,7 +306,7 @@ impl<'a> Seen<'a> {
     /// a cause of the controller's own. An error in the bring-up is reported at once by some node, but the drive is given up only
     /// when the time for the bring-up is over, so the time is that of the first error.
     fn drive_given_up(&self) -> Option<(&'a str, Duration)> {
-        let emcy = EMCY + self.controller_id();
+        let emcy = emcy::DEFAULT_ID + self.controller_id();
         let (given_up, emergency) = self
             .errors()
             .rfind(|(stamped, _)| stamped.frame.standard_id() == Some(emcy))?;
@@ -358,7 +357,6 @@ mod tests {
     use scenario::Trial;
 
     const POSITION: u16 = 0x190;
-    const SYNC: u16 = 0x080;
 
     #[test]
     fn a_drive_that_is_given_up_is_amiss_since_its_last_position_before() {
@@ -370,10 +368,10 @@ mod tests {
         };
         let no_position = [0x50, 0x82, 0x11, 0, 1, 0, 0, 0];
         let frames = [
-            frame(10, SYNC, &[1]),
+            frame(10, SYNC_COB_ID, &[1]),
             frame(11, POSITION, &[0; 8]),
-            frame(34, SYNC, &[2]),
-            frame(34, EMCY + 1, &no_position),
+            frame(34, SYNC_COB_ID, &[2]),
+            frame(34, emcy::DEFAULT_ID + 1, &no_position),
             frame(35, POSITION, &[0; 8]),
             frame(36, POSITION, &[0; 8]),
         ];

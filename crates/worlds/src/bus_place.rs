@@ -23,7 +23,6 @@ use crate::names::BENCH;
 
 /// Period of the heartbeat, short enough for another bench's pre-flight, and for a drive that watches its manager for 100 ms.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
-const HEARTBEAT_COB_ID: u16 = 0x700;
 
 /// Takes the interface, so that no other bench of this machine uses it meanwhile. Buses that canrig makes for a run need no claim.
 ///
@@ -51,7 +50,7 @@ impl ManagerHeartbeat {
     /// Makes the heartbeat of a manager with this node-ID.
     pub(crate) fn of(manager: u8) -> Self {
         Self {
-            identifier: HEARTBEAT_COB_ID + u16::from(manager),
+            identifier: canopen::nmt::ERROR_CONTROL_ID + u16::from(manager),
             next: None,
         }
     }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use can::CanFrame;
+use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::{NmtCommand, NodeId};
 use dbc::scenario_clock::SYNC_COB_ID;
 use scenario::Trial;
@@ -26,8 +27,6 @@ const TRUTH_SECONDS_MAX: f64 = 0.025;
 
 /// Longest time from the plant's message to the recording, including the rounding of times.
 const MESSAGE_SECONDS_MAX: f64 = 1e-3;
-
-const HEARTBEAT: u16 = 0x700;
 
 /// Invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
@@ -190,7 +189,7 @@ fn no_current_without(
 
 /// Returns whether a frame is the manager's heartbeat, or its order to start, after which the drive waits for the heartbeat.
 fn is_of_manager(frame: &CanFrame, manager: u8, drive: u8) -> bool {
-    let heartbeat = HEARTBEAT + u16::from(manager);
+    let heartbeat = ERROR_CONTROL_ID + u16::from(manager);
     let start = NmtCommand::Start.frame(NodeId::new(drive));
     frame.standard_id() == Some(heartbeat) || *frame == start
 }
