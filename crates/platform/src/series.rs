@@ -106,7 +106,7 @@ impl<T: Pod> SeriesWriter<T> {
     }
 
     /// Reserves room for values, as far as they stay in memory.
-    fn reserve(&mut self, values: usize) {
+    pub fn reserve(&mut self, values: usize) {
         self.values.kept.reserve(values.min(self.kept_max));
     }
 

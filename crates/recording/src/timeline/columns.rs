@@ -22,6 +22,14 @@ impl Columns {
         self.0.iter().map(|message| message.raw_id)
     }
 
+    pub(super) fn reserve(&mut self, rows: usize) {
+        for message in &mut self.0 {
+            for signal in &mut message.signals {
+                signal.rows.reserve(rows);
+            }
+        }
+    }
+
     /// Keeps at most `rows` rows of each signal in memory.
     pub(super) fn keep(&mut self, rows: usize) {
         let messages = self.0.iter_mut();

@@ -41,6 +41,10 @@ pub fn decode(
     let kept_max = KEPT_MAX / plan.loops.len();
     readers.iter_mut().for_each(|reader| reader.keep(kept_max));
     let frames = frames.into_iter();
+    let expected = frames.size_hint().0;
+    readers
+        .iter_mut()
+        .for_each(|reader| reader.reserve(expected));
     match readers.as_mut_slice() {
         [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
         several => read_with(several, frames),
@@ -181,6 +185,14 @@ impl TimelineReader {
         self.syncs_seconds.keep(rows);
         self.columns.keep(rows);
         self.commands.keep(rows);
+    }
+
+    /// Reserves room for the rows of this many frames.
+    fn reserve(&mut self, frames: usize) {
+        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
+        let rows = cycles.min(frames);
+        self.cycle.reserve(rows);
+        self.columns.reserve(rows);
     }
 
     /// Takes every frame of the bus in order.
