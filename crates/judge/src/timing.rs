@@ -94,31 +94,27 @@ impl Timing {
             .filter_map(|(name, report)| Some((name, report.as_ref()?)))
     }
 
-    /// Returns the value of a row of the verdict; `None` if all nodes are external.
-    fn value(&self, row: &str) -> Option<f64> {
-        #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
-        if row == "frames_delayed" {
-            let delayed = self.loops().map(|(_, report)| report.frames_delayed);
-            return delayed.reduce(u64::add).map(|frames| frames as f64);
-        }
-        let lateness = self.loops();
-        let lateness = lateness.map(|(_, report)| report.wake_up_lateness_microseconds);
-        let latencies = [
-            ("wake_up_lateness_", lateness.reduce(Quantiles::worst)),
-            (
-                "sync_to_position_",
-                Some(self.sync_to_position_microseconds),
-            ),
-            (
-                "position_to_command_",
-                Some(self.position_to_command_microseconds),
-            ),
-            ("round_trip_", Some(self.round_trip_microseconds)),
-        ];
-        let (quantile, quantiles) = latencies.into_iter().find_map(|(latency, quantiles)| {
-            let quantile = row.strip_prefix(latency)?.strip_prefix("microseconds_")?;
-            Some((quantile, quantiles?))
-        })?;
+    /// Returns the value for the limit at a path below `[expect.timing]`; `None` if all nodes are external.
+    fn value(&self, path: &str) -> Option<f64> {
+        let (latency, quantile) = path.split_once('.').unwrap_or((path, ""));
+        let mut reports = self.loops().map(|(_, report)| report);
+        let quantiles = match latency {
+            #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
+            "frames_delayed" => {
+                let delayed = reports.map(|report| report.frames_delayed);
+                return delayed.reduce(u64::add).map(|frames| frames as f64);
+            }
+            "wake_up_lateness_microseconds" => {
+                let first = reports.next()?.wake_up_lateness_microseconds;
+                reports.fold(first, |worst, report| {
+                    worst.worst(report.wake_up_lateness_microseconds)
+                })
+            }
+            "sync_to_position_microseconds" => self.sync_to_position_microseconds,
+            "position_to_command_microseconds" => self.position_to_command_microseconds,
+            "round_trip_microseconds" => self.round_trip_microseconds,
+            _ => return None,
+        };
         quantiles.named(quantile)
     }
 
@@ -159,10 +155,12 @@ impl Timing {
     /// Checks the values against the limits that are given. External nodes report no value.
     #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
-        let limits = limits.rows().zip(limits.limits());
-        let metrics = limits.map(|(row, (_, limit))| match self.value(&row) {
-            Some(value) => Metric::new(row, Ok(value), Some(limit)),
-            None => Metric::not_judged(row, NO_LOOP.to_owned(), Some(limit)),
+        let metrics = limits.limits().map(|(path, limit)| {
+            let row = path.replace('.', "_");
+            match self.value(&path) {
+                Some(value) => Metric::new(row, Ok(value), Some(limit)),
+                None => Metric::not_judged(row, NO_LOOP.to_owned(), Some(limit)),
+            }
         });
         metrics.collect()
     }
@@ -296,6 +294,27 @@ mod tests {
         let names: Vec<&str> = metrics.iter().map(|metric| metric.name.as_str()).collect();
         assert_eq!(BTreeSet::from_iter(limits.rows()), expected);
         assert!(limits.rows().eq(names), "in the same order");
+        let played = |value| Quantiles {
+            median: value,
+            p99: value,
+            p99_9: value,
+            max: value,
+        };
+        let values = [1.0, 2.0, 3.0, 4.0].map(|value| [value; 4]).concat();
+        let timing = Timing {
+            controller: Some(NodeReport {
+                wake_up_lateness_microseconds: played(1.0),
+                frames_delayed: 5,
+                ..NodeReport::default()
+            }),
+            sync_to_position_microseconds: played(2.0),
+            position_to_command_microseconds: played(3.0),
+            round_trip_microseconds: played(4.0),
+            ..timing()
+        };
+        let judged = timing.metrics(&limits);
+        let found = Vec::from_iter(judged.iter().map(|metric| metric.value.unwrap()));
+        assert_eq!(found, [values, vec![5.0]].concat());
     }
 
     /// Each quantile has a limit of its own.

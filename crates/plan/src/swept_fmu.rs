@@ -1,7 +1,10 @@
 //! Values that a sweep gives to variables of an FMU: the FMU decides which ones are admitted, and no schema knows it.
 
-use scenario::sweep::{Distribution, Sweep};
+use scenario::sweep::Sweep;
 use scenario::{Objection, Trial};
+
+/// Value of a sweep, with its place in the scenario and its key.
+type Swept<'a> = (String, &'a str, f64);
 
 /// Finds the first value of a sweep that the FMU of a loop's plant does not take. `objection` finds the problem of such an FMU.
 /// Draws of normal distributions have no ends, so only their means are checked.
@@ -10,42 +13,78 @@ pub(crate) fn objection(
     sweep: &Sweep,
     objection: impl Fn(&Trial) -> Option<Objection>,
 ) -> Option<Objection> {
-    trial.plant.fmu.as_ref()?;
     let start = format!("plant.{}.start.", trial.wiring.plant);
-    values(sweep).into_iter().find_map(|(key, value)| {
-        let variable = key.strip_prefix(&start)?;
-        let mut tried = trial.clone();
+    let is_fmu_key = |key: &str| key.starts_with(&start);
+    if !sweep.keys().any(is_fmu_key) {
+        return None;
+    }
+    let mut tried = trial.clone();
+    let mut swept = values(sweep)
+        .into_iter()
+        .filter(|(_, key, _)| is_fmu_key(key));
+    swept.find_map(|(place, key, value)| {
         let fmu = tried.plant.fmu.as_mut()?;
-        fmu.start.insert(variable.to_owned(), value.into());
-        let path = format!("sweep.{key}");
-        objection(&tried).map(|found| Objection { path, ..found })
+        let variable = key.strip_prefix(&start)?.to_owned();
+        let usual = fmu.start.insert(variable.clone(), value.into());
+        let found = objection(&tried);
+        let fmu = tried.plant.fmu.as_mut()?;
+        match usual {
+            Some(usual) => fmu.start.insert(variable, usual),
+            None => fmu.start.remove(&variable),
+        };
+        found.map(|found| Objection {
+            path: place,
+            ..found
+        })
     })
 }
 
-/// Returns the values that decide whether all values of a sweep are admitted, each with its key. A variable takes the numbers of a
-/// range, or the whole ones of them; so these are the lowest value, the highest, and one that is not whole.
-fn values(sweep: &Sweep) -> Vec<(String, f64)> {
-    let mut all = Vec::new();
-    for axis in sweep.axes() {
-        let values = axis.values.iter().copied();
-        let lowest = values.clone().min_by(f64::total_cmp);
-        let highest = values.clone().max_by(f64::total_cmp);
-        let telling = [lowest, highest, values.clone().find(is_broken)];
-        let telling = telling.into_iter().flatten();
-        all.extend(telling.map(|value| (axis.key.clone(), value)));
+/// Returns the values that decide whether all values of a sweep are admitted. A variable takes the numbers of a range, or the
+/// whole ones of them; so these are the lowest value, the highest, and one that is not whole.
+fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
+    let mut values = Vec::new();
+    for (index, list) in sweep.list.iter().enumerate() {
+        let places = list.values.iter().enumerate();
+        let order = |one: &(usize, &f64), other: &(usize, &f64)| one.1.total_cmp(other.1);
+        let ends = [
+            places.clone().min_by(order),
+            places.clone().max_by(order),
+            places.clone().find(|(_, value)| is_broken(value)),
+        ];
+        values.extend(ends.into_iter().flatten().map(|(place, value)| {
+            let path = format!("sweep.list.{index}.values.{place}");
+            (path, list.key.as_str(), *value)
+        }));
     }
-    for (key, distribution) in sweep.distributions() {
-        let telling = match distribution {
-            Distribution::Uniform { from, to } | Distribution::LogUniform { from, to } => {
-                vec![from, to, broken_between(from, to)]
-            }
-            Distribution::Normal { mean, .. } if is_broken(&mean) => vec![mean],
-            // Nearly every draw is fractional, whatever the mean is.
-            Distribution::Normal { mean, .. } => vec![mean, mean.next_down()],
-        };
-        all.extend(telling.into_iter().map(|value| (key.to_owned(), value)));
+    for (index, range) in sweep.range.iter().enumerate() {
+        let path = format!("sweep.range.{index}");
+        let key = range.key.as_str();
+        values.push((format!("{path}.from"), key, range.from));
+        values.push((format!("{path}.to"), key, range.to));
+        let broken = range.values().into_iter().find(is_broken);
+        values.extend(broken.map(|value| (format!("{path}.key"), key, value)));
     }
-    all
+    let uniform = sweep.uniform.iter().enumerate().map(|(index, one)| {
+        let path = format!("sweep.uniform.{index}");
+        (path, one.key.as_str(), [one.from, one.to])
+    });
+    let log_uniform = sweep.log_uniform.iter().enumerate().map(|(index, one)| {
+        let path = format!("sweep.log_uniform.{index}");
+        (path, one.key.as_str(), [one.from, one.to])
+    });
+    for (path, key, [from, to]) in uniform.chain(log_uniform) {
+        values.push((format!("{path}.from"), key, from));
+        values.push((format!("{path}.to"), key, to));
+        values.push((format!("{path}.key"), key, broken_between(from, to)));
+    }
+    for (index, one) in sweep.normal.iter().enumerate() {
+        let path = format!("sweep.normal.{index}");
+        values.push((format!("{path}.mean"), one.key.as_str(), one.mean));
+        // Nearly every draw is fractional, whatever the mean is.
+        let broken = [one.mean, one.mean.next_down()].into_iter().find(is_broken);
+        values.extend(broken.map(|value| (format!("{path}.key"), one.key.as_str(), value)));
+    }
+    values
 }
 
 /// Checks whether a number is fractional.
@@ -71,7 +110,7 @@ mod tests {
     /// Returns the values of a sweep that are checked, without their places.
     fn looked_at(sweep: &Sweep) -> Vec<f64> {
         let values = values(sweep).into_iter();
-        values.map(|(_, value)| value).collect()
+        values.map(|(_, _, value)| value).collect()
     }
 
     fn range(count: u32) -> Sweep {

@@ -31,13 +31,11 @@ fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<P
         return Vec::new();
     };
     let (path, kind) = (fault.path(), fault.kind);
-    if kind.time == Time::Ends && fault.until_seconds.is_none() {
-        let message = format!(
-            "{} needs an end, at which its factors are reached",
-            kind.name
-        );
-        return vec![document.problem(&path, message, "`until_seconds` is missing")];
-    }
+    let endless = (kind.time == Time::Ends && fault.until_seconds.is_none()).then(|| {
+        let name = kind.name;
+        let message = format!("{name} needs an end, at which its factors are reached");
+        document.problem(&path, message, "`until_seconds` is missing")
+    });
     let is_instant = kind.time == Time::Instant;
     let piece = Piece {
         kind: kind.name,
@@ -50,7 +48,9 @@ fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<P
         start_seconds,
         until_seconds: fault.until_seconds.filter(|_| !is_instant),
     };
-    window(document, &piece, &kind.heading(), duration_seconds)
+    let mut problems = window(document, &piece, &kind.heading(), duration_seconds);
+    problems.extend(endless);
+    problems
 }
 
 /// Refuses a foreign node that sends the report of a plant, on which the verdict rests.

@@ -98,6 +98,11 @@ fn rig_text(
         let message = "a rig file must lie in the scenario's folder, or below it".to_owned();
         return Err(problem(message, "no absolute path, no `..`"));
     }
+    if is_same_file(rig, beside.scenario()) {
+        let message = format!("`{rig}` is this scenario itself");
+        let problem = problem(message, "a rig file is another file");
+        return Err(problem.with_place(scenario.key_span("name"), "this is a scenario"));
+    }
     if is_same_file(rig, Path::new(SCENARIO_FILE)) {
         let message = format!("a rig file cannot be called `{rig}`");
         return Err(problem(message, "the name of the scenario in a run folder"));

@@ -172,7 +172,7 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
         (
             "\"rig.toml\"",
             "\"./scenario.toml\"",
-            "a rig file cannot be called `./scenario.toml`",
+            "`./scenario.toml` is this scenario itself",
         ),
         (
             "duration_seconds",

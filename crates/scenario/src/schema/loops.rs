@@ -187,7 +187,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     let plants = Map::from_iter(plants);
     schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
     let nodes = rig.node.iter().map(|(name, node)| {
-        let has = toml::Table::try_from(node).unwrap_or_default();
+        let has = toml::Table::try_from(node).expect("plain data");
         let parts = PARTS
             .into_iter()
             .filter(|(part, _)| has.contains_key(*part));
