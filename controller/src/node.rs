@@ -21,8 +21,10 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress};
+use canopen::nmt::{ERROR_CONTROL_ID, NodeId};
 use canopen::object_dictionary::{Entry, Preset};
-use canopen::{Device, ObjectDictionary, nmt::NodeId};
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use canopen::{Device, ObjectDictionary, emcy};
 use dbc::LawTerm;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
@@ -336,11 +338,11 @@ impl Node for ControllerNode {
         };
         let drives = self.device.application().drives();
         let feedback = drives.map(|drive| Filter::exact(drive.layout.feedback.id()));
-        let before = [Filter::exact(0x000), function(0x080)];
+        let before = [Filter::exact(0x000), function(emcy::DEFAULT_ID)];
         let behind = [
-            function(0x580),
-            function(0x600),
-            function(0x700),
+            function(DEFAULT_RESPONSE_ID),
+            function(DEFAULT_REQUEST_ID),
+            function(ERROR_CONTROL_ID),
             Filter::ERRORS,
         ];
         before.into_iter().chain(feedback).chain(behind).collect()

@@ -6,10 +6,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use can::{CanFrame, Filter};
+use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
-use canopen::{AbortCode, NmtCommand, NmtState};
+use canopen::{AbortCode, NmtCommand, NmtState, emcy};
 use clap::Args;
 use dbc::Database;
+use dbc::scenario_clock::SYNC_COB_ID;
 use platform::clock::Clock;
 use platform::stop::StopSignal;
 
@@ -136,9 +138,9 @@ impl Decoder {
         let node_id = id & 0x7F;
         match id & 0x780 {
             0x000 if id == 0 => "NMT command".to_owned(),
-            0x080 if node_id == 0 => "SYNC".to_owned(),
-            0x080 => format!("{} emergency", self.node(id)),
-            0x700 if node_id != 0 => format!("{} heartbeat", self.node(id)),
+            SYNC_COB_ID if node_id == 0 => "SYNC".to_owned(),
+            emcy::DEFAULT_ID => format!("{} emergency", self.node(id)),
+            ERROR_CONTROL_ID if node_id != 0 => format!("{} heartbeat", self.node(id)),
             pdo @ 0x180..=0x500 if node_id != 0 => {
                 let direction = if pdo & 0x80 == 0 { "RPDO" } else { "TPDO" };
                 let number = if pdo & 0x80 == 0 {

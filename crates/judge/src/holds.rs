@@ -117,10 +117,10 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
             .filter(|(_, last)| last + 1 == cycle)
             .unwrap_or((cycle, cycle));
         begun = Some((first, cycle));
-        let silence = Window {
-            from_seconds: cycle_start_seconds(first, period).max(window.from_seconds),
-            until_seconds: cycle_start_seconds(cycle + 1, period).min(window.until_seconds),
-        };
+        let silence = Window::new(
+            cycle_start_seconds(first, period).max(window.from_seconds),
+            cycle_start_seconds(cycle + 1, period).min(window.until_seconds),
+        );
         evidence
             .is_silence(silence.from_seconds, silence.until_seconds)
             .then_some(silence)

@@ -167,6 +167,7 @@ fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FileError> {
         }
     }
 }
+
 #[cfg(test)]
 mod tests {
     use std::fs;

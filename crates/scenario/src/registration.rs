@@ -1,10 +1,9 @@
 //! Registers plants and laws from outside, once and before anything is read.
 
-use crate::controller::Controller;
+use crate::controller;
 use crate::custom::{CustomTable, Section, is_name};
 use crate::fault::{Group, Kind};
-use crate::plant::is_built_in;
-use crate::schema::schema_of;
+use crate::plant;
 
 /// Reason why a plant or a law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
@@ -67,8 +66,8 @@ pub fn is_free(section: Section, name: &str) -> Result<(), InvalidRegistration> 
         )));
     }
     let is_taken = match section {
-        Section::Plant => is_built_in(name) || PLANT_PARTS.contains(&name),
-        Section::Controller => schema_of::<Controller>()["properties"].get(name).is_some(),
+        Section::Plant => plant::is_built_in(name) || PLANT_PARTS.contains(&name),
+        Section::Controller => controller::is_built_in(name),
     };
     if RESERVED.contains(&name) || is_taken {
         return Err(InvalidRegistration::taken(section, name));

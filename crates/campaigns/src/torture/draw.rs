@@ -1,5 +1,7 @@
 //! Draws faults. The draws cover all kinds, with parameters from harmless to severe (chosen, not measured).
 
+use canopen::nmt::ERROR_CONTROL_ID;
+use dbc::scenario_clock::SYNC_COB_ID;
 use faults::Stream;
 use plan::Plan;
 use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
@@ -72,11 +74,11 @@ impl Nodes {
                 .map(move |drive| base + u32::from(drive.node_id))
         };
         let pdos = of(0x180).chain(of(0x200));
-        [0x080]
+        [u32::from(SYNC_COB_ID)]
             .into_iter()
             .chain(pdos)
-            .chain([0x700 + u32::from(self.controller_id)])
-            .chain(of(0x700))
+            .chain([u32::from(ERROR_CONTROL_ID) + u32::from(self.controller_id)])
+            .chain(of(ERROR_CONTROL_ID.into()))
             .collect()
     }
 

@@ -46,12 +46,13 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
             opened.push(row.name.clone());
         }
     }
-    busy.or_else(|| {
-        let (stall, names) = (longest.description(), opened.join(", "));
-        (!opened.is_empty()).then(|| {
-            format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
-        })
-    })
+    if busy.is_some() || opened.is_empty() {
+        return busy;
+    }
+    let (stall, names) = (longest.description(), opened.join(", "));
+    Some(format!(
+        "not judged, since {stall}: {names}; run it again or use --clock lockstep"
+    ))
 }
 
 /// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always

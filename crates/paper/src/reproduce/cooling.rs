@@ -1,13 +1,12 @@
 //! Experiment on the speed of cooling: a step down, with the thermoelectric element and without it.
 
 use scenario::Trial;
+use scenario::events::Window;
 use scenario::expect::Expect;
 use scenario::plant::{PlantModel, Sma};
 
 use super::bases;
-use super::experiment::{
-    Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun, span,
-};
+use super::experiment::{Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun};
 use super::quantity::{Quantity, at_least};
 use super::response::steps;
 use report::plot::Colour;
@@ -57,13 +56,13 @@ fn step_down() -> Experiment {
         title: "Step of 25 mm down",
         text: "35 mm are held for 10 s, then 10 mm are wanted. Down no current helps: the wire must cool, and the law can only stop it in time. \
                The best that a search with full knowledge of the plant found is 0.229 s.",
-        runs: PlannedRun::with_twin(&down(), Keep::Signals(span(9.9, 11.5))),
+        runs: PlannedRun::with_twin(&down(), Keep::Signals(Window::new(9.9, 11.5))),
         evaluate: |runs| steps(runs, &[], None),
     }
 }
 
 fn cooling() -> Experiment {
-    let keep = Keep::Signals(span(9.5, 10.0 + COOLING_SECONDS));
+    let keep = Keep::Signals(Window::new(9.5, 10.0 + COOLING_SECONDS));
     let pairs = CONVECTIONS.into_iter().flat_map(|convection| {
         let with = cooled_by(convection, None);
         let without = cooled_by(convection, Some(CONDUCTION_WITHOUT));

@@ -265,7 +265,7 @@ impl PlannedRun {
         let window = match self.keep {
             Keep::Verdict | Keep::Swings => None,
             Keep::Signals(window) => Some(window),
-            Keep::IdentificationData => Some(span(0.0, self.scenario.run.duration_seconds)),
+            Keep::IdentificationData => Some(Window::new(0.0, self.scenario.run.duration_seconds)),
         };
         let measurement = || {
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
@@ -458,15 +458,6 @@ fn is_equal(model: &NominalModel, plant: &Sma) -> bool {
         && plant.heat.latent_heat_joules_per_kilogram == 0.0
         && plant.mechanics.stress_strain == StressStrain::AusteniteOnly
         && *model == nominal_model(plant)
-}
-
-/// Makes a window of scenario time.
-#[must_use]
-pub fn span(from_seconds: f64, until_seconds: f64) -> Window {
-    Window {
-        from_seconds,
-        until_seconds,
-    }
 }
 
 #[cfg(test)]

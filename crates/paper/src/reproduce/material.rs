@@ -1,12 +1,11 @@
 //! Experiments on the wire itself: transformation, stress and strain, and identification of its parameters.
 
 use plant_emulator::plants::sma::stress_pascals;
+use scenario::events::Window;
 use scenario::plant::{Mechanics, Sma, StressStrain};
 
 use super::bases;
-use super::experiment::{
-    Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, Signals, span,
-};
+use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, Signals};
 use super::families::{with_loops_repeated, with_noise};
 use super::quantity::{Quantity, at_least, at_most, within};
 use crate::identify::data::IdentificationData;
@@ -40,7 +39,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 
 fn hysteresis() -> Experiment {
     let scenario = with_loops_repeated(&bases::hysteresis(), LOOPS_MORE);
-    let whole = Keep::Signals(span(0.0, scenario.run.duration_seconds));
+    let whole = Keep::Signals(Window::new(0.0, scenario.run.duration_seconds));
     Experiment {
         id: "hysteresis",
         title: "Fig. 5: phase transformation",

@@ -7,7 +7,7 @@ use scenario::plant::{Kinetics, PlantModel, Sma};
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, span,
+    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun,
 };
 use super::families::at_frequency;
 use super::quantity::{Model, Paper, Quantity, at_least};
@@ -57,7 +57,7 @@ fn step() -> Experiment {
                say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s. The best that a search over currents with full \
                knowledge of the plant found is 0.158 s. How fast the paper's own law is hangs on a \
                filter that the paper does not give (below: the paper's law over its unknown).",
-        runs: PlannedRun::with_twin(&bases::step(), Keep::Signals(span(9.9, 11.5))),
+        runs: PlannedRun::with_twin(&bases::step(), Keep::Signals(Window::new(9.9, 11.5))),
         evaluate: |runs| {
             let paper = [
                 ("settling_time_seconds", "0.23 s"),
@@ -75,7 +75,7 @@ fn step_cold() -> Experiment {
         title: "Step of 25 mm from cold",
         text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
                nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
-        runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(span(0.0, 2.0))),
+        runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(Window::new(0.0, 2.0))),
         evaluate: |runs| steps(runs, &[], Some(((0.5, f64::INFINITY), (23.75, 26.25)))),
     }
 }
@@ -85,7 +85,7 @@ fn infeasible() -> Experiment {
         id: "infeasible",
         title: "Recovery from set-points that cannot be followed",
         text: "A sine of 6 Hz and ± 20 mm, then 60 mm, which the stiffened wire cannot reach. Judged is the step to 25 mm after them.",
-        runs: PlannedRun::with_twin(&bases::infeasible(), Keep::Signals(span(4.5, 13.0))),
+        runs: PlannedRun::with_twin(&bases::infeasible(), Keep::Signals(Window::new(4.5, 13.0))),
         evaluate: |runs| steps(runs, &[], None),
     }
 }
@@ -111,7 +111,7 @@ fn sine_20s() -> Experiment {
         title: "Fig. 12 (a): sine with a period of 20 s",
         text: "25 mm and an amplitude of 1 cm, as in the paper; the error counts over the last three of four periods. The paper: \"despite a small oscillation around the \
                set-point, the system follows the reference with good accuracy\".",
-        runs: PlannedRun::with_twin(&bases::sine_20s(), Keep::Signals(span(65.0, 85.0))),
+        runs: PlannedRun::with_twin(&bases::sine_20s(), Keep::Signals(Window::new(65.0, 85.0))),
         evaluate: sine,
     }
 }
@@ -121,7 +121,7 @@ fn sine_5s() -> Experiment {
         id: "sine_5s",
         title: "Fig. 12 (b): sine with a period of 5 s",
         text: "As before, with a period of 5 s.",
-        runs: PlannedRun::with_twin(&bases::sine_5s(), Keep::Signals(span(25.0, 30.0))),
+        runs: PlannedRun::with_twin(&bases::sine_5s(), Keep::Signals(Window::new(25.0, 30.0))),
         evaluate: sine,
     }
 }
@@ -334,7 +334,10 @@ fn fan() -> Experiment {
     let (closed, open) = (bases::fan(), bases::fan_open_loop());
     let window = |scenario: &Trial| {
         let start = start(scenario);
-        Keep::Signals(span(start + AROUND_SECONDS.0, start + AROUND_SECONDS.1))
+        Keep::Signals(Window::new(
+            start + AROUND_SECONDS.0,
+            start + AROUND_SECONDS.1,
+        ))
     };
     let mut runs = PlannedRun::with_twin(&closed, window(&closed));
     runs.extend(OPEN_LOOP.map(|(label, kinetics)| {
@@ -390,7 +393,7 @@ fn load() -> Experiment {
         title: "Another load",
         text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both. Here the paper's law \
                deviates less than ours, whose calm hold takes the weight for heat at first, and needs longer to be back.",
-        runs: PlannedRun::with_twin(&base, Keep::Signals(span(9.5, 17.0))),
+        runs: PlannedRun::with_twin(&base, Keep::Signals(Window::new(9.5, 17.0))),
         evaluate: |runs| {
             let coloured = coloured(runs);
             Evaluation {

@@ -2,11 +2,12 @@
 
 use scenario::Trial;
 use scenario::controller::Controller;
+use scenario::events::Window;
 use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun, span,
+    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun,
 };
 use super::quantity::{Quantity, at_most};
 use campaigns::distribution::{quantile, staircase};
@@ -244,7 +245,7 @@ fn p95(sorted: &[f64]) -> Result<f64, String> {
 }
 
 fn other_truth() -> Experiment {
-    let keep = Keep::Signals(span(9.9, 12.0));
+    let keep = Keep::Signals(Window::new(9.9, 12.0));
     let mut runs = PlannedRun::for_laws(&bases::step_other_truth(), &ComparedLaw::ALL, keep);
     let nominal = Trial {
         expect: Expect::default(),

@@ -299,8 +299,9 @@ impl TimelineReader {
         let zero = self.passing.clock.zero();
         let events = self.events.take_until(f64::INFINITY, trial, zero);
         let latest = self.passing.latest;
-        let silences;
-        (rest.uncommanded, rest.late_commands, silences) = self.commands.take_all(latest);
+        let (uncommanded, late_commands, silences) = self.commands.take_all(latest);
+        rest.uncommanded = uncommanded;
+        rest.late_commands = late_commands;
         rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
         let mut losses = self.losses.take_all(latest);
         let lost = losses.events.take_since(0.0);

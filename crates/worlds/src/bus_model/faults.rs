@@ -95,12 +95,13 @@ struct Hitting {
 impl Hitting {
     fn new(plan: &Plan, fault: Fault) -> Self {
         let node = fault.node.as_ref();
-        let drive = node.filter(|node| node.part == Part::Drive);
-        let drive = drive.map(|node| node.id);
+        let drive = node
+            .filter(|node| node.part == Part::Drive)
+            .map(|node| node.id);
         let is_of_sender = fault.kind.name != LOSE;
         let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
-        let seed = plan.shared.run.seed;
-        let seed = drive.map_or(seed, |drive| drive_seed(seed, drive));
+        let run_seed = plan.shared.run.seed;
+        let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive));
         Self {
             identifier: identifier(&fault),
             seat: node.map(|node| Seat::new(node, plan)),

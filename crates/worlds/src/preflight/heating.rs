@@ -7,6 +7,7 @@ use can::CanFrame;
 use canopen::NmtCommand;
 use canopen::NmtState;
 use canopen::cia402::Command;
+use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
 use scenario::rig::drive::{Feedback, Pdo, Scaled};
@@ -141,7 +142,7 @@ impl<'a> Heating<'a> {
     }
 
     fn is_stopped_heartbeat(&self, frame: &CanFrame) -> bool {
-        let id = 0x700 + u16::from(self.drive.layout.node_id.get());
+        let id = ERROR_CONTROL_ID + u16::from(self.drive.layout.node_id.get());
         frame.standard_id() == Some(id) && frame.data().first() == Some(&NmtState::Stopped.number())
     }
 
