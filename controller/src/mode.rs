@@ -72,6 +72,8 @@ pub struct Settings {
     pub fraction_drift: f64,
     /// Standard deviation that the unknown heating gains in one second, in K/s.
     pub heating_drift: f64,
+    /// Whether the observer trusts the model: `ρ` is 1.
+    pub trusts_model: bool,
     /// `β`: the caution, from 0 to 1.
     pub caution: f64,
     /// Rate of the wire's transformation with temperature, relative to the model.
@@ -263,6 +265,7 @@ impl Modes {
             bandwidth: calm.min(self.cautious_bandwidth.at(caution)),
             fraction_drift: self.fraction_drift.at(rest),
             heating_drift: self.heating_drift.at(rest),
+            trusts_model: rest >= 1.0,
             caution,
             // The law commands less, and does not treat the effects as a disturbance.
             liveliness: self.liveliness.at(caution),
@@ -287,6 +290,7 @@ mod tests {
             bandwidth: config.bandwidth_radians_per_second,
             fraction_drift: config.observer.fraction_drift,
             heating_drift: config.observer.heating_drift_kelvins_per_second,
+            trusts_model: false,
             caution: 0.0,
             liveliness: 1.0,
         }
@@ -298,6 +302,7 @@ mod tests {
             bandwidth: hold.bandwidth_radians_per_second,
             fraction_drift: hold.fraction_drift,
             heating_drift: hold.heating_drift_kelvins_per_second,
+            trusts_model: true,
             ..in_move()
         }
     }
