@@ -6,7 +6,7 @@ use std::fmt;
 use std::time::Duration;
 
 use scenario::controller::Controller;
-use scenario::law_ports::{LawWires, Writing, WrongPort};
+use scenario::law_ports::{self, Writing, WrongPort};
 use scenario::port::{Port, Ports};
 use scenario::process_law::{PlayedPort, Plays, ProcessLaw};
 use scenario::wiring::{LoopFacts, Wiring};
@@ -135,8 +135,12 @@ fn output(port: &PlayedPort, wiring: &Wiring) -> Port {
 /// Returns the smallest and largest command of a drive, in the unit of the port.
 fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
     let loops = wiring.led_loops();
-    match LawWires::for_port(&output(port, wiring), &loops).map(|wires| wires.outputs) {
-        Ok(outputs) if let [Writing::Current { index, factor }] = outputs[..] => {
+    match law_ports::writing(&output(port, wiring), &loops) {
+        Ok(Writing {
+            is_command: true,
+            index,
+            factor,
+        }) => {
             let CurrentRange { min, max, .. } = loops[index].current;
             [min / factor, max / factor]
         }
@@ -171,7 +175,7 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
         let mut ports = ports.iter().enumerate();
         ports.find_map(|(place, port)| {
             let wrong = match key {
-                "reads" => LawWires::for_port(&input(port, wiring), &loops).err(),
+                "reads" => law_ports::reading(&input(port, wiring), &loops).err(),
                 _ => wrong_output(&output(port, wiring), &loops, is_command),
             };
             let WrongPort { message, label } = wrong?;
@@ -192,24 +196,29 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
 /// Returns the error of an output, which must be a command, or a term of the law's own loop.
 fn wrong_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Option<WrongPort> {
     let name = &port.name;
-    let writing = match LawWires::for_port(port, loops) {
-        Ok(wires) => wires.outputs.into_iter().next()?,
+    let Writing {
+        is_command: commands,
+        index,
+        ..
+    } = match law_ports::writing(port, loops) {
+        Ok(writing) => writing,
         Err(wrong) => return Some(wrong),
     };
-    let (message, label) = match (writing, is_command) {
-        (Writing::Current { .. }, true) | (Writing::Term { index: 0, .. }, false) => return None,
-        (Writing::Current { .. }, false) => (
+    let (message, label) = match (commands, is_command) {
+        (true, true) => return None,
+        (false, false) if index == 0 => return None,
+        (true, false) => (
             format!("`{name}` is a command, not a term"),
             "what the law commands stands in `writes`".to_owned(),
         ),
-        (Writing::Term { index, .. }, true) => {
+        (false, true) => {
             let right = loops[index].measurand.name("{command}_{command_unit}");
             (
                 format!("`{name}` is no command of a drive"),
                 format!("a command is `{right}`; what else the law writes stands in `terms`"),
             )
         }
-        (Writing::Term { .. }, false) => (
+        (false, false) => (
             format!("the term `{name}` is of another drive"),
             "a term is the loop's own: its name alone".to_owned(),
         ),

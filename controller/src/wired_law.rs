@@ -2,7 +2,7 @@
 //! of its terms.
 
 use canopen::ObjectDictionary;
-use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading, Writing};
+use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading};
 use scenario::port::Port;
 use scenario::wiring::Wiring;
 
@@ -145,16 +145,13 @@ fn current(
         drive: drive.copied().unwrap_or_default(),
     };
     let mut wired = wires.outputs.iter().zip(outputs).enumerate();
-    let found = wired.find_map(|(output, (writing, port))| match writing {
-        Writing::Current { index, factor } if *index == place => Some(CurrentWire {
-            output: Some(output),
-            range: port.range,
-            factor: *factor,
-            ..none
-        }),
-        _ => None,
-    });
-    found.unwrap_or(none)
+    let found = wired.find(|(_, (one, _))| one.is_command && one.index == place);
+    found.map_or(none, |(output, (writing, port))| CurrentWire {
+        output: Some(output),
+        range: port.range,
+        factor: writing.factor,
+        ..none
+    })
 }
 
 /// Returns the terms of a loop, each with the index of its output, and a factor from that to the unit of the name.
@@ -164,8 +161,6 @@ fn terms<'a>(
     outputs: &'a [Port],
 ) -> impl Iterator<Item = (usize, &'a Port, f64)> {
     let wired = wires.outputs.iter().zip(outputs).enumerate();
-    wired.filter_map(move |(output, (writing, port))| match writing {
-        Writing::Term { index, factor } if *index == place => Some((output, port, *factor)),
-        _ => None,
-    })
+    let terms = wired.filter(move |(_, (one, _))| !one.is_command && one.index == place);
+    terms.map(|(output, (writing, port))| (output, port, writing.factor))
 }

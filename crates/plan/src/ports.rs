@@ -1,8 +1,6 @@
 //! Checks that the drives and io nodes of a rig file are wired to ports that its plants have.
 
-use scenario::port::{
-    Direction, Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in,
-};
+use scenario::port::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
 use scenario::wiring::{IoWiring, RECORDED_MAX};
 use scenario::{Objection, Scenario, Trial, nearest};
 
@@ -16,6 +14,9 @@ const BITS: usize = 16;
 const LISTED_MAX: usize = 20;
 /// Tolerance for rounding a range from one unit to another.
 const RANGE_TOLERANCE: f64 = 1e-6;
+
+const INPUT: &str = "input";
+const OUTPUT: &str = "output";
 
 /// Finds the first problem of a rig's wiring.
 pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
@@ -35,16 +36,13 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
     if let Some(objection) = plants.iter().find_map(|one| unsound(one)) {
         return Some(objection);
     }
-    let plant_ports = plants
-        .iter()
-        .map(|one| {
-            let plant = one.wiring.plant.as_str();
-            Some((plant, catalogue.plant_ports(one)?))
-        })
-        .collect::<Option<Vec<_>>>()?;
-    let mut unsound = plant_ports.iter();
-    if let Some(objection) = unsound.find_map(|(plant, ports)| plant_objection(plant, ports)) {
-        return Some(objection);
+    let mut plant_ports = Vec::new();
+    for one in &plants {
+        let (plant, ports) = (one.wiring.plant.as_str(), catalogue.plant_ports(one)?);
+        if let Some(objection) = plant_objection(plant, &ports) {
+            return Some(objection);
+        }
+        plant_ports.push((plant, ports));
     }
     let ports = Ports::joined(plant_ports);
     let wired = Wired {
@@ -78,33 +76,29 @@ struct Wired<'a> {
 }
 
 impl Wired<'_> {
-    /// Returns the port of this name and direction.
-    fn find(&self, path: &str, name: &str, direction: Direction) -> Result<&Port, Objection> {
-        let [right, wrong] = match direction {
-            Direction::Input => [&self.ports.inputs, &self.ports.outputs],
-            Direction::Output => [&self.ports.outputs, &self.ports.inputs],
+    /// Returns the port of this name, which must be an input or an output.
+    fn find(&self, path: &str, name: &str, wanted: &str) -> Result<&Port, Objection> {
+        let Ports { inputs, outputs } = self.ports;
+        let (ports, other, others) = match wanted {
+            INPUT => (inputs, OUTPUT, outputs),
+            _ => (outputs, INPUT, inputs),
         };
-        if let Some(port) = right.iter().find(|port| port.name == name) {
+        let has_name = |port: &&Port| port.name == name;
+        if let Some(port) = ports.iter().find(has_name) {
             return Ok(port);
         }
         let (plant, port) = (plant_of_port(name).unwrap_or_default(), local_name(name));
-        let candidates = right
-            .iter()
-            .filter(|port| plant_of_port(&port.name) == Some(plant));
-        let names = || candidates.clone().map(Port::local_name);
+        let is_its = |port: &&Port| plant_of_port(&port.name) == Some(plant);
+        let names = || ports.iter().filter(is_its).map(Port::local_name);
         let listed = Vec::from_iter(names().take(LISTED_MAX)).join(", ");
-        if let Some(other) = wrong.iter().find(|port| port.name == name) {
-            let message = format!(
-                "the port `{name}` is an {}, and an {direction} is needed here",
-                other.direction
-            );
-            let label = format!("{direction}s of `{plant}`: {listed}");
-            return Err(Objection::new(path, message, label));
-        }
-        let message = format!("the plant `{plant}` has no port `{port}`");
-        let label = match nearest(port, names()) {
-            Some(meant) => format!("did you mean \"{plant}.{meant}\"?"),
-            None => format!("{direction}s of `{plant}`: {listed}"),
+        let mut label = format!("{wanted}s of `{plant}`: {listed}");
+        let message = if others.iter().any(|port| port.name == name) {
+            format!("the port `{name}` is an {other}, and an {wanted} is needed here")
+        } else {
+            if let Some(meant) = nearest(port, names()) {
+                label = format!("did you mean \"{plant}.{meant}\"?");
+            }
+            format!("the plant `{plant}` has no port `{port}`")
         };
         Err(Objection::new(path, message, label))
     }
@@ -120,7 +114,7 @@ impl Wired<'_> {
     fn amplifier(&self) -> Result<(), Objection> {
         let path = format!("node.{}.amplifier.port", self.drive);
         let command = self.trial.wiring.sensor.measurand.command;
-        let port = self.find(&path, &self.trial.wiring.input, Direction::Input)?;
+        let port = self.find(&path, &self.trial.wiring.input, INPUT)?;
         if conversion(command.word(), &port.unit).is_some() {
             return Ok(());
         }
@@ -135,7 +129,7 @@ impl Wired<'_> {
     fn sensor(&self) -> Result<(), Objection> {
         let path = format!("node.{}.sensor.port", self.drive);
         let wiring = &self.trial.wiring;
-        let port = self.find(&path, &wiring.output, Direction::Output)?;
+        let port = self.find(&path, &wiring.output, OUTPUT)?;
         let unit = &wiring.sensor.measurand.unit;
         if let Some(factor) = conversion(&port.unit, unit.word()) {
             return self.range(port, factor);
@@ -183,7 +177,7 @@ impl Wired<'_> {
         ] {
             let Some(name) = name else { continue };
             let path = format!("node.{node}.outputs.{key}");
-            let port = self.find(&path, name, Direction::Input)?;
+            let port = self.find(&path, name, INPUT)?;
             if conversion(unit, &port.unit).is_none() {
                 let message = format!("`{key}` is {wanted}, and `{}` is none", port.local_name());
                 let label = format!("it is in {}", port.unit);
@@ -197,7 +191,7 @@ impl Wired<'_> {
     /// Checks another output of the io node.
     fn output(&self, io: &str, output: &str, name: &str) -> Result<(), Objection> {
         let path = format!("node.{io}.outputs.{output}");
-        let port = self.find(&path, name, Direction::Input)?;
+        let port = self.find(&path, name, INPUT)?;
         let (name, unit) = (port.local_name(), unit_in(output));
         if !unit.is_empty() && conversion(unit, &port.unit).is_none() {
             let message = format!("`{output}` is in {unit}, and `{name}` is not");
@@ -220,7 +214,7 @@ impl Wired<'_> {
         let path = format!("node.{drive}.record");
         for (place, name) in wiring.record.iter().flatten().enumerate() {
             let path = format!("{path}.{place}");
-            let port = self.find(&path, name, Direction::Output)?;
+            let port = self.find(&path, name, OUTPUT)?;
             if !port.has_range() {
                 let message = format!("`{}` cannot be published", port.local_name());
                 return Err(Objection::new(path, message, "it has no range"));

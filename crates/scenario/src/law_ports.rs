@@ -5,7 +5,7 @@
 
 use crate::custom::is_name;
 use crate::nearest::meant_or_known;
-use crate::port::{Direction, Measurand, Port, Ports, Unit, conversion};
+use crate::port::{Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopFacts;
 
 const AMPERES: &str = "amperes";
@@ -70,33 +70,15 @@ pub struct Reading {
     pub factor: f64,
 }
 
-/// Destination of an output of a law.
+/// Destination of an output of a law: a command to the drive of a loop, limited to the range of its currents, or a term of the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Writing {
-    /// Command to the drive of the loop at this index, limited to the range of its currents.
-    Current {
-        /// Index of the loop.
-        index: usize,
-        /// Factor from the unit of the port to amperes.
-        factor: f64,
-    },
-    /// Term of the loop at this index.
-    Term {
-        /// Index of the loop.
-        index: usize,
-        /// Factor from the unit in which the law writes to the unit of the term's name.
-        factor: f64,
-    },
-}
-
-impl Writing {
-    /// Returns the index of the loop.
-    #[must_use]
-    pub fn index(&self) -> usize {
-        match self {
-            Self::Current { index, .. } | Self::Term { index, .. } => *index,
-        }
-    }
+pub struct Writing {
+    /// Whether it is a command.
+    pub is_command: bool,
+    /// Index of the loop.
+    pub index: usize,
+    /// Factor from the unit of the port to amperes, or from the unit in which the law writes to the unit of the term's name.
+    pub factor: f64,
 }
 
 /// Meaning of all ports of a law, in their order.
@@ -140,7 +122,7 @@ impl LawWires {
         let reading = |port: &Port| loop_reading(port, inside);
         let writing = |port: &Port| Ok(loop_writing(port, inside));
         let wires = Self::found(ports, reading, writing)?;
-        let is_first = |writing: &Writing| matches!(writing, Writing::Current { index: 0, .. });
+        let is_first = |writing: &Writing| writing.is_command && writing.index == 0;
         if wires.outputs.iter().any(is_first) {
             Ok(wires)
         } else {
@@ -148,24 +130,6 @@ impl LawWires {
             let label = format!("it has no output `{}`", loop_output(0));
             Err(wrong(message, label))
         }
-    }
-
-    /// Finds the meaning of one port of a law that names loops and drives.
-    ///
-    /// # Errors
-    /// The port has no meaning.
-    pub fn for_port(port: &Port, loops: &[LoopFacts]) -> Result<Self, WrongPort> {
-        let none = Self::default();
-        Ok(match port.direction {
-            Direction::Input => Self {
-                inputs: vec![reading(port, loops)?],
-                ..none
-            },
-            Direction::Output => Self {
-                outputs: vec![writing(port, loops)?],
-                ..none
-            },
-        })
     }
 
     fn found(
@@ -177,11 +141,7 @@ impl LawWires {
         each_once(&ports.outputs)?;
         Ok(Self {
             inputs: ports.inputs.iter().map(reading).collect::<Result<_, _>>()?,
-            outputs: ports
-                .outputs
-                .iter()
-                .map(writing)
-                .collect::<Result<_, _>>()?,
+            outputs: (ports.outputs.iter().map(writing)).collect::<Result<_, _>>()?,
         })
     }
 }
@@ -216,11 +176,13 @@ fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
 }
 
 fn loop_writing(port: &Port, inside: f64) -> Writing {
-    match commanded_drive(&port.name) {
-        Some(index) => Writing::Current { index, factor: 1.0 },
-        None => Writing::Term {
-            index: 0,
-            factor: if port.is_position { 1.0 / inside } else { 1.0 },
+    let commanded = commanded_drive(&port.name);
+    Writing {
+        is_command: commanded.is_some(),
+        index: commanded.unwrap_or_default(),
+        factor: match commanded {
+            None if port.is_position => 1.0 / inside,
+            _ => 1.0,
         },
     }
 }
@@ -239,7 +201,7 @@ pub fn loop_terms<'a>(
 
 /// Returns the terms that a law of one loop writes.
 pub fn one_loop_terms(ports: &Ports) -> impl Iterator<Item = (&str, &Port)> {
-    let is_term = |port: &&Port| matches!(loop_writing(port, 1.0), Writing::Term { .. });
+    let is_term = |port: &&Port| commanded_drive(&port.name).is_none();
     let terms = ports.outputs.iter().filter(is_term);
     terms.map(|port| (port.name.as_str(), port))
 }
@@ -287,7 +249,11 @@ fn owner<'a>(port: &'a Port, loops: &[LoopFacts]) -> Result<(usize, &'a str), Wr
     }
 }
 
-fn reading(port: &Port, loops: &[LoopFacts]) -> Result<Reading, WrongPort> {
+/// Finds the meaning of an input of a law that names loops.
+///
+/// # Errors
+/// The port has no meaning.
+pub fn reading(port: &Port, loops: &[LoopFacts]) -> Result<Reading, WrongPort> {
     let (index, name) = owner(port, loops)?;
     let one = &loops[index];
     let Measurand {
@@ -297,7 +263,7 @@ fn reading(port: &Port, loops: &[LoopFacts]) -> Result<Reading, WrongPort> {
     } = &one.measurand;
     let rest = name.strip_prefix(signal.as_str());
     let found = if let Some(unit) = rest.and_then(|rest| rest.strip_prefix('_')) {
-        factor(position_unit, unit).map(|factor| (Quantity::Position, factor))
+        conversion(position_unit.word(), unit).map(|factor| (Quantity::Position, factor))
     } else if one.led_by.is_some() {
         None
     } else {
@@ -333,17 +299,12 @@ fn readable(one: &LoopFacts) -> String {
 fn set_point(from: &Unit, end: &str) -> Option<(Quantity, f64)> {
     let derivative = |quantity, by: &str| {
         let unit = end.strip_suffix(by)?;
-        Some((quantity, factor(from, unit)?))
+        Some((quantity, conversion(from.word(), unit)?))
     };
-    let itself = factor(from, end).map(|factor| (Quantity::SetPoint, factor));
+    let itself = conversion(from.word(), end).map(|factor| (Quantity::SetPoint, factor));
     itself
         .or_else(|| derivative(Quantity::SetPointAcceleration, ACCELERATION))
         .or_else(|| derivative(Quantity::SetPointVelocity, VELOCITY))
-}
-
-/// Returns the factor from the loop's unit to another one.
-fn factor(from: &Unit, unit: &str) -> Option<f64> {
-    conversion(from.word(), unit)
 }
 
 /// Returns the factor from a port of this name to the unit of a loop's commands; `None` if it is no command.
@@ -353,11 +314,17 @@ fn command_factor(name: &str, facts: &LoopFacts) -> Option<f64> {
     conversion(unit, command.word())
 }
 
-fn writing(port: &Port, loops: &[LoopFacts]) -> Result<Writing, WrongPort> {
+/// Finds the meaning of an output of a law that names loops and drives.
+///
+/// # Errors
+/// The port has no meaning.
+pub fn writing(port: &Port, loops: &[LoopFacts]) -> Result<Writing, WrongPort> {
     let (index, name) = owner(port, loops)?;
-    Ok(match command_factor(name, &loops[index]) {
-        Some(factor) => Writing::Current { index, factor },
-        None => Writing::Term { index, factor: 1.0 },
+    let factor = command_factor(name, &loops[index]);
+    Ok(Writing {
+        is_command: factor.is_some(),
+        index,
+        factor: factor.unwrap_or(1.0),
     })
 }
 
@@ -368,11 +335,8 @@ fn each_drive_once(
     loops: &[LoopFacts],
 ) -> Result<(), WrongPort> {
     for (place, one) in loops.iter().enumerate() {
-        let is_command = |writing: &Writing| matches!(writing, Writing::Current { index, .. } if *index == place);
-        let mut commands = ports
-            .iter()
-            .zip(written)
-            .filter(|(_, writing)| is_command(writing));
+        let written = ports.iter().zip(written);
+        let mut commands = written.filter(|(_, one)| one.is_command && one.index == place);
         let drive = &one.drive;
         match (commands.next(), commands.next()) {
             (Some(_), None) => {}
@@ -475,24 +439,17 @@ mod tests {
         outputs.push("lift.current_error_amperes");
         let ports = ports(&[], &outputs);
         let wires = LawWires::for_all_loops(&ports, &loops()).unwrap();
-        let milli = Writing::Current {
-            index: 1,
-            factor: 1e-3,
+        let written = |is_command, index, factor| Writing {
+            is_command,
+            index,
+            factor,
         };
-        assert_eq!(
-            wires.outputs[1..],
-            [
-                milli,
-                Writing::Current {
-                    index: 2,
-                    factor: 1.0
-                },
-                Writing::Term {
-                    index: 2,
-                    factor: 1.0
-                }
-            ]
-        );
+        let expected = [
+            written(true, 1, 1e-3),
+            written(true, 2, 1.0),
+            written(false, 2, 1.0),
+        ];
+        assert_eq!(wires.outputs[1..], expected);
         let loops = loops();
         let terms = loop_terms(&ports, &loops[2]).map(|(name, _)| name);
         assert_eq!(Vec::from_iter(terms), ["current_error_amperes"]);
@@ -557,8 +514,16 @@ mod tests {
             let read = Vec::from_iter(wires.inputs.iter().map(|reading| reading.factor));
             (read, wires.outputs)
         };
-        let current = |index| Writing::Current { index, factor: 1.0 };
-        let term = |factor| Writing::Term { index: 0, factor };
+        let term = |factor| Writing {
+            is_command: false,
+            index: 0,
+            factor,
+        };
+        let current = |index| Writing {
+            is_command: true,
+            index,
+            factor: 1.0,
+        };
         let (read, written) = factors(Unit::Millimetres);
         assert_eq!(read, [1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1.0]);
         assert_eq!(written, [current(0), current(1), term(1e3), term(1.0)]);

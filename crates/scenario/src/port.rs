@@ -9,24 +9,6 @@ use crate::custom::is_name;
 /// Largest number of steps that 16 bits hold.
 const STEPS_MAX: f64 = 32_767.0;
 
-/// Direction of a port.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Direction {
-    /// The port acts on the plant.
-    Input,
-    /// The port shows a quantity of the plant.
-    Output,
-}
-
-impl fmt::Display for Direction {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(match self {
-            Self::Input => "input",
-            Self::Output => "output",
-        })
-    }
-}
-
 /// Form of a law's term on the bus.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Width {
@@ -59,8 +41,6 @@ pub struct Port {
     pub symbol: String,
     /// Description of the quantity.
     pub comment: String,
-    /// Direction of the port.
-    pub direction: Direction,
     /// Lowest and highest value.
     pub range: [f64; 2],
     /// Value that acts while no node drives the port.
@@ -79,23 +59,18 @@ impl Port {
     /// Makes an input with this range, which is 0 while no node drives it. Its unit is the end of its name.
     #[must_use]
     pub fn input(name: &str, range: [f64; 2]) -> Self {
-        Self::new(name, Direction::Input, range)
+        Self::output(name, range)
     }
 
     /// Makes an output with this range. Its unit is the end of its name.
     #[must_use]
     pub fn output(name: &str, range: [f64; 2]) -> Self {
-        Self::new(name, Direction::Output, range)
-    }
-
-    fn new(name: &str, direction: Direction, range: [f64; 2]) -> Self {
         let unit = unit_in(name);
         Self {
             name: name.to_owned(),
             unit: unit.to_owned(),
             symbol: symbol_of(unit).to_owned(),
             comment: String::new(),
-            direction,
             range,
             at_rest: 0.0,
             steps_per_unit: steps_for(range),
@@ -288,88 +263,70 @@ pub(crate) fn steps_for([min, max]: [f64; 2]) -> f64 {
     fitting.unwrap_or(1.0) * power
 }
 
-/// Known unit, with its quantity.
-struct Known {
-    word: &'static str,
-    symbol: &'static str,
-    of: &'static str,
-    /// Size of the unit in the first unit of its quantity.
-    size: f64,
-}
-
-const fn known(word: &'static str, symbol: &'static str, of: &'static str, size: f64) -> Known {
-    Known {
-        word,
-        symbol,
-        of,
-        size,
-    }
-}
+/// Known unit: its word, its symbol, its quantity, and its size in the first unit of that.
+type Known = (&'static str, &'static str, &'static str, f64);
 
 /// Quantity of a number without a unit: 100 percent are 1.
 const SHARE: &str = "share";
 
 /// Units in which names end.
 const KNOWN: [Known; 31] = [
-    known("metres", "m", "length", 1.0),
-    known("millimetres", "mm", "length", 1e-3),
-    known("micrometres", "um", "length", 1e-6),
-    known("degrees", "deg", "angle", 1.0),
-    known("revolutions", "rev", "angle", 360.0),
-    known("radians", "rad", "angle", 180.0 / std::f64::consts::PI),
-    known("kilograms", "kg", "mass", 1.0),
-    known("grams", "g", "mass", 1e-3),
-    known("amperes", "A", "current", 1.0),
-    known("milliamperes", "mA", "current", 1e-3),
-    known("volts", "V", "voltage", 1.0),
-    known("ohms", "Ohm", "resistance", 1.0),
-    known("watts", "W", "power", 1.0),
-    known("joules", "J", "energy", 1.0),
-    known("newtons", "N", "force", 1.0),
-    known("newton_metres", "Nm", "torque", 1.0),
-    known("pascals", "Pa", "pressure", 1.0),
-    known("bar", "bar", "pressure", 1e5),
-    known("celsius", "degC", "temperature", 1.0),
-    known("kelvins", "K", "temperature difference", 1.0),
-    known("seconds", "s", "time", 1.0),
-    known("hertz", "Hz", "frequency", 1.0),
-    known("percent", "%", SHARE, 1e-2),
-    known("litres", "l", "volume", 1.0),
-    known("metres_per_second", "m/s", "speed", 1.0),
-    known("millimetres_per_second", "mm/s", "speed", 1e-3),
-    known("degrees_per_second", "deg/s", "turning speed", 1.0),
-    known("revolutions_per_minute", "rpm", "turning speed", 6.0),
-    known("revolutions_per_second", "rev/s", "turning speed", 360.0),
-    known(
+    ("metres", "m", "length", 1.0),
+    ("millimetres", "mm", "length", 1e-3),
+    ("micrometres", "um", "length", 1e-6),
+    ("degrees", "deg", "angle", 1.0),
+    ("revolutions", "rev", "angle", 360.0),
+    ("radians", "rad", "angle", 180.0 / std::f64::consts::PI),
+    ("kilograms", "kg", "mass", 1.0),
+    ("grams", "g", "mass", 1e-3),
+    ("amperes", "A", "current", 1.0),
+    ("milliamperes", "mA", "current", 1e-3),
+    ("volts", "V", "voltage", 1.0),
+    ("ohms", "Ohm", "resistance", 1.0),
+    ("watts", "W", "power", 1.0),
+    ("joules", "J", "energy", 1.0),
+    ("newtons", "N", "force", 1.0),
+    ("newton_metres", "Nm", "torque", 1.0),
+    ("pascals", "Pa", "pressure", 1.0),
+    ("bar", "bar", "pressure", 1e5),
+    ("celsius", "degC", "temperature", 1.0),
+    ("kelvins", "K", "temperature difference", 1.0),
+    ("seconds", "s", "time", 1.0),
+    ("hertz", "Hz", "frequency", 1.0),
+    ("percent", "%", SHARE, 1e-2),
+    ("litres", "l", "volume", 1.0),
+    ("metres_per_second", "m/s", "speed", 1.0),
+    ("millimetres_per_second", "mm/s", "speed", 1e-3),
+    ("degrees_per_second", "deg/s", "turning speed", 1.0),
+    ("revolutions_per_minute", "rpm", "turning speed", 6.0),
+    ("revolutions_per_second", "rev/s", "turning speed", 360.0),
+    (
         "radians_per_second",
         "rad/s",
         "turning speed",
         180.0 / std::f64::consts::PI,
     ),
-    known("litres_per_minute", "l/min", "flow", 1.0),
+    ("litres_per_minute", "l/min", "flow", 1.0),
 ];
 
 /// Returns the words of all units in which names end.
 pub fn known_units() -> impl Iterator<Item = &'static str> {
-    KNOWN.iter().map(|known| known.word)
+    KNOWN.iter().map(|(word, ..)| *word)
 }
 
 fn find(word: &str) -> Option<&'static Known> {
-    KNOWN.iter().find(|known| known.word == word)
+    KNOWN.iter().find(|(known, ..)| *known == word)
 }
 
 /// Returns the unit at the end of a name; empty if there is none.
 #[must_use]
 pub fn unit_in(name: &str) -> &str {
-    let is_end = |known: &&Known| {
-        let before = name.strip_suffix(known.word);
+    let is_end = |word: &&str| {
+        let before = name.strip_suffix(word);
         before.is_some_and(|before| before.is_empty() || before.ends_with('_'))
     };
-    let longest = KNOWN
-        .iter()
-        .filter(is_end)
-        .max_by_key(|known| known.word.len());
-    longest.map_or("", |known| &name[name.len() - known.word.len()..])
+    let longest = known_units().filter(is_end).max_by_key(|word| word.len());
+    longest.map_or("", |word| &name[name.len() - word.len()..])
 }
 
 /// Returns the singular of a unit, in words.
@@ -386,7 +343,7 @@ pub fn singular(word: &str) -> String {
 /// Returns a unit as the DBC writes it; the word itself if it has no other form.
 #[must_use]
 pub fn symbol_of(word: &str) -> &str {
-    find(word).map_or(word, |known| known.symbol)
+    find(word).map_or(word, |(_, symbol, ..)| symbol)
 }
 
 /// Returns the factor from the unit `from` to the unit `to`; `None` if they are of different quantities. A number without a unit
@@ -398,7 +355,7 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
     }
     let kind = |word: &str| match word {
         "" => Some((SHARE, 1.0)),
-        word => find(word).map(|known| (known.of, known.size)),
+        word => find(word).map(|(_, _, of, size)| (*of, *size)),
     };
     match (kind(from), kind(to)) {
         (Some((from, size)), Some((to, other))) => (from == to).then_some(size / other),
@@ -427,15 +384,14 @@ pub enum Unit {
 }
 
 impl Unit {
+    /// Units of lengths and angles, which a sensor can have whatever the unit of its port.
+    pub(crate) const NAMED: [Self; 3] = [Self::Millimetres, Self::Degrees, Self::Revolutions];
+
     /// Returns the unit of a word.
     #[must_use]
     pub fn from_word(word: &str) -> Self {
-        match word {
-            "millimetres" => Self::Millimetres,
-            "degrees" => Self::Degrees,
-            "revolutions" => Self::Revolutions,
-            word => Self::Other(word.to_owned()),
-        }
+        let named = Self::NAMED.into_iter().find(|unit| unit.word() == word);
+        named.unwrap_or_else(|| Self::Other(word.to_owned()))
     }
 
     /// Returns the word of the unit.
@@ -467,22 +423,17 @@ impl Unit {
     /// Returns the symbol as [`Unit::symbol`] if the unit is known, else an empty text.
     #[must_use]
     pub fn known_symbol(&self) -> &'static str {
-        find(self.word()).map_or("", |known| known.symbol)
+        find(self.word()).map_or("", |(_, symbol, ..)| symbol)
     }
 
     /// Returns the units in which a port of this unit can be measured, the best known first.
     #[must_use]
     pub fn fitting_port(port_unit: &str) -> Vec<Self> {
         let fits = |unit: &Self| conversion(port_unit, unit.word()).is_some();
-        let known = [Self::Millimetres, Self::Degrees, Self::Revolutions];
-        let mut fitting = Vec::from_iter(known.into_iter().filter(fits));
+        let mut fitting = Vec::from_iter(Self::NAMED.into_iter().filter(fits));
         if fitting.is_empty() {
-            let word = if port_unit.is_empty() {
-                "percent"
-            } else {
-                port_unit
-            };
-            fitting.push(Self::Other(word.to_owned()));
+            let word = Some(port_unit).filter(|word| !word.is_empty());
+            fitting.push(Self::Other(word.unwrap_or("percent").to_owned()));
         }
         fitting
     }
@@ -572,7 +523,7 @@ impl Command {
     /// Returns its unit as the DBC writes it.
     #[must_use]
     pub fn symbol(self) -> &'static str {
-        find(self.word()).map_or("", |known| known.symbol)
+        find(self.word()).map_or("", |(_, symbol, ..)| symbol)
     }
 
     /// Returns the signal as the title of a plot.
