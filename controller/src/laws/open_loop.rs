@@ -1,14 +1,14 @@
 //! A current profile by scenario time, without feedback.
 
 use scenario::controller::OpenLoop as Config;
-use scenario::profile::Profile;
+use scenario::reference::Trajectory;
 
 use crate::law::{CurrentRange, Cycle, Law, Ports, one_loop};
 
 /// The profile, prepared for the query of each cycle.
 #[derive(Clone, Debug)]
 pub struct OpenLoop {
-    profile: Profile,
+    profile: Trajectory,
     current: CurrentRange,
 }
 
@@ -31,7 +31,7 @@ impl Law for OpenLoop {
     fn start(&self) {}
 
     fn step(&self, (): &mut (), cycle: &Cycle, _: &[f64], writes: &mut [f64]) {
-        let wanted = self.profile.current_at(cycle.scenario_time_seconds);
+        let wanted = self.profile.at(cycle.scenario_time_seconds).position;
         writes[0] = self.current.limited(wanted);
     }
 }

@@ -39,7 +39,7 @@ pub mod overrides;
 pub mod plant;
 pub mod port;
 pub mod process_law;
-pub mod profile;
+mod profile;
 pub mod reference;
 pub mod registration;
 pub mod rig;

@@ -3,22 +3,11 @@
 use crate::controller::OpenLoop;
 use crate::curve::{Piece, Trajectory};
 
-/// Current over time; the piece that started last acts, 0 A before the first.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Profile(Trajectory);
-
-impl Profile {
-    /// Returns the current in amperes at a scenario time, without allocation.
-    #[must_use]
-    pub fn current_at(&self, time_seconds: f64) -> f64 {
-        self.0.at(time_seconds).position
-    }
-}
-
 impl OpenLoop {
-    /// Prepares the profile for a look-up in every cycle.
+    /// Prepares the profile for a look-up in every cycle: its positions are the currents in amperes. The piece that started last
+    /// acts, 0 A before the first.
     #[must_use]
-    pub fn profile(&self) -> Profile {
+    pub fn profile(&self) -> Trajectory {
         let steps = self.step.iter().map(|step| {
             let value = step.current;
             (step.at_seconds, Piece::Constant { value })
@@ -31,7 +20,7 @@ impl OpenLoop {
             let rows = table.rows.clone();
             (table.from_seconds, Piece::Table { rows })
         });
-        Profile(Trajectory::new(steps.chain(ramps).chain(tables).collect()))
+        Trajectory::new(steps.chain(ramps).chain(tables).collect())
     }
 }
 
@@ -58,12 +47,12 @@ mod tests {
             (30.0, 0.5),
             (41.0, 0.0),
         ] {
-            assert_eq!(open_loop.profile().current_at(time), amperes, "at {time}");
+            assert_eq!(open_loop.profile().at(time).position, amperes, "at {time}");
         }
         open_loop.step.push(CurrentStep {
             at_seconds: 42.0,
             current: 0.6,
         });
-        assert_eq!(open_loop.profile().current_at(42.0), 0.6);
+        assert_eq!(open_loop.profile().at(42.0).position, 0.6);
     }
 }

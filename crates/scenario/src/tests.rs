@@ -653,7 +653,8 @@ fn a_recorded_current_is_one_column_of_many() {
             .as_ref()
             .unwrap()
             .profile()
-            .current_at(time)
+            .at(time)
+            .position
     };
     assert_eq!([current(0.9), current(1.0), current(9.0)], [0.0, 0.5, 0.7]);
     assert!((current(1.1) - 0.6).abs() < 1e-12);
@@ -682,7 +683,7 @@ fn a_recorded_current_is_one_column_of_many() {
     let table = "time_seconds,current_amperes,target_current_amperes\n0,0.1,0.2\n";
     let scenario = Trial::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     let open_loop = scenario.controller.open_loop.unwrap();
-    assert_eq!(open_loop.profile().current_at(1.0), 0.2);
+    assert_eq!(open_loop.profile().at(1.0).position, 0.2);
     // The controller reads the table, too.
     let view = view_of(&column, |_| Ok(table.to_owned())).unwrap();
     assert_eq!(view.controller.open_loop, Some(open_loop));
