@@ -2,10 +2,10 @@
 
 mod currents;
 mod fault;
+mod files;
 mod limits;
 mod pieces;
 mod plant;
-mod process_laws;
 mod requirements;
 mod signals;
 mod sweep;
@@ -25,8 +25,7 @@ use crate::run::Run;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
 
-pub(crate) use process_laws::{read_files, read_programs};
-pub(crate) use signals::read_courses;
+pub(crate) use files::NamedFiles;
 pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
@@ -35,7 +34,7 @@ use fault::faults;
 pub(crate) use fault::faults_of_plants;
 use limits::limits;
 pub(crate) use limits::reactions;
-use pieces::{order, pieces};
+use pieces::{entries, order, pieces};
 pub(crate) use plant::{cooling, temperatures};
 
 /// Checks the trial of a loop.
@@ -48,7 +47,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
     for table in ["reference", "controller.open_loop"] {
         problems.extend(pieces(document, table, duration_seconds));
     }
-    problems.extend(travel(document, &trial.wiring));
+    problems.extend(travel(document, trial));
     problems.extend(chirps(document, &trial.reference));
     problems.extend(currents::problems(document, trial));
     problems.extend(disturbances(document, trial, rig));
@@ -91,24 +90,22 @@ fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
                 }
                 table => format!("name the law: [controller.{table}.pid]"),
             };
-            Some(document.source.problem(span, "no control law", label))
+            Some(document.key_problem("controller", "no control law", label))
         }
         ["open_loop"] => None,
         [law] if trial.reference.is_empty() => {
-            let span = document.key_span(&format!("controller.{law}"));
             let message = format!("the closed loop `{law}` has no set-point");
-            let problem = document
-                .source
-                .problem(span, message, "needs one to follow");
+            let path = format!("controller.{law}");
+            let problem = document.key_problem(&path, message, "needs one to follow");
             Some(problem.with_help("add [[reference.hold]], step, ramp, sine, chirp or table"))
         }
         [_] => None,
         [first, second, ..] => {
-            let place = |law: &str| document.key_span(&format!("controller.{law}"));
-            let problem = (document.source)
-                .problem(place(second), "more than one control law", "the second law")
-                .with_place(place(first), "the first law");
-            Some(problem.with_help(HELP))
+            let message = "more than one control law";
+            let path = |law: &str| format!("controller.{law}");
+            let problem = document.key_problem(&path(second), message, "the second law");
+            let first = document.key_span(&path(first));
+            Some(problem.with_place(first, "the first law").with_help(HELP))
         }
     }
 }
@@ -127,27 +124,24 @@ fn led_drives(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
         count => format!("{count} drives"),
     };
     (led != wiring.leads).then(|| {
-        let span = document.key_span(&format!("controller.{law}"));
         let message = format!("the law `{law}` leads {}", drives(led));
         let label = format!("the loop has {}", drives(wiring.leads));
-        document.source.problem(span, message, label)
+        document.key_problem(&format!("controller.{law}"), message, label)
     })
 }
 
 /// Refuses a law of a wire in a loop that commands no current: these laws know how a current heats the wire.
 fn law_without_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let command = trial.wiring.feedback.measurand.command;
-    let controller = &trial.controller;
-    let law = match (&controller.sliding_mode, &controller.sliding_mode_paper) {
-        _ if command == Command::Current => None,
-        (Some(_), _) => Some("sliding_mode"),
-        (_, Some(_)) => Some("sliding_mode_paper"),
-        _ => None,
-    }?;
-    let span = document.key_span(&format!("controller.{law}"));
+    let is_of_wire = |law: &&str| ["sliding_mode", "sliding_mode_paper"].contains(law);
+    let mut laws = trial
+        .controller
+        .law_names()
+        .filter(|_| command != Command::Current);
+    let law = laws.find(is_of_wire)?;
     let message = format!("`{law}` commands a current");
     let label = format!("the loop commands a {}", command.signal());
-    Some(document.source.problem(span, message, label))
+    Some(document.key_problem(&format!("controller.{law}"), message, label))
 }
 
 /// Demands the gains of `pid` in a loop whose position is no length: the default gains are those of a wire, by the metre.
@@ -163,33 +157,30 @@ fn gains_in_other_unit(document: &Document<'_>, trial: &Trial) -> Option<Problem
     let path = "controller.pid";
     let is_missing = |gain: &&&str| !document.has(&format!("{path}.{gain}"));
     let gain = GAINS.iter().find(is_missing)?;
-    let span = document.key_span(path);
     let message = format!("`pid` lacks `{gain}`");
     let label = "without it, it is that of a wire in metres";
-    Some(document.source.problem(span, message, label))
+    Some(document.key_problem(path, message, label))
 }
 
 /// Checks that sines and chirps stay within the travel. The schema limits single positions.
-fn travel(document: &Document<'_>, wiring: &Wiring) -> Vec<Problem> {
-    let [min, max] = wiring.feedback.range();
-    let symbol = wiring.feedback.measurand.unit.symbol();
-    let mut problems = Vec::new();
-    for kind in ["sine", "chirp"] {
-        let ends = (0_usize..).map_while(|index| {
-            let path = format!("reference.{kind}.{index}");
-            let centre = document.number(&format!("{path}.centre_{UNIT}"))?;
-            let path = format!("{path}.amplitude_{UNIT}");
-            let amplitude = document.number(&path)?;
-            Some((path, centre - amplitude, centre + amplitude))
-        });
-        let leaving = ends.filter(|(_, lowest, highest)| *lowest < min || *highest > max);
-        problems.extend(leaving.map(|(path, lowest, highest)| {
-            let label = format!("goes from {lowest} to {highest} {symbol}");
+fn travel(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let feedback = &trial.wiring.feedback;
+    let ([min, max], symbol) = (feedback.range(), feedback.measurand.unit.symbol());
+    let Reference { sine, chirp, .. } = &trial.reference;
+    let sines = sine.iter().map(|one| (one.centre, one.amplitude));
+    let chirps = chirp.iter().map(|one| (one.centre, one.amplitude));
+    let sines = sines.enumerate().map(|one| ("sine", one));
+    let pieces = sines.chain(chirps.enumerate().map(|one| ("chirp", one)));
+    let leaving = pieces.filter_map(|(kind, (index, (centre, amplitude)))| {
+        let (lowest, highest) = (centre - amplitude, centre + amplitude);
+        (lowest < min || highest > max).then(|| {
+            let path = format!("reference.{kind}.{index}.amplitude_{UNIT}");
             let message = format!("the {kind} leaves the travel of {min} to {max} {symbol}");
+            let label = format!("goes from {lowest} to {highest} {symbol}");
             document.problem(&path, message, label)
-        }));
-    }
-    problems
+        })
+    });
+    leaving.collect()
 }
 
 /// Checks that the frequency of each chirp moves.
@@ -208,9 +199,9 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
 /// Finds disturbances for which no io node has an output.
 fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::new();
-    let has = |node: &str, output: &str| match node {
-        "" => rig.io_with(output).next().is_some(),
-        node => rig.io_with(output).any(|name| name == node),
+    let has = |node: &str, output: &str| {
+        let mut nodes = rig.io_with(output);
+        nodes.any(|name| node.is_empty() || name == node)
     };
     let fan = disturbance.fan.first().map(|one| &one.node);
     let load = disturbance.load.first().map(|one| &one.node);
@@ -244,7 +235,9 @@ fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig)
 }
 
 fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
-    let mut problems = order(document, "disturbance", trial.run.duration_seconds);
+    let table = "disturbance";
+    let pieces = entries(document, table);
+    let mut problems = order(document, table, &pieces, trial.run.duration_seconds);
     for (index, pair) in trial.disturbance.fan.windows(2).enumerate() {
         let (first, second) = (&pair[0], &pair[1]);
         let is_same = first.node == second.node;

@@ -6,7 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::custom::{self, Custom, Parameters, defaults};
+use crate::custom::{self, Custom, Parameters, any, defaults};
 use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
@@ -110,18 +110,15 @@ impl Controller {
 
     /// Returns the tables, in the order of [`LAWS`].
     fn tables(&self) -> [Option<&dyn Any>; LAWS.len()] {
-        fn of<T: Any>(table: &Option<T>) -> Option<&dyn Any> {
-            table.as_ref().map(|table| table as &dyn Any)
-        }
         [
-            of(&self.sliding_mode),
-            of(&self.sliding_mode_paper),
-            of(&self.pid),
-            of(&self.pid_pair),
-            of(&self.open_loop),
-            of(&self.program),
-            of(&self.library),
-            of(&self.fmu),
+            any(&self.sliding_mode),
+            any(&self.sliding_mode_paper),
+            any(&self.pid),
+            any(&self.pid_pair),
+            any(&self.open_loop),
+            any(&self.program),
+            any(&self.library),
+            any(&self.fmu),
         ]
     }
 }

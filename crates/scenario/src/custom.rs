@@ -2,6 +2,7 @@
 //!
 //! They are registered once, before anything is read; from then on schema and loader know them as they know the shipped ones.
 
+use std::any::Any;
 use std::sync::OnceLock;
 
 use schemars::JsonSchema;
@@ -29,6 +30,11 @@ impl<T: DeserializeOwned + JsonSchema + 'static> Parameters for T {}
 /// One of them has no default.
 pub fn defaults<P: Parameters>() -> Result<P, toml::de::Error> {
     toml::Table::new().try_into()
+}
+
+/// Returns a table as one of any type.
+pub(crate) fn any<T: Any>(table: &Option<T>) -> Option<&dyn Any> {
+    table.as_ref().map(|table| table as &dyn Any)
 }
 
 /// Section of a file with tables from outside.

@@ -9,7 +9,6 @@ use toml::de::{DeTable, DeValue};
 use crate::error::{Problem, Source};
 use crate::outside::Outside;
 use crate::port::Measurand;
-use crate::structure::number;
 
 /// Largest number of syntax errors that are shown; more follow from the first one, or the file is no TOML.
 const SYNTAX_ERRORS_MAX: usize = 3;
@@ -169,14 +168,19 @@ impl<'text> Document<'text> {
         self.source.problem(self.span(path), message, label)
     }
 
+    /// Makes a problem at the key at a path.
+    pub(crate) fn key_problem(
+        &self,
+        path: &str,
+        message: impl Into<String>,
+        label: impl Into<String>,
+    ) -> Problem {
+        self.source.problem(self.key_span(path), message, label)
+    }
+
     /// Checks whether there is a value at a path.
     pub(crate) fn has(&self, path: &str) -> bool {
         self.value(path).is_some()
-    }
-
-    /// Returns the number at a path.
-    pub(crate) fn number(&self, path: &str) -> Option<f64> {
-        number(self.value(path)?)
     }
 
     fn value(&self, path: &str) -> Option<&DeValue<'text>> {

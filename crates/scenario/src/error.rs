@@ -180,8 +180,7 @@ impl Problem {
     }
 
     fn is_same(&self, other: &Self) -> bool {
-        let parts = |one: &Self| (one.offset, [one.message.clone(), one.label.clone()]);
-        parts(self) == parts(other)
+        (self.offset, &self.message, &self.label) == (other.offset, &other.message, &other.label)
     }
 
     /// Returns the name of the file with the problem: the scenario, or a table that it names.

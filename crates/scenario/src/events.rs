@@ -186,11 +186,8 @@ impl Trial {
             }
         });
         let mut windows: Vec<_> = fans.chain(loads).chain(outputs).collect();
-        windows.sort_by(|left, right| {
-            left.window
-                .from_seconds
-                .total_cmp(&right.window.from_seconds)
-        });
+        let start = |one: &DisturbanceWindow| one.window.from_seconds;
+        windows.sort_by(|left, right| start(left).total_cmp(&start(right)));
         windows
     }
 
@@ -228,23 +225,16 @@ impl Trial {
             let text = format!("step to {} {unit}", step.position);
             named(step.at_seconds, text)
         });
-        let disturbances = self
-            .disturbance_windows()
-            .into_iter()
-            .flat_map(|disturbance| {
-                let Window {
-                    from_seconds,
-                    until_seconds,
-                } = disturbance.window;
-                let of = disturbance
-                    .text
-                    .split([',', ' '])
-                    .next()
-                    .unwrap_or_default();
-                let end = (until_seconds > from_seconds)
-                    .then(|| named(until_seconds, format!("{of} off")));
-                [Some(named(from_seconds, disturbance.text)), end]
-            });
+        let disturbances = self.disturbance_windows().into_iter().flat_map(|one| {
+            let Window {
+                from_seconds,
+                until_seconds,
+            } = one.window;
+            let of = one.text.split([',', ' ']).next().unwrap_or_default();
+            let lasts = until_seconds > from_seconds;
+            let end = lasts.then(|| named(until_seconds, format!("{of} off")));
+            [Some(named(from_seconds, one.text)), end]
+        });
         let faults = self.loop_faults().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
@@ -256,10 +246,8 @@ impl Trial {
             };
             [Some(begin), end]
         });
-        let mut events: Vec<_> = steps
-            .chain(disturbances.flatten())
-            .chain(faults.flatten())
-            .collect();
+        let others = disturbances.chain(faults).flatten();
+        let mut events = Vec::from_iter(steps.chain(others));
         events.sort_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
         events
     }
@@ -291,13 +279,10 @@ impl Disturbance {
     pub fn at_node<'a>(node: &str, plants: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::default();
         for plant in plants {
-            let Self { fan, load, output } = plant.clone();
-            all.fan
-                .extend(fan.into_iter().filter(|one| one.node == node));
-            all.load
-                .extend(load.into_iter().filter(|one| one.node == node));
-            all.output
-                .extend(output.into_iter().filter(|one| one.node == node));
+            let Self { fan, load, output } = plant;
+            (all.fan).extend(fan.iter().filter(|one| one.node == node).cloned());
+            (all.load).extend(load.iter().filter(|one| one.node == node).cloned());
+            (all.output).extend(output.iter().filter(|one| one.node == node).cloned());
         }
         all
     }

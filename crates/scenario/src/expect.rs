@@ -105,12 +105,11 @@ impl Expect {
 
     /// Returns the two-sided limits that are given, each with its metric, in the order of the table.
     pub fn limits(&self) -> impl Iterator<Item = (&'static Metric, Limit)> {
-        METRICS
-            .iter()
-            .filter_map(|metric| match self.of(metric.name)? {
-                Expectation::Limit(limit) => Some((metric, *limit)),
-                _ => None,
-            })
+        let metrics = METRICS.iter();
+        metrics.filter_map(|metric| match self.of(metric.name)? {
+            Expectation::Limit(limit) => Some((metric, *limit)),
+            _ => None,
+        })
     }
 
     /// Returns the names of all metrics that have an expectation.
@@ -138,22 +137,17 @@ impl Expect {
 
     /// Returns the signals that checks and sequences name, each with the path of its name in the file.
     pub fn named_signals(&self) -> impl Iterator<Item = (String, &str)> {
-        let checks = self
-            .signal
-            .iter()
-            .enumerate()
+        let checks = self.signal.iter().enumerate();
+        let checks = checks
             .map(|(index, check)| (format!("expect.signal.{index}.name"), check.name.as_str()));
-        let events = self
-            .sequence
-            .iter()
-            .enumerate()
-            .flat_map(|(index, sequence)| {
-                let events = sequence.event.iter().enumerate();
-                events.filter_map(move |(place, event)| {
-                    let path = format!("expect.sequence.{index}.event.{place}.signal");
-                    Some((path, event.signal.as_deref()?))
-                })
-            });
+        let sequences = self.sequence.iter().enumerate();
+        let events = sequences.flat_map(|(index, sequence)| {
+            let events = sequence.event.iter().enumerate();
+            events.filter_map(move |(place, event)| {
+                let path = format!("expect.sequence.{index}.event.{place}.signal");
+                Some((path, event.signal.as_deref()?))
+            })
+        });
         checks.chain(events)
     }
 }

@@ -92,24 +92,17 @@ impl Rig {
     /// Gives the loops their identifiers: the preferred one of CiA 301 or canrig, and if another node has it, the highest free
     /// one, in the order of node-IDs.
     pub(crate) fn assign_identifiers(&mut self) {
-        let controller = self
-            .controller()
-            .map_or(CONTROLLER_NODE_ID, |(_, node)| node.node_id);
-        let drives = self.loops.keys().map(|name| {
+        let controller = self.controller();
+        let controller = controller.map_or(CONTROLLER_NODE_ID, |(_, node)| node.node_id);
+        let loops = (0..).zip(self.loops.keys()).map(|(number, name)| {
             let node = self.node.get(self.drive_of_loop(name));
-            node.map_or(0, |node| node.node_id)
+            let drive = node.map_or(0, |node| node.node_id);
+            (drive, Identifiers::new(controller, drive, number))
         });
-        let mut all = Vec::from_iter(
-            (0..)
-                .zip(drives)
-                .map(|(number, drive)| (drive, Identifiers::new(controller, drive, number))),
-        );
+        let mut all = Vec::from_iter(loops);
         let mut taken = BTreeSet::from(SHARED);
-        let others = self
-            .node
-            .values()
-            .filter(|node| node.kind != NodeKind::Controller);
-        for node in others {
+        let nodes = self.node.values();
+        for node in nodes.filter(|node| node.kind != NodeKind::Controller) {
             taken.extend(PREDEFINED.map(|function| function + u16::from(node.node_id)));
         }
         let mut homeless: Vec<(u8, &mut u16)> = Vec::new();

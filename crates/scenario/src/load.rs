@@ -37,7 +37,6 @@ use crate::outside::Outside;
 use crate::port::Measurand;
 use crate::scenario::Scenario;
 use crate::structure;
-use crate::table::ReadTable;
 use crate::trial::Trial;
 
 /// Longest scenario file.
@@ -167,26 +166,6 @@ pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Prob
     problems.collect()
 }
 
-/// Calls `parse` with a text and a reader of the files that it names, and returns the texts that were read with the result.
-fn reading<T>(
-    scenario: String,
-    read_file: ReadTable<'_>,
-    parse: impl FnOnce(&str, ReadTable<'_>) -> Result<T, ScenarioError>,
-) -> Result<(T, Texts), ScenarioError> {
-    let mut tables = BTreeMap::new();
-    // A file that is named twice is read once.
-    let read_file = &mut |name: &str| match tables.get(name) {
-        Some(text) => Ok(String::clone(text)),
-        None => {
-            let text = read_file(name)?;
-            tables.insert(name.to_owned(), text.clone());
-            Ok(text)
-        }
-    };
-    let parsed = parse(&scenario, read_file)?;
-    Ok((parsed, Texts { scenario, tables }))
-}
-
 /// Builds a type from the document, together with the problems that do not prevent it, such as values out of range. `what` names
 /// the whole in messages, and `schema` is the schema of the type.
 pub(crate) fn build<T: DeserializeOwned>(
@@ -213,7 +192,7 @@ fn custom_table(
     problems: &mut Vec<Problem>,
 ) -> Option<Custom> {
     let keys = document.keys(path);
-    let mut names = outside.names(section).into_iter();
+    let mut names = outside.names(section);
     let name = names.find(|name| keys.contains(name))?;
     let value = document.spanned(&format!("{path}.{name}"))?;
     if let Err(error) = outside.check(section, name, value.clone())

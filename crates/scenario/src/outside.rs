@@ -12,13 +12,12 @@ use crate::document::Document;
 use crate::load::Reading;
 use crate::plant::MODELS;
 
-/// Tables from outside that a reader of a scenario admits.
-pub(crate) enum Outside {
-    /// Tables of the plants and laws that are registered here.
-    Registered,
-    /// Tables of a recording. Their plants and laws need not be known here: the recording holds their effects, so the content of
-    /// these tables is not read.
-    Recorded(Vec<(Section, String)>),
+/// Tables from outside that a reader of a scenario admits, each with its section.
+pub(crate) struct Outside {
+    tables: Vec<(Section, String)>,
+    /// Whether they are those of a recording. Their plants and laws need not be known here: the recording holds their effects, so
+    /// the content of these tables is not read.
+    is_recorded: bool,
 }
 
 impl Outside {
@@ -26,7 +25,23 @@ impl Outside {
     pub(crate) fn of(reading: Reading, document: &Document<'_>) -> Self {
         match reading {
             Reading::Recorded => Self::recorded(document.root()),
-            Reading::ToPlay | Reading::Case | Reading::View => Self::Registered,
+            Reading::ToPlay | Reading::Case | Reading::View => Self::registered(),
+        }
+    }
+
+    /// Returns the tables of the plants and laws that are registered here.
+    pub(crate) fn registered() -> Self {
+        let named = |section| {
+            custom::tables(section)
+                .iter()
+                .map(move |one| (section, one.name))
+        };
+        let tables = Section::ALL.into_iter().flat_map(named);
+        Self {
+            tables: tables
+                .map(|(section, name)| (section, name.to_owned()))
+                .collect(),
+            is_recorded: false,
         }
     }
 
@@ -45,44 +60,35 @@ impl Outside {
             is_name(name) && !is_known
         };
         let unknown = laws.chain(models).filter(is_unknown);
-        Self::Recorded(
-            unknown
+        Self {
+            tables: unknown
                 .map(|(section, name)| (section, name.to_owned()))
                 .collect(),
-        )
+            is_recorded: true,
+        }
     }
 
-    /// Returns a schema with these tables.
+    /// Returns a schema with these tables; it has those that are registered.
     pub(crate) fn schema(&self, schema: &'static Value) -> Cow<'static, Value> {
-        match self {
-            Self::Recorded(tables) if !tables.is_empty() => {
-                let mut schema = schema.clone();
-                for (section, name) in tables {
-                    let definition = match section {
-                        Section::Plant => "PlantModel",
-                        Section::Controller => "Controller",
-                    };
-                    // A schema without keywords admits everything.
-                    schema["definitions"][definition]["properties"][name] = json!({});
-                }
-                Cow::Owned(schema)
-            }
-            Self::Registered | Self::Recorded(_) => Cow::Borrowed(schema),
+        let mut schema = Cow::Borrowed(schema);
+        for (section, name) in self.tables.iter().filter(|_| self.is_recorded) {
+            let definition = match section {
+                Section::Plant => "PlantModel",
+                Section::Controller => "Controller",
+            };
+            // A schema without keywords admits everything.
+            schema.to_mut()["definitions"][definition]["properties"][name] = json!({});
         }
+        schema
     }
 
     /// Returns the names of a section's tables.
-    pub(crate) fn names(&self, section: Section) -> Vec<&str> {
-        match self {
-            Self::Registered => custom::tables(section)
-                .iter()
-                .map(|custom| custom.name)
-                .collect(),
-            Self::Recorded(tables) => {
-                let in_section = tables.iter().filter(|(place, _)| *place == section);
-                in_section.map(|(_, name)| name.as_str()).collect()
-            }
-        }
+    pub(crate) fn names(&self, section: Section) -> impl Iterator<Item = &str> {
+        let tables = self
+            .tables
+            .iter()
+            .filter(move |(place, _)| *place == section);
+        tables.map(|(_, name)| name.as_str())
     }
 
     /// Checks a table of a section.
@@ -92,34 +98,27 @@ impl Outside {
         name: &str,
         table: Spanned<DeValue<'_>>,
     ) -> Result<(), toml::de::Error> {
-        match self {
-            Self::Registered => {
-                let mut registered = custom::tables(section).iter();
-                let found = registered.find(|custom| custom.name == name);
-                found.map_or(Ok(()), |custom| (custom.check)(table))
-            }
-            Self::Recorded(_) => Ok(()),
-        }
+        let registered = custom::tables(section).iter();
+        let mut known = registered.filter(|custom| custom.name == name && !self.is_recorded);
+        known.next().map_or(Ok(()), |custom| (custom.check)(table))
     }
 
     /// Removes the tables from a document, since no type of the format has a field for them: the laws of a scenario, and the
     /// models of a rig file's plants.
     pub(crate) fn remove_from(&self, root: &mut DeTable<'_>) {
-        if let Some(laws) = root.get_mut(Section::Controller.key()) {
-            self.remove_names(Section::Controller, laws);
-        }
-        let plants = root.get_mut(Section::Plant.key()).map(Spanned::get_mut);
-        if let Some(DeValue::Table(plants)) = plants {
-            for (_, models) in plants.iter_mut() {
-                self.remove_names(Section::Plant, models);
+        for (section, name) in &self.tables {
+            let Some(DeValue::Table(tables)) = root.get_mut(section.key()).map(Spanned::get_mut)
+            else {
+                continue;
+            };
+            if *section == Section::Controller {
+                tables.remove(name.as_str());
+                continue;
             }
-        }
-    }
-
-    fn remove_names(&self, section: Section, tables: &mut Spanned<DeValue<'_>>) {
-        if let DeValue::Table(tables) = tables.get_mut() {
-            for name in self.names(section) {
-                tables.remove(name);
+            for (_, models) in tables.iter_mut() {
+                if let DeValue::Table(models) = models.get_mut() {
+                    models.remove(name.as_str());
+                }
             }
         }
     }

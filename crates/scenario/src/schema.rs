@@ -14,7 +14,7 @@ use crate::custom;
 use crate::fault;
 use crate::null::TakeNullAway;
 use crate::rig::nodes::Rig;
-use crate::run::Header;
+use crate::run::Run;
 use crate::sweep::Swept;
 use crate::trial::Sections;
 use crate::wiring::Wiring;
@@ -22,7 +22,7 @@ use crate::wiring::Wiring;
 /// Schema of the trial of a loop. Making a schema takes most of the time of loading, so each is made once.
 pub(crate) static SECTIONS: LazyLock<Value> = LazyLock::new(schema_of::<Sections>);
 /// Schema of the keys of a scenario that are not tables.
-pub(crate) static HEADER: LazyLock<Value> = LazyLock::new(schema_of::<Header>);
+pub(crate) static RUN: LazyLock<Value> = LazyLock::new(schema_of::<Run>);
 /// Schema of rig files.
 pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
 
@@ -39,7 +39,7 @@ pub(crate) static FAULTS: LazyLock<Value> = LazyLock::new(fault::described);
 /// of 0.1.
 pub(crate) const MULTIPLE_OF: &str = "x-multiple-of";
 
-pub(crate) use loops::on_rig;
+pub(crate) use loops::{on_rig, reference};
 
 /// Returns the schema of a loop's trial with the range of its sensor for the set-points.
 pub(crate) fn with_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {

@@ -13,6 +13,9 @@ use crate::nearest::{nearest, suggestion};
 use crate::port::Measurand;
 use crate::schema::{MULTIPLE_OF, resolve};
 
+/// Kind of a value in messages.
+const TABLES: &str = "an array of tables";
+
 /// Finds everything in the document that the schema does not admit; `what` names the whole in messages.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
     check_table(document, what, (0..0, document.root()), schema, schema)
@@ -83,7 +86,7 @@ impl<'a> Checker<'a> {
                 };
                 let message = format!("`{path}` must be {expected}");
                 self.report(span, message, format!("this is {}", found_kind(found)));
-                if schema["items"]["$ref"].is_string() && found.is_table() {
+                if expected == TABLES && found.is_table() {
                     self.help(format!("write it with double brackets: [[{path}]]"));
                 }
                 if let Some(help) = limit_help(path, schema, found) {
@@ -344,7 +347,7 @@ fn join(path: &str, name: &str) -> String {
 fn expected_kind(schema_type: Option<&str>) -> &'static str {
     match schema_type {
         Some("object") => "a table",
-        Some("array") => "an array of tables",
+        Some("array") => TABLES,
         Some("boolean") => "true or false",
         Some("number") => "a number",
         Some("integer") => "an integer",

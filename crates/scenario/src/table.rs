@@ -19,7 +19,7 @@ const COLUMNS_LISTED_MAX: usize = 50;
 pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
 
 /// Rows `(time_seconds, value)`.
-type Rows = Vec<(f64, f64)>;
+pub(crate) type Rows = Vec<(f64, f64)>;
 
 /// Checks whether a path stays inside the folder that it is relative to.
 pub(crate) fn is_inside_folder(path: &str) -> bool {

@@ -40,7 +40,7 @@ impl NominalModel {
         let document = Document::parse(Source::new(name, text), text)?;
         let (file, problems) = build::<NominalModelFile>(
             &document,
-            &Outside::Registered,
+            &Outside::registered(),
             "the file",
             &NOMINAL_MODEL_FILE,
         )?;

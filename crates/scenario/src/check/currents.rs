@@ -10,17 +10,16 @@ use crate::trial::Trial;
 /// Checks the currents of a loop's law.
 pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let range = trial.wiring.current();
+    let at = |kind: &str, index: usize, current: f64| {
+        let path = format!("controller.open_loop.{kind}.{index}.{{command}}_{{command_unit}}");
+        outside(document, &path, current, [range.min, range.max])
+    };
     let mut problems = Vec::new();
-    for kind in ["step", "ramp"] {
-        let path =
-            |index| format!("controller.open_loop.{kind}.{index}.{{command}}_{{command_unit}}");
-        let currents = (0_usize..)
-            .map(path)
-            .map_while(|path| Some((document.number(&path)?, path)));
-        let within = [range.min, range.max];
-        problems.extend(
-            currents.filter_map(|(current, path)| outside(document, &path, current, within)),
-        );
+    if let Some(open_loop) = &trial.controller.open_loop {
+        let steps = open_loop.step.iter().enumerate();
+        problems.extend(steps.filter_map(|(index, one)| at("step", index, one.current)));
+        let ramps = open_loop.ramp.iter().enumerate();
+        problems.extend(ramps.filter_map(|(index, one)| at("ramp", index, one.current)));
     }
     if let Some(pair) = &trial.controller.pid_pair {
         let path = "controller.pid_pair.co_contraction_{command_unit}";

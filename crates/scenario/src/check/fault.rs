@@ -99,8 +99,7 @@ pub(crate) fn faults_of_plants<'a>(
             [] => "no fault of a plant can".to_owned(),
             known => format!("what can: {}", known.join(", ")),
         };
-        let span = document.key_span(&path);
-        let problem = (document.source).problem(span, message, "has no place here");
+        let problem = document.key_problem(&path, message, "has no place here");
         Some(problem.with_help(help))
     });
     unknown.collect()

@@ -99,15 +99,13 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Ve
     let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
     for metric in demanded {
         let name = metric.name;
-        if let Some(missing) = metric.missing_in(trial) {
+        let needs = |what: &str| {
             let message = format!("`{name}` cannot be judged");
-            let path = format!("expect.{name}");
-            problems.push(document.problem(&path, message, format!("needs {missing}")));
-        }
+            document.problem(&format!("expect.{name}"), message, format!("needs {what}"))
+        };
+        problems.extend(metric.missing_in(trial).map(needs));
         if !trial.has_loop_faults() {
-            let message = format!("`{name}` cannot be judged");
-            let path = format!("expect.{name}");
-            let problem = document.problem(&path, message, "needs a [[fault.…]] of this drive");
+            let problem = needs("a [[fault.…]] of this drive");
             problems.push(if trial.run.faults.is_empty() { problem } else { problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]") });
         }
     }

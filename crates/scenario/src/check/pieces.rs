@@ -17,7 +17,7 @@ pub(super) struct Piece<'a> {
 }
 
 /// Returns the entries of the arrays in a table, kind by kind.
-fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<'a>> {
+pub(super) fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<'a>> {
     let kinds = document.keys(table).into_iter();
     let pieces = kinds.flat_map(|kind| {
         let path = format!("{table}.{kind}");
@@ -43,8 +43,8 @@ fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<'a>> {
 /// Checks that the times of a table's entries are in order, that windows end after they begin, that one piece acts at a time, and
 /// that none is after the end.
 pub(super) fn pieces(document: &Document<'_>, table: &str, duration_seconds: f64) -> Vec<Problem> {
-    let mut problems = order(document, table, duration_seconds);
     let mut by_start = entries(document, table);
+    let mut problems = order(document, table, &by_start, duration_seconds);
     by_start.sort_by(|left, right| left.start_seconds.total_cmp(&right.start_seconds));
     let is_double = |pair: &&[Piece<'_>]| {
         pair[0].start_seconds == pair[1].start_seconds && pair[0].kind != pair[1].kind
@@ -61,9 +61,13 @@ pub(super) fn pieces(document: &Document<'_>, table: &str, duration_seconds: f64
 }
 
 /// Checks that the times are in order within each kind, that windows end after they begin, and that none is after the end.
-pub(super) fn order(document: &Document<'_>, table: &str, duration_seconds: f64) -> Vec<Problem> {
+pub(super) fn order(
+    document: &Document<'_>,
+    table: &str,
+    pieces: &[Piece<'_>],
+    duration_seconds: f64,
+) -> Vec<Problem> {
     let mut problems = Vec::new();
-    let pieces = entries(document, table);
     for pair in pieces
         .windows(2)
         .filter(|pair| pair[0].kind == pair[1].kind)
@@ -77,7 +81,7 @@ pub(super) fn order(document: &Document<'_>, table: &str, duration_seconds: f64)
             problems.push(document.problem(&path, message, label));
         }
     }
-    for piece in &pieces {
+    for piece in pieces {
         let heading = format!("[[{table}.{}]]", piece.kind);
         problems.extend(window(document, piece, &heading, duration_seconds));
     }

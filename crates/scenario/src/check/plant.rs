@@ -8,29 +8,35 @@ use crate::plant::{Heat, Kinetics, Phase};
 ///
 /// `path` is the path of the table in the document.
 pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -> Vec<Problem> {
-    let (austenite, martensite) = ("austenite_start_celsius", "martensite_finish_celsius");
-    let (finish, start) = (
-        phase.austenite_finish_celsius,
+    let mut problems = Vec::new();
+    let mut in_order = |name: &str, high: f64, below: &str, low: f64| {
+        if high <= low {
+            let message = format!("`{name}` must be above `{below}`");
+            let label = format!("must be above {low}");
+            problems.push(document.problem(&format!("{path}.{name}"), message, label));
+        }
+    };
+    let (start, finish) = (
         phase.austenite_start_celsius,
+        phase.austenite_finish_celsius,
     );
-    let (from, until) = (
+    in_order(
+        "austenite_finish_celsius",
+        finish,
+        "austenite_start_celsius",
+        start,
+    );
+    let (start, finish) = (
         phase.martensite_start_celsius,
         phase.martensite_finish_celsius,
     );
-    let pairs = [
-        ("austenite_finish_celsius", finish, austenite, start),
-        ("martensite_start_celsius", from, martensite, until),
-    ];
-    let wrong = pairs.into_iter().filter(|(_, high, _, low)| high <= low);
-    let problems = wrong.map(|(name, _, below, low)| {
-        let message = format!("`{name}` must be above `{below}`");
-        document.problem(
-            &format!("{path}.{name}"),
-            message,
-            format!("must be above {low}"),
-        )
-    });
-    problems.collect()
+    in_order(
+        "martensite_start_celsius",
+        start,
+        "martensite_finish_celsius",
+        finish,
+    );
+    problems
 }
 
 /// Checks that air and cooling element do not keep the wire above `Mf`: a memory of turns begins with all martensite.

@@ -44,8 +44,7 @@ fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> 
         None => "has no limit in [expect]".to_owned(),
     };
     let message = format!("`{key}` tests no requirement, since it has no limit");
-    let span = document.key_span(path);
-    let problem = document.source.problem(span, message, label);
+    let problem = document.key_problem(path, message, label);
     Some(match given.as_slice() {
         [] => problem.with_help("[expect] has no limit"),
         given => problem.with_help(format!("limits are on: {}", given.join(", "))),

@@ -4,12 +4,10 @@ use std::collections::BTreeSet;
 
 use super::limits::emergency;
 use super::limits::limit_problem;
-use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Expected, Sequence, SignalCheck};
 use crate::rig::nodes::Rig;
-use crate::table::{self, ReadTable};
 use crate::trial::Trial;
 
 /// Time by which a window may end after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
@@ -158,57 +156,25 @@ fn event_problem(
     Some(document.problem(&place, message, label))
 }
 
-/// Reads the courses that signals must follow.
-pub(crate) fn read_courses(
-    document: &Document<'_>,
-    trial: &mut Trial,
-    read_table: ReadTable<'_>,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    let duration_seconds = trial.run.duration_seconds;
-    for (index, check) in trial.expect.signal.iter_mut().enumerate() {
-        let path = format!("expect.signal.{index}");
-        let Some(course) = &mut check.follows else {
-            continue;
+/// Refuses windows outside their courses: they would be judged in part only, or not at all.
+pub(super) fn uncovered(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let checks = trial.expect.signal.iter().enumerate();
+    let problems = checks.filter_map(|(index, check)| {
+        let course = check.follows.as_ref()?;
+        let window = check.window(&Demand::Follows(course), trial.run.duration_seconds);
+        let (path, span) = (format!("expect.signal.{index}"), course.span()?);
+        let (key, message) = if window.from_seconds < span.from_seconds {
+            ("from_seconds", "the window begins before the course")
+        } else if window.until_seconds > span.until_seconds + END_SECONDS {
+            ("until_seconds", "the window ends after the course")
+        } else if window.from_seconds >= window.until_seconds {
+            ("follows.file", "the course lies outside the window")
+        } else {
+            return None;
         };
-        let file = format!("{path}.follows.file");
-        let column = course.column_for(&check.name).to_owned();
-        let rows = read_beside(document, &file, &course.file, read_table)
-            .and_then(|text| table::parse_course(&course.file, &text, &column));
-        match rows {
-            Ok(rows) => course.rows = rows,
-            Err(problem) => {
-                problems.push(problem);
-                continue;
-            }
-        }
-        problems.extend(uncovered(document, &path, check, duration_seconds));
-    }
-    problems
-}
-
-/// Refuses a window outside the course: it would be judged in part only, or not at all.
-fn uncovered(
-    document: &Document<'_>,
-    path: &str,
-    check: &SignalCheck,
-    duration_seconds: f64,
-) -> Option<Problem> {
-    let course = check.follows.as_ref()?;
-    let (span, window) = (
-        course.span()?,
-        check.window(&Demand::Follows(course), duration_seconds),
-    );
-    let (key, message) = if window.from_seconds < span.from_seconds {
-        ("from_seconds", "the window begins before the course")
-    } else if window.until_seconds > span.until_seconds + END_SECONDS {
-        ("until_seconds", "the window ends after the course")
-    } else if window.from_seconds >= window.until_seconds {
-        ("follows.file", "the course lies outside the window")
-    } else {
-        return None;
-    };
-    let (first, last) = (course.rows.first()?.0, course.rows.last()?.0);
-    let label = format!("the course lasts from {first} to {last} s");
-    Some(document.problem(&format!("{path}.{key}"), message, label))
+        let (first, last) = (course.rows.first()?.0, course.rows.last()?.0);
+        let label = format!("the course lasts from {first} to {last} s");
+        Some(document.problem(&format!("{path}.{key}"), message, label))
+    });
+    problems.collect()
 }

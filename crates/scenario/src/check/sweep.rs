@@ -33,22 +33,9 @@ pub(crate) fn check(document: &Document<'_>, rig: &Rig, sweep: Option<&mut Sweep
         return Vec::new();
     };
     let schema = schema::on_rig(rig);
-    let keys = Keys::new(&schema, document);
-    let plant_key = keys.0.keys().find(|key| key.starts_with("plant."));
-    let example = plant_key.map_or_else(|| "seed".to_owned(), String::clone);
-    check_keys(document, &example, keys, sweep)
-}
-
-fn check_keys(
-    document: &Document<'_>,
-    example: &str,
-    keys: Keys<'_>,
-    sweep: &mut Sweep,
-) -> Vec<Problem> {
     let mut checker = Checker {
         document,
-        example,
-        keys,
+        keys: Keys::new(&schema, document),
         has_few_runs: sweep.runs() <= RUNS_MAX,
         seen: BTreeSet::new(),
         problems: Vec::new(),
@@ -159,8 +146,6 @@ fn is_integer(schema: &Value) -> bool {
 
 struct Checker<'a, 'text> {
     document: &'a Document<'text>,
-    /// Key that messages give as an example.
-    example: &'a str,
     keys: Keys<'a>,
     /// False if the ranges have too many values to check each.
     has_few_runs: bool,
@@ -182,11 +167,8 @@ impl<'a> Checker<'a, '_> {
         for (place, value) in list.values.iter().enumerate() {
             let place = format!("{path}.values.{place}");
             if self.value(&place, &list.key, *value, schema) && !seen.insert(value.to_bits()) {
-                self.report(
-                    &place,
-                    format!("{value} is listed twice"),
-                    "each value once",
-                );
+                let message = format!("{value} is listed twice");
+                self.report(&place, message, "each value once");
             }
         }
     }
@@ -198,15 +180,8 @@ impl<'a> Checker<'a, '_> {
         let is_logarithmic = range.spacing == Spacing::Logarithmic;
         let is_ordered = self.ordered(path, range.from, range.to);
         if range.count.is_some() == range.step.is_some() {
-            let message = format!(
-                "the number of values of `{}` is given {}",
-                range.key,
-                if range.count.is_some() {
-                    "twice"
-                } else {
-                    "nowhere"
-                }
-            );
+            let often = range.count.map_or("nowhere", |_| "twice");
+            let message = format!("the number of values of `{}` is given {often}", range.key);
             self.report(path, message, "give either `count` or `step`");
         } else if is_logarithmic && range.count.is_none() {
             let message = "a logarithmic range has no step";
@@ -220,14 +195,12 @@ impl<'a> Checker<'a, '_> {
                     return;
                 }
             }
-            let values = if self.has_few_runs {
-                range.values()
-            } else {
-                Vec::new()
-            };
-            let is_wrong = |value: &&f64| wrong(**value, schema).is_some();
-            if let Some(value) = values.iter().find(is_wrong) {
-                self.value(path, &range.key, *value, schema);
+            let values = Some(range)
+                .filter(|_| self.has_few_runs)
+                .map(sweep::Range::values);
+            let is_wrong = |value: &f64| wrong(*value, schema).is_some();
+            if let Some(value) = values.into_iter().flatten().find(is_wrong) {
+                self.value(path, &range.key, value, schema);
             }
         }
     }
@@ -262,10 +235,10 @@ impl<'a> Checker<'a, '_> {
     fn ordered(&mut self, path: &str, from: f64, to: f64) -> bool {
         let is_ordered = from < to;
         if !is_ordered {
-            let place = format!("{path}.to");
+            let message = format!("`to` = {to} is not above `from` = {from}");
             self.report(
-                &place,
-                format!("`to` = {to} is not above `from` = {from}"),
+                &format!("{path}.to"),
+                message,
                 format!("must be above {from}"),
             );
         }
@@ -282,7 +255,9 @@ impl<'a> Checker<'a, '_> {
             let span = self.within(&format!("{path}.key"), key);
             let message = format!("`{key}` is no number of this scenario");
             let problem = self.document.source.problem(span, message, label);
-            let example = self.example;
+            let mut keys = self.keys.0.keys();
+            let plant_key = keys.find(|key| key.starts_with("plant."));
+            let example = plant_key.map_or("seed", String::as_str);
             let help = format!(
                 "a key is the dotted path of a number, such as {example} or reference.step[0].position_millimetres; \
                  the entry of a list, and the table of the law or plant, must be in the file"
@@ -335,31 +310,22 @@ impl<'a> Checker<'a, '_> {
     /// Checks the sweep as a whole.
     fn whole(&mut self, sweep: &Sweep) {
         let is_drawn = !sweep.distributions().is_empty();
-        let span = self.document.key_span("sweep");
-        let mut report = |message: String, label: &str| {
-            let problem = self.document.source.problem(span.clone(), message, label);
-            self.problems.push(problem);
-        };
-        if sweep.keys().next().is_none() {
-            let message = "[sweep] varies nothing".to_owned();
-            report(
-                message,
-                "add [[sweep.list]], range, uniform, log_uniform or normal",
-            );
+        let (message, label) = if sweep.keys().next().is_none() {
+            let label = "add [[sweep.list]], range, uniform, log_uniform or normal";
+            ("[sweep] varies nothing", label)
         } else if sweep.draws.is_none() && is_drawn {
-            report(
-                "[sweep] lacks the key `draws`".to_owned(),
-                "it says how many sets of values are drawn",
-            );
+            let label = "it says how many sets of values are drawn";
+            ("[sweep] lacks the key `draws`", label)
         } else if sweep.draws.is_some() && !is_drawn {
-            report("nothing is drawn".to_owned(), "leave `draws` out");
+            ("nothing is drawn", "leave `draws` out")
         } else if !self.has_few_runs {
-            let runs = sweep.runs();
-            report(
-                format!("[sweep] has {runs} runs"),
-                "at most 1000000 are admitted",
-            );
-        }
+            let runs = format!("[sweep] has {} runs", sweep.runs());
+            let label = "at most 1000000 are admitted";
+            return (self.problems).push(self.document.key_problem("sweep", runs, label));
+        } else {
+            return;
+        };
+        (self.problems).push(self.document.key_problem("sweep", message, label));
     }
 }
 

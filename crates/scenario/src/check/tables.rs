@@ -2,49 +2,49 @@
 
 use std::io;
 
+use super::signals;
 use crate::controller::NominalModel;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::table::{self, ReadTable};
+use crate::table::{self, ReadTable, Rows};
 use crate::trial::Trial;
 
-/// Reads the tables of the set-point and of the current into their rows, and the nominal model into its field.
+/// Reads the tables of the set-point and of the current, and the courses that signals must follow, into their rows, and the nominal
+/// model into its field.
 pub(crate) fn read_tables(
     document: &Document<'_>,
     trial: &mut Trial,
     read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
-    let Trial {
-        controller,
-        reference,
-        wiring,
-        ..
-    } = trial;
     let mut problems = Vec::new();
-    for (index, entry) in reference.table.iter_mut().enumerate() {
-        let path = format!("reference.table.{index}.file");
-        let rows = read_beside(document, &path, &entry.file, read_table)
-            .and_then(|text| table::parse(&entry.file, &text, wiring));
-        match rows {
-            Ok(rows) => entry.rows = rows,
-            Err(problem) => problems.push(problem),
-        }
+    let mut rows = |path: &str, file: &str, parse: &dyn Fn(&str) -> Result<Rows, Problem>| {
+        let rows = read_beside(document, path, file, read_table).and_then(|text| parse(&text));
+        rows.unwrap_or_else(|problem| {
+            problems.push(problem);
+            Rows::new()
+        })
+    };
+    let wiring = &trial.wiring;
+    for (index, entry) in trial.reference.table.iter_mut().enumerate() {
+        let (path, file) = (format!("reference.table.{index}.file"), &entry.file);
+        entry.rows = rows(&path, file, &|text| table::parse(file, text, wiring));
     }
-    let currents = controller
-        .open_loop
-        .iter_mut()
-        .flat_map(|open_loop| &mut open_loop.table);
-    for (index, entry) in currents.enumerate() {
+    let open_loop = trial.controller.open_loop.iter_mut();
+    for (index, entry) in open_loop.flat_map(|one| &mut one.table).enumerate() {
         let path = format!("controller.open_loop.table.{index}.file");
-        let rows = read_beside(document, &path, &entry.file, read_table).and_then(|text| {
-            table::parse_current(&entry.file, &text, &entry.column, &wiring.current())
-        });
-        match rows {
-            Ok(rows) => entry.rows = rows,
-            Err(problem) => problems.push(problem),
-        }
+        let (file, column, range) = (&entry.file, &entry.column, wiring.current());
+        let parse = |text: &str| table::parse_current(file, text, column, &range);
+        entry.rows = rows(&path, file, &parse);
     }
-    if let Some(law) = &mut controller.sliding_mode
+    for (index, check) in trial.expect.signal.iter_mut().enumerate() {
+        let Some(course) = &mut check.follows else {
+            continue;
+        };
+        let path = format!("expect.signal.{index}.follows.file");
+        let (file, column) = (&course.file, course.column_for(&check.name));
+        course.rows = rows(&path, file, &|text| table::parse_course(file, text, column));
+    }
+    if let Some(law) = &mut trial.controller.sliding_mode
         && let Some(file) = &law.nominal_model_file
     {
         let path = "controller.sliding_mode.nominal_model_file";
@@ -56,11 +56,12 @@ pub(crate) fn read_tables(
             Err(found) => problems.extend(found),
         }
     }
+    problems.extend(signals::uncovered(document, trial));
     problems
 }
 
 /// Reads the text of a table that the scenario names at a path.
-pub(super) fn read_beside(
+fn read_beside(
     document: &Document<'_>,
     path: &str,
     file: &str,

@@ -1,9 +1,10 @@
 //! Reads the faults of a scenario, each with the node to which it happens.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use toml::Spanned;
-use toml::de::{DeArray, DeTable, DeValue};
+use toml::de::{DeTable, DeValue};
 
 use super::schema::definition;
 use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
@@ -35,9 +36,8 @@ fn node_of(rig: &Rig, name: &str) -> Option<Node> {
 }
 
 fn only_drive(rig: &Rig) -> Option<Node> {
-    let is_drive = |name: &&String| rig.node[*name].kind == NodeKind::Drive;
-    let mut drives = rig.node.keys().filter(is_drive);
-    let only = drives.next().filter(|_| drives.next().is_none())?;
+    let mut drives = rig.of_kind(NodeKind::Drive);
+    let (only, _) = drives.next().filter(|_| drives.next().is_none())?;
     node_of(rig, only)
 }
 
@@ -49,10 +49,8 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
     let mut faults = Vec::new();
     for kind in KINDS {
         let path = format!("{FAULT}.{}.{}", kind.group.name(), kind.name);
-        let entries = document
-            .spanned(&path)
-            .map(Spanned::get_ref)
-            .and_then(DeValue::as_array);
+        let entries = document.spanned(&path).map(Spanned::get_ref);
+        let entries = entries.and_then(DeValue::as_array);
         for (index, entry) in entries.into_iter().flatten().enumerate() {
             match reader.fault(kind, index, entry) {
                 Ok(fault) => faults.extend(fault),
@@ -69,26 +67,11 @@ struct Reader<'a, 'text> {
 }
 
 impl<'text> Reader<'_, 'text> {
-    /// Checks groups and kinds against the schema, without the entries of their arrays.
+    /// Checks groups and kinds against the schema, which leaves the entries of their arrays to [`Reader::fault`].
     fn shape(&self) -> Vec<Problem> {
-        let section = self
-            .document
-            .root()
-            .get_key_value(FAULT)
-            .map(|(key, value)| (key.clone(), value.clone()));
-        let mut tree: DeTable<'text> = section.into_iter().collect();
-        for kinds in tree.iter_mut().flat_map(|(_, groups)| tables(groups)) {
-            for (_, entries) in tables(kinds.1) {
-                if let DeValue::Array(entries) = entries.get_mut() {
-                    *entries = DeArray::new();
-                }
-            }
-        }
-        self.check(tree)
-    }
-
-    fn check(&self, tree: DeTable<'text>) -> Vec<Problem> {
-        let document = self.document.with_root(tree);
+        let section = self.document.root().get_key_value(FAULT);
+        let section = section.map(|(key, value)| (key.clone(), value.clone()));
+        let document = self.document.with_root(section.into_iter().collect());
         structure::check(&document, "the scenario", &schema::FAULTS)
     }
 
@@ -107,7 +90,7 @@ impl<'text> Reader<'_, 'text> {
             Some(_) => None,
             None => self.node(kind, &path, table).map_err(one)?,
         };
-        let table = self.in_loop_unit(kind, entry, node.as_ref())?;
+        let table = self.in_loop_unit(kind, (entry.span(), table.clone()), node.as_ref())?;
         let values = kind.keys.iter().filter(|key| !names_node(key));
         let mut read = BTreeMap::new();
         for key in values {
@@ -147,22 +130,19 @@ impl<'text> Reader<'_, 'text> {
         path: &str,
         table: &DeTable<'_>,
     ) -> Result<Option<String>, Problem> {
-        let named = table.get(PLANT).filter(|_| kind.group == Group::Plant);
-        let (rig, Some(named)) = (self.rig, named) else {
+        let Some(named) = table.get(PLANT).filter(|_| kind.group == Group::Plant) else {
             return Ok(None);
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        if rig.plant.contains_key(name) {
+        if self.rig.plant.contains_key(name) {
             return Ok(Some(name.to_owned()));
         }
-        let known = Vec::from_iter(rig.plant.keys().map(String::as_str));
+        let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
         let (message, label) = (
             format!("the rig has no plant `{name}`"),
             meant_or_known(name, &known),
         );
-        Err(self
-            .document
-            .problem(&format!("{path}.{PLANT}"), message, label))
+        Err((self.document).problem(&format!("{path}.{PLANT}"), message, label))
     }
 
     /// Returns the node to which a fault happens; `None` if it happens to the bus, or if the schema does not admit the name.
@@ -172,18 +152,14 @@ impl<'text> Reader<'_, 'text> {
             None if kind.is_drive_fault() => "node",
             None => return Ok(None),
         };
+        let known = || Vec::from_iter(self.rig.node.keys().map(String::as_str));
         let Some(named) = table.get(key) else {
-            if !kind.is_drive_fault() {
-                return Ok(None);
+            let only = only_drive(self.rig).filter(|_| kind.is_drive_fault());
+            if only.is_some() || !kind.is_drive_fault() {
+                return Ok(only);
             }
-            let only = only_drive(self.rig);
-            let known = Vec::from_iter(self.rig.node.keys().map(String::as_str));
-            let message = "for which node?";
-            let label = format!("`node` is missing; known are: {}", known.join(", "));
-            return match only {
-                Some(only) => Ok(Some(only)),
-                None => Err(self.document.problem(path, message, label)),
-            };
+            let label = format!("`node` is missing; known are: {}", known().join(", "));
+            return Err(self.document.problem(path, "for which node?", label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
         let is_possible = |node: &Node| match node.part {
@@ -192,30 +168,24 @@ impl<'text> Reader<'_, 'text> {
             Part::Drive => true,
             Part::Io => false,
         };
-        let rig = self.rig;
-        if let Some(node) = node_of(rig, name).filter(is_possible) {
+        if let Some(node) = node_of(self.rig, name).filter(is_possible) {
             return Ok(Some(node));
         }
-        let path = format!("{path}.{key}");
-        let heading = kind.heading();
-        let (message, label) = match rig.node.get(name).map(|node| node.kind) {
-            Some(kind) => {
-                let label = match kind {
+        let (message, label) = match self.rig.node.get(name) {
+            Some(node) => {
+                let label = match node.kind {
                     NodeKind::Io => "an io node; faults happen to drives and the controller",
                     _ => "no drive",
                 };
-                let message = format!("{heading} cannot happen to `{name}`");
+                let message = format!("{} cannot happen to `{name}`", kind.heading());
                 (message, label.to_owned())
             }
             None => {
-                let known = Vec::from_iter(rig.node.keys().map(String::as_str));
-                (
-                    format!("the rig has no {key} `{name}`"),
-                    meant_or_known(name, &known),
-                )
+                let message = format!("the rig has no {key} `{name}`");
+                (message, meant_or_known(name, &known()))
             }
         };
-        Err(self.document.problem(&path, message, label))
+        Err((self.document).problem(&format!("{path}.{key}"), message, label))
     }
 
     /// Refuses a current that the amplifier of the drive never gives.
@@ -234,19 +204,15 @@ impl<'text> Reader<'_, 'text> {
             CURRENT => [range.min, range.max],
             _ => [0.0, range.max],
         };
-        outside(
-            self.document,
-            &format!("{path}.{}", key.name),
-            current,
-            within,
-        )
+        let path = format!("{path}.{}", key.name);
+        outside(self.document, &path, current, within)
     }
 
     /// Returns an entry with the patterns of its keys, after a check of their names.
     fn in_loop_unit(
         &self,
         kind: &Kind,
-        entry: &Spanned<DeValue<'text>>,
+        (span, mut table): (Range<usize>, DeTable<'text>),
         node: Option<&Node>,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
         let drive = node.filter(|node| node.part == Part::Drive);
@@ -254,7 +220,6 @@ impl<'text> Reader<'_, 'text> {
         let wiring = wiring.unwrap_or_default();
         let measurand = wiring.sensor.measurand;
         let part = &schema::FAULTS["definitions"][definition(kind)];
-        let mut table = entry.get_ref().as_table().cloned().unwrap_or_default();
         if drive.is_some() {
             let naming = Naming {
                 source: &self.document.source,
@@ -265,7 +230,7 @@ impl<'text> Reader<'_, 'text> {
             naming.apply(&mut table, part).map_err(one)?;
         }
         let document = self.document.with_loop(DeTable::new(), measurand.clone());
-        let at = (entry.span(), &table);
+        let at = (span, &table);
         let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
         without_problems(in_unit(problems, &measurand), table)
     }
@@ -280,22 +245,6 @@ fn one(problem: Problem) -> Vec<Problem> {
 
 fn names_node(key: &Key) -> bool {
     matches!(key.form, Form::Node | Form::Station)
-}
-
-/// Returns the entries of a table.
-fn tables<'a, 'text>(
-    value: &'a mut Spanned<DeValue<'text>>,
-) -> impl Iterator<
-    Item = (
-        &'a Spanned<toml::de::DeString<'text>>,
-        &'a mut Spanned<DeValue<'text>>,
-    ),
-> {
-    let table = match value.get_mut() {
-        DeValue::Table(table) => Some(table),
-        _ => None,
-    };
-    table.into_iter().flat_map(DeTable::iter_mut)
 }
 
 /// Returns the value of a key, or its default.

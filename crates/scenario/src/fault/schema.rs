@@ -4,15 +4,21 @@ use serde_json::{Map, Value, json};
 
 use super::{Form, Group, KINDS, Key, Kind, Need, Time};
 use crate::TIME_SECONDS_MAX;
+use crate::schema::reference;
 
 /// Largest number of entries of an array.
 const ENTRIES_MAX: usize = 100;
 const TEXT: &str = "Injected faults, by where they act; the nodes do not know of them. Each kind says where it acts and whether `bus.log` shows it.";
 
-/// Returns a schema whose only section is `[fault]`.
+/// Returns a schema whose only section is `[fault]`. The entries of arrays are tables with schemas of their own, among the
+/// definitions: each has the unit of its own loop.
 pub(crate) fn described() -> Value {
     let mut schema = json!({"type": "object", "properties": {}, "definitions": {}});
     describe(&mut schema);
+    for kind in KINDS {
+        let arrays = &mut schema["definitions"][group_definition(kind.group)]["properties"];
+        arrays[kind.name]["items"] = json!({"type": "object", "anyOf": []});
+    }
     schema
 }
 
@@ -60,10 +66,6 @@ pub(super) fn definition(kind: &Kind) -> String {
 fn capitalised(word: &str) -> String {
     let (first, rest) = word.split_at(1);
     format!("{}{rest}", first.to_ascii_uppercase())
-}
-
-fn reference(definition: &str) -> Value {
-    json!({"$ref": format!("#/definitions/{definition}")})
 }
 
 fn reference_to(definition: &str, text: &str) -> Value {

@@ -79,6 +79,10 @@ fn what_makes_no_sense_is_refused() {
             "`fault.sensor.stuck` must be an array of tables",
         ),
         (
+            "[fault.sensor]\nstuck = [3]\n",
+            "`fault.sensor.stuck` must be a table",
+        ),
+        (
             "[[fault.sensor.stuck]]\nfrom_seconds = 2.0\nuntil_seconds = 1.0\n",
             "[[fault.sensor.stuck]] ends before it begins",
         ),

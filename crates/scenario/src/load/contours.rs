@@ -20,11 +20,8 @@ pub(super) fn read_contours(
     scenario: &Document<'_>,
     rig: &Rig,
 ) -> Result<Vec<Contour>, Vec<Problem>> {
-    let expect = scenario
-        .root()
-        .get(EXPECT)
-        .map(Spanned::get_ref)
-        .and_then(DeValue::as_table);
+    let expect = scenario.root().get(EXPECT);
+    let expect = expect.and_then(|expect| expect.get_ref().as_table());
     let entry = expect.and_then(|table| table.get_key_value(CONTOUR));
     let tree = entry.map(|(key, value)| (key.clone(), value.clone()));
     let mut tree: DeTable<'_> = tree.into_iter().collect();
@@ -37,7 +34,7 @@ pub(super) fn read_contours(
     let document = scenario.with_root(tree);
     let place = "[expect]";
     let (Contours { mut contour }, mut problems) =
-        build::<Contours>(&document, &Outside::Registered, place, &schema::CONTOURS)?;
+        build::<Contours>(&document, &Outside::registered(), place, &schema::CONTOURS)?;
     for one in &mut contour {
         let first = one.loops.first().map_or("", String::as_str);
         one.unit = unit_of(first, rig);
@@ -51,10 +48,8 @@ pub(super) fn read_contours(
 
 /// Returns the unit of a loop.
 fn unit_of(name: &str, rig: &Rig) -> Unit {
-    rig.wiring_of(rig.drive_of_loop(name))
-        .feedback
-        .measurand
-        .unit
+    let wiring = rig.wiring_of(rig.drive_of_loop(name));
+    wiring.feedback.measurand.unit
 }
 
 /// Replaces the names of a contour's limits by their patterns. All loops of a contour have one unit.

@@ -25,8 +25,8 @@ impl<'text> Selector<'_, 'text> {
     /// Returns `[expect.LOOP]`, completed from `[expect.all]`. The first loop also gets the expectations of the bus from
     /// `[expect]`. If there is one loop, its table may be `[expect]` itself.
     pub(super) fn expect(&self, name: &str) -> Option<Spanned<DeValue<'text>>> {
-        let expect = self.root().get(EXPECT)?;
-        let whole = match self.table(expect) {
+        let expect = self.scenario.root().get(EXPECT)?;
+        let whole = match expect.get_ref().as_table() {
             Some(whole) if self.is_by_loop(EXPECT) => whole,
             // Expectations of the only loop do not hold for a further drive that its law leads.
             _ if self.is_led(name) => return None,
@@ -45,23 +45,14 @@ impl<'text> Selector<'_, 'text> {
         };
         // A value that is no table is refused later.
         if let DeValue::Table(table) = kept.get_mut() {
-            if let Some(all) = for_all.and_then(|all| self.table(all)) {
+            if let Some(all) = for_all.and_then(|all| all.get_ref().as_table()) {
                 add(table, all);
             }
-            if self
-                .rig
-                .loops
-                .keys()
-                .next()
-                .is_some_and(|first| first == name)
-            {
-                let for_bus = whole
-                    .iter()
-                    .filter(|(key, _)| {
-                        let key: &str = key.get_ref();
-                        is_bus_key(key) || key == REQUIREMENTS
-                    })
-                    .map(|(key, value)| (key.clone(), value.clone()));
+            let first = self.rig.loops.keys().next();
+            if first.is_some_and(|first| first == name) {
+                let is_for_bus = |key: &str| is_bus_key(key) || key == REQUIREMENTS;
+                let for_bus = whole.iter().filter(|(key, _)| is_for_bus(key.get_ref()));
+                let for_bus = for_bus.map(|(key, value)| (key.clone(), value.clone()));
                 add(table, &for_bus.collect());
             }
         }
@@ -77,26 +68,23 @@ impl<'text> Selector<'_, 'text> {
             let path = format!("{EXPECT}.{name}");
             let keys = self.scenario.keys(&path).into_iter();
             let shared = keys.filter(|key| is_bus_key(key) || *key == CONTOUR);
-            let problems = shared.map(|key| self.shared_key(&path, key));
+            let problems = shared.map(|key| {
+                let message = format!("`{key}` is of the whole bus, not of one loop");
+                let path = format!("{path}.{key}");
+                let problem = (self.scenario).key_problem(&path, message, "all loops share it");
+                problem.with_help(format!("move it to [{EXPECT}]"))
+            });
             Vec::from_iter(problems)
         });
         let path = format!("{EXPECT}.{REQUIREMENTS}");
         let keys = self.scenario.keys(&path).into_iter();
         let is_loop_key = |key: &&str| !is_bus_key(key) && Metric::named(key).is_some();
         let without_loop = keys.filter(is_loop_key).map(|key| {
-            let span = self.scenario.key_span(&format!("{path}.{key}"));
             let message = format!("`{key}` of which loop?");
             let label = format!("write [{EXPECT}.LOOP.{REQUIREMENTS}]");
-            self.scenario.source.problem(span, message, label)
+            (self.scenario).key_problem(&format!("{path}.{key}"), message, label)
         });
         misplaced.chain(without_loop).collect()
-    }
-
-    fn shared_key(&self, path: &str, key: &str) -> Problem {
-        let span = self.scenario.key_span(&format!("{path}.{key}"));
-        let message = format!("`{key}` is of the whole bus, not of one loop");
-        let problem = (self.scenario.source).problem(span, message, "all loops share it");
-        problem.with_help(format!("move it to [{EXPECT}]"))
     }
 }
 

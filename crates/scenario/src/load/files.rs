@@ -69,8 +69,7 @@ fn rig_text(
     let problem = |message: String, label: &str| scenario.problem("rig", message, label);
     let Some(rig) = scenario.root().get("rig") else {
         let message = "the scenario names no rig".to_owned();
-        let span = scenario.key_span("name");
-        let problem = scenario.source.problem(span, message, "`rig` is missing");
+        let problem = scenario.key_problem("name", message, "`rig` is missing");
         return Err(problem.with_help(HELP));
     };
     let Some(rig) = rig.get_ref().as_str() else {

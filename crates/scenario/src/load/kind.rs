@@ -20,13 +20,12 @@ pub(crate) fn is_scenario(document: &Document<'_>) -> bool {
 pub(super) fn drive_without_node(document: &Document<'_>) -> Option<Problem> {
     let tables = ["drive", "limits", "timeouts", "preflight"];
     let table = tables.into_iter().find(|table| document.has(table))?;
-    let span = document.key_span(table);
     let message = "a drive is a node of a rig file";
     let label = match table {
         "drive" => "write [node.NAME] with kind = \"drive\"".to_owned(),
         table => format!("write [node.NAME.{table}]"),
     };
-    let problem = document.source.problem(span, message, label);
+    let problem = document.key_problem(table, message, label);
     Some(problem.with_help(
         "a real drive has `limits` in its node; the rig names a controller and a loop besides",
     ))

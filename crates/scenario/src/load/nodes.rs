@@ -67,19 +67,8 @@ impl Rig {
     /// # Errors
     /// All problems of the text.
     pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
-        Self::read(text, file_name, Reading::ToPlay).map(|(rig, _)| rig)
-    }
-
-    /// Parses as [`Rig::parse`], and also returns the tree from which the rig was made.
-    pub(super) fn read<'text>(
-        text: &'text str,
-        file_name: &str,
-        reading: Reading,
-    ) -> Result<(Self, Document<'text>), ScenarioError> {
-        let document = Self::document(text, file_name)?;
-        let rig =
-            Self::from_tree(&document, reading).map_err(|problems| fail(file_name, problems))?;
-        Ok((rig, document))
+        let rig = Self::from_tree(&Self::document(text, file_name)?, Reading::ToPlay);
+        rig.map_err(|problems| fail(file_name, problems))
     }
 
     /// Returns the tree of a rig file, in which each node has its defaults.
@@ -103,11 +92,7 @@ impl Rig {
     ) -> Result<Self, Vec<Problem>> {
         let outside = Outside::of(reading, document);
         let schema = outside.schema(&schema::RIG);
-        let places = default_places(document);
-        let said_once = |mut problems| {
-            say_once(&mut problems, &places);
-            problems
-        };
+        let said_once = |problems| said_once(document, problems);
         let built = build::<Self>(document, &outside, "the rig file", &schema);
         let (mut rig, mut problems) = built.map_err(said_once)?;
         for (name, plant) in &mut rig.plant {
@@ -149,9 +134,8 @@ fn no_rig(document: &Document<'_>) -> Option<Problem> {
 /// Refuses a table with more entries than any rig has; then no other problem is reported.
 fn too_many(document: &Document<'_>) -> Option<Problem> {
     let counts = TABLES.iter().map(|(table, max)| {
-        let names = document
-            .spanned(table)
-            .and_then(|value| value.get_ref().as_table());
+        let names = document.spanned(table);
+        let names = names.and_then(|names| names.get_ref().as_table());
         (table, names.map_or(0, DeTable::len), max)
     });
     let mut excess = counts.filter(|(_, count, max)| count > max);
@@ -165,31 +149,24 @@ fn too_many(document: &Document<'_>) -> Option<Problem> {
 fn spread_defaults(root: &mut DeTable<'_>) {
     let defaults = root
         .get("defaults")
-        .and_then(|value| value.get_ref().as_table());
-    let Some(drive) = defaults.and_then(|table| table.get("drive")).cloned() else {
-        return;
-    };
+        .and_then(|all| all.get_ref().as_table());
+    let drive = defaults.and_then(|all| all.get("drive")?.get_ref().as_table().cloned());
     let nodes = root.get_mut("node").map(Spanned::get_mut);
-    let Some(DeValue::Table(nodes)) = nodes else {
+    let (Some(defaults), Some(DeValue::Table(nodes))) = (drive, nodes) else {
         return;
     };
     for (_, node) in nodes.iter_mut() {
-        let is_drive = |table: &DeTable<'_>| {
-            let kind = table.get("kind").and_then(|kind| kind.get_ref().as_str());
-            kind == Some("drive")
-        };
-        let (DeValue::Table(node), DeValue::Table(defaults)) = (node.get_mut(), drive.get_ref())
-        else {
-            continue;
-        };
-        if is_drive(node) {
-            fill(node, defaults);
+        let kind = |node: &DeTable<'_>| Some(node.get("kind")?.get_ref().as_str()? == "drive");
+        if let DeValue::Table(node) = node.get_mut()
+            && kind(node) == Some(true)
+        {
+            fill(node, &defaults);
         }
     }
 }
 
-/// Returns the places of the defaults that drives have copies of.
-fn default_places(document: &Document<'_>) -> BTreeSet<usize> {
+/// Keeps one problem for each place in the defaults, since each drive that takes a wrong default has the same problem.
+fn said_once(document: &Document<'_>, mut problems: Vec<Problem>) -> Vec<Problem> {
     fn add(value: &Spanned<DeValue<'_>>, places: &mut BTreeSet<usize>) {
         places.insert(value.span().start);
         for (key, value) in value.get_ref().as_table().into_iter().flatten() {
@@ -201,16 +178,12 @@ fn default_places(document: &Document<'_>) -> BTreeSet<usize> {
     if let Some(drive) = document.spanned("defaults.drive") {
         add(drive, &mut places);
     }
-    places
-}
-
-/// Keeps one problem for each place in the defaults, since each drive that takes a wrong default has the same problem.
-fn say_once(problems: &mut Vec<Problem>, places: &BTreeSet<usize>) {
     let mut said = BTreeSet::new();
     problems.retain(|problem| {
         let copied = problem.offset().filter(|offset| places.contains(offset));
         copied.is_none_or(|offset| said.insert(offset))
     });
+    problems
 }
 
 /// Adds missing keys, down to the last table.
@@ -258,16 +231,13 @@ impl Check<'_> {
     }
 
     fn problem(&self, path: &str, message: String, label: impl Into<String>) -> Problem {
-        let span = self.document.key_span(path);
-        self.document.source.problem(span, message, label)
+        self.document.key_problem(path, message, label)
     }
 
     fn models(&self) -> Vec<Problem> {
-        let wrong = self.rig.plant.iter().filter(|(name, _)| {
-            let models = self.document.keys(&format!("plant.{name}"));
-            models.len() != 1
-        });
-        let problems = wrong.map(|(name, _)| {
+        let models = |name: &String| self.document.keys(&format!("plant.{name}"));
+        let wrong = self.rig.plant.keys().filter(|name| models(name).len() != 1);
+        let problems = wrong.map(|name| {
             let message = format!("the plant `{name}` needs one model");
             let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor], [plant.{name}.sma_pair] and [plant.{name}.fmu]");
             self.problem(&format!("plant.{name}"), message, label)
@@ -280,22 +250,16 @@ impl Check<'_> {
         let mut problems = Vec::new();
         for (name, plant) in &self.rig.plant {
             let Some(fmu) = &plant.fmu else { continue };
-            for (key, is_missing, label) in [
-                (
-                    "file",
-                    fmu.file.is_empty(),
-                    "file = \"NAME.fmu\" is missing",
-                ),
-                (
-                    "ports",
-                    fmu.ports.is_empty(),
-                    "no variable is a port: `canrig fmu FILE --rig` proposes some",
-                ),
-            ] {
-                if is_missing {
-                    let message = format!("the plant `{name}` lacks `{key}`");
-                    problems.push(self.problem(&format!("plant.{name}.fmu"), message, label));
-                }
+            let mut lacks = |key: &str, label: &str| {
+                let message = format!("the plant `{name}` lacks `{key}`");
+                problems.push(self.problem(&format!("plant.{name}.fmu"), message, label));
+            };
+            if fmu.file.is_empty() {
+                lacks("file", "file = \"NAME.fmu\" is missing");
+            }
+            if fmu.ports.is_empty() {
+                let label = "no variable is a port: `canrig fmu FILE --rig` proposes some";
+                lacks("ports", label);
             }
         }
         problems
@@ -339,10 +303,7 @@ impl Check<'_> {
     }
 
     fn nodes_of_kind(&self, kind: NodeKind) -> impl Iterator<Item = &str> {
-        let nodes = self.rig.node.iter();
-        nodes
-            .filter(move |(_, node)| node.kind == kind)
-            .map(|(name, _)| name.as_str())
+        self.rig.of_kind(kind).map(|(name, _)| name)
     }
 
     /// Checks that each node has the parts that its kind needs, and no others.
@@ -356,20 +317,16 @@ impl Check<'_> {
             ];
             for (part, is_there, kind) in parts {
                 let path = format!("node.{name}");
-                match (is_there, kind == node.kind) {
-                    (true, false) => {
-                        let message = format!("`{name}` can have no {part}");
-                        let label = "of another kind of node";
-                        problems.push(self.problem(&format!("{path}.{part}"), message, label));
-                    }
-                    // The plant of an external drive need not be known.
-                    (false, true) if !node.is_ours() => {}
-                    (false, true) => {
-                        let message = format!("`{name}` lacks its {part}");
-                        let label = format!("[node.{name}.{part}] is missing");
-                        problems.push(self.problem(&path, message, label));
-                    }
-                    _ => {}
+                if is_there && kind != node.kind {
+                    let message = format!("`{name}` can have no {part}");
+                    let label = "of another kind of node";
+                    problems.push(self.problem(&format!("{path}.{part}"), message, label));
+                }
+                // The plant of an external drive need not be known.
+                if !is_there && kind == node.kind && node.is_ours() {
+                    let message = format!("`{name}` lacks its {part}");
+                    let label = format!("[node.{name}.{part}] is missing");
+                    problems.push(self.problem(&path, message, label));
                 }
             }
         }
@@ -423,10 +380,8 @@ impl Check<'_> {
         } = &real;
         let mut problems = Vec::new();
         let mut object = |key: &str, message: &str, label: &str| {
-            problems.push(
-                self.document
-                    .problem(&format!("{path}.{key}"), message, label),
-            );
+            let path = format!("{path}.{key}");
+            problems.push(self.document.problem(&path, message, label));
         };
         let eds = drive.eds.as_ref();
         if eds.is_some_and(|eds| !table::is_inside_folder(eds)) {
@@ -561,13 +516,10 @@ impl Check<'_> {
         let mut is_one_in_two = false;
         for (name, one) in &self.rig.loops {
             let path = format!("loop.{name}.outputs");
-            let first_is_led = one
-                .drives
-                .first()
-                .is_some_and(|first| led.contains_key(first.as_str()));
+            let is_led = |drive: &String| led.contains_key(drive.as_str());
+            let first_is_led = one.drives.first().is_some_and(is_led);
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
-                problems.extend(self.drive(&path, drive));
                 problems.extend(self.output(&path, drive, &one.outputs[place]));
                 if let Some(first) = led.get(drive.as_str()) {
                     let is_same = first.starts_with(&format!("loop.{name}."));
@@ -606,32 +558,25 @@ impl Check<'_> {
         problems
     }
 
-    fn drive(&self, path: &str, name: &str) -> Option<Problem> {
-        match self.rig.node.get(name) {
-            Some(node) if node.kind == NodeKind::Drive => None,
-            Some(_) => {
-                let message = format!("`{name}` is no drive");
-                Some(
-                    self.document
-                        .problem(path, message, "a loop is moved by drives"),
-                )
-            }
-            None => {
-                let message = format!("there is no node `{name}`");
-                Some(self.unknown(path, message, name, self.rig.node.keys()))
-            }
-        }
-    }
-
-    /// Checks the signal of a drive that a loop commands.
+    /// Checks the drive that a loop commands, and its signal.
     fn output(&self, path: &str, drive: &str, output: &str) -> Option<Problem> {
-        let is_drive = (self.rig.node.get(drive)).is_some_and(|node| node.kind == NodeKind::Drive);
         let right = self.command_of(drive);
-        (is_drive && output != right).then(|| {
-            let message = format!("`{output}` is no signal that a loop can command");
-            let label = format!("write \"{right}\"");
-            self.document.problem(path, message, label)
-        })
+        let (message, label) = match self.rig.node.get(drive) {
+            None => {
+                let message = format!("there is no node `{drive}`");
+                return Some(self.unknown(path, message, drive, self.rig.node.keys()));
+            }
+            Some(node) if node.kind != NodeKind::Drive => (
+                format!("`{drive}` is no drive"),
+                "a loop is moved by drives".to_owned(),
+            ),
+            Some(_) if output == right => return None,
+            Some(_) => (
+                format!("`{output}` is no signal that a loop can command"),
+                format!("write \"{right}\""),
+            ),
+        };
+        Some(self.document.problem(path, message, label))
     }
 
     /// Returns the signal of a drive that a loop can follow.
@@ -650,10 +595,8 @@ impl Check<'_> {
         let path = format!("loop.{name}.feedback");
         // A loop without a drive has been reported already.
         let first = drives.first()?;
-        if self
-            .nodes_of_kind(NodeKind::Drive)
-            .all(|drive| drive != node)
-        {
+        let mut drives = self.nodes_of_kind(NodeKind::Drive);
+        if drives.all(|drive| drive != node) {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which no drive measures");
             let label = match nearest(node, self.nodes_of_kind(NodeKind::Drive)) {

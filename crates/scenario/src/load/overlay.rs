@@ -222,10 +222,8 @@ impl<'text> Overlay<'_, 'text> {
     ) -> Option<Problem> {
         let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
         if !VALUES.contains(&key) && !node.contains_key(key) {
-            let parts = node
-                .iter()
-                .filter(|(_, value)| value.get_ref().is_table())
-                .map(|(part, _)| part.get_ref().as_ref());
+            let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
+            let parts = parts.map(|(part, _)| part.get_ref().as_ref());
             let label = match nearest(key, parts.chain(VALUES)) {
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => "a scenario gives other values and adds nothing".to_owned(),
@@ -320,14 +318,16 @@ fn below<'a, 'text>(
     name: &str,
     at: &Range<usize>,
 ) -> &'a mut DeTable<'text> {
-    let is_table = |value: &Spanned<DeValue<'_>>| value.get_ref().is_table();
-    if !tree.get(name).is_some_and(is_table) {
-        let key = Spanned::new(at.clone(), DeString::from(name.to_owned()));
-        let table = Spanned::new(at.clone(), DeValue::Table(DeTable::new()));
-        tree.insert(key, table);
+    let empty = || DeValue::Table(DeTable::new());
+    let key = Spanned::new(at.clone(), DeString::from(name.to_owned()));
+    let below = tree
+        .entry(key)
+        .or_insert_with(|| Spanned::new(at.clone(), empty()));
+    if !below.get_ref().is_table() {
+        *below = Spanned::new(at.clone(), empty());
     }
-    match tree.get_mut(name).map(Spanned::get_mut) {
-        Some(DeValue::Table(table)) => table,
+    match below.get_mut() {
+        DeValue::Table(table) => table,
         _ => unreachable!("made just above"),
     }
 }

@@ -10,9 +10,6 @@ use crate::port::{
 };
 use crate::schema::resolve;
 
-/// Units that a name might have by mistake.
-const UNITS: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
-
 /// Factors for gains that are by another unit than the loop's, each with its path.
 pub(crate) type Factors = Vec<(String, f64)>;
 
@@ -157,7 +154,8 @@ impl<'a> Naming<'a> {
                 self.loop_name, self.measurand.signal
             )
         } else {
-            let mut others = UNITS
+            // Units that a name might have by mistake.
+            let mut others = Unit::NAMED
                 .into_iter()
                 .flat_map(|unit| [self.by(unit.word()), Measurand::position(unit)]);
             others

@@ -11,22 +11,21 @@ use super::overlay::overlaid;
 use super::sections::{CONTROLLER, Selector};
 use super::sweep::read_sweep;
 use super::{
-    FindObjections, KIND, Objection, Reading, Texts, build, custom_table, in_unit, nodes, reading,
+    FindObjections, KIND, Objection, Reading, Texts, build, custom_table, in_unit, nodes,
     without_problems,
 };
 use crate::beside::Beside;
-use crate::check;
+use crate::check::{self, NamedFiles};
 use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault::{self, Fault};
-use crate::fingerprint::HASH_SUFFIX;
 use crate::outside::Outside;
 use crate::rig::nodes::Rig;
-use crate::run::{Header, Run};
+use crate::run::Run;
 use crate::scenario::{NodeProgram, Scenario};
 use crate::schema;
-use crate::table::{ReadTable, is_inside_folder};
+use crate::table::ReadTable;
 use crate::trial::{Sections, Trial};
 use crate::view::HIDDEN_FROM_CONTROLLER;
 use crate::wiring::Wiring;
@@ -157,18 +156,31 @@ fn parse_for(
     asked: &Asked<'_>,
 ) -> Result<(Scenario, Texts), ScenarioError> {
     let name = beside.scenario().display().to_string();
-    let ((scenario, copy), mut texts) = reading(text, read_file, |text, read_file| {
-        let mut files = Files::parse(text, &name, beside, asked.reading, read_file)?;
-        if asked.reading == Reading::View {
-            for key in HIDDEN_FROM_CONTROLLER {
-                files.scenario.remove(key);
-            }
+    let mut tables = BTreeMap::new();
+    // A file that is named twice is read once.
+    let read_once = &mut |name: &str| match tables.get(name) {
+        Some(text) => Ok(String::clone(text)),
+        None => {
+            let text = read_file(name)?;
+            tables.insert(name.to_owned(), text.clone());
+            Ok(text)
         }
-        let scenario = resolve(&files, read_file, asked)?;
-        let RigText { beside, text, .. } = files.rig;
-        Ok((scenario, files.rig.is_shipped.then_some((beside, text))))
-    })?;
-    texts.tables.extend(copy);
+    };
+    let mut files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
+    if asked.reading == Reading::View {
+        for key in HIDDEN_FROM_CONTROLLER {
+            files.scenario.remove(key);
+        }
+    }
+    let scenario = resolve(&files, read_once, asked)?;
+    let rig = files.rig;
+    // It borrows the text.
+    drop(files.scenario);
+    tables.extend(rig.is_shipped.then_some((rig.beside, rig.text)));
+    let texts = Texts {
+        scenario: text,
+        tables,
+    };
     Ok((scenario, texts))
 }
 
@@ -188,17 +200,19 @@ fn resolve(
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
     let (rig, mut problems) = overlaid.map_err(fail)?;
-    let sheets = read_sheets(&rig, &rig_document, &files.rig.beside, read_file)
-        .map_err(|problems| nodes::fail(rig_name, problems))?;
-    find_fmus(&rig, files, &rig_document, reading, read_file)?;
-    let programs = read_programs(
-        &rig,
+    let programs = programs(&rig, files);
+    let named = (&rig, &programs);
+    let (sheets, wrong) = find_files(
+        named,
         files,
         &rig_document,
         reading,
         read_file,
         &mut problems,
-    )?;
+    );
+    if !wrong.is_empty() {
+        return Err(nodes::fail(rig_name, wrong));
+    }
     let selector = Selector {
         scenario: document,
         rig: &rig,
@@ -209,12 +223,7 @@ fn resolve(
         problems.extend(unknown);
         return Err(fail(problems));
     }
-    let (run, has_all_faults) = read_run(&selector, &mut problems);
-    let told = Told {
-        rig: &rig,
-        run,
-        has_all_faults,
-    };
+    let told = read_run(&selector, &mut problems);
     let loops = read_loops(&selector, files, &told, read_file, asked, &mut problems);
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
         problems.extend(found);
@@ -252,7 +261,7 @@ fn resolve(
 /// Facts of a run for the readers of its trials.
 struct Told<'a> {
     rig: &'a Rig,
-    /// `None` if the facts of the run are not known.
+    /// `None` if they cannot be read.
     run: Option<Arc<Run>>,
     /// False if some of the faults could not be read.
     has_all_faults: bool,
@@ -330,10 +339,13 @@ fn read_trial(
         problems.extend(check::reactions(document, &trial, rig));
     }
     problems.extend(check::read_tables(document, &mut trial, read_file));
-    problems.extend(check::read_courses(document, &mut trial, read_file));
-    let is_recorded = asked.reading == Reading::Recorded;
-    let law = &trial.controller;
-    problems.extend(check::read_files(document, law, is_recorded, read_file));
+    let mut named = NamedFiles {
+        document,
+        beside: "",
+        is_recorded: asked.reading == Reading::Recorded,
+        read_file,
+    };
+    problems.extend(named.of_law(&trial.controller));
     trial.controller.place_files(Path::new(&files.name));
     let objections = (asked.objections)(&trial).into_iter();
     problems.extend(objections.map(|objection| objection.problem(document)));
@@ -358,36 +370,40 @@ fn objected(
     nodes::fail(&files.rig.name, vec![objection.problem(rig_document)])
 }
 
-/// Reads the facts of the run; `None` if the keys of the scenario cannot be read. The flag is false if some of the faults could
-/// not be read.
-fn read_run(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> (Option<Arc<Run>>, bool) {
-    let Selector { scenario, rig } = selector;
+/// Reads the facts of the run.
+fn read_run<'a>(selector: &Selector<'a, '_>, problems: &mut Vec<Problem>) -> Told<'a> {
+    let &Selector { scenario, rig } = selector;
     let (faults, wrong_faults) = fault::read(scenario, rig);
     let has_all_faults = wrong_faults.is_empty();
     problems.extend(wrong_faults);
-    let run = read_header(selector, problems).map(|header| {
-        let run = header.run(rig.bus.clone(), faults);
-        problems.extend(check::run(scenario, &run, rig));
-        Arc::new(run)
-    });
-    (run, has_all_faults)
-}
-
-/// Reads the keys of a scenario that are not tables; `None` if one of them cannot be read.
-fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Option<Header> {
-    let document = selector.scenario.with_root(selector.header());
-    let built = build::<Header>(
-        &document,
-        &Outside::Registered,
+    let header = scenario.with_root(selector.header());
+    let built = build::<Run>(
+        &header,
+        &Outside::registered(),
         "the scenario",
-        &schema::HEADER,
+        &schema::RUN,
     );
-    let (header, found) = match built {
-        Ok((header, found)) => (Some(header), found),
-        Err(found) => (None, found),
+    let run = match built {
+        Ok((mut run, found)) => {
+            problems.extend(found);
+            (run.bus, run.faults) = (rig.bus.clone(), faults);
+            // A length that is not positive is one problem; that events come after the end of the run is not a further one.
+            if run.duration_seconds <= 0.0 {
+                run.duration_seconds = f64::INFINITY;
+            }
+            problems.extend(check::run(scenario, &run, rig));
+            Some(Arc::new(run))
+        }
+        Err(found) => {
+            problems.extend(found);
+            None
+        }
     };
-    problems.extend(found);
-    header
+    Told {
+        rig,
+        run,
+        has_all_faults,
+    }
 }
 
 /// Returns the path by which a scenario changes a value of its rig: without the name of the plant's model.
@@ -417,80 +433,57 @@ fn wrong_plant_faults(
     check::faults_of_plants(document, &run.faults, plant_model)
 }
 
-/// Finds the FMUs of plants, and adds their hashes to the texts that were read. A recording may lack file and hash.
-fn find_fmus(
-    rig: &Rig,
-    files: &Files<'_>,
-    rig_document: &Document<'_>,
-    reading: Reading,
-    read_file: ReadTable<'_>,
-) -> Result<(), ScenarioError> {
-    for (plant, model) in &rig.plant {
-        let Some(fmu) = &model.fmu else { continue };
-        let named = &fmu.file;
-        let file = Path::new(&files.rig.beside).with_file_name(named);
-        let file = file.to_string_lossy();
-        let wrong = if !is_inside_folder(named) {
-            Some("no absolute path, no `..`: it lies beside the rig file".to_owned())
-        } else if !named.ends_with(".fmu") {
-            Some("its name must end in .fmu".to_owned())
-        } else {
-            let error = read_file(&format!("{file}{HASH_SUFFIX}")).err();
-            let error = error.filter(|_| reading != Reading::Recorded);
-            error.map(|error| match error.kind() {
-                io::ErrorKind::NotFound => "there is no such file beside the rig file".to_owned(),
-                _ => error.to_string(),
-            })
+/// Returns the programs of nodes, by the names of the nodes.
+fn programs(rig: &Rig, files: &Files<'_>) -> BTreeMap<String, NodeProgram> {
+    let programs = rig.node.iter().filter_map(|(name, node)| {
+        let is_here = files.scenario.has(&format!("node.{name}.program"));
+        let named_in = if is_here { "" } else { &files.rig.beside };
+        let program = NodeProgram {
+            command: node.program.clone()?,
+            named_in: named_in.to_owned(),
         };
-        if let Some(label) = wrong {
-            let message = format!("`{named}` cannot be the FMU of `{plant}`");
-            let path = format!("plant.{plant}.fmu.file");
-            let problem = rig_document.problem(&path, message, label);
-            return Err(nodes::fail(&files.rig.name, vec![problem]));
-        }
-    }
-    Ok(())
+        Some((name.clone(), program))
+    });
+    programs.collect()
 }
 
-/// Returns the programs of nodes, with their files; problems of a program that the scenario names are added to `problems`.
-fn read_programs(
-    rig: &Rig,
+/// Finds the files of plants and nodes, and returns the EDS of external drives, with the problems of files that the rig file names.
+/// Those of programs that the scenario names are added to `problems`.
+fn find_files(
+    (rig, programs): (&Rig, &BTreeMap<String, NodeProgram>),
     files: &Files<'_>,
     rig_document: &Document<'_>,
     reading: Reading,
     read_file: ReadTable<'_>,
     problems: &mut Vec<Problem>,
-) -> Result<BTreeMap<String, NodeProgram>, ScenarioError> {
-    let document = &files.scenario;
-    let named = |node: &str| {
-        let is_here = document.has(&format!("node.{node}.program"));
-        if is_here { "" } else { &files.rig.beside }
+) -> (BTreeMap<String, String>, Vec<Problem>) {
+    let mut wrong = Vec::new();
+    let beside = files.rig.beside.as_str();
+    let sheets = read_sheets(rig, rig_document, beside, read_file, &mut wrong);
+    let is_recorded = reading == Reading::Recorded;
+    let mut named_in_rig = NamedFiles {
+        document: rig_document,
+        beside,
+        is_recorded,
+        read_file: &mut *read_file,
     };
-    let all = || {
-        let nodes = rig.node.iter();
-        nodes.filter_map(|(name, node)| Some((name, node.program.as_ref()?)))
-    };
+    wrong.extend(named_in_rig.of_plants(rig));
     // The files of a case were found before.
-    if reading != Reading::Case {
-        let is_recorded = reading == Reading::Recorded;
-        let in_rig = all().filter(|(name, _)| !named(name).is_empty());
-        let (text, beside) = (rig_document, &files.rig.beside);
-        let found = check::read_programs(text, in_rig, beside, is_recorded, read_file);
-        if !found.is_empty() {
-            return Err(nodes::fail(&files.rig.name, found));
-        }
-        let here = all().filter(|(name, _)| named(name).is_empty());
-        let found = check::read_programs(document, here, "", is_recorded, read_file);
-        problems.extend(found);
-    }
-    let program = |(name, command): (&String, &Vec<String>)| {
-        let program = NodeProgram {
-            command: command.clone(),
-            named_in: named(name).to_owned(),
+    for (node, program) in programs.iter().filter(|_| reading != Reading::Case) {
+        let (document, into) = match program.named_in.as_str() {
+            "" => (&files.scenario, &mut *problems),
+            _ => (rig_document, &mut wrong),
         };
-        (name.clone(), program)
-    };
-    Ok(all().map(program).collect())
+        let mut files = NamedFiles {
+            document,
+            beside: &program.named_in,
+            is_recorded,
+            read_file: &mut *read_file,
+        };
+        let path = format!("node.{node}.program");
+        into.extend(files.command(&path, &program.command, "a file of the node"));
+    }
+    (sheets, wrong)
 }
 
 /// Reads the EDS of each external drive for which the rig file, `beside` the scenario, names one.
@@ -499,9 +492,9 @@ fn read_sheets(
     document: &Document<'_>,
     beside: &str,
     read_file: ReadTable<'_>,
-) -> Result<BTreeMap<String, String>, Vec<Problem>> {
+    problems: &mut Vec<Problem>,
+) -> BTreeMap<String, String> {
     let mut sheets = BTreeMap::new();
-    let mut problems = Vec::new();
     for (name, node) in &rig.node {
         let Some(eds) = &node.eds else { continue };
         let place = Path::new(beside).with_file_name(eds);
@@ -514,5 +507,5 @@ fn read_sheets(
             }
         }
     }
-    without_problems(problems, sheets)
+    sheets
 }

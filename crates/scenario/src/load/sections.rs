@@ -43,6 +43,8 @@ const TABLES: [&str; 9] = [
 const RIG_KEYS: [&str; 2] = ["defaults", "loop"];
 pub(super) const EXPECT: &str = "expect";
 pub(super) const CONTROLLER: &str = "controller";
+const REFERENCE: &str = "reference";
+const DISTURBANCE: &str = "disturbance";
 /// Key that names a node.
 const NODE: &str = "node";
 
@@ -62,11 +64,9 @@ pub(super) struct LoopTables<'text> {
     pub(super) factors: Factors,
 }
 
-/// The parts of all loops, and the problems of how the scenario names them.
-pub(super) type Selected<'text> = (Vec<LoopTables<'text>>, Vec<Problem>);
-
 impl<'text> Selector<'_, 'text> {
-    pub(super) fn select(&self) -> Selected<'text> {
+    /// Returns the parts of all loops, and the problems of how the scenario names them.
+    pub(super) fn select(&self) -> (Vec<LoopTables<'text>>, Vec<Problem>) {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
         // A law of no loop is not a problem of each loop that lacks a law, too; a law that is left out is no law at all.
         let mut problems = if self.rig.is_led_by_program() {
@@ -96,23 +96,10 @@ impl<'text> Selector<'_, 'text> {
 
     /// Returns the keys that hold for all loops.
     pub(super) fn header(&self) -> DeTable<'text> {
-        let shared = self
-            .root()
-            .iter()
-            .filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()))
-            .map(|(key, value)| (key.clone(), value.clone()));
-        shared.collect()
-    }
-
-    pub(super) fn root(&self) -> &DeTable<'text> {
-        self.scenario.root()
-    }
-
-    pub(super) fn table<'b>(
-        &self,
-        value: &'b Spanned<DeValue<'text>>,
-    ) -> Option<&'b DeTable<'text>> {
-        value.get_ref().as_table()
+        let keys = self.scenario.root().iter();
+        let shared = keys.filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()));
+        let copies = shared.map(|(key, value)| (key.clone(), value.clone()));
+        copies.collect()
     }
 
     /// Checks whether one law leads all drives; then no key need name its loop.
@@ -127,12 +114,6 @@ impl<'text> Selector<'_, 'text> {
         one.is_some_and(|one| one.led_by.is_some())
     }
 
-    /// Returns the drive that a loop leads.
-    pub(super) fn drive(&self, name: &str) -> &str {
-        let drives = &self.rig.loops[name].drives;
-        drives.first().map_or("", String::as_str)
-    }
-
     fn loop_tables(&self, name: &str) -> Result<LoopTables<'text>, Problem> {
         let mut tables = DeTable::new();
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
@@ -140,18 +121,18 @@ impl<'text> Selector<'_, 'text> {
         let table = laws.iter().find(|path| self.scenario.has(path));
         let place = (self.scenario).key_span(table.map_or(CONTROLLER, String::as_str));
         tables.insert(Spanned::new(place, CONTROLLER.into()), self.law(name)?);
-        let sections = ["reference", "disturbance"].into_iter();
+        let sections = [REFERENCE, DISTURBANCE].into_iter();
         for section in sections.filter(|_| !self.is_led(name)) {
-            if let Some(value) = self.root().get(section) {
+            if let Some(value) = self.scenario.root().get(section) {
                 let mut kept = value.clone();
-                self.keep(kept.get_mut(), name, section);
+                self.keep(section, kept.get_mut(), name);
                 tables.insert(key(section), kept);
             }
         }
         if let Some(expect) = self.expect(name) {
             tables.insert(key(EXPECT), expect);
         }
-        let wiring = self.rig.wiring_of(self.drive(name));
+        let wiring = self.rig.wiring_of(self.rig.drive_of_loop(name));
         let naming = Naming {
             source: &self.scenario.source,
             measurand: &wiring.feedback.measurand,
@@ -171,8 +152,8 @@ impl<'text> Selector<'_, 'text> {
         if self.is_led(name) || self.rig.is_led_by_program() {
             return Ok(self.no_law());
         }
-        let laws = self.root().get(CONTROLLER);
-        let of = |key: &str| self.table(laws?)?.get(key).cloned();
+        let laws = self.scenario.root().get(CONTROLLER);
+        let of = |key: &str| laws?.get_ref().as_table()?.get(key).cloned();
         if let Some(problem) = self.law_for_all(name) {
             return Err(problem);
         }
@@ -192,22 +173,16 @@ impl<'text> Selector<'_, 'text> {
             laws.into_iter().find(|law| leads_all(law))
         };
         let path = format!("{CONTROLLER}.{name}");
-        let problem = |message: String, label: String| {
-            let span = self.scenario.key_span(&path);
-            (self.scenario.source).problem(span, message, label)
-        };
-        if let Some(law) = with_ports(name).filter(|_| !self.is_only_loop()) {
+        let (message, label) = if let Some(law) = with_ports(name).filter(|_| !self.is_only_loop())
+        {
             let message = format!("the law `{law}` leads all loops, not `{name}` alone");
-            return Some(problem(
-                message,
-                format!("write [{CONTROLLER}.{ALL}.{law}]"),
-            ));
-        }
-        let law = with_ports(ALL)?;
-        self.scenario.has(&path).then(|| {
+            (message, format!("write [{CONTROLLER}.{ALL}.{law}]"))
+        } else {
+            let law = with_ports(ALL).filter(|_| self.scenario.has(&path))?;
             let message = format!("two laws lead the loop `{name}`");
-            problem(message, format!("`{law}` leads all loops already"))
-        })
+            (message, format!("`{law}` leads all loops already"))
+        };
+        Some(self.scenario.key_problem(&path, message, label))
     }
 
     /// Returns the table of a drive that a program or the law of another drive leads.
@@ -227,20 +202,17 @@ impl<'text> Selector<'_, 'text> {
     }
 
     /// Keeps the entries of the arrays, such as `reference.step`, that are for this loop.
-    fn keep(&self, value: &mut DeValue<'text>, name: &str, path: &str) {
-        match value {
-            DeValue::Table(table) => {
-                for (key, below) in table.iter_mut() {
-                    let path = format!("{path}.{}", key.get_ref());
-                    self.keep(below.get_mut(), name, &path);
-                }
+    fn keep(&self, section: &str, value: &mut DeValue<'text>, name: &str) {
+        let DeValue::Table(kinds) = value else {
+            return;
+        };
+        for (kind, entries) in kinds.iter_mut() {
+            if let DeValue::Array(entries) = entries.get_mut() {
+                let all = entries.iter().cloned();
+                let kept =
+                    all.filter_map(|entry| self.kept(entry, name, [section, kind.get_ref()]));
+                *entries = kept.collect();
             }
-            DeValue::Array(array) => {
-                let entries = array.iter().cloned();
-                let kept = entries.filter_map(|entry| self.kept(entry, name, path));
-                *array = kept.collect();
-            }
-            _ => {}
         }
     }
 
@@ -249,44 +221,38 @@ impl<'text> Selector<'_, 'text> {
         &self,
         mut entry: Spanned<DeValue<'text>>,
         name: &str,
-        path: &str,
+        [section, kind]: [&str; 2],
     ) -> Option<Spanned<DeValue<'text>>> {
         let span = entry.span();
         let DeValue::Table(table) = entry.get_mut() else {
             return Some(entry);
         };
-        if path.starts_with("reference.") {
+        if section == REFERENCE {
             return match table.remove("loop") {
                 Some(wanted) => (wanted.get_ref().as_str() == Some(name)).then_some(entry),
                 None => self.is_only_loop().then_some(entry),
             };
         }
-        let output = output_name(path, table);
+        let output = output_name(kind, table);
         if !table.contains_key(NODE) {
-            let node = self.only_io_with(&output).unwrap_or_default().to_owned();
+            let mut with = self.rig.io_with(&output);
+            let only = with.next().filter(|_| with.next().is_none());
+            let node = DeValue::String(only.unwrap_or_default().to_owned().into());
             let key = Spanned::new(span.clone(), NODE.into());
-            table.insert(key, Spanned::new(span, DeValue::String(node.into())));
+            table.insert(key, Spanned::new(span, node));
         }
         let node = table.get(NODE).and_then(|node| node.get_ref().as_str());
         let disturbed = node.and_then(|node| self.rig.drive_disturbed(node, &output));
-        let is_its = disturbed.map_or(self.is_only_loop(), |drive| drive == self.drive(name));
+        let is_its = |drive| drive == self.rig.drive_of_loop(name);
+        let is_its = disturbed.map_or(self.is_only_loop(), is_its);
         is_its.then_some(entry)
-    }
-
-    /// Returns the io node with an output, if there is exactly one.
-    fn only_io_with<'a>(&'a self, output: &'a str) -> Option<&'a str> {
-        let mut with = self.rig.io_with(output);
-        with.next().filter(|_| with.next().is_none())
     }
 
     /// Finds loops and nodes that the scenario names and the rig does not have.
     fn unknown_names(&self, loops: &[&str]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
-        for (section, by, known) in [
-            ("reference", "loop", loops),
-            ("disturbance", "node", &nodes),
-        ] {
+        for (section, by, known) in [(REFERENCE, "loop", loops), (DISTURBANCE, NODE, &nodes)] {
             // The structure refuses other keys.
             let kinds = self.scenario.keys(section).into_iter();
             for kind in kinds.filter(|kind| schema::is_key(section, kind)) {
@@ -295,8 +261,8 @@ impl<'text> Selector<'_, 'text> {
                 let entries = entries.and_then(|entries| entries.get_ref().as_array());
                 for (place, entry) in entries.into_iter().flatten().enumerate() {
                     let path = format!("{path}.{place}");
-                    let unknown_name = |table| self.unknown_name(table, &path, by, known);
-                    problems.extend(self.table(entry).and_then(unknown_name));
+                    let unknown_name = |table| self.unknown_name(table, [kind, &path], by, known);
+                    problems.extend(entry.get_ref().as_table().and_then(unknown_name));
                 }
             }
         }
@@ -308,7 +274,7 @@ impl<'text> Selector<'_, 'text> {
     /// Finds keys that no scenario has.
     pub(super) fn unknown_keys(&self) -> Vec<Problem> {
         let known = Vec::from_iter(SHARED.into_iter().chain(TABLES).chain([EXPECT]));
-        let keys = self.root().keys();
+        let keys = self.scenario.root().keys();
         let unknown = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
         let problems = unknown.map(|key| {
             let name: &str = key.get_ref();
@@ -334,19 +300,16 @@ impl<'text> Selector<'_, 'text> {
         let keys = self.scenario.keys(section).into_iter();
         let unknown = keys.filter(|key| !is_known(key));
         let problems = unknown.map(|key| {
-            let span = self.scenario.key_span(&format!("{section}.{key}"));
-            let problem = |message: String, label: String| {
-                (self.scenario.source).problem(span.clone(), message, label)
-            };
-            if schema::is_key(section, key) {
+            let (message, label) = if schema::is_key(section, key) {
                 let first = loops.first().copied().unwrap_or_default();
-                let message = format!("`{key}` of which loop?");
                 let label =
                     format!("write [{section}.{first}], or [{section}.{ALL}] for all loops");
-                return problem(message, label);
-            }
-            let message = format!("the rig has no loop `{key}`");
-            problem(message, meant_or_known(key, loops))
+                (format!("`{key}` of which loop?"), label)
+            } else {
+                let message = format!("the rig has no loop `{key}`");
+                (message, meant_or_known(key, loops))
+            };
+            (self.scenario).key_problem(&format!("{section}.{key}"), message, label)
         });
         problems.collect()
     }
@@ -354,12 +317,12 @@ impl<'text> Selector<'_, 'text> {
     fn unknown_name(
         &self,
         table: &DeTable<'text>,
-        path: &str,
+        [kind, path]: [&str; 2],
         by: &str,
         known: &[&str],
     ) -> Option<Problem> {
         let Some(named) = table.get(by) else {
-            let output = output_name(parent(path), table);
+            let output = output_name(kind, table);
             let with = Vec::from_iter(self.rig.io_with(&output).filter(|_| by == NODE));
             let (is_clear, known) = match with.len() {
                 0 => (self.is_only_loop(), known),
@@ -380,16 +343,12 @@ impl<'text> Selector<'_, 'text> {
 }
 
 /// Returns the output of an io node that an entry of a disturbance sets.
-fn output_name(path: &str, entry: &DeTable<'_>) -> String {
+fn output_name(kind: &str, entry: &DeTable<'_>) -> String {
     let name = entry.get("name").and_then(|name| name.get_ref().as_str());
-    match path.rsplit('.').next() {
-        Some("fan") => FAN_OUTPUT.to_owned(),
-        Some("load") => LOAD_OUTPUT.to_owned(),
-        _ => name.unwrap_or_default().to_owned(),
-    }
-}
-
-/// Returns the path of an array, by that of one of its entries.
-fn parent(path: &str) -> &str {
-    path.rsplit_once('.').map_or("", |(parent, _)| parent)
+    let output = match kind {
+        "fan" => FAN_OUTPUT,
+        "load" => LOAD_OUTPUT,
+        _ => name.unwrap_or_default(),
+    };
+    output.to_owned()
 }

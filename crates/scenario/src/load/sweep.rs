@@ -23,7 +23,7 @@ pub(super) fn read_sweep(
     let document = scenario.with_root(tree.into_iter().collect());
     let place = "the scenario";
     let (Swept { mut sweep }, mut problems) =
-        build::<Swept>(&document, &Outside::Registered, place, &schema::SWEPT)?;
+        build::<Swept>(&document, &Outside::registered(), place, &schema::SWEPT)?;
     problems.extend(check::sweep(scenario, rig, sweep.as_mut()));
     without_problems(problems, sweep)
 }

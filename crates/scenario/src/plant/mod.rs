@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::current::CurrentRange;
-use crate::custom::{self, Custom, Parameters, defaults};
+use crate::custom::{self, Custom, Parameters, any, defaults};
 pub use dc_motor::DcMotor;
 pub(crate) use fmu::whole_names;
 pub use fmu::{Fmu, FmuPort};
@@ -80,51 +80,40 @@ impl PlantModel {
     /// Returns the parameters of the actuator; `None` for another model.
     #[must_use]
     pub fn actuator(&self) -> Option<Sma> {
-        match self.model() {
-            Model::Sma(sma) => Some(sma.cloned().unwrap_or_default()),
-            _ => None,
-        }
+        let is_actuator = self.custom.is_none() && self.table().name == SMA_ACTUATOR;
+        is_actuator.then(|| self.sma.clone().unwrap_or_default())
     }
 
     /// Returns the key of its table in a rig file.
     pub(crate) fn key(&self) -> &str {
-        match self.model() {
-            Model::Sma(_) => SMA,
-            _ => self.name(),
+        match self.name() {
+            SMA_ACTUATOR => SMA,
+            name => name,
         }
     }
 
     /// Returns the name of the plant; the actuator's if there is no table.
     #[must_use]
     pub fn name(&self) -> &str {
-        match self.model() {
-            Model::Custom(custom) => custom.name(),
-            Model::DcMotor(_) => DC_MOTOR,
-            Model::SmaPair(_) => SMA_PAIR,
-            Model::Fmu(_) => FMU,
-            Model::Sma(_) => SMA_ACTUATOR,
-        }
+        let custom = self.custom.as_ref();
+        custom.map_or_else(|| self.table().name, Custom::name)
     }
 
     /// Returns the faults of `[[fault.plant.…]]` that have a meaning for the plant.
     #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
-        match self.model() {
-            Model::Custom(custom) => custom::plant_faults(custom.name()),
-            Model::DcMotor(_) => DcMotor::FAULTS,
-            Model::SmaPair(_) => SmaPair::FAULTS,
-            Model::Fmu(_) => &[],
-            Model::Sma(_) => SMA_FAULTS,
+        match &self.custom {
+            Some(custom) => custom::plant_faults(custom.name()),
+            None => self.table().faults,
         }
     }
 
     /// Returns the mass that hangs on the plant, without that of disturbances; `None` for a plant that knows it by itself.
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
-        match self.model() {
-            Model::Custom(_) | Model::SmaPair(_) | Model::Fmu(_) => None,
-            Model::DcMotor(motor) => Some(motor.load_kilograms),
-            Model::Sma(_) => Some(self.actuator()?.mechanics.load_kilograms),
+        match &self.dc_motor {
+            Some(motor) => Some(motor.load_kilograms),
+            None => Some(self.actuator()?.mechanics.load_kilograms),
         }
     }
 
@@ -136,37 +125,43 @@ impl PlantModel {
         &self,
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
-        let table: Option<&dyn Any> = match self.model() {
-            Model::Custom(custom) => return Ok(make(&custom.parameters()?)),
-            Model::DcMotor(motor) => Some(motor),
-            Model::SmaPair(pair) => Some(pair),
-            Model::Fmu(fmu) => Some(fmu),
-            Model::Sma(sma) => sma.map(|sma| sma as &dyn Any),
-        };
-        match table.and_then(|table| table.downcast_ref()) {
+        if let Some(custom) = &self.custom {
+            return Ok(make(&custom.parameters()?));
+        }
+        match self
+            .table()
+            .parameters
+            .and_then(|table| table.downcast_ref())
+        {
             Some(parameters) => Ok(make(parameters)),
             None => Ok(make(&defaults()?)),
         }
     }
 
-    fn model(&self) -> Model<'_> {
-        match (&self.custom, &self.dc_motor, &self.sma_pair, &self.fmu) {
-            (Some(custom), _, _, _) => Model::Custom(custom),
-            (None, Some(motor), _, _) => Model::DcMotor(motor),
-            (None, None, Some(pair), _) => Model::SmaPair(pair),
-            (None, None, None, Some(fmu)) => Model::Fmu(fmu),
-            (None, None, None, None) => Model::Sma(self.sma.as_ref()),
-        }
+    /// Returns the table of the format that is given; the actuator's if there is none.
+    fn table(&self) -> Table<'_> {
+        let table = |name, faults, parameters| Table {
+            name,
+            faults,
+            parameters,
+        };
+        let others = [
+            table(DC_MOTOR, DcMotor::FAULTS, any(&self.dc_motor)),
+            table(SMA_PAIR, SmaPair::FAULTS, any(&self.sma_pair)),
+            table(FMU, &[], any(&self.fmu)),
+        ];
+        let given = others.into_iter().find(|one| one.parameters.is_some());
+        given.unwrap_or(table(SMA_ACTUATOR, SMA_FAULTS, any(&self.sma)))
     }
 }
 
-/// Model of a plant.
-enum Model<'a> {
-    Custom(&'a Custom),
-    DcMotor(&'a DcMotor),
-    SmaPair(&'a SmaPair),
-    Fmu(&'a Fmu),
-    Sma(Option<&'a Sma>),
+/// Table of a model that the format has.
+struct Table<'a> {
+    name: &'static str,
+    /// Faults that have a meaning for the plant.
+    faults: &'static [&'static str],
+    /// Parameters, if they are given.
+    parameters: Option<&'a dyn Any>,
 }
 
 /// Position sensor: a potentiometer with an analogue-to-digital converter, or any other sensor that counts in equal steps.

@@ -70,13 +70,10 @@ impl Rig {
     /// Returns the other plants that are emulated together with the one that a drive moves, by name.
     pub(crate) fn models_beside(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
         let plant = self.plant_of(drive);
-        let others = self
-            .emulated_with(drive)
-            .into_iter()
-            .filter(|name| Some(*name) != plant);
-        others
-            .map(|name| (name.to_owned(), self.plant[name].beside(rig)))
-            .collect()
+        let all = self.emulated_with(drive).into_iter();
+        let others = all.filter(|name| Some(*name) != plant);
+        let models = others.map(|name| (name.to_owned(), self.plant[name].beside(rig)));
+        models.collect()
     }
 
     /// Returns the plants that are emulated together with the one that a drive moves, and that plant: all plants that nodes
@@ -87,7 +84,7 @@ impl Rig {
         let alone = self
             .plant
             .keys()
-            .map(|plant| BTreeSet::from([plant.as_str()]));
+            .map(|name| BTreeSet::from([name.as_str()]));
         let ours = self.node.iter().filter(|(_, node)| node.is_ours());
         let first = ours.filter_map(|(name, _)| self.plant_of(name)).next();
         let is_moved = |plants: &BTreeSet<&str>| {
@@ -202,13 +199,11 @@ impl Rig {
     }
 
     fn first_drive(&self, is_it: impl Fn(&str) -> bool) -> Option<&str> {
-        let drives = self
-            .node
-            .iter()
-            .filter(|(_, node)| node.kind == NodeKind::Drive);
-        let those = drives.filter(|(name, _)| is_it(name));
+        let those = self
+            .of_kind(NodeKind::Drive)
+            .filter(|(name, _)| is_it(name));
         let first = those.min_by_key(|(_, node)| node.node_id);
-        first.map(|(name, _)| name.as_str())
+        first.map(|(name, _)| name)
     }
 
     /// Returns the wiring of a drive.
@@ -267,11 +262,13 @@ impl Rig {
         let controller = self.controller().map(|node| named(node, Part::Controller));
         let drive_node = Node::new(drive, node_id, Part::Drive);
         let followed = self.followed_by(drive).map(|node| named(node, Part::Drive));
+        let io = self.of_kind(NodeKind::Io);
+        let recorded = io.filter(|(name, _)| self.drive_of_io(name) == Some(drive));
         LoopNodes {
             controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
             followed: followed.unwrap_or_else(|| drive_node.clone()),
             drive: drive_node,
-            io: self.io_of(drive).map(|io| self.io_node(io)).collect(),
+            io: recorded.map(|node| named(node, Part::Io)).collect(),
         }
     }
 
@@ -312,9 +309,13 @@ impl Rig {
     /// Returns the controller with its name.
     #[must_use]
     pub fn controller(&self) -> Option<(&str, &RigNode)> {
-        let mut nodes = self.node.iter();
-        let found = nodes.find(|(_, node)| node.kind == NodeKind::Controller);
-        found.map(|(name, node)| (name.as_str(), node))
+        self.of_kind(NodeKind::Controller).next()
+    }
+
+    /// Returns the nodes of a kind by name.
+    pub(crate) fn of_kind(&self, kind: NodeKind) -> impl Iterator<Item = (&str, &RigNode)> {
+        let nodes = self.node.iter().filter(move |(_, node)| node.kind == kind);
+        nodes.map(|(name, node)| (name.as_str(), node))
     }
 
     /// Checks whether a program plays the controller.
@@ -354,28 +355,19 @@ impl Rig {
     ) -> Self {
         let io = Vec::from_iter(io);
         let mut rig = Self {
-            schema: self.schema,
             name: drive.to_owned(),
-            bus: self.bus.clone(),
-            ..Self::default()
+            description: None,
+            defaults: Defaults::default(),
+            ..self.clone()
         };
         let plant = self.plant_of(drive).filter(|_| !io.is_empty());
-        let plant = plant.and_then(|name| self.plant.get_key_value(name));
-        rig.plant
-            .extend(plant.map(|(name, plant)| (name.clone(), plant.clone())));
-        let controller = self.controller().map(|(name, _)| name);
-        let beside = controller
-            .into_iter()
-            .chain(io.iter().copied())
-            .filter_map(|name| self.node.get_key_value(name));
-        rig.node
-            .extend(beside.map(|(name, node)| (name.clone(), node.clone())));
-        for name in io {
-            let io = rig.node.get_mut(name).into_iter();
-            io.for_each(|io| io.external = true);
-        }
-        if let Some(node) = self.node.get(drive) {
-            let mut node = node.clone();
+        rig.plant.retain(|name, _| Some(name.as_str()) == plant);
+        rig.node.retain(|name, node| {
+            let is_io = io.contains(&name.as_str());
+            node.external |= is_io;
+            is_io || name == drive || node.kind == NodeKind::Controller
+        });
+        if let Some(node) = rig.node.get_mut(drive) {
             let objects = real.drive.clone();
             node.eds = objects.eds;
             node.mode_of_operation = Some(objects.mode_of_operation);
@@ -391,12 +383,10 @@ impl Rig {
                 let sensor = node.sensor.as_mut();
                 sensor.into_iter().for_each(|sensor| sensor.port = None);
             }
-            rig.node.insert(drive.to_owned(), node);
         }
-        let led = self.one_drive_loop(drive);
         // The name of the drive's own loop; empty for a drive that the law of another one leads.
-        let name = self.loop_of(drive);
-        rig.loops.insert(name.to_owned(), led);
+        let name = self.loop_of(drive).to_owned();
+        rig.loops = BTreeMap::from([(name, self.one_drive_loop(drive))]);
         rig
     }
 
@@ -434,16 +424,6 @@ impl Rig {
         toml::to_string(self).expect("tables of plain data")
     }
 
-    /// Returns the io nodes whose commands are recorded in the loop of a drive.
-    pub fn io_of<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = &'a str> {
-        let nodes = self
-            .node
-            .iter()
-            .filter(|(_, node)| node.kind == NodeKind::Io);
-        let names = nodes.map(|(name, _)| name.as_str());
-        names.filter(move |name| self.drive_of_io(name) == Some(drive))
-    }
-
     /// Returns the io nodes with an output of this name.
     pub(crate) fn io_with<'a>(&'a self, output: &'a str) -> impl Iterator<Item = &'a str> {
         let nodes = self.node.iter();
@@ -454,11 +434,6 @@ impl Rig {
         with.map(|(name, _)| name.as_str())
     }
 
-    fn io_node(&self, name: &str) -> Node {
-        let id = self.node.get(name).map(|node| node.node_id);
-        Node::new(name, id.unwrap_or_default(), Part::Io)
-    }
-
     /// Returns the io nodes that act on the plants that are emulated together with the one that a drive moves.
     fn io_beside(&self, drive: &str) -> Vec<IoWiring> {
         let plants = self.emulated_with(drive);
@@ -466,7 +441,7 @@ impl Rig {
             let outputs = node.outputs.as_ref()?;
             let port = |output| outputs.port(output).map(str::to_owned);
             (!plants.is_disjoint(&node.plants())).then(|| IoWiring {
-                node: self.io_node(name),
+                node: Node::new(name, node.node_id, Part::Io),
                 fan: port(FAN_OUTPUT),
                 load: port(LOAD_OUTPUT),
                 outputs: (outputs.others())

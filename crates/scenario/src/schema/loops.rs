@@ -4,18 +4,16 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use super::{CONTOURS, HEADER, RIG, SECTIONS, SWEPT, entries, part_of, resolve, schema_of};
+use super::{CONTOURS, RIG, RUN, SECTIONS, SWEPT, entries, part_of, resolve, schema_of};
 use crate::custom::{self, Section};
 use crate::fault;
 use crate::plant::PlantModel;
 use crate::port::{Command, Measurand, UNIT, Unit, conversion, is_gain, is_pattern, known_units};
-use crate::rig::nodes::{NodeKind, Rig, RigNode};
+use crate::rig::nodes::{NodeKind, Rig};
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
 const LOOP_ENTRIES: &str = "Reference";
 const NODE_ENTRIES: &str = "Disturbance";
-/// Units of loops that are proposed if no rig defines them.
-const PROPOSED: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
 /// Pattern of a unit or a signal.
 const ANY_WORD: &str = "[a-z][a-z0-9_]*";
 /// Key in the place of a loop's name.
@@ -32,7 +30,7 @@ const PARTS: [(&str, &str); 5] = [
 
 /// Returns the schema of scenarios on any rig.
 pub(super) fn scenario_schema() -> Value {
-    loops_schema(&PROPOSED.map(Measurand::position), None)
+    loops_schema(&Unit::NAMED.map(Measurand::position), None)
 }
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
@@ -76,7 +74,7 @@ fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
 
 /// Returns the schema of the keys that are not tables, the tables of a loop, the bus and the sweep.
 fn parts_schema() -> Value {
-    let mut schema = HEADER.clone();
+    let mut schema = RUN.clone();
     schema["title"] = "Scenario".into();
     schema["description"] = "One scenario file.".into();
     schema["properties"]["bus"] = RIG["properties"]["bus"].clone();
@@ -94,42 +92,17 @@ fn parts_schema() -> Value {
     schema
 }
 
-/// Removes definitions without a reference.
+/// Removes definitions without a reference, until the rest have one.
 fn prune(schema: &mut Value) {
-    let Some(mut definitions) = schema["definitions"].as_object().cloned() else {
-        return;
-    };
-    schema["definitions"] = json!({});
-    let mut used = Map::new();
-    let mut referring = vec![schema.clone()];
-    while let Some(value) = referring.pop() {
-        for name in references(&value) {
-            if let Some(definition) = definitions.remove(&name) {
-                referring.push(definition.clone());
-                used.insert(name, definition);
-            }
+    loop {
+        let text = schema.to_string();
+        let definitions = schema["definitions"].as_object_mut();
+        let definitions = definitions.expect("the parts have definitions");
+        let count = definitions.len();
+        definitions.retain(|name, _| text.contains(&format!("\"#/definitions/{name}\"")));
+        if definitions.len() == count {
+            return;
         }
-    }
-    schema["definitions"] = used.into();
-}
-
-/// Returns the names of all definitions to which a schema refers.
-fn references(value: &Value) -> Vec<String> {
-    match value {
-        Value::Object(table) => {
-            let definition = table
-                .get("$ref")
-                .and_then(Value::as_str)
-                .and_then(|path| path.rsplit('/').next());
-            let below = table.values().flat_map(references);
-            definition
-                .map(str::to_owned)
-                .into_iter()
-                .chain(below)
-                .collect()
-        }
-        Value::Array(values) => values.iter().flat_map(references).collect(),
-        _ => Vec::new(),
     }
 }
 
@@ -160,11 +133,8 @@ fn rig_part(schema: &mut Value) -> Value {
 
 /// Returns the schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
-    let drives = rig
-        .node
-        .values()
-        .filter(|node| node.kind == NodeKind::Drive);
-    let mut measurands = Vec::from_iter(drives.map(RigNode::measurand));
+    let drives = rig.of_kind(NodeKind::Drive);
+    let mut measurands = Vec::from_iter(drives.map(|(_, node)| node.measurand()));
     measurands.dedup();
     let mut schema = loops_schema(&measurands, travel(rig));
     for (section, definition) in [("controller", "Controller"), ("expect", "Expect")] {
@@ -219,14 +189,13 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 
 /// Returns the range of set-points: each lies within the range of one of the loops' sensors.
 fn travel(rig: &Rig) -> Option<[f64; 2]> {
-    let ranges = rig
-        .loops
-        .keys()
-        .map(|name| rig.wiring_of(rig.drive_of_loop(name)).feedback.range());
+    let drives = rig.loops.keys().map(|name| rig.drive_of_loop(name));
+    let ranges = drives.map(|drive| rig.wiring_of(drive).feedback.range());
     ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])
 }
 
-fn reference(definition: &str) -> Value {
+/// Returns a reference to a definition.
+pub(crate) fn reference(definition: &str) -> Value {
     json!({"$ref": format!("#/definitions/{definition}")})
 }
 
@@ -337,11 +306,8 @@ fn name_table_keys(table: &mut Value, measurands: &[Measurand]) {
 
 /// Returns the schema of keys that may be a limit in any unit, or a loop of the same name.
 fn limits_or_loops(schema: &Value) -> Value {
-    let limits = schema["definitions"]["Expect"]["patternProperties"]
-        .as_object()
-        .into_iter()
-        .flatten();
-    let either = limits.map(|(pattern, limit)| {
+    let limits = schema["definitions"]["Expect"]["patternProperties"].as_object();
+    let either = limits.into_iter().flatten().map(|(pattern, limit)| {
         let either = json!({"anyOf": [limit, reference("Expect")]});
         (pattern.clone(), either)
     });

@@ -13,12 +13,10 @@ impl Check<'_> {
     /// Checks that ranges begin below their ends, and that units are known.
     pub(super) fn sensors(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
-        let drives = self
-            .rig
-            .node
-            .iter()
-            .filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
-        for (name, node, sensor) in drives {
+        for (name, node) in &self.rig.node {
+            let Some(sensor) = &node.sensor else {
+                continue;
+            };
             let path = |key: &str| format!("node.{name}.{key}");
             let measurand = node.measurand();
             let Measurand { signal, unit, .. } = &measurand;

@@ -3,33 +3,29 @@
 use super::Check;
 use crate::custom::is_name;
 use crate::error::Problem;
-use crate::rig::nodes::{NodeKind, Outputs};
+use crate::rig::nodes::NodeKind;
 use crate::wiring::IO_OUTPUTS_MAX;
 
 impl Check<'_> {
     pub(super) fn unserved(&self) -> Vec<Problem> {
-        let mut problems = self.idle_outputs();
-        problems.extend(self.outputs_without_room());
+        let mut problems = self.outputs_without_room();
         problems.extend(self.idle_plants());
         problems
     }
 
-    /// Finds io nodes whose outputs have no effect.
-    fn idle_outputs(&self) -> Vec<Problem> {
-        let idle = self.outputs().filter(|(_, outputs)| outputs.0.is_empty());
-        let problems = idle.map(|(name, _)| {
-            let message = format!("`{name}` acts on no plant");
-            let label = "OUTPUT = \"PLANT.PORT\" is missing";
-            self.problem(&format!("node.{name}.outputs"), message, label)
-        });
-        problems.collect()
-    }
-
-    /// Finds io nodes with more outputs than fit in their frame, or with an output that has no valid name.
+    /// Finds io nodes without outputs, with more than fit in their frame, or with an output that has no valid name.
     fn outputs_without_room(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
-        for (name, outputs) in self.outputs() {
+        for (name, node) in &self.rig.node {
+            let Some(outputs) = &node.outputs else {
+                continue;
+            };
             let path = format!("node.{name}.outputs");
+            if outputs.0.is_empty() {
+                let message = format!("`{name}` acts on no plant");
+                let label = "OUTPUT = \"PLANT.PORT\" is missing";
+                problems.push(self.problem(&path, message, label));
+            }
             let others = outputs.others().count();
             let room = if others == outputs.0.len() {
                 IO_OUTPUTS_MAX
@@ -50,11 +46,6 @@ impl Check<'_> {
             }));
         }
         problems
-    }
-
-    fn outputs(&self) -> impl Iterator<Item = (&str, &Outputs)> {
-        let nodes = self.rig.node.iter();
-        nodes.filter_map(|(name, node)| Some((name.as_str(), node.outputs.as_ref()?)))
     }
 
     /// Finds plants that no node names, or that no drive of canrig emulates.

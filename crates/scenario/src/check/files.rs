@@ -1,0 +1,162 @@
+//! Finds the files that a scenario or its rig file names and that are not read as text: the programs, libraries and FMUs of laws,
+//! nodes and plants. It checks where they lie, and reads their hashes.
+
+use std::env;
+use std::io;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use toml::Value;
+
+use crate::controller::Controller;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::fingerprint::HASH_SUFFIX;
+use crate::process_law::Plays;
+use crate::rig::nodes::Rig;
+use crate::table::{ReadTable, is_inside_folder};
+
+const OUTSIDE: &str = "no absolute path, no `..`: it lies in this file's folder, or below it";
+
+/// Files that a document names. Their hashes are added to the texts that were read; a recording may lack file and hash.
+pub(crate) struct NamedFiles<'a, 'b> {
+    pub(crate) document: &'a Document<'b>,
+    /// Name of the file that names the others, relative to the scenario; empty for the scenario itself.
+    pub(crate) beside: &'a str,
+    pub(crate) is_recorded: bool,
+    pub(crate) read_file: ReadTable<'a>,
+}
+
+impl NamedFiles<'_, '_> {
+    /// Finds the files of a law that a process plays.
+    pub(crate) fn of_law(&mut self, controller: &Controller) -> Vec<Problem> {
+        let Some(law) = controller.process_law() else {
+            return Vec::new();
+        };
+        let (path, what) = (
+            format!("controller.{}", controller.law_name()),
+            "a file of the law",
+        );
+        let mut problems = match &law.plays {
+            Plays::Command(words) => self.command(&format!("{path}.command"), words, what),
+            Plays::Library(file) | Plays::Fmu(file) => {
+                Vec::from_iter(self.required(&format!("{path}.file"), file, what))
+            }
+        };
+        let wrong = law.parameters.iter().filter(|(_, value)| !is_finite(value));
+        problems.extend(wrong.map(|(parameter, _)| {
+            let path = format!("{path}.parameters.{parameter}");
+            let message = format!("the parameter `{parameter}` cannot be handed on");
+            let label = "numbers that are finite, truths, texts, and lists and tables of them";
+            self.document.problem(&path, message, label)
+        }));
+        problems
+    }
+
+    /// Finds the FMUs of plants.
+    pub(crate) fn of_plants(&mut self, rig: &Rig) -> Vec<Problem> {
+        let fmus = rig.plant.iter().filter_map(|(plant, model)| {
+            let file = &model.fmu.as_ref()?.file;
+            let path = format!("plant.{plant}.fmu.file");
+            let what = format!("the FMU of `{plant}`");
+            if file.ends_with(".fmu") {
+                self.required(&path, file, &what)
+            } else {
+                Some(self.wrong(&path, file, &what, "its name must end in .fmu"))
+            }
+        });
+        fmus.collect()
+    }
+
+    /// Finds the files of a command; `what` describes each of them in messages.
+    pub(crate) fn command(&mut self, path: &str, words: &[String], what: &str) -> Vec<Problem> {
+        let words = words.iter().enumerate();
+        let problems = words.filter_map(|(place, word)| {
+            let path = format!("{path}.{place}");
+            match place {
+                0 => self.program(&path, word, what),
+                _ => self.argument(&path, word, what),
+            }
+        });
+        problems.collect()
+    }
+
+    /// Checks the first word of a command.
+    fn program(&mut self, path: &str, word: &str, what: &str) -> Option<Problem> {
+        if word.contains('/') {
+            return self.required(path, word, what);
+        }
+        if self.is_recorded || is_on_path(word) {
+            return None;
+        }
+        let message = format!("no program `{word}` is on PATH");
+        let label = format!("one beside this file is written `./{word}`");
+        Some(self.document.problem(path, message, label))
+    }
+
+    /// Checks a word that may be a file.
+    fn argument(&mut self, path: &str, word: &str, what: &str) -> Option<Problem> {
+        match self.hash(word) {
+            Ok(()) if self.is_recorded || is_inside_folder(word) => None,
+            Ok(()) => Some(self.wrong(path, word, what, OUTSIDE)),
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                Some(self.wrong(path, word, what, &error.to_string()))
+            }
+            // The word is not a file.
+            Err(_) => None,
+        }
+    }
+
+    /// Checks a file that must exist.
+    fn required(&mut self, path: &str, file: &str, what: &str) -> Option<Problem> {
+        if !is_inside_folder(file) {
+            return Some(self.wrong(path, file, what, OUTSIDE));
+        }
+        let error = self.hash(file).err()?;
+        let label = match (error.kind(), self.beside) {
+            (io::ErrorKind::NotFound, "") => "there is no such file beside the scenario".to_owned(),
+            (io::ErrorKind::NotFound, _) => "there is no such file beside the rig file".to_owned(),
+            _ => error.to_string(),
+        };
+        Some(self.wrong(path, file, what, &label))
+    }
+
+    fn hash(&mut self, file: &str) -> io::Result<()> {
+        let place = match self.beside {
+            "" => PathBuf::from(file),
+            of => Path::new(of).with_file_name(file),
+        };
+        // Components drop each `.`, so that a hash has one name.
+        let place = PathBuf::from_iter(place.components());
+        match (self.read_file)(&format!("{}{HASH_SUFFIX}", place.to_string_lossy())) {
+            Err(_) if self.is_recorded => Ok(()),
+            read => read.map(drop),
+        }
+    }
+
+    fn wrong(&self, path: &str, file: &str, what: &str, label: &str) -> Problem {
+        let message = format!("`{file}` cannot be {what}");
+        self.document.problem(path, message, label)
+    }
+}
+
+/// Checks whether a value has a form in JSON.
+fn is_finite(value: &Value) -> bool {
+    match value {
+        Value::Float(number) => number.is_finite(),
+        Value::Datetime(_) => false,
+        Value::Array(values) => values.iter().all(is_finite),
+        Value::Table(values) => values.values().all(is_finite),
+        Value::String(_) | Value::Integer(_) | Value::Boolean(_) => true,
+    }
+}
+
+/// Checks whether a program is found by its name alone.
+fn is_on_path(name: &str) -> bool {
+    let is_program = |path: &Path| {
+        let metadata = path.metadata();
+        metadata.is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
+    };
+    let folders = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&folders).any(|folder| is_program(&folder.join(name)))
+}
