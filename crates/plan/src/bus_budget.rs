@@ -78,32 +78,22 @@ impl BusBudget {
     /// Makes the budget of a plan.
     #[must_use]
     pub fn new(plan: &Plan) -> Self {
-        let controller = &plan.controller().name;
-        let sync = BusShare {
-            node: controller.to_owned(),
-            what: "SYNC".to_owned(),
-            bits: Sent::of(plan.database().message(names::SYNC)).bits,
-            pace: EACH,
-        };
-        let loops = plan.loops.iter();
-        let shares = loops.flat_map(|one| loop_shares(controller, &one.nodes.drive.name, one));
-        let every = plan.set_points_every_cycles();
-        let set_points = every.into_iter().flat_map(|every| {
-            let loops = plan.loops.iter();
-            let names = loops.map(|one| names::set_point(one.name()));
-            let messages = names.filter_map(|name| plan.database().message(&name));
-            let sent = Sent::of(messages);
-            (sent.count > 0).then(|| BusShare {
-                node: names::BENCH.to_owned(),
-                what: format!("set-points ({})", sent.frames()),
-                bits: sent.bits,
-                pace: Pace::Cycles {
-                    every,
-                    remainder: 0,
-                },
-            })
+        let (database, controller) = (plan.database(), &plan.controller().name);
+        let sync = share(controller, "SYNC", database.message(names::SYNC), EACH);
+        let shares = plan
+            .loops
+            .iter()
+            .flat_map(|one| loop_shares(controller, one));
+        let set_points = plan.set_points_every_cycles().and_then(|every| {
+            let names = plan.loops.iter().map(|one| names::set_point(one.name()));
+            let messages = names.filter_map(|name| database.message(&name));
+            let pace = Pace::Cycles {
+                every,
+                remainder: 0,
+            };
+            share(names::BENCH, "set-points ({frames})", messages, pace)
         });
-        let all = [sync].into_iter().chain(shares).chain(set_points);
+        let all = sync.into_iter().chain(shares).chain(set_points);
         let mut shares = Vec::from_iter(all.chain(heartbeats(plan)));
         let node = |name: &str| plan.nodes().find(|node| node.name == name);
         shares.sort_by_key(|share| node(&share.node).map(|node| node.id));
@@ -232,13 +222,8 @@ fn heartbeats(plan: &Plan) -> impl Iterator<Item = BusShare> {
     nodes.into_iter().filter_map(|node| {
         let name = names::message(node, names::HEARTBEAT);
         let message = plan.database().message(&name)?;
-        let is_sent = message.cycle_time_milliseconds > 0;
-        is_sent.then(|| BusShare {
-            node: node.to_owned(),
-            what: "heartbeat".to_owned(),
-            bits: Sent::of([message]).bits,
-            pace: by_clock(message),
-        })
+        let sent = Some(message).filter(|message| message.cycle_time_milliseconds > 0);
+        share(node, "heartbeat", sent, by_clock(message))
     })
 }
 
@@ -249,40 +234,31 @@ fn by_clock(message: &Message) -> Pace {
 }
 
 /// Returns the traffic of one loop.
-fn loop_shares(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
+fn loop_shares(controller: &str, one: &ControlLoop) -> impl Iterator<Item = BusShare> {
     let (place, nodes) = (&one.place, &one.nodes);
-    let truth = Sent::of(one.database.plant_messages(&nodes.drive.name));
-    let terms = Sent::of(
-        one.database
-            .term_messages(&nodes.controller.name, one.name()),
-    );
+    let drive = nodes.drive.name.as_str();
     let frame = |service| one.message(&nodes.drive, service).ok();
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // For a drive without faults only the truth is published.
     let beside_faults = frame(names::TRUTH).filter(|_| one.trial.has_loop_faults());
-    let terms_text = format!("terms of the law for {drive} ({})", terms.frames());
-    let truth_text = format!("truth of the plant ({})", truth.frames());
-    let truth_pace = cycles(place.truth_every_cycles, place.truth_cycle());
-    let fault_text = "current and peak temperature, for its faults (1 frame)".to_owned();
     let fault_pace = beside_faults.map_or(EACH, by_clock);
-    let (sample, command) = (frame(names::TPDO1), frame(names::RPDO1));
-    let command_text = format!("command to {drive} (RPDO1)");
+    let fault_text = "current and peak temperature, for its faults ({frames})";
+    let truth = one.database.plant_messages(drive);
+    let truth_pace = cycles(place.truth_every_cycles, place.truth_cycle());
+    let terms = one
+        .database
+        .term_messages(&nodes.controller.name, one.name());
     let terms_pace = cycles(TERMS_EVERY_CYCLES, place.terms_cycle());
+    let terms_text = format!("terms of the law for {drive} ({{frames}})");
+    let command_text = format!("command to {drive} (RPDO1)");
     let shares = [
-        (drive, "sample (TPDO1)".to_owned(), Sent::of(sample), EACH),
-        (controller, command_text, Sent::of(command), EACH),
-        (drive, truth_text, truth, truth_pace),
-        (drive, fault_text, Sent::of(beside_faults), fault_pace),
-        (controller, terms_text, terms, terms_pace),
+        share(drive, "sample (TPDO1)", frame(names::TPDO1), EACH),
+        share(controller, &command_text, frame(names::RPDO1), EACH),
+        share(drive, "truth of the plant ({frames})", truth, truth_pace),
+        share(drive, fault_text, beside_faults, fault_pace),
+        share(controller, &terms_text, terms, terms_pace),
     ];
-    let sent = shares.into_iter().filter(|(_, _, sent, _)| sent.count > 0);
-    let shares = sent.map(|(node, what, sent, pace)| BusShare {
-        node: node.to_owned(),
-        what,
-        bits: sent.bits,
-        pace,
-    });
-    shares.collect()
+    shares.into_iter().flatten()
 }
 
 /// Pace of traffic in every cycle.
@@ -291,29 +267,27 @@ const EACH: Pace = Pace::Cycles {
     remainder: 0,
 };
 
-/// Number of frames, and their bits.
-struct Sent {
-    count: usize,
-    bits: f64,
-}
-
-impl Sent {
-    fn of<'a>(messages: impl IntoIterator<Item = &'a Message>) -> Self {
-        let messages = messages.into_iter();
-        let bits = messages.map(|message| f64::from(occupied_bits_max(message.length_bytes)));
-        let bits = Vec::from_iter(bits);
-        Self {
-            count: bits.len(),
-            bits: bits.iter().sum(),
-        }
-    }
-
-    fn frames(&self) -> String {
-        match self.count {
-            1 => "1 frame".to_owned(),
-            count => format!("{count} frames"),
-        }
-    }
+/// Returns the traffic of these messages, if there are any; `{frames}` in its description becomes their number.
+fn share<'a>(
+    node: &str,
+    what: &str,
+    messages: impl IntoIterator<Item = &'a Message>,
+    pace: Pace,
+) -> Option<BusShare> {
+    let messages = messages.into_iter();
+    let bits = messages.map(|message| f64::from(occupied_bits_max(message.length_bytes)));
+    let bits = Vec::from_iter(bits);
+    let frames = match bits.len() {
+        0 => return None,
+        1 => "1 frame".to_owned(),
+        count => format!("{count} frames"),
+    };
+    Some(BusShare {
+        node: node.to_owned(),
+        what: what.replace("{frames}", &frames),
+        bits: bits.iter().sum(),
+        pace,
+    })
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
+use scenario::rig::ObjectAddress;
 
 /// Node-ID of the controller.
 pub(crate) use scenario::rig::nodes::CONTROLLER_NODE_ID;
@@ -80,10 +81,8 @@ pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, DataSheetError> {
         None => text.parse().ok(),
     };
     number.filter(|id| (1..=127).contains(id)).ok_or_else(|| {
-        let names: Vec<&str> = sheets
-            .iter()
-            .map(|sheet| sheet.node_name.as_str())
-            .collect();
+        let names = sheets.iter().map(|sheet| sheet.node_name.as_str());
+        let names = Vec::from_iter(names);
         let nearest = scenario::nearest(text, names.iter().copied());
         let meant =
             nearest.map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
@@ -204,20 +203,11 @@ fn ambiguous(text: &str, several: &[&Entry]) -> String {
 
 /// Parses index and sub-index in hexadecimal digits, with or without `0x`; without a sub-index it is 0.
 fn parse_place(text: &str) -> Option<(u16, u8)> {
-    let hexadecimal = |text: &str| {
-        let digits = text.strip_prefix("0x").unwrap_or(text);
-        let is_number = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
-        is_number.then(|| u32::from_str_radix(digits, 16).ok())?
-    };
+    let digits = |text| str::strip_prefix(text, "0x").unwrap_or(text);
     let (index, sub_index) = text.split_once(':').unwrap_or((text, "0"));
-    let digits = index.strip_prefix("0x").unwrap_or(index);
-    if digits.len() != 4 {
-        return None;
-    }
-    Some((
-        u16::try_from(hexadecimal(index)?).ok()?,
-        u8::try_from(hexadecimal(sub_index)?).ok()?,
-    ))
+    let address = format!("0x{}:{}", digits(index), digits(sub_index));
+    let ObjectAddress { index, sub_index } = address.parse().ok()?;
+    Some((index, sub_index))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use scenario::node::Node;
 use scenario::port::Unit;
 
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
-use crate::plan::{ControlLoop, Plan};
+use crate::plan::{ControlLoop, Plan, each_once};
 
 /// EDS of one node.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -34,12 +34,7 @@ pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
     let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(loop_sheets));
     let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
     let io_nodes = plan.loops.iter().flat_map(|one| &one.nodes.io);
-    let mut servers = Vec::new();
-    for id in drives.chain(io_nodes.map(|node| node.id)) {
-        if !servers.contains(&id) {
-            servers.push(id);
-        }
-    }
+    let servers = each_once(drives.chain(io_nodes.map(|node| node.id)));
     let eds = data_sheets::controller_sheet(&servers);
     sheets.push(sheet(plan.controller(), &eds, &NodeValues::default()));
     sheets.sort_by_key(|sheet| sheet.node_id);

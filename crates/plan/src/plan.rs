@@ -184,12 +184,8 @@ impl Plan {
     /// Takes the limits of another plan; `None` if that has other loops.
     #[must_use]
     pub fn with_limits_of(mut self, other: &Self) -> Option<Self> {
-        if !self
-            .loops
-            .iter()
-            .map(ControlLoop::name)
-            .eq(other.loops.iter().map(ControlLoop::name))
-        {
+        let [ours, others] = [&self, other].map(|plan| plan.loops.iter().map(ControlLoop::name));
+        if !ours.eq(others) {
             return None;
         }
         for (one, other) in self.loops.iter_mut().zip(&other.loops) {
@@ -202,28 +198,20 @@ impl Plan {
     /// Returns the names of the external nodes, each once: the drives of a loop before its controller and its io node.
     #[must_use]
     pub fn external_names(&self) -> Vec<String> {
-        let mut names = Vec::new();
-        for one in &self.loops {
+        let external = self.loops.iter().flat_map(|one| {
             let nodes = [&one.nodes.drive, &one.nodes.controller].into_iter();
             let nodes = nodes.chain(&one.nodes.io);
-            for node in nodes.filter(|node| one.external.has(node)) {
-                if !names.contains(&node.name) {
-                    names.push(node.name.clone());
-                }
-            }
-        }
-        names
+            nodes.filter(|node| one.external.has(node))
+        });
+        each_once(external.map(|node| node.name.clone()))
     }
 
     /// Returns the nodes that are programs, each once: drives before their io nodes, the controller last.
     #[must_use]
     pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
-        let mut programs: Vec<(&Node, &NodeProgram)> = Vec::new();
-        for node in self.nodes() {
-            let is_new = programs.iter().all(|(other, _)| *other != node);
-            let program = self.shared.programs.get(&node.name);
-            programs.extend(program.filter(|_| is_new).map(|program| (node, program)));
-        }
+        let program = |node: &Node| self.shared.programs.get(&node.name);
+        let programs = self.nodes().filter_map(|node| Some((node, program(node)?)));
+        let mut programs = each_once(programs);
         programs.sort_by_key(|(node, _)| node.part == Part::Controller);
         programs
     }
@@ -316,13 +304,18 @@ impl Plan {
 /// Joins names in a row, each once.
 #[must_use]
 pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    let mut listed: Vec<&str> = Vec::new();
-    for name in names {
-        if !listed.contains(&name) {
-            listed.push(name);
+    each_once(names).join(", ")
+}
+
+/// Returns things in their order, each once.
+pub(crate) fn each_once<T: PartialEq>(things: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut once = Vec::new();
+    for thing in things {
+        if !once.contains(&thing) {
+            once.push(thing);
         }
     }
-    listed.join(", ")
+    once
 }
 
 /// Returns the database of a plan's bus.
@@ -565,12 +558,8 @@ impl ControlLoop {
     pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
         let messages = self.database.plant_messages(&self.nodes.drive.name);
         let signals = messages.flat_map(|message| &message.signals);
-        let measured = self
-            .trial
-            .wiring
-            .sensor
-            .measurand
-            .name(names::TRUE_POSITION);
+        let measurand = &self.trial.wiring.sensor.measurand;
+        let measured = measurand.name(names::TRUE_POSITION);
         signals.filter(move |signal| signal.name != measured)
     }
 

@@ -1,6 +1,6 @@
 //! Values that a sweep gives to variables of an FMU: the FMU decides which ones are admitted, and no schema knows it.
 
-use scenario::sweep::Sweep;
+use scenario::sweep::{LogUniform, Sweep, Uniform};
 use scenario::{Objection, Trial};
 
 /// Value of a sweep, with its place in the scenario and its key.
@@ -56,26 +56,32 @@ fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
             (path, list.key.as_str(), *value)
         }));
     }
-    for (index, range) in sweep.range.iter().enumerate() {
-        let path = format!("sweep.range.{index}");
-        let key = range.key.as_str();
-        values.push((format!("{path}.from"), key, range.from));
-        values.push((format!("{path}.to"), key, range.to));
-        let broken = range.values().into_iter().find(is_broken);
-        values.extend(broken.map(|value| (format!("{path}.key"), key, value)));
+    let mut between = |path: String, key, [from, to]: [f64; 2], broken: Option<f64>| {
+        let all = [("from", Some(from)), ("to", Some(to)), ("key", broken)];
+        let given = all.map(|(place, value)| Some((format!("{path}.{place}"), key, value?)));
+        values.extend(given.into_iter().flatten());
+    };
+    for (index, one) in sweep.range.iter().enumerate() {
+        let broken = one.values().into_iter().find(is_broken);
+        between(
+            format!("sweep.range.{index}"),
+            &*one.key,
+            [one.from, one.to],
+            broken,
+        );
     }
-    let uniform = sweep.uniform.iter().enumerate().map(|(index, one)| {
-        let path = format!("sweep.uniform.{index}");
-        (path, one.key.as_str(), [one.from, one.to])
-    });
-    let log_uniform = sweep.log_uniform.iter().enumerate().map(|(index, one)| {
-        let path = format!("sweep.log_uniform.{index}");
-        (path, one.key.as_str(), [one.from, one.to])
-    });
-    for (path, key, [from, to]) in uniform.chain(log_uniform) {
-        values.push((format!("{path}.from"), key, from));
-        values.push((format!("{path}.to"), key, to));
-        values.push((format!("{path}.key"), key, broken_between(from, to)));
+    for (index, Uniform { key, from, to }) in sweep.uniform.iter().enumerate() {
+        let broken = Some(broken_between(*from, *to));
+        between(format!("sweep.uniform.{index}"), key, [*from, *to], broken);
+    }
+    for (index, LogUniform { key, from, to }) in sweep.log_uniform.iter().enumerate() {
+        let broken = Some(broken_between(*from, *to));
+        between(
+            format!("sweep.log_uniform.{index}"),
+            key,
+            [*from, *to],
+            broken,
+        );
     }
     for (index, one) in sweep.normal.iter().enumerate() {
         let path = format!("sweep.normal.{index}");
