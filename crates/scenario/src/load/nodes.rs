@@ -1,7 +1,6 @@
 //! Reads rig files, and checks what the schema cannot express: how nodes are wired, and whether they fit.
 
 mod amplifiers;
-mod ids;
 mod names;
 mod sensors;
 mod served;
@@ -108,6 +107,7 @@ impl Rig {
         let check = Check {
             document,
             rig: &rig,
+            problems: Vec::new(),
         };
         problems.extend(check.problems());
         let problems = said_once(problems);
@@ -206,109 +206,109 @@ pub(super) fn fill<'text>(table: &mut DeTable<'text>, defaults: &DeTable<'text>)
 struct Check<'a> {
     document: &'a Document<'a>,
     rig: &'a Rig,
+    problems: Vec<Problem>,
 }
 
 impl Check<'_> {
-    fn problems(&self) -> Vec<Problem> {
-        let mut problems = Vec::from_iter(check::name(self.document, &self.rig.name));
-        problems.extend(self.names());
-        problems.extend(self.models());
-        problems.extend(self.fmus());
-        problems.extend(self.temperatures());
-        problems.extend(self.node_ids());
-        problems.extend(self.controllers());
-        problems.extend(self.nodes());
-        problems.extend(self.externals());
-        problems.extend(self.amplifiers());
-        problems.extend(self.sensors());
-        problems.extend(self.ports());
-        problems.extend(self.loops());
+    fn problems(mut self) -> Vec<Problem> {
+        let name = check::name(self.document, &self.rig.name);
+        self.problems.extend(name);
+        self.names();
+        self.plants();
+        self.node_ids();
+        self.controllers();
+        self.nodes();
+        self.externals();
+        self.amplifiers();
+        self.sensors();
+        self.ports();
+        self.loops();
         // An incomplete rig would cause more problems than it has.
-        if problems.is_empty() {
-            problems.extend(self.unserved());
+        if self.problems.is_empty() {
+            self.outputs_without_room();
+            self.idle_plants();
         }
-        problems
+        self.problems
     }
 
-    fn problem(&self, path: &str, message: String, label: impl Into<String>) -> Problem {
-        self.document.key_problem(path, message, label)
+    /// Reports a problem at the value at a path.
+    fn at(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
+        self.problems
+            .push(self.document.problem(path, message, label));
     }
 
-    fn models(&self) -> Vec<Problem> {
-        let models = |name: &String| self.document.keys(&format!("plant.{name}"));
-        let wrong = self.rig.plant.keys().filter(|name| models(name).len() != 1);
-        let problems = wrong.map(|name| {
-            let message = format!("the plant `{name}` needs one model");
-            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor], [plant.{name}.sma_pair] and [plant.{name}.fmu]");
-            self.problem(&format!("plant.{name}"), message, label)
-        });
-        problems.collect()
+    /// Reports a problem at the key at a path.
+    fn at_key(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
+        self.problems
+            .push(self.document.key_problem(path, message, label));
     }
 
-    /// Checks that an FMU is a file, and has ports to wire.
-    fn fmus(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    /// Reports a value that two places have.
+    fn twice(&mut self, [first, second]: [&str; 2], message: String, label: &str) {
+        let problem = self
+            .document
+            .problem(second, message, format!("and {label}"));
+        let first = self.document.span(first);
+        self.problems.push(problem.with_place(first, label));
+    }
+
+    /// Checks that each plant has one model, that an FMU is a file and has ports to wire, that the transformation temperatures of
+    /// wires are in order, and that wires cool to the temperature at which their memory begins.
+    fn plants(&mut self) {
         for (name, plant) in &self.rig.plant {
-            let Some(fmu) = &plant.fmu else { continue };
-            let mut lacks = |key: &str, label: &str| {
-                let message = format!("the plant `{name}` lacks `{key}`");
-                problems.push(self.problem(&format!("plant.{name}.fmu"), message, label));
-            };
-            if fmu.file.is_empty() {
-                lacks("file", "file = \"NAME.fmu\" is missing");
+            let path = format!("plant.{name}");
+            if self.document.keys(&path).len() != 1 {
+                let message = format!("the plant `{name}` needs one model");
+                let label = format!(
+                    "write one of [{path}.sma], [{path}.dc_motor], [{path}.sma_pair] and [{path}.fmu]"
+                );
+                self.at_key(&path, message, label);
             }
-            if fmu.ports.is_empty() {
-                let label = "no variable is a port: `canrig fmu FILE --rig` proposes some";
-                lacks("ports", label);
+            if let Some(fmu) = &plant.fmu {
+                let path = format!("{path}.fmu");
+                let mut lacks = |key: &str, label: &str| {
+                    self.at_key(&path, format!("the plant `{name}` lacks `{key}`"), label);
+                };
+                if fmu.file.is_empty() {
+                    lacks("file", "file = \"NAME.fmu\" is missing");
+                }
+                if fmu.ports.is_empty() {
+                    let label = "no variable is a port: `canrig fmu FILE --rig` proposes some";
+                    lacks("ports", label);
+                }
             }
-        }
-        problems
-    }
-
-    /// Finds wires whose transformation temperatures are out of order, and wires that never cool to the temperature at which
-    /// their memory begins.
-    fn temperatures(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        for (name, plant) in &self.rig.plant {
             let (kinetics, heat, phase) = match (&plant.sma, &plant.sma_pair) {
                 (Some(sma), _) => (sma.kinetics, &sma.heat, &sma.phase),
                 (None, Some(pair)) => (pair.kinetics, &pair.heat, &pair.phase),
                 (None, None) => continue,
             };
-            let (document, path) = (self.document, format!("plant.{name}.{}", plant.key()));
-            let found = check::temperatures(document, &format!("{path}.phase"), phase);
-            problems.extend(found);
-            problems.extend(check::cooling(document, &path, kinetics, heat, phase));
+            let path = format!("{path}.{}", plant.key());
+            let wrong = check::temperatures(self.document, &format!("{path}.phase"), phase);
+            self.problems.extend(wrong);
+            let warm = check::cooling(self.document, &path, kinetics, heat, phase);
+            self.problems.extend(warm);
         }
-        problems
     }
 
-    fn controllers(&self) -> Vec<Problem> {
-        let mut controllers = self.nodes_of_kind(NodeKind::Controller);
+    fn controllers(&mut self) {
+        let mut controllers = self.rig.of_kind(NodeKind::Controller);
         match (controllers.next(), controllers.next()) {
-            (Some(_), None) => Vec::new(),
+            (Some(_), None) => {}
             (None, _) => {
-                let message = "nobody leads the drives".to_owned();
-                let problem = self.problem("node", message, "no node has kind = \"controller\"");
-                vec![problem]
+                let label = "no node has kind = \"controller\"";
+                self.at_key("node", "nobody leads the drives", label);
             }
-            (Some(first), Some(second)) => {
-                let message = "a bus has one controller".to_owned();
-                let path = format!("node.{second}.kind");
-                let problem = self.document.problem(&path, message, "a second one");
-                let first = self.document.span(&format!("node.{first}.kind"));
-                vec![problem.with_place(first, "the first one")]
+            (Some((first, _)), Some((second, _))) => {
+                let (document, path) = (self.document, format!("node.{second}.kind"));
+                let problem = document.problem(&path, "a bus has one controller", "a second one");
+                let first = document.span(&format!("node.{first}.kind"));
+                (self.problems).push(problem.with_place(first, "the first one"));
             }
         }
-    }
-
-    fn nodes_of_kind(&self, kind: NodeKind) -> impl Iterator<Item = &str> {
-        self.rig.of_kind(kind).map(|(name, _)| name)
     }
 
     /// Checks that each node has the parts that its kind needs, and no others.
-    fn nodes(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    fn nodes(&mut self) {
         for (name, node) in &self.rig.node {
             let parts = [
                 ("amplifier", node.amplifier.is_some(), NodeKind::Drive),
@@ -320,57 +320,55 @@ impl Check<'_> {
                 if is_there && kind != node.kind {
                     let message = format!("`{name}` can have no {part}");
                     let label = "of another kind of node";
-                    problems.push(self.problem(&format!("{path}.{part}"), message, label));
+                    self.at_key(&format!("{path}.{part}"), message, label);
                 }
                 // The plant of an external drive need not be known.
                 if !is_there && kind == node.kind && node.is_ours() {
                     let message = format!("`{name}` lacks its {part}");
                     let label = format!("[node.{name}.{part}] is missing");
-                    problems.push(self.problem(&path, message, label));
+                    self.at_key(&path, message, label);
                 }
             }
         }
-        problems
     }
 
     /// Checks external nodes, and the facts that canrig must know of them.
-    fn externals(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    fn externals(&mut self) {
         for (name, node) in &self.rig.node {
             let path = format!("node.{name}");
             match (!node.is_ours(), node.kind) {
                 (false, _) | (true, NodeKind::Io) => {
-                    let keys = EXTERNAL_KEYS.map(|key| (key, format!("{path}.{key}")));
-                    let there = keys.into_iter().filter(|(_, path)| self.document.has(path));
-                    problems.extend(there.map(|(key, path)| {
-                        let message = format!("`{name}` can have no {key}");
-                        self.problem(&path, message, "only a drive with `limits` has this")
-                    }));
+                    for key in EXTERNAL_KEYS {
+                        let path = format!("{path}.{key}");
+                        if self.document.has(&path) {
+                            let message = format!("`{name}` can have no {key}");
+                            self.at_key(&path, message, "only a drive with `limits` has this");
+                        }
+                    }
                 }
                 (true, NodeKind::Controller) if !node.external => {}
                 (true, NodeKind::Controller) => {
-                    let message = "a rig file's controller is canrig's".to_owned();
+                    let message = "a rig file's controller is canrig's";
                     let path = format!("{path}.external");
                     let problem = self.document.problem(&path, message, "here");
-                    problems.push(problem.with_help(
+                    self.problems.push(problem.with_help(
                         "to test one of your own, leave this out and play with --external controller, or write program = [\"./controller\"]",
                     ));
                 }
-                (true, NodeKind::Drive) => problems.extend(self.external_drive(name)),
+                (true, NodeKind::Drive) => self.external_drive(name),
             }
             if node.kind == NodeKind::Io {
-                problems.extend(self.io_beside_external(name));
+                self.problems.extend(self.io_beside_external(name));
             }
         }
-        problems
     }
 
-    fn external_drive(&self, name: &str) -> Vec<Problem> {
+    fn external_drive(&mut self, name: &str) {
         let path = format!("node.{name}");
         let Some(real) = self.rig.real_drive(name) else {
             let message = format!("`{name}` lacks its limits");
             let label = format!("[node.{name}.limits] is missing: an external drive needs them");
-            return vec![self.problem(&path, message, label)];
+            return self.at_key(&path, message, label);
         };
         let RealDrive {
             drive,
@@ -378,10 +376,9 @@ impl Check<'_> {
             timeouts,
             ..
         } = &real;
-        let mut problems = Vec::new();
         let mut object = |key: &str, message: &str, label: &str| {
             let path = format!("{path}.{key}");
-            problems.push(self.document.problem(&path, message, label));
+            self.at(&path, message, label);
         };
         let eds = drive.eds.as_ref();
         if eds.is_some_and(|eds| !table::is_inside_folder(eds)) {
@@ -414,7 +411,6 @@ impl Check<'_> {
             let label = format!("must be above the heartbeat period of {period} ms");
             object("timeouts.drive_lost_milliseconds", message, &label);
         }
-        problems
     }
 
     /// Refuses an io node between an emulated and a real plant: a real fan cannot cool an emulated wire, nor an emulated one a
@@ -437,12 +433,11 @@ impl Check<'_> {
                 format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
             )
         };
-        Some(self.problem(&format!("node.{name}"), message, label))
+        Some((self.document).key_problem(&format!("node.{name}"), message, label))
     }
 
     /// Checks that each port exists, and that one node drives it.
-    fn ports(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    fn ports(&mut self) {
         let mut driven: BTreeMap<&str, String> = BTreeMap::new();
         for (name, node) in &self.rig.node {
             let amplifier = node.amplifier.iter().map(|part| {
@@ -462,24 +457,21 @@ impl Check<'_> {
                     if node.kind == NodeKind::Drive && node.is_ours() {
                         let message = format!("`{name}` is wired to no plant");
                         let label = format!("`{key}` is missing, as in \"PLANT.{wanted}\"");
-                        problems.push(self.problem(&path, message, label));
+                        self.at_key(&path, message, label);
                     }
                     continue;
                 };
-                problems.extend(self.port(&path, port, wanted));
+                self.problems.extend(self.port(&path, port, wanted));
                 if wanted == POSITION_PORT {
                     continue;
                 }
                 if let Some(first) = driven.get(port.as_str()) {
                     let message = format!("two nodes drive the port `{port}`");
-                    let place = self.document.span(first);
-                    let problem = self.document.problem(&path, message, "and this one");
-                    problems.push(problem.with_place(place, "this one"));
+                    self.twice([first, &path], message, "this one");
                 }
                 driven.entry(port).or_insert(path);
             }
         }
-        problems
     }
 
     /// Checks a port against the ports of its plant, where its model is known.
@@ -510,17 +502,18 @@ impl Check<'_> {
     }
 
     /// Checks that each loop has drives, and each drive one loop.
-    fn loops(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    fn loops(&mut self) {
+        let rig = self.rig;
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
         let mut is_one_in_two = false;
-        for (name, one) in &self.rig.loops {
+        for (name, one) in &rig.loops {
             let path = format!("loop.{name}.outputs");
             let is_led = |drive: &String| led.contains_key(drive.as_str());
             let first_is_led = one.drives.first().is_some_and(is_led);
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
-                problems.extend(self.output(&path, drive, &one.outputs[place]));
+                self.problems
+                    .extend(self.output(&path, drive, &one.outputs[place]));
                 if let Some(first) = led.get(drive.as_str()) {
                     let is_same = first.starts_with(&format!("loop.{name}."));
                     let message = if is_same {
@@ -528,34 +521,32 @@ impl Check<'_> {
                     } else {
                         format!("the drive `{drive}` is in two loops")
                     };
-                    let first = self.document.span(first);
-                    let problem = self.document.problem(&path, message, "and here");
-                    problems.push(problem.with_place(first, "here"));
+                    self.twice([first, &path], message, "here");
                     is_one_in_two |= !is_same;
                 }
                 led.entry(drive).or_insert(path);
             }
             // If the drive is the wrong one, the feedback may be right.
             if !first_is_led {
-                problems.extend(self.feedback(name, &one.feedback, &one.drives));
+                self.problems
+                    .extend(self.feedback(name, &one.feedback, &one.drives));
             }
         }
         // The schema has found a loop without a drive, and it is probably the loop that is missing here; so is one with another
         // loop's drive.
-        let is_said = is_one_in_two || self.rig.loops.values().any(|one| one.drives.is_empty());
-        let is_followed = |drive: &str| self.rig.loops.values().any(|one| one.followed() == drive);
-        for drive in self.nodes_of_kind(NodeKind::Drive) {
-            let is_watched = is_followed(drive) && self.rig.node[drive].is_ours();
+        let is_said = is_one_in_two || rig.loops.values().any(|one| one.drives.is_empty());
+        let is_followed = |drive: &str| rig.loops.values().any(|one| one.followed() == drive);
+        for (drive, node) in rig.of_kind(NodeKind::Drive) {
+            let is_watched = is_followed(drive) && node.is_ours();
             if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
                 let label = format!(
                     "name it in `outputs` of a loop, as in outputs = [\"{}\"]",
                     self.command_of(drive)
                 );
-                problems.push(self.problem(&format!("node.{drive}"), message, label));
+                self.at_key(&format!("node.{drive}"), message, label);
             }
         }
-        problems
     }
 
     /// Checks the drive that a loop commands, and its signal.
@@ -595,11 +586,11 @@ impl Check<'_> {
         let path = format!("loop.{name}.feedback");
         // A loop without a drive has been reported already.
         let first = drives.first()?;
-        let mut drives = self.nodes_of_kind(NodeKind::Drive);
-        if drives.all(|drive| drive != node) {
+        let drives = || self.rig.of_kind(NodeKind::Drive).map(|(name, _)| name);
+        if drives().all(|drive| drive != node) {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which no drive measures");
-            let label = match nearest(node, self.nodes_of_kind(NodeKind::Drive)) {
+            let label = match nearest(node, drives()) {
                 Some(meant) => format!("did you mean \"{meant}.{}\"?", self.signal_of(meant)),
                 None => format!("write \"{first}.{}\"", self.signal_of(first)),
             };

@@ -201,9 +201,8 @@ fn resolve(
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
     let (rig, mut problems) = overlaid.map_err(fail)?;
     let programs = programs(&rig, files);
-    let named = (&rig, &programs);
     let (sheets, wrong) = find_files(
-        named,
+        (&rig, &programs),
         files,
         &rig_document,
         reading,

@@ -2,13 +2,11 @@
 
 use super::Check;
 use crate::current::COUNTS_MAX;
-use crate::error::Problem;
 use crate::port::Command;
 
 impl Check<'_> {
     /// Checks that 16 bits hold the currents, in thousandths of the rated one.
-    pub(super) fn amplifiers(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    pub(super) fn amplifiers(&mut self) {
         for (name, node) in &self.rig.node {
             let Some(amplifier) = &node.amplifier else {
                 continue;
@@ -20,12 +18,12 @@ impl Check<'_> {
                 let message = format!("`{name}` is external and would give a {}", command.signal());
                 let label = "the limits of a real drive are those of a current";
                 let path = format!("{path}.port");
-                problems.push(self.document.problem(&path, message, label));
+                self.at(&path, message, label);
             }
             if !is_current && amplifier.i2t.is_some() {
                 let message = format!("`{name}` gives a {}", command.signal());
                 let label = "i2t is the protection of an amplifier that gives a current";
-                problems.push(self.problem(&format!("{path}.i2t"), message, label));
+                self.at_key(&format!("{path}.i2t"), message, label);
             }
             let range = amplifier.range();
             let symbol = command.symbol();
@@ -43,9 +41,8 @@ impl Check<'_> {
                 // In milliamperes, as in 0x6075, so that the suggested current is large enough.
                 let rated = libm::ceil(current.abs() / COUNTS_MAX * 1e6) / 1e3;
                 let label = format!("write rated = {rated:.3} or more");
-                problems.push(self.document.problem(&path, message, label));
+                self.at(&path, message, label);
             }
         }
-        problems
     }
 }

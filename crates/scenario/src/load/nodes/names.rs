@@ -1,10 +1,9 @@
-//! Checks the names of plants, nodes and loops.
+//! Checks the names of plants, nodes and loops, and the node-IDs.
 
 use std::collections::BTreeMap;
 
 use super::Check;
 use crate::custom::is_name;
-use crate::error::Problem;
 use crate::rig::nodes::RigLoop;
 use crate::schema;
 
@@ -21,14 +20,13 @@ const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
 
 impl Check<'_> {
     /// Checks that other files can use each name, and that each name has one meaning.
-    pub(super) fn names(&self) -> Vec<Problem> {
+    pub(super) fn names(&mut self) {
         let rig = self.rig;
         let named = [
             ("plant", Vec::from_iter(rig.plant.keys())),
             ("node", Vec::from_iter(rig.node.keys())),
             ("loop", Vec::from_iter(rig.loops.keys())),
         ];
-        let mut problems = Vec::new();
         let mut taken: BTreeMap<&str, String> = BTreeMap::new();
         for (kind, names) in named {
             for name in names {
@@ -36,7 +34,7 @@ impl Check<'_> {
                 if !is_name(name) {
                     let message = format!("`{name}` can be no name of a {kind}");
                     let label = "small letters, digits and underscores, a letter first";
-                    problems.push(self.problem(&path, message, label));
+                    self.at_key(&path, message, label);
                 }
                 let is_word = NOT_A_LOOP.contains(&name.as_str())
                     || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
@@ -52,7 +50,7 @@ impl Check<'_> {
                 };
                 if let Some(label) = label {
                     let message = format!("a {kind} cannot be called `{name}`");
-                    problems.push(self.problem(&path, message, label));
+                    self.at_key(&path, message, label);
                 }
                 // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
                 let may_be_called_so =
@@ -62,14 +60,30 @@ impl Check<'_> {
                 if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
                     let message = format!("`{name}` is the name of two things");
                     let place = self.document.key_span(first);
-                    let problem = self.problem(&path, message, format!("a {kind} here"));
+                    let label = format!("a {kind} here");
+                    let problem = self.document.key_problem(&path, message, label);
                     let first = first.split('.').next().unwrap_or_default();
-                    problems.push(problem.with_place(place, &format!("a {first} here")));
+                    self.problems
+                        .push(problem.with_place(place, &format!("a {first} here")));
                 }
                 taken.entry(name).or_insert(path);
             }
         }
-        problems
+    }
+
+    /// Checks that each node-ID is given once.
+    pub(super) fn node_ids(&mut self) {
+        let mut taken: BTreeMap<u8, &str> = BTreeMap::new();
+        for (name, node) in &self.rig.node {
+            let id = node.node_id;
+            let path = format!("node.{name}.node_id");
+            if let Some(other) = taken.get(&id) {
+                let message =
+                    format!("`{other}` and `{name}` have the same node-ID {id} (0x{id:X})");
+                self.twice([&format!("node.{other}.node_id"), &path], message, "here");
+            }
+            taken.entry(id).or_insert(name);
+        }
     }
 
     /// Checks whether a loop has drives, and all of them are its own.

@@ -11,8 +11,7 @@ const STEPS_OF_A_COUNT: f64 = 2.0;
 
 impl Check<'_> {
     /// Checks that ranges begin below their ends, and that units are known.
-    pub(super) fn sensors(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
+    pub(super) fn sensors(&mut self) {
         for (name, node) in &self.rig.node {
             let Some(sensor) = &node.sensor else {
                 continue;
@@ -23,26 +22,26 @@ impl Check<'_> {
             if !is_name(unit.word()) {
                 let message = format!("`{unit}` is no unit");
                 let label = "a word, as names of ports end in: degrees";
-                problems.push(self.document.problem(&path("sensor.unit"), message, label));
+                self.at(&path("sensor.unit"), message, label);
                 continue;
             }
             let path_of_signal = path("sensor.signal");
             if !is_name(signal) {
                 let message = format!("`{signal}` is not the name of a signal");
                 let label = "a word, as in signal = \"speed\"";
-                problems.push(self.document.problem(&path_of_signal, message, label));
+                self.at(&path_of_signal, message, label);
             } else if measurand.is_ambiguous() {
                 let message = format!("`{signal}` is the name of something else of a loop");
                 let label = "another word, as in signal = \"speed\"";
-                problems.push(self.document.problem(&path_of_signal, message, label));
+                self.at(&path_of_signal, message, label);
             }
             if *unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
                 let message = format!("the sensor of `{name}` has no range");
                 let label = format!("`min` and `max` are missing, in {unit}");
-                problems.push(self.problem(&path("sensor"), message, label));
+                self.at_key(&path("sensor"), message, label);
                 continue;
             }
-            problems.extend(self.increment(name, node, sensor));
+            self.problems.extend(self.increment(name, node, sensor));
             let plausible = node.plausible.unwrap_or_default();
             for (part, min, max) in [
                 ("sensor", sensor.min.or(Some(0.0)), sensor.max),
@@ -58,7 +57,7 @@ impl Check<'_> {
                     let problem =
                         (self.document).problem(&path(&format!("{part}.max")), message, label);
                     let lowest = path(&format!("{part}.min"));
-                    problems.push(if self.document.has(&lowest) {
+                    self.problems.push(if self.document.has(&lowest) {
                         problem.with_place(self.document.span(&lowest), "the lowest")
                     } else {
                         problem
@@ -66,7 +65,6 @@ impl Check<'_> {
                 }
             }
         }
-        problems
     }
 
     /// Checks the count of the drive's position: its 32 bits must hold the ends of the range, and it must resolve the converter's
