@@ -8,7 +8,6 @@ use std::time::Duration;
 use plan::Plan;
 use platform::lockstep::{Local, Participant};
 use sha2::{Digest, Sha256};
-use worlds::lockstep::Role;
 
 use crate::net::judged_again;
 use crate::real_time::in_real_time;
@@ -280,16 +279,6 @@ impl platform::lockstep::Participant for Asked<'_> {
     }
 }
 
-/// Returns the roles of plant emulator, canrig's own node and controller.
-fn roles<'a, P: Participant>(plan: &Plan, participants: &'a mut [P; 3]) -> Vec<Role<'a>> {
-    let [plant_emulator, bench, controller] = participants;
-    vec![
-        Role::plant(plan, plant_emulator),
-        Role::bench(bench),
-        Role::controller(controller),
-    ]
-}
-
 fn in_folder(parent: &Path) -> runner::run::RunPlace<'_> {
     runner::run::RunPlace {
         parent,
@@ -338,8 +327,10 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
                     Asked(Local::new("bench", &mut bench)),
                     Asked(Local::new("controller", &mut controller)),
                 ];
-                let roles = roles(&source, &mut participants);
-                play(&source, roles, capture, None).map(Played::in_virtual_time)
+                let participants = participants
+                    .each_mut()
+                    .map(|one| one as &mut dyn Participant);
+                play(&source, participants.into(), capture, None).map(Played::in_virtual_time)
             },
         )
         .unwrap();
@@ -490,8 +481,10 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
                     Local::new("bench", &mut bench),
                     Local::new("controller", &mut controller),
                 ];
-                let roles = roles(&source, &mut participants);
-                worlds::lockstep::play(&source, roles, capture, Some(&mut sleeper))
+                let participants = participants
+                    .each_mut()
+                    .map(|one| one as &mut dyn Participant);
+                worlds::lockstep::play(&source, participants.into(), capture, Some(&mut sleeper))
                     .map(Played::in_virtual_time)
             },
         )

@@ -126,11 +126,13 @@ pub(crate) struct Coordinator<'a> {
 }
 
 impl<'a> Coordinator<'a> {
-    /// Makes an idle bus at time 0 with these participants, which are named by their index afterwards and asked in this order.
+    /// Makes an idle bus at time 0 with these participants, which are named by their index afterwards, also by the faults of the
+    /// bus, and asked in this order.
     #[must_use]
     pub(crate) fn new(
         bitrate_kilobits_per_second: u32,
-        participants: impl IntoIterator<Item = &'a mut dyn Participant>,
+        participants: Vec<&'a mut dyn Participant>,
+        faults: Option<BusFaults>,
     ) -> Self {
         let mut slots: Vec<Slot<'_>> = participants.into_iter().map(Slot::new).collect();
         for index in 0..slots.len() {
@@ -143,18 +145,11 @@ impl<'a> Coordinator<'a> {
             listeners: Listeners::new(slots.iter().map(|slot| slot.accepted.clone()).collect()),
             slots,
             bus: BusModel::new(bitrate_kilobits_per_second),
-            faults: None,
+            faults,
             in_flight: None,
             now: Duration::ZERO,
             horizon: Duration::MAX,
         }
-    }
-
-    /// Adds the faults of the bus, which name the participants by the same index.
-    #[must_use]
-    pub(crate) fn with_faults(mut self, faults: Option<BusFaults>) -> Self {
-        self.faults = faults;
-        self
     }
 
     /// Returns the virtual time.

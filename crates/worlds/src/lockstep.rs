@@ -11,7 +11,7 @@ use platform::lockstep::{Local, Participant};
 use crate::after_end::{self, ANSWER_TIME};
 use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
-use crate::bus_model::faults::{BusFaults, Seat};
+use crate::bus_model::faults::BusFaults;
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::law_process::LawPlace;
@@ -21,7 +21,6 @@ use crate::played::End;
 use crate::programs::{Guests, Hosting, Seated};
 use plan::Plan;
 use recording::capture::Capture;
-use scenario::node::{Node, Part};
 
 /// Number of events between two looks at the clock.
 const EVENTS_PER_LOOK: u64 = 32;
@@ -31,48 +30,6 @@ const FLUSH_PERIOD: Duration = Duration::from_millis(20);
 const NO_START: WorldError = WorldError::NoStart {
     patience: START_PATIENCE,
 };
-
-/// Participant of a run.
-pub struct Role<'a> {
-    /// CAN controller of the participant, by which the faults of the bus name it.
-    seat: Seat,
-    participant: &'a mut dyn Participant,
-}
-
-impl<'a> Role<'a> {
-    /// Makes the role of a plant with the drives that move it. They share the CAN controller of the first drive.
-    pub fn plant(plan: &Plan, participant: &'a mut dyn Participant) -> Self {
-        Self {
-            seat: Seat::of_plant(participant.name(), plan),
-            participant,
-        }
-    }
-
-    /// Makes the role of a node that canrig does not run itself.
-    pub(crate) fn guest(node: &Node, participant: &'a mut dyn Participant) -> Self {
-        let seat = match node.part {
-            Part::Controller => Seat::Controller,
-            _ => Seat::Drive(node.id),
-        };
-        Self { seat, participant }
-    }
-
-    /// Makes the role of canrig's own node.
-    pub fn bench(participant: &'a mut dyn Participant) -> Self {
-        Self {
-            seat: Seat::Bench,
-            participant,
-        }
-    }
-
-    /// Makes the role of the manager.
-    pub fn controller(participant: &'a mut dyn Participant) -> Self {
-        Self {
-            seat: Seat::Controller,
-            participant,
-        }
-    }
-}
 
 /// Runs the scenario in this process, with its external programs.
 ///
@@ -100,29 +57,24 @@ fn play_here(
     guests: &mut Guests,
     capture: &mut Capture<'_>,
 ) -> Result<End, WorldError> {
-    let mut emulators = Vec::new();
+    let mut ours = Vec::new();
     for name in names::played_emulators(plan) {
-        emulators.push((name, nodes::plant_emulator(plan, name)?));
+        ours.push((name, nodes::plant_emulator(plan, name)?));
     }
     let mut bench = BenchNode::new(plan)?;
-    let views = nodes::controller_views(plan);
-    let make = move || nodes::make_controller(&views, &laws);
-    let is_ours = !plan.is_external(plan.controller());
-    let mut controller = is_ours
-        .then(|| nodes::faulty_controller(make, plan, |_| false))
-        .transpose()?;
-    let emulators = emulators.iter_mut();
-    let mut emulators =
-        Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
+    let controller = plan.controller();
+    if !plan.is_external(controller) {
+        let views = nodes::controller_views(plan);
+        let make = move || nodes::make_controller(&views, &laws);
+        let node = nodes::faulty_controller(make, plan, |_| false)?;
+        ours.push((controller.name.as_str(), node));
+    }
+    let ours = ours.iter_mut();
+    let mut ours = Vec::from_iter(ours.map(|(name, node)| Local::new(*name, &mut **node)));
     let mut seat = Local::new(BENCH, &mut bench);
-    let mut controller = controller
-        .as_mut()
-        .map(|node| Local::new(&plan.controller().name, &mut **node));
-    let drives = emulators.iter_mut().map(|one| Role::plant(plan, one));
-    let controller = controller.as_mut().map(|one| Role::controller(one));
     let mut guests = guests.participants();
-    let roles = in_order(drives, &mut guests, &mut seat, controller);
-    let played = play(plan, roles, capture, None);
+    let participants = in_order(plan, ours.iter_mut(), &mut guests, &mut seat);
+    let played = play(plan, participants, capture, None);
     or_violation(played, &bench)
 }
 
@@ -140,23 +92,18 @@ pub(crate) fn or_violation(
 }
 
 /// Returns the participants in the order in which they are asked: drives, canrig's own node, the controller.
-pub(crate) fn in_order<'a>(
-    drives: impl Iterator<Item = Role<'a>>,
-    guests: &'a mut [(Node, Seated<'_>)],
+pub(crate) fn in_order<'a, P: Participant + 'a>(
+    plan: &Plan,
+    ours: impl Iterator<Item = &'a mut P>,
+    guests: &'a mut [Seated<'_>],
     bench: &'a mut dyn Participant,
-    controller: Option<Role<'a>>,
-) -> Vec<Role<'a>> {
-    let mut roles = Vec::from_iter(drives);
-    for (node, participant) in guests {
-        roles.push(Role::guest(node, participant.participant()));
-    }
-    roles.extend(controller);
-    let is_last_a_manager = roles
-        .last()
-        .is_some_and(|role| role.seat == Seat::Controller);
-    let at = roles.len() - usize::from(is_last_a_manager);
-    roles.insert(at, Role::bench(bench));
-    roles
+) -> Vec<&'a mut dyn Participant> {
+    let ours = ours.map(|one| one as &mut dyn Participant);
+    let guests = guests.iter_mut().map(Seated::participant);
+    let mut all = Vec::from_iter(ours.chain(guests).chain([bench]));
+    let manager = &plan.controller().name;
+    all.sort_by_key(|one| (one.name() == manager, one.name() == BENCH));
+    all
 }
 
 /// Plays the loops with these participants. The last one is the manager. It is the first to stop, since it switches the current
@@ -166,28 +113,24 @@ pub(crate) fn in_order<'a>(
 /// If a participant or the wire failed, or the recording cannot be written.
 pub fn play(
     plan: &Plan,
-    roles: Vec<Role<'_>>,
+    participants: Vec<&mut dyn Participant>,
     capture: &mut Capture<'_>,
     wire: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
-    let seats = roles.iter().map(|role| role.seat).collect();
-    let names: Vec<String> = roles
-        .iter()
-        .map(|role| role.participant.name().to_owned())
-        .collect();
-    let participants = roles.into_iter().map(|role| role.participant);
-    let faults = BusFaults::new(plan, seats)?;
-    let mut coordinator = Coordinator::new(
-        plan.shared.run.bus.bitrate_kilobits_per_second,
-        participants,
-    )
-    .with_faults(faults);
+    let names = participants.iter().map(|one| one.name().to_owned());
+    let names = Vec::from_iter(names);
+    let faults = BusFaults::new(plan, &names)?;
+    let bitrate = plan.shared.run.bus.bitrate_kilobits_per_second;
+    let mut coordinator = Coordinator::new(bitrate, participants, faults);
     let mut wire = Wire { capture, bus: wire };
     let (end, is_faulty) = (plan.duration(), plan.has_faults());
     let ended = run_until(&mut coordinator, &mut wire, end, is_faulty);
     let mut left = BTreeSet::from_iter(0..names.len());
-    if let Err(error) = &ended
-        && let Some(dead) = names.iter().position(|name| is_gone(name, error))
+    // The participant whose loss ended the run: its process has ended or hangs, or it gave up.
+    if let Err(WorldError::Coordinator(error)) = &ended
+        && let Some(dead) = names
+            .iter()
+            .position(|name| error.participant() == Some(name))
     {
         wire.capture.break_off();
         coordinator.leave_out(dead);
@@ -202,11 +145,6 @@ pub fn play(
     let end = ended?;
     stop(&mut coordinator, &mut wire, &names, &left, is_faulty)?;
     Ok(end)
-}
-
-/// Returns whether the loss of this participant ended the run: its process has ended or hangs, or it gave up.
-fn is_gone(name: &str, error: &WorldError) -> bool {
-    matches!(error, WorldError::Coordinator(error) if error.participant() == Some(name))
 }
 
 /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.

@@ -13,7 +13,7 @@ use crate::coordinator::CoordinatorError;
 use crate::error::WorldError;
 use crate::fmu_plant::more_patience;
 use crate::law_process;
-use crate::lockstep::{self, Role};
+use crate::lockstep;
 use crate::names::{self, BENCH};
 use crate::played::{End, Played};
 use crate::programs::{Guests, Hosting};
@@ -117,7 +117,6 @@ fn play(
     let mut processes = Vec::new();
     let mut channels = Vec::new();
     let emulators = names::played_emulators(plan);
-    let count = emulators.len();
     let controller = plan.controller();
     let controller = (!plan.is_external(controller)).then_some(controller.name.as_str());
     for name in emulators.into_iter().chain(controller) {
@@ -136,13 +135,10 @@ fn play(
         }
         let mut bench = BenchNode::new(plan)?;
         let mut seat = Local::new(BENCH, &mut bench);
-        let (emulators, manager) = remotes.split_at_mut(count);
-        let drives = emulators.iter_mut().map(|one| Role::plant(plan, one));
-        let manager = manager.first_mut().map(|one| Role::controller(one));
         let mut guests = guests.participants();
-        let roles = lockstep::in_order(drives, &mut guests, &mut seat, manager);
+        let participants = lockstep::in_order(plan, remotes.iter_mut(), &mut guests, &mut seat);
         let wire = wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus);
-        let played = lockstep::play(plan, roles, capture, wire);
+        let played = lockstep::play(plan, participants, capture, wire);
         lockstep::or_violation(played, &bench)
     })();
     with_end(played, &mut processes)

@@ -250,20 +250,20 @@ fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldErro
     let Some(program) = program else {
         return CoordinatorError::from(error).into();
     };
-    let (what, patience) = match &error {
-        LockstepError::Ended { .. } => ("closed its channel".to_owned(), CLOSED_PATIENCE),
+    let what = match &error {
+        LockstepError::Ended { name } => {
+            return program.broken(name, "closed its channel".to_owned(), CLOSED_PATIENCE);
+        }
         LockstepError::NoAnswer { patience, .. } => {
-            let what = format!("gave no answer within {} s", patience.as_secs());
-            (what, Duration::ZERO)
+            format!("gave no answer within {} s", patience.as_secs())
         }
         LockstepError::Protocol { source, .. } => {
-            let what = format!("answered with what is no answer: {source}");
-            (what, Duration::ZERO)
+            format!("answered with what is no answer: {source}")
         }
-        LockstepError::Step { source, .. } => (source.to_string(), Duration::ZERO),
+        LockstepError::Step { source, .. } => source.to_string(),
         LockstepError::Channel { .. } => return CoordinatorError::from(error).into(),
     };
-    program.broken(error.name(), what, patience)
+    program.broken(error.name(), what, Duration::ZERO)
 }
 
 /// Node at its seat.
@@ -410,7 +410,8 @@ impl Seated<'_> {
 /// Node of a run that canrig does not run itself.
 enum Guest {
     Plain(Box<ProgramNode>),
-    Faulty(Box<Faulty<Asked>>, Node),
+    /// The node with its name.
+    Faulty(Box<Faulty<Asked>>, String),
 }
 
 /// Nodes of a run that canrig does not run itself, at their seats.
@@ -429,7 +430,7 @@ impl Guests {
                 let faults = faults_at(plan, &order.node);
                 let clock = plan.scenario_clock()?;
                 let faulty = Faulty::new(Asked::new(node), faults, clock, Asked::renew);
-                Guest::Faulty(Box::new(faulty), order.node)
+                Guest::Faulty(Box::new(faulty), order.node.name)
             } else {
                 Guest::Plain(Box::new(node))
             });
@@ -438,17 +439,12 @@ impl Guests {
     }
 
     /// Returns them as participants, the controller last.
-    pub(crate) fn participants(&mut self) -> Vec<(Node, Seated<'_>)> {
-        fn participant(guest: &mut Guest) -> (Node, Seated<'_>) {
-            match guest {
-                Guest::Plain(node) => (node.order.node.clone(), Seated::Plain(&mut node.remote)),
-                Guest::Faulty(faulty, node) => {
-                    let seat = Local::new(&node.name, &mut **faulty);
-                    (node.clone(), Seated::Asked(seat))
-                }
-            }
-        }
-        self.0.iter_mut().map(participant).collect()
+    pub(crate) fn participants(&mut self) -> Vec<Seated<'_>> {
+        let participants = self.0.iter_mut().map(|guest| match guest {
+            Guest::Plain(node) => Seated::Plain(&mut node.remote),
+            Guest::Faulty(faulty, name) => Seated::Asked(Local::new(&*name, &mut **faulty)),
+        });
+        participants.collect()
     }
 
     /// Ends them after a run; returns the result of the run.

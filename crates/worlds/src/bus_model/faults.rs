@@ -11,7 +11,7 @@ use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use plan::Plan;
 use scenario::fault::{Fault, Group};
-use scenario::node::{Node, Part};
+use scenario::node::Part;
 
 use super::error_state::{Activity, ErrorState};
 use crate::names::emulator_name;
@@ -32,34 +32,14 @@ const FOREIGN: [&str; 2] = ["babble", "load"];
 /// Frame with the time from which it waits.
 type Timed = (Duration, CanFrame);
 
-/// CAN controller on a bus of several loops, named by its owner.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Seat {
-    /// The manager.
-    Controller,
-    /// The drive with this node-ID, and the disturbance module on the same CAN controller.
-    Drive(u8),
-    /// canrig's own node.
-    Bench,
-}
+/// CAN controller on a bus, named by the node-ID of its owner; 0 for canrig's own node.
+type Seat = u8;
 
-impl Seat {
-    /// Returns the CAN controller of a plant's emulator: the first drive's.
-    pub(crate) fn of_plant(emulator: &str, plan: &Plan) -> Self {
-        Self::Drive(drives_of(emulator, plan).min().unwrap_or_default())
-    }
-
-    /// Returns the CAN controller of a node. The drives of a plant share the first drive's.
-    fn new(node: &Node, plan: &Plan) -> Self {
-        match node.part {
-            Part::Controller => Self::Controller,
-            Part::Drive | Part::Io => {
-                let first = drives_beside(node.id, plan).into_iter().min();
-                Self::Drive(first.unwrap_or(node.id))
-            }
-            Part::Bench => Self::Bench,
-        }
-    }
+/// Returns the CAN controller of a participant: that of a node, or of the first drive for a plant's emulator.
+fn seat_of(participant: &str, plan: &Plan) -> Seat {
+    let node = plan.nodes().find(|node| node.name == participant);
+    let first = || drives_of(participant, plan).min();
+    node.map(|node| node.id).or_else(first).unwrap_or_default()
 }
 
 /// Returns the node-IDs of the drives that move the plant of a drive, with its own.
@@ -104,7 +84,11 @@ impl Hitting {
         let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive));
         Self {
             identifier: identifier(&fault),
-            seat: node.map(|node| Seat::new(node, plan)),
+            // The drives of a plant share the first drive's.
+            seat: node.map(|node| {
+                let beside = drives_beside(node.id, plan);
+                beside.into_iter().min().unwrap_or(node.id)
+            }),
             sender: drive.filter(|drive| is_of_sender && shares_a_plant(drive)),
             stream: Stream::for_fault(seed, &fault),
             burst_left: 0,
@@ -198,12 +182,14 @@ impl BusFaults {
     ///
     /// # Errors
     /// If the database has no statusword, from which scenario time follows.
-    pub(crate) fn new(plan: &Plan, seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
+    pub(crate) fn new(plan: &Plan, participants: &[String]) -> Result<Option<Self>, SignalMissing> {
         let faults = &plan.shared.run.faults;
         if faults.in_group(Group::Bus).next().is_none() {
             return Ok(None);
         }
         let foreign = FOREIGN.into_iter().flat_map(|kind| faults.of(kind));
+        let seats = participants.iter().map(|name| seat_of(name, plan));
+        let seats = Vec::from_iter(seats);
         Ok(Some(Self {
             hitting: faults
                 .in_group(Group::Bus)
@@ -221,6 +207,23 @@ impl BusFaults {
     /// Observes each frame that has passed.
     pub(crate) fn observe(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
+    }
+
+    /// Returns the faults of a kind at a participant that hit a frame. Count them to the end: every fault is asked, so that none
+    /// depends on another.
+    fn hits(
+        &mut self,
+        kind: &'static str,
+        index: usize,
+        seconds: f64,
+        frame: CanFrame,
+    ) -> impl Iterator<Item = &mut Hitting> {
+        let seat = self.seats[index];
+        let is_meant = move |one: &Hitting| {
+            one.fault.kind.name == kind && one.seat.is_none_or(|hit| hit == seat)
+        };
+        let faults = self.hitting.iter_mut();
+        faults.filter_map(move |one| (is_meant(one) && one.hits(seconds, &frame)).then_some(one))
     }
 
     fn seconds(&self, time: Duration) -> Option<f64> {
@@ -248,29 +251,17 @@ impl BusFaults {
         let Some(seconds) = self.seconds(time) else {
             return vec![(time, frame)];
         };
-        let seat = self.seats[index];
-        for corrupt in at_seat(&mut self.hitting, "corrupt", seat) {
-            if corrupt.hits(seconds, &frame) {
-                let bits = corrupt.fault.whole("inverted_bits").unwrap_or_default();
-                frame = inverted(&frame, bits, &mut corrupt.stream);
-            }
+        for corrupt in self.hits("corrupt", index, seconds, frame) {
+            let bits = corrupt.fault.whole("inverted_bits").unwrap_or_default();
+            frame = inverted(&frame, bits, &mut corrupt.stream);
         }
-        let mut leaves = time;
-        for delay in at_seat(&mut self.hitting, "delay", seat) {
-            if delay.hits(seconds, &frame) {
-                let seconds = delay.fault.number("delay_milliseconds") * 1e-3;
-                leaves += Duration::from_secs_f64(seconds);
-            }
-        }
-        let mut copies = 1;
-        for duplicate in at_seat(&mut self.hitting, "duplicate", seat) {
-            copies += usize::from(duplicate.hits(seconds, &frame));
-        }
-        let mut is_overtaken = false;
-        for reorder in at_seat(&mut self.hitting, "reorder", seat) {
-            is_overtaken |= reorder.hits(seconds, &frame);
-        }
-        if is_overtaken {
+        let delays = self.hits("delay", index, seconds, frame).map(|delay| {
+            let milliseconds = delay.fault.number("delay_milliseconds");
+            Duration::from_secs_f64(milliseconds * 1e-3)
+        });
+        let leaves = time + delays.sum::<Duration>();
+        let copies = 1 + self.hits("duplicate", index, seconds, frame).count();
+        if self.hits("reorder", index, seconds, frame).count() > 0 {
             self.held[index].push(frame);
             return Vec::new();
         }
@@ -281,16 +272,8 @@ impl BusFaults {
 
     /// Returns whether a receiver overruns on this frame.
     pub(crate) fn misses(&mut self, index: usize, time: Duration, frame: &CanFrame) -> bool {
-        let Some(seconds) = self.seconds(time) else {
-            return false;
-        };
-        let seat = self.seats[index];
-        let mut is_missed = false;
-        // Every fault is asked, so that none depends on another.
-        for lose in at_seat(&mut self.hitting, LOSE, seat) {
-            is_missed |= lose.hits(seconds, frame);
-        }
-        is_missed
+        let seconds = self.seconds(time);
+        seconds.is_some_and(|seconds| self.hits(LOSE, index, seconds, *frame).count() > 0)
     }
 
     /// Returns after how many of the frame's bits this transmission is disturbed; `None` if it is not.
@@ -302,15 +285,10 @@ impl BusFaults {
         bits: u32,
     ) -> Option<u32> {
         let seconds = self.seconds(time).filter(|_| !is_truth(frame))?;
-        let seat = self.seats[index];
-        let mut disturbed = None;
-        for error in at_seat(&mut self.hitting, "bit_error", seat) {
-            if error.hits(seconds, frame) {
-                let place = error.stream.below(u64::from(bits));
-                disturbed = Some(1 + u32::try_from(place).unwrap_or_default());
-            }
-        }
-        disturbed
+        let errors = self.hits("bit_error", index, seconds, *frame);
+        let places = errors.map(|error| error.stream.below(u64::from(bits)));
+        let last = places.last()?;
+        Some(1 + u32::try_from(last).unwrap_or_default())
     }
 
     /// Returns the time at which a foreign node next wants to send, if the bus is free from `free_at` on.
@@ -354,11 +332,7 @@ impl BusFaults {
     /// Returns the number of a participant's node, for its error messages.
     #[must_use]
     pub(crate) fn node_number(&self, index: usize) -> u8 {
-        match self.seats[index] {
-            Seat::Controller => 0x01,
-            Seat::Drive(node_id) => node_id,
-            Seat::Bench => 0,
-        }
+        self.seats[index]
     }
 }
 
@@ -373,18 +347,6 @@ pub(crate) fn is_truth(frame: &CanFrame) -> bool {
 fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
     let place = outbox.partition_point(|(other, _)| *other <= time);
     outbox.insert(place, (time, frame));
-}
-
-/// Returns the faults of a kind that hit a participant.
-fn at_seat<'a>(
-    faults: &'a mut [Hitting],
-    kind: &'static str,
-    seat: Seat,
-) -> impl Iterator<Item = &'a mut Hitting> {
-    let is_meant = move |one: &&mut Hitting| {
-        one.fault.kind.name == kind && one.seat.is_none_or(|hit| hit == seat)
-    };
-    faults.iter_mut().filter(is_meant)
 }
 
 /// Returns the frame with some bits of its payload inverted.

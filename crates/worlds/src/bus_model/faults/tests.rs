@@ -12,9 +12,8 @@ fn faults(tables: &str) -> BusFaults {
     );
     let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
     let plan = Plan::new(scenario, &Catalogue::shipped());
-    let mut faults = BusFaults::new(&plan, vec![Seat::Drive(0x10)])
-        .unwrap()
-        .unwrap();
+    let participants = ["plant-emulator".to_owned()];
+    let mut faults = BusFaults::new(&plan, &participants).unwrap().unwrap();
     faults.observe(
         Duration::ZERO,
         &CanFrame::new(0x190, &[0x37, 2, 0, 0, 0, 0, 0, 0]),
