@@ -213,29 +213,21 @@ fn disturbances(
     let outputs = message_name(&io.name, RPDO1);
     let mut wirings = one.trial.wiring.io.iter();
     let wiring = wirings.find(|wiring| wiring.node == *io);
-    let require = |is_wired: bool, name| {
-        let signal = is_wired.then(|| database.signal_of(&outputs, name));
-        signal.transpose()
+    let signal = |name| database.signal_of(&outputs, name);
+    let fan_and_load = if wiring.is_some_and(|wiring| wiring.first_output() > 0) {
+        Some([signal(CONVECTION_FACTOR)?, signal(ADDED_LOAD)?])
+    } else {
+        None
     };
-    let has_both = wiring.is_some_and(|wiring| wiring.first_output() > 0);
-    let convection_factor = require(has_both, CONVECTION_FACTOR)?;
-    let added_load = require(has_both, ADDED_LOAD)?;
-    let others = one
-        .io_outputs(io)
-        .iter()
-        .map(|output| Ok((output, database.signal_of(&outputs, &output.port.name)?)));
+    let others = one.io_outputs(io).iter();
+    let others = others.map(|output| Ok((output, signal(&output.port.name)?)));
     let others = others.collect::<Result<Vec<_>, SignalMissing>>()?;
-    let mut message = database
-        .builder(&outputs)
-        .ok_or_else(|| SignalMissing::new(&outputs))?;
+    let message = database.builder(&outputs);
+    let mut message = message.ok_or_else(|| SignalMissing::new(&outputs))?;
     let frames = commands.into_iter().map(|command| {
-        for (signal, value) in [
-            (&convection_factor, command.convection_factor),
-            (&added_load, command.added_grams),
-        ] {
-            if let Some(signal) = signal {
-                message.set(signal, value);
-            }
+        if let Some([convection_factor, added_load]) = &fan_and_load {
+            message.set(convection_factor, command.convection_factor);
+            message.set(added_load, command.added_grams);
         }
         for (output, signal) in &others {
             let value = disturbance.output_at(&output.port.name, command.at_seconds);

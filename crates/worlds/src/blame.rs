@@ -4,7 +4,6 @@
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use can::CanFrame;
 use canopen::emcy::{self, EmergencyMessage, ErrorCode};
 use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::names::{STATUSWORD, TPDO1, message};
@@ -63,14 +62,20 @@ pub(crate) fn end_by_node(
             name,
             how,
             log,
-            doing: Doing::GaveUp,
-        } if !seen.is_bus_in_trouble() => Ok(seen.gave_up(&name, &how, &log)),
-        WorldError::Process {
-            name,
-            how,
-            log,
-            doing: Doing::Crashed,
-        } => Ok(seen.end(seen.node(&name), None, format!("{how}{}{log}", seen.when()))),
+            doing,
+        } => match doing {
+            Doing::GaveUp if !seen.is_bus_in_trouble() => Ok(seen.gave_up(&name, &how, &log)),
+            Doing::Crashed => {
+                let what = format!("{how}{}{log}", seen.when());
+                Ok(seen.end(seen.node(&name), None, what))
+            }
+            _ => Err(WorldError::Process {
+                name: seen.text(&name),
+                how,
+                log,
+                doing,
+            }),
+        },
         WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
             Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
         }
@@ -92,17 +97,6 @@ pub(crate) fn end_by_node(
             };
             Ok(seen.end(seen.node(name), None, what + &seen.when()))
         }
-        WorldError::Process {
-            name,
-            how,
-            log,
-            doing,
-        } => Err(WorldError::Process {
-            name: seen.text(&name),
-            how,
-            log,
-            doing,
-        }),
         error => Err(error),
     }
 }
@@ -196,16 +190,6 @@ impl<'a> Seen<'a> {
         self.last(position.raw_id()).map(|position| position.time)
     }
 
-    /// Returns the view of the recording before a time.
-    fn before(&self, time: Duration) -> Self {
-        let is_before = |stamped: &Stamped| stamped.time < time;
-        let count = self.frames.iter().take_while(|one| is_before(one)).count();
-        Self {
-            frames: &self.frames[..count],
-            ..*self
-        }
-    }
-
     fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
         let last = if node == self.plan.controller().name {
             self.last(SYNC_COB_ID.into()).map(|sync| sync.time)
@@ -222,7 +206,7 @@ impl<'a> Seen<'a> {
     /// Returns the end of a run in which no controller enabled the drive.
     fn never_began(&self, patience: Duration) -> EarlyEnd {
         let heartbeat = ERROR_CONTROL_ID + self.controller_id();
-        let is_of_controller = |stamped: &&Stamped| {
+        let is_of_controller = |stamped: &Stamped| {
             let frame = &stamped.frame;
             match frame.standard_id() {
                 Some(NMT_COB_ID) => frame.data().first() != Some(&NMT_STOP),
@@ -230,7 +214,7 @@ impl<'a> Seen<'a> {
                 None => false,
             }
         };
-        let is_heard = self.frames.iter().find(is_of_controller).is_some();
+        let is_heard = self.frames.iter().any(is_of_controller);
         let seconds = patience.as_secs();
         let what = if is_heard {
             format!(
@@ -247,24 +231,21 @@ impl<'a> Seen<'a> {
 
     /// How far the bring-up came: `NMT start: sent, SYNC: none, drive: switch on disabled`.
     fn bring_up(&self) -> String {
-        let is_sent = |is_it: fn(&CanFrame) -> bool| {
-            let mut frames = self.frames.iter().map(|stamped| &stamped.frame);
-            if frames.any(is_it) { "sent" } else { "none" }
+        let is_start = |one: &Stamped| {
+            one.frame.standard_id() == Some(NMT_COB_ID)
+                && one.frame.data().first() == Some(&NMT_START)
         };
-        let is_start = |frame: &CanFrame| {
-            frame.standard_id() == Some(NMT_COB_ID) && frame.data().first() == Some(&NMT_START)
-        };
-        let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
-        let commands = [("NMT start", is_sent(is_start)), ("SYNC", is_sent(is_sync))]
-            .map(|(name, sent)| format!("{name}: {sent}"));
-        let drives = self.plan.loops.iter().map(|one| {
-            let drive = &one.nodes.drive.name;
-            format!(
-                "{drive}: {}",
-                self.last_state(one).unwrap_or("no statusword")
-            )
-        });
-        Vec::from_iter(commands.into_iter().chain(drives)).join(", ")
+        let is_sync = |one: &Stamped| one.frame.standard_id() == Some(SYNC_COB_ID);
+        let sent = |is_sent| if is_sent { "sent" } else { "none" };
+        let mut parts = vec![
+            format!("NMT start: {}", sent(self.frames.iter().any(is_start))),
+            format!("SYNC: {}", sent(self.frames.iter().any(is_sync))),
+        ];
+        parts.extend(self.plan.loops.iter().map(|one| {
+            let state = self.last_state(one).unwrap_or("no statusword");
+            format!("{}: {state}", one.nodes.drive.name)
+        }));
+        parts.join(", ")
     }
 
     /// The state in the last statusword of a loop's drive.
@@ -288,7 +269,12 @@ impl<'a> Seen<'a> {
             return self.end(node, self.last_position(node), what);
         };
         // The drive may have been heard again since if it was only late.
-        let position = self.before(given_up).last_position(drive);
+        let until = self.frames.iter().position(|one| one.time >= given_up);
+        let before = Self {
+            frames: &self.frames[..until.unwrap_or(self.frames.len())],
+            ..*self
+        };
+        let position = before.last_position(drive);
         let patience = SILENT_PERIODS * self.plan.sync_period();
         let silent = position.filter(|position| given_up > *position + patience);
         let silent = silent.and_then(|position| self.seconds(position));
@@ -317,14 +303,10 @@ impl<'a> Seen<'a> {
             None => self.errors().next().map(|(first, _)| first.time),
             Some(_) => Some(given_up.time),
         };
-        let drive = match &self.plan.loops[..] {
-            [only] => Some(only),
-            several => {
-                let mut several = several.iter();
-                several.find(|one| one.place.drive_node_id == node_id)
-            }
-        };
-        let drive = drive.filter(|_| is_of_drive)?;
+        let mut loops = self.plan.loops.iter();
+        let is_meant =
+            |one: &&ControlLoop| self.plan.loops.len() == 1 || one.place.drive_node_id == node_id;
+        let drive = loops.find(is_meant).filter(|_| is_of_drive)?;
         Some((drive.nodes.drive.name.as_str(), noticed?))
     }
 

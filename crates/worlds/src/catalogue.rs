@@ -42,12 +42,8 @@ fn plant_objection(trial: &Trial) -> Option<Objection> {
         Some(parameter) => format!("plant.{plant}.{parameter}"),
         None => format!("plant.{plant}"),
     };
-    Some(Objection {
-        path,
-        message: format!("the plant `{plant}` makes no physical sense"),
-        label: invalid.to_string(),
-        help: None,
-    })
+    let message = format!("the plant `{plant}` makes no physical sense");
+    Some(Objection::new(path, message, invalid.to_string()))
 }
 
 #[cfg(test)]

@@ -41,18 +41,9 @@ pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
 /// Returns the objection to an FMU that cannot be a plant or a law, at this path of the scenario.
 pub(crate) fn objection_to(file: &str, path: String, role: String) -> Objection {
     let name = Path::new(file).file_name().unwrap_or_default();
-    Objection {
-        path,
-        message: format!("{} cannot be this {role}", name.to_string_lossy()),
-        label: "by what the FMU says of itself".to_owned(),
-        help: Some(format!("`canrig fmu {file}` lists what it has and needs")),
-    }
-}
-
-/// Returns the instance name that the FMU may use in its messages.
-fn instance(fmu: &Fmu) -> String {
-    let name = Path::new(&fmu.file).file_stem().unwrap_or_default();
-    name.to_string_lossy().into_owned()
+    let message = format!("{} cannot be this {role}", name.to_string_lossy());
+    Objection::new(path, message, "by what the FMU says of itself")
+        .with_help(format!("`canrig fmu {file}` lists what it has and needs"))
 }
 
 fn invalid(error: impl ToString) -> InvalidPlant {
@@ -69,7 +60,9 @@ fn wired(fmu: &Fmu, must_run: bool) -> Result<(Arc<Opened>, table::Wiring), Misf
     if must_run {
         opened.archive.runs_here().map_err(in_file)?;
     }
-    let wiring = wiring(fmu, &instance(fmu), opened.archive.description())?;
+    // The name that the FMU may use in its messages.
+    let name = Path::new(&fmu.file).file_stem().unwrap_or_default();
+    let wiring = wiring(fmu, &name.to_string_lossy(), opened.archive.description())?;
     Ok((opened, wiring))
 }
 

@@ -83,7 +83,15 @@ impl LawPlace {
             }
         };
         let clock = if self.is_real_time { "real" } else { "virtual" };
-        let log = self.logs.as_ref().map(|logs| logs.join(log_name(part)));
+        let law = &part.plays;
+        let (who, log_name) = match part.loop_name.as_str() {
+            "" => (format!("the law's process `{law}`"), "law.log".to_owned()),
+            name => (
+                format!("the process `{law}` of the law of `{name}`"),
+                format!("{name}.law.log"),
+            ),
+        };
+        let log = self.logs.as_ref().map(|logs| logs.join(log_name));
         let program = Listener::open().and_then(|listener| {
             let seat = listener.path().to_string_lossy().into_owned();
             let order = Order {
@@ -98,12 +106,10 @@ impl LawPlace {
             };
             Program::start(&order, Some(listener))
         });
-        let program = program.map_err(|error| {
-            let law = &part.plays;
-            format!("no process for the law `{law}` can be started: {error}")
-        })?;
+        let program = program
+            .map_err(|error| format!("no process for the law `{law}` can be started: {error}"))?;
         let mut law = LawProcess {
-            who: who(part),
+            who,
             outputs: [&part.writes[..], &part.terms].concat(),
             program,
             _unpacked: unpacked,
@@ -165,21 +171,6 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
     let folder = scenario_folder(plan);
     let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());
     programs.chain(left_out).chain(laws.map(line)).collect()
-}
-
-fn log_name(part: &process_law::Part) -> String {
-    match part.loop_name.as_str() {
-        "" => "law.log".to_owned(),
-        name => format!("{name}.law.log"),
-    }
-}
-
-fn who(part: &process_law::Part) -> String {
-    let law = &part.plays;
-    match part.loop_name.as_str() {
-        "" => format!("the law's process `{law}`"),
-        name => format!("the process `{law}` of the law of `{name}`"),
-    }
 }
 
 /// Law in a process.

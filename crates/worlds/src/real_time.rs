@@ -121,29 +121,23 @@ fn sent(
     by_bench: Vec<(u16, u64)>,
 ) -> Sent {
     let is_killed = plan.shared.run.faults.of("crash").next().is_some();
-    let controller = plan.controller().name.as_str();
-    let mut sent = Vec::new();
-    let mut add = |node: &str, frames: Vec<(u16, u64)>| {
-        sent.extend(frames.into_iter().map(|(identifier, frames)| SentFrames {
+    let mut has_controller = false;
+    if let Some(report) = reports.get_mut(&plan.controller().name) {
+        report.sent.retain(|_| !is_killed);
+        has_controller = !report.sent.is_empty();
+    }
+    let by_bench = has_controller.then_some((BENCH, by_bench));
+    let reports = reports.iter_mut();
+    let by_nodes = reports.map(|(name, report)| (name.as_str(), std::mem::take(&mut report.sent)));
+    let sent = by_nodes.chain(by_bench).flat_map(|(node, frames)| {
+        let frames = frames.into_iter();
+        frames.map(move |(identifier, frames)| SentFrames {
             node: node.to_owned(),
             identifier,
             frames,
-        }));
-    };
-    let mut has_controller = false;
-    for (name, report) in reports {
-        let frames = std::mem::take(&mut report.sent);
-        let is_controller = name == controller;
-        let is_partial = is_controller && is_killed;
-        if !frames.is_empty() && !is_partial {
-            has_controller |= is_controller;
-            add(name, frames);
-        }
-    }
-    if has_controller {
-        add(BENCH, by_bench);
-    }
-    Sent(sent)
+        })
+    });
+    Sent(sent.collect())
 }
 
 /// Starts the nodes that are not external, the manager last.

@@ -10,7 +10,7 @@ use canopen::cia402::Command;
 use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
-use scenario::rig::drive::{Feedback, Pdo, Scaled};
+use scenario::rig::drive::{DriveLayout, Feedback, Scaled};
 
 use super::checklist::Check;
 use super::checklist::CheckOutcome::{self, Failed, Open, Passed};
@@ -80,10 +80,9 @@ impl<'a> Heating<'a> {
 
     /// Returns whether the ramp has shown all that it can.
     pub(super) fn is_over(&self) -> bool {
-        self.motion.is_some_and(|motion| {
-            let is_warm = motion.has_moved() || !self.drive.real.preflight.heating;
-            is_warm || self.position().is_err()
-        })
+        let heats = self.drive.real.preflight.heating;
+        let is_shown = |motion: Motion| motion.has_moved() || !heats || self.position().is_err();
+        self.motion.is_some_and(is_shown)
     }
 
     /// Returns whether a heartbeat has shown that the drive obeyed NMT stop.
@@ -180,11 +179,11 @@ impl<'a> Heating<'a> {
 
     fn end(&self, ended: Result<(), &WorldError>) -> Check {
         let name = "error frames";
-        match (self.errors.as_slice(), ended) {
-            (_, Err(error)) => Check::failed("end", reason(error)),
-            ([], Ok(())) => Check::passed(name, "none"),
-            (errors, Ok(())) => {
-                let errors = errors.join(", ");
+        let errors = self.errors.join(", ");
+        match ended {
+            Err(error) => Check::failed("end", reason(error)),
+            Ok(()) if errors.is_empty() => Check::passed(name, "none"),
+            Ok(()) => {
                 let found = format!("{errors}: look at cable, termination and bit rates");
                 Check::failed(name, found)
             }
@@ -192,25 +191,21 @@ impl<'a> Heating<'a> {
     }
 
     fn configuration(&self) -> Found {
-        let layout = &self.drive.layout;
-        let pdos = [&layout.feedback, &layout.command];
-        let [feedback_id, command_id] = pdos.map(Pdo::id);
-        let [feedback_bytes, command_bytes] = pdos.map(Pdo::length_bytes);
+        let DriveLayout {
+            feedback, command, ..
+        } = &self.drive.layout;
         let is_stop_seen = self.quick_stop.is_some_and(|stop| stop.last.is_some());
         if self.rest.is_none() && self.motion.is_none() && !is_stop_seen {
-            return Err(format!("no PDO 0x{feedback_id:03X} came"));
+            return Err(format!("no PDO 0x{:03X} came", feedback.id()));
         }
-        Ok((
-            Passed,
-            format!(
-                "PDOs 0x{feedback_id:03X} ({feedback_bytes} bytes) and 0x{command_id:03X} ({command_bytes} bytes) are mapped"
-            ),
-        ))
+        let pdos = [feedback, command];
+        let pdos = pdos.map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes()));
+        passed(format!("PDOs {} are mapped", pdos.join(" and ")))
     }
 
     fn enabled(&self) -> Found {
         match (self.clock.zero(), self.position()) {
-            (Some(_), _) => Ok((Passed, "Operation enabled, at 0 A".to_owned())),
+            (Some(_), _) => passed("Operation enabled, at 0 A"),
             (None, Err(_)) => Ok((Open, "not awaited".to_owned())),
             (None, Ok(())) => Err("the drive was not enabled".to_owned()),
         }
@@ -218,8 +213,8 @@ impl<'a> Heating<'a> {
 
     fn at_rest(&self) -> Found {
         match (self.position(), self.rest, self.motion) {
-            (Err(text), ..) => Ok((Failed, text)),
-            (Ok(()), Some(rest), Some(_)) => Ok((Passed, at_rest(rest, self.unit))),
+            (Err(text), ..) => failed(text),
+            (Ok(()), Some(rest), Some(_)) => passed(at_rest(rest, self.unit)),
             _ => Err("the drive sent no position for a second".to_owned()),
         }
     }
@@ -262,17 +257,13 @@ impl<'a> Heating<'a> {
             Ok((Open, "not heated, as you wished".to_owned()))
         } else if displacement <= -threshold {
             // A motion may reach a limit of the rig before it counts as motion.
-            Ok((
-                Failed,
-                format!(
-                    "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
-                    -displacement
-                ),
+            failed(format!(
+                "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
+                -displacement
             ))
         } else if motion.has_moved() {
-            Ok((
-                Passed,
-                format!("rises by {displacement:.2} {symbol} at {amperes:.2} A"),
+            passed(format!(
+                "rises by {displacement:.2} {symbol} at {amperes:.2} A"
             ))
         } else {
             Err(format!(
@@ -283,71 +274,53 @@ impl<'a> Heating<'a> {
     }
 
     fn quick_stop(&self) -> Found {
-        let limit = Duration::from_millis(self.drive.real.preflight.stop_milliseconds_max.into());
-        let Some(quick_stop) = self.quick_stop else {
-            return Err("none was sent".to_owned());
-        };
-        let Some(after) = quick_stop.without_current_after else {
-            return disobeyed(&quick_stop, self.no_current_amperes());
-        };
-        let (after_milliseconds, limit_milliseconds) =
-            (after.as_secs_f64() * 1e3, limit.as_millis());
-        if after <= limit {
-            Ok((
-                Passed,
-                format!(
-                    "no current after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)"
-                ),
-            ))
-        } else {
-            Ok((
-                Failed,
-                format!(
-                    "no current only after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)"
-                ),
-            ))
+        let limit_milliseconds = self.drive.real.preflight.stop_milliseconds_max;
+        let quick_stop = self.quick_stop.ok_or("none was sent")?;
+        if let Some(after) = quick_stop.without_current_after {
+            let after_milliseconds = after.as_secs_f64() * 1e3;
+            let text = format!("after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)");
+            return if after <= Duration::from_millis(limit_milliseconds.into()) {
+                passed(format!("no current {text}"))
+            } else {
+                failed(format!("no current only {text}"))
+            };
+        }
+        // Without a sample a limit was violated: NMT stop came at once.
+        let last = quick_stop.last.ok_or("no sample came after it")?;
+        let flowing = last.current_amperes;
+        match flowing.filter(|amperes| amperes.abs() > self.no_current_amperes()) {
+            Some(amperes) => failed(format!(
+                "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
+            )),
+            None => failed("the drive stays in Operation enabled; switch it off by hand"),
         }
     }
 
     fn nmt_stop(&self) -> Found {
         let limit = self.patience();
         let limit_milliseconds = limit.as_millis();
-        Ok(match self.stopped_after.filter(|after| *after <= limit) {
-            Some(after) => {
-                let after = after.as_secs_f64() * 1e3;
-                let found = format!(
-                    "Stopped in a heartbeat after {after:.1} ms (limit {limit_milliseconds} ms)"
-                );
-                (Passed, found)
-            }
-            None => {
-                let found = format!(
-                    "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
-                );
-                (Failed, found)
-            }
-        })
-    }
-}
-
-/// Returns the finding for a drive that never showed that it is switched off.
-fn disobeyed(quick_stop: &QuickStop, no_current_amperes: f64) -> Found {
-    match quick_stop.last.map(|sample| sample.current_amperes) {
-        // As after a violation of a limit: NMT stop came at once.
-        None => Err("no sample came after it".to_owned()),
-        Some(Some(amperes)) if amperes.abs() > no_current_amperes => Ok((
-            Failed,
-            format!("the drive does not obey: {amperes:.2} A flow on; switch it off by hand"),
-        )),
-        Some(_) => Ok((
-            Failed,
-            "the drive stays in Operation enabled; switch it off by hand".to_owned(),
-        )),
+        match self.stopped_after.filter(|after| *after <= limit) {
+            Some(after) => passed(format!(
+                "Stopped in a heartbeat after {:.1} ms (limit {limit_milliseconds} ms)",
+                after.as_secs_f64() * 1e3
+            )),
+            None => failed(format!(
+                "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
+            )),
+        }
     }
 }
 
 /// Outcome of a check and its finding. Without them, the end of the session gives the reason, or otherwise the text.
 type Found = Result<(CheckOutcome, String), String>;
+
+fn passed(found: impl Into<String>) -> Found {
+    Ok((Passed, found.into()))
+}
+
+fn failed(found: impl Into<String>) -> Found {
+    Ok((Failed, found.into()))
+}
 
 /// Returns the reason why the session failed; for a controller that gave up, its last line.
 fn reason(error: &WorldError) -> String {

@@ -24,13 +24,13 @@ const LISTEN_TIME: Duration = Duration::from_millis(300);
 /// Time between two calls to a node that has not answered.
 const CALL_PERIOD: Duration = Duration::from_millis(100);
 /// Standard objects that a controller uses, if the drive has them.
-const USED: [(u16, u8); 4] = [
+const USED: [(u16, u8); 5] = [
     (cia402::CONTROLWORD, 0),
     (cia402::STATUSWORD, 0),
     (cia402::MODES_OF_OPERATION, 0),
     (0x1016, 1),
+    (0x1017, 0),
 ];
-const HEARTBEAT_TIME: (u16, u8) = (0x1017, 0);
 const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
 const IDENTITY: [(u16, u8); 3] = [DEVICE_TYPE, (0x1018, 1), (0x1018, 2)];
 
@@ -182,23 +182,21 @@ impl Interview {
         let mut shown = Vec::new();
         for (question, answer) in answers {
             let (index, sub_index) = question.address();
-            let name = question.name();
-            let wanted = self.dictionary.unsigned(index, sub_index);
-            match answer {
+            let read = match answer {
                 Err(error) => return Check::failed("identity", error.to_string()),
-                Ok(bytes) if unsigned(bytes) == wanted => {
-                    shown.extend(wanted.map(|wanted| format!("0x{wanted:X}")));
-                }
-                Ok(bytes) => {
-                    let read = unsigned(bytes)
-                        .map_or("no number".to_owned(), |read| format!("0x{read:X}"));
-                    let wanted = wanted.map_or_else(String::new, |wanted| format!("0x{wanted:X}"));
-                    let text = format!(
-                        "{name} is {read}, in the EDS {wanted}: another drive, or another EDS"
-                    );
-                    return Check::failed("identity", text);
-                }
+                Ok(bytes) => unsigned(bytes),
+            };
+            let wanted = self.dictionary.unsigned(index, sub_index);
+            let [read, wanted] = [read, wanted].map(|number| {
+                number.map_or("no number".to_owned(), |number| format!("0x{number:X}"))
+            });
+            if read != wanted {
+                let name = question.name();
+                let text =
+                    format!("{name} is {read}, in the EDS {wanted}: another drive, or another EDS");
+                return Check::failed("identity", text);
             }
+            shown.push(wanted);
         }
         let text = format!(
             "as in the EDS: device type, vendor, product {}",
@@ -283,7 +281,7 @@ fn used_objects(drive: &LoadedDrive) -> Vec<(u16, u8)> {
         .into_iter()
         .filter_map(|text| text.parse().ok())
         .map(|address: ObjectAddress| (address.index, address.sub_index));
-    addresses.chain(USED).chain([HEARTBEAT_TIME]).collect()
+    addresses.chain(USED).collect()
 }
 
 /// Reads objects that are readable by the EDS, and writes 0 to writable ones: that removes a command or switches a watch off.
