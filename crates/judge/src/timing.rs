@@ -6,7 +6,7 @@ use std::time::Duration;
 use dbc::SignalMissing;
 use plan::Plan;
 use recording::frames::Frames;
-use recording::latency::{Host, Latencies, NodeReport, Quantiles};
+use recording::latency::{Host, NodeReport, Quantiles, latencies};
 use recording::stalls::Stall;
 use scenario::timing::TimingLimits;
 use serde::{Deserialize, Serialize};
@@ -45,25 +45,18 @@ impl Timing {
     /// # Errors
     /// The database lacks a signal.
     pub fn new(frames: &Frames, plan: &Plan, host: Host) -> Result<Self, SignalMissing> {
-        let by_loop = plan.loops.iter().map(|one| {
-            let latencies = Latencies::new(frames, one)?;
-            let quantiles = |histogram| Quantiles::new(histogram, 1);
-            Ok([
-                quantiles(&latencies.sync_to_position),
-                quantiles(&latencies.position_to_command),
-                quantiles(&latencies.round_trip),
-            ])
-        });
-        let by_loop = by_loop.collect::<Result<Vec<_>, _>>()?;
-        let worst = |latency: usize| {
-            let quantiles = by_loop.iter().map(|latencies| latencies[latency]);
-            quantiles.reduce(Quantiles::worst).unwrap_or_default()
-        };
+        let mut worst = [Quantiles::default(); 3];
+        for one in &plan.loops {
+            let quantiles = latencies(frames, one)?.map(|histogram| Quantiles::new(&histogram, 1));
+            let each = worst.iter_mut().zip(quantiles);
+            each.for_each(|(worst, quantiles)| *worst = worst.worst(quantiles));
+        }
+        let [sync_to_position, position_to_command, round_trip] = worst;
         Ok(Self {
             distrust: distrust(&host, plan.duration()),
-            sync_to_position_microseconds: worst(0),
-            position_to_command_microseconds: worst(1),
-            round_trip_microseconds: worst(2),
+            sync_to_position_microseconds: sync_to_position,
+            position_to_command_microseconds: position_to_command,
+            round_trip_microseconds: round_trip,
             controller: host.controller,
             plant_emulator: host.plant_emulator,
         })
@@ -74,12 +67,14 @@ impl Timing {
     /// # Errors
     /// The database lacks a signal.
     pub fn again(self, frames: &Frames, plan: &Plan) -> Result<Self, SignalMissing> {
-        let measured = Self::new(frames, plan, Host::default())?;
-        Ok(Self {
+        let host = Host {
             controller: self.controller,
             plant_emulator: self.plant_emulator,
+            ..Host::default()
+        };
+        Ok(Self {
             distrust: self.distrust,
-            ..measured
+            ..Self::new(frames, plan, host)?
         })
     }
 
@@ -138,16 +133,17 @@ impl Timing {
     #[must_use]
     pub fn losses(&self) -> String {
         let losses = self.loops().map(|(name, report)| {
-            let delayed = match report.frames_delayed {
-                0 => String::new(),
-                frames => format!(", {frames} frames delayed by a full queue of the bus"),
-            };
-            let late = match report.late_answers {
-                0 => String::new(),
-                cycles => format!(", no answer of a law in time in {cycles} cycles"),
-            };
             let (overruns, dropped) = (report.overruns, report.frames_dropped);
-            format!("{name}: {overruns} overruns, {dropped} frames dropped{delayed}{late}")
+            let mut text = format!("{name}: {overruns} overruns, {dropped} frames dropped");
+            if report.frames_delayed > 0 {
+                let frames = report.frames_delayed;
+                text += &format!(", {frames} frames delayed by a full queue of the bus");
+            }
+            if report.late_answers > 0 {
+                let cycles = report.late_answers;
+                text += &format!(", no answer of a law in time in {cycles} cycles");
+            }
+            text
         });
         losses.collect::<Vec<_>>().join("; ")
     }

@@ -2,7 +2,6 @@
 //!
 //! Latencies are differences of the receive stamps of one recorder; wake-up lateness comes from the nodes' loops.
 
-use std::borrow::Borrow;
 use std::time::Duration;
 
 use dbc::SignalMissing;
@@ -139,55 +138,37 @@ pub struct Host {
     pub sent: Sent,
 }
 
-/// Latencies of all cycles.
-pub struct Latencies {
-    /// Times from the SYNC to the drive's position, in microseconds.
-    pub sync_to_position: Histogram<u64>,
-    /// Times from the drive's position to the command that follows from it, in microseconds.
-    pub position_to_command: Histogram<u64>,
-    /// Times from the SYNC to the command, in microseconds.
-    pub round_trip: Histogram<u64>,
-}
-
-impl Latencies {
-    /// Measures the latencies of a recording, from scenario time 0 to its end.
-    ///
-    /// # Errors
-    /// If the database lacks a signal.
-    pub fn new(
-        frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-        one: &ControlLoop,
-    ) -> Result<Self, SignalMissing> {
-        let histogram = || {
-            Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
-                .expect("constant bounds that the histogram takes")
-        };
-        let mut latencies = Self {
-            sync_to_position: histogram(),
-            position_to_command: histogram(),
-            round_trip: histogram(),
-        };
-        let mut cycle = CycleReader::new(one)?;
-        let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
-        for stamped in frames {
-            let stamped = stamped.borrow();
-            let time = cycle.on_frame(stamped).filter(|time| *time < end);
-            match time.and_then(|time| cycle.stage(stamped, time)) {
-                Some(CycleStage::Position { after_sync }) => {
-                    record(&mut latencies.sync_to_position, after_sync);
-                }
-                Some(CycleStage::Command {
-                    after_position,
-                    after_sync,
-                }) => {
-                    record(&mut latencies.position_to_command, after_position);
-                    record(&mut latencies.round_trip, after_sync);
-                }
-                Some(CycleStage::Sync { .. }) | None => {}
+/// Measures the latencies of all cycles of a recording, from scenario time 0 to its end, in microseconds: from the SYNC to the
+/// drive's position, from there to the command that follows from it, and from the SYNC to the command.
+///
+/// # Errors
+/// If the database lacks a signal.
+pub fn latencies(
+    frames: impl IntoIterator<Item = Stamped>,
+    one: &ControlLoop,
+) -> Result<[Histogram<u64>; 3], SignalMissing> {
+    let mut latencies = [(); 3].map(|()| {
+        Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
+            .expect("constant bounds that the histogram takes")
+    });
+    let [sync_to_position, position_to_command, round_trip] = &mut latencies;
+    let mut cycle = CycleReader::new(one)?;
+    let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
+    for stamped in frames {
+        let time = cycle.on_frame(&stamped).filter(|time| *time < end);
+        match time.and_then(|time| cycle.stage(&stamped, time)) {
+            Some(CycleStage::Position { after_sync }) => record(sync_to_position, after_sync),
+            Some(CycleStage::Command {
+                after_position,
+                after_sync,
+            }) => {
+                record(position_to_command, after_position);
+                record(round_trip, after_sync);
             }
+            Some(CycleStage::Sync { .. }) | None => {}
         }
-        Ok(latencies)
     }
+    Ok(latencies)
 }
 
 /// Stage of a cycle.
@@ -308,13 +289,14 @@ mod tests {
             (3100, 0x210),
         ]
         .map(|(micros, id)| stamped(micros, id, &enabled));
-        let latencies = Latencies::new(frames, plan.only_loop().unwrap()).unwrap();
-        let quantiles = |histogram| Quantiles::new(histogram, 1);
-        assert_eq!(latencies.sync_to_position.len(), 2);
-        assert_eq!(quantiles(&latencies.sync_to_position).max, 250.0);
-        assert_eq!(quantiles(&latencies.position_to_command).median, 250.0);
-        assert_eq!(latencies.round_trip.len(), 1);
-        assert_eq!(quantiles(&latencies.round_trip).max, 400.0);
+        let latencies = latencies(frames, plan.only_loop().unwrap()).unwrap();
+        let counts = latencies.each_ref().map(Histogram::len);
+        let [sync_to_position, position_to_command, round_trip] =
+            latencies.map(|histogram| Quantiles::new(&histogram, 1));
+        assert_eq!(counts, [2, 1, 1]);
+        assert_eq!(sync_to_position.max, 250.0);
+        assert_eq!(position_to_command.median, 250.0);
+        assert_eq!(round_trip.max, 400.0);
     }
 
     #[test]
