@@ -1,6 +1,5 @@
 //! Log of a run in progress.
 
-use std::fmt;
 use std::fs::{File, Metadata};
 use std::io::{self, Write};
 use std::mem;
@@ -34,13 +33,6 @@ pub struct BusLog {
     /// Whether frames came since the latest flush.
     has_new: bool,
     idle_flushes: u32,
-}
-
-impl fmt::Debug for BusLog {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut shown = formatter.debug_struct("BusLog");
-        shown.field("file", &self.file).finish_non_exhaustive()
-    }
 }
 
 impl BusLog {
@@ -106,10 +98,11 @@ impl BusLog {
     /// # Errors
     /// If the disk does not take it.
     pub fn flush(&mut self) -> Result<(), WriteError> {
+        let idle = self.idle_flushes.saturating_add(1);
         self.idle_flushes = if mem::take(&mut self.has_new) {
             0
         } else {
-            self.idle_flushes.saturating_add(1)
+            idle
         };
         if self.compressor.is_none() || self.idle_flushes == IDLE_FLUSHES_MAX {
             self.write()?;
@@ -132,10 +125,8 @@ impl BusLog {
     }
 
     fn error(&self, error: io::Error) -> WriteError {
-        match &self.path {
-            Some(path) => WriteError::at(path)(error),
-            None => WriteError::at(&std::env::temp_dir())(error),
-        }
+        let path = self.path.clone().unwrap_or_else(std::env::temp_dir);
+        WriteError::at(&path)(error)
     }
 
     /// Ends the log and returns it for reading.

@@ -53,7 +53,6 @@ impl Watch {
 }
 
 /// Frames of one run so far.
-#[derive(Debug)]
 pub struct Capture<'a> {
     /// Latest frames; for each identifier that is not among them, also its last frame before.
     frames: Vec<Stamped>,

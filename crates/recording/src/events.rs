@@ -134,12 +134,10 @@ pub(crate) struct EventReader {
 impl EventReader {
     /// Makes the reader of one loop.
     pub(crate) fn new(database: &Database, node_names: NodeNames) -> Self {
-        let signals = event_signals(database, &node_names);
+        let signals = event_signals(database, &node_names).into_iter();
+        let signals = signals.map(|signal| (signal.signal.raw_id(), signal));
         Self {
-            signals: signals
-                .into_iter()
-                .map(|signal| (signal.signal.raw_id(), signal))
-                .collect(),
+            signals: signals.collect(),
             node_names,
             events: Notes::default(),
             emergencies: Notes::default(),

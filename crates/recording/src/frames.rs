@@ -1,6 +1,6 @@
 //! Frames of a recording, for repeated reading: few are kept in memory, many are read from their log each time.
 
-use std::fmt;
+use std::fmt::Display;
 use std::io;
 use std::path::Path;
 use std::slice;
@@ -164,33 +164,22 @@ impl Log {
                 kept.push(stamped);
             }
         }
+        let unread = log.finish();
         let frames = if count <= KEPT_MAX {
             kept.into()
         } else {
             Frames::in_log(open, count)
         };
-        Ok(Self {
-            frames,
-            unread: log.finish(),
-        })
+        Ok(Self { frames, unread })
     }
 }
 
 /// Error: the frames of a recording cannot be read again, since its log was changed meanwhile.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("the log was changed while it was read ({0}): give the same command again")]
 pub struct LogChanged(String);
 
-impl fmt::Display for LogChanged {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let reason = &self.0;
-        write!(
-            formatter,
-            "the log was changed while it was read ({reason}): give the same command again"
-        )
-    }
-}
-
 /// Panics. A reader has frames in memory or from a log that was read to its end before, so a change is like a failure of memory.
-fn changed(reason: &dyn fmt::Display) -> ! {
+fn changed(reason: &dyn Display) -> ! {
     std::panic::panic_any(LogChanged(reason.to_string()))
 }

@@ -29,16 +29,31 @@ pub struct LostHeartbeat {
 
 /// Message that must keep coming.
 struct Watched {
-    /// Name for the user.
+    /// Name for the user; empty for the temperature of the plant, whose loss has no consequence.
     what: String,
     /// Node of this heartbeat, if the others stop without it.
     heartbeat_sender: Option<Part>,
-    /// Whether it carries the temperature of the plant; its loss has no consequence.
-    is_temperature: bool,
     period: Duration,
     limit: Duration,
     /// Scenario time of the last one.
     last: Option<Duration>,
+}
+
+impl Watched {
+    fn new(
+        what: String,
+        heartbeat_sender: Option<Part>,
+        period: Duration,
+        periods_max: u32,
+    ) -> Self {
+        Self {
+            what,
+            heartbeat_sender,
+            period,
+            limit: periods_max * period,
+            last: None,
+        }
+    }
 }
 
 /// Losses of a run.
@@ -74,14 +89,7 @@ impl LossReader {
             (drives(names::TPDO2), String::new()),
         ];
         let cyclic = cyclic.into_iter().filter_map(|(message, what)| {
-            let watched = Watched {
-                heartbeat_sender: None,
-                is_temperature: what.is_empty(),
-                what,
-                period: sync_period,
-                limit: PERIODS_MAX * sync_period,
-                last: None,
-            };
+            let watched = Watched::new(what, None, sync_period, PERIODS_MAX);
             Some((message?.raw_id, watched))
         });
         let io = nodes.io.iter().map(|io| (io, io.in_sentence(), None));
@@ -93,14 +101,8 @@ impl LossReader {
         let heartbeats = heartbeats.filter_map(|(node, name, heartbeat_sender)| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
-            let watched = Watched {
-                heartbeat_sender,
-                is_temperature: false,
-                what: format!("heartbeat from {name}"),
-                period,
-                limit: HEARTBEATS_MAX * period,
-                last: None,
-            };
+            let what = format!("heartbeat from {name}");
+            let watched = Watched::new(what, heartbeat_sender, period, HEARTBEATS_MAX);
             Some((message.raw_id, watched))
         });
         Self {
@@ -146,7 +148,7 @@ impl Losses {
     /// Adds a loss from the last message to a time, at which the next one came or the recording ended.
     fn add(&mut self, watched: &Watched, last: Duration, until: Duration, is_back: bool) {
         let until_seconds = until.as_secs_f64();
-        if watched.is_temperature {
+        if watched.what.is_empty() {
             let silence = (last.as_secs_f64(), until_seconds);
             self.temperature_silence.get_or_insert(silence);
             return;
@@ -166,14 +168,15 @@ impl Losses {
         }
         // A heartbeat that was never heard in the scenario is not missed.
         if let Some(node) = watched.heartbeat_sender.filter(|_| !last.is_zero()) {
+            let back_seconds = if is_back {
+                until_seconds
+            } else {
+                f64::INFINITY
+            };
             self.heartbeats.push(LostHeartbeat {
                 node,
                 due_seconds,
-                back_seconds: if is_back {
-                    until_seconds
-                } else {
-                    f64::INFINITY
-                },
+                back_seconds,
             });
         }
     }

@@ -151,9 +151,9 @@ pub struct Sources {
     stops_seconds: Vec<f64>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Watched {
-    what: &'static str,
+    what: String,
     duty: &'static str,
     /// Time between two frames of one sender.
     period: Option<Duration>,
@@ -175,7 +175,7 @@ struct Watched {
 impl Watched {
     fn new(
         duty: &'static str,
-        what: &'static str,
+        what: String,
         period: Option<Duration>,
         (is_ours, reporter): (bool, Option<u16>),
     ) -> Self {
@@ -187,20 +187,15 @@ impl Watched {
             is_answer: [POSITION, COMMAND].contains(&duty),
             is_ours,
             reporter,
-            recorded: 0,
-            latest: None,
-            in_scenario: None,
-            soon: None,
+            ..Self::default()
         }
     }
 
     #[inline]
     fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>) {
         self.recorded += 1;
-        let since = self
-            .latest
-            .replace(time)
-            .map(|latest| time.saturating_sub(latest));
+        let latest = self.latest.replace(time);
+        let since = latest.map(|latest| time.saturating_sub(latest));
         let Some(now) = scenario_time else { return };
         let (_, last, count) = self.in_scenario.get_or_insert((now, now, 0));
         (*last, *count) = (now, *count + 1);
@@ -251,18 +246,22 @@ impl Sources {
     /// Returns the number of positions beyond one for each SYNC, if they are too many, and the time of the first.
     #[must_use]
     pub fn positions_too_many(&self) -> Option<(u64, f64)> {
-        let (_, position) = self.watched.iter().find(|(_, one)| one.duty == POSITION)?;
+        let position = self.of(POSITION)?;
         let frames = position.too_many_by_rate(self.count(SYNC), 0);
         let is_known = !self.is_rate_changed && !self.is_bus_faulty;
         (frames > 0 && is_known).then(|| (frames, position.first_seconds()))
     }
 
+    /// Returns the first frames of a kind.
+    fn of(&self, duty: &str) -> Option<&Watched> {
+        let mut watched = self.watched.iter().map(|(_, one)| one);
+        watched.find(|one| one.duty == duty)
+    }
+
     /// Returns the number of frames of a kind in the scenario.
     fn count(&self, duty: &str) -> u64 {
-        let mut watched = self.watched.iter();
-        let one = watched.find(|(_, one)| one.duty == duty);
-        one.and_then(|(_, one)| one.in_scenario)
-            .map_or(0, |(.., count)| count)
+        let in_scenario = self.of(duty).and_then(|one| one.in_scenario);
+        in_scenario.map_or(0, |(.., count)| count)
     }
 
     /// Returns the frames of foreign senders, the first ones first.
@@ -284,7 +283,7 @@ impl Sources {
             };
             (frames > 0).then(|| SecondSource {
                 identifier: *identifier,
-                what: watched.what.to_owned(),
+                what: watched.what.clone(),
                 duty: watched.duty,
                 first_seconds: watched.first_seconds(),
                 frames,
@@ -292,12 +291,12 @@ impl Sources {
             })
         });
         let mut found = Vec::from_iter(counted);
-        let is_new = |one: &SecondSource| {
-            let mut others = found.iter().map(|other| other.identifier);
-            others.all(|other| other != one.identifier)
+        let is_new = |one: &&SecondSource| {
+            let mut others = found.iter();
+            others.all(|other| other.identifier != one.identifier)
         };
-        let unexpected = self.unexpected.values().filter(|one| is_new(one));
-        found.extend(Vec::from_iter(unexpected.cloned()));
+        let unexpected = self.unexpected.values().filter(is_new).cloned();
+        found.extend(Vec::from_iter(unexpected));
         found.sort_by(|left, right| left.first_seconds.total_cmp(&right.first_seconds));
         found
     }
@@ -388,16 +387,12 @@ impl SourceReader {
 
     /// Returns the identifiers of the frames that are read.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        let counted = self
-            .sources
-            .watched
-            .iter()
-            .map(|(identifier, _)| *identifier);
+        let watched = self.sources.watched.iter();
+        let counted = watched.map(|(identifier, _)| *identifier);
         let heartbeats = ERROR_CONTROL_ID + 1..ERROR_CONTROL_ID + 0x80;
         let sdo = [SDO_REQUESTS, SDO_RESPONSES].map(|base| base + self.drive);
         let others = [self.controller_emergency].into_iter().chain(sdo);
-        let all = counted.chain(others).chain(heartbeats);
-        Vec::from_iter(all.map(u32::from)).into_iter()
+        counted.chain(others).chain(heartbeats).map(u32::from)
     }
 
     /// Returns the counts so far.
@@ -562,37 +557,26 @@ fn watched(
     let command = identifier(one, drive, names::RPDO1);
     let (ours, drives) = ((is_ours, Some(SYNC_COB_ID)), (is_emulated, position));
     let mut watched = BTreeMap::new();
-    let mut watch = |identifier: Option<u16>, duty, what, period, sender| {
-        let frames = identifier.map(|id| (id, Watched::new(duty, what, period, sender)));
-        watched.extend(frames);
+    let mut watch = |identifier: Option<u16>, duty, what: &str, period, sender| {
+        let frames = |id| (id, Watched::new(duty, what.to_owned(), period, sender));
+        watched.extend(identifier.map(frames));
     };
+    let cycle = Some(cycle);
     watch(Some(NMT_COB_ID), NMT, "NMT", None, ours);
-    watch(Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle), ours);
-    watch(command, COMMAND, "commands to the drive", Some(cycle), ours);
-    let of_nodes = [
-        (
-            controller,
-            ours,
-            [
-                "heartbeats of the controller",
-                "emergencies of the controller",
-            ],
-        ),
-        (
-            drive,
-            drives,
-            ["heartbeats of the drive", "emergencies of the drive"],
-        ),
-    ];
-    for (node, sender, [heartbeats, emergencies]) in of_nodes {
+    watch(Some(SYNC_COB_ID), SYNC, "SYNC", cycle, ours);
+    watch(command, COMMAND, "commands to the drive", cycle, ours);
+    for (node, sender) in [(controller, ours), (drive, drives)] {
         let message = one.message(node, names::HEARTBEAT).ok();
         let period = message.map(|message| Duration::from_millis(message.cycle_time_milliseconds));
-        let id = |service| identifier(one, node, service);
-        watch(id(names::HEARTBEAT), HEARTBEAT, heartbeats, period, sender);
-        watch(id(names::EMERGENCY), "emergency", emergencies, None, sender);
+        let [heartbeat, emergency] =
+            [names::HEARTBEAT, names::EMERGENCY].map(|service| identifier(one, node, service));
+        let kind = node.part.word();
+        let heartbeats = format!("heartbeats of the {kind}");
+        watch(heartbeat, HEARTBEAT, &heartbeats, period, sender);
+        let emergencies = format!("emergencies of the {kind}");
+        watch(emergency, "emergency", &emergencies, None, sender);
     }
-    let positions = "positions of the drive";
-    watch(position, POSITION, positions, Some(cycle), drives);
+    watch(position, POSITION, "positions of the drive", cycle, drives);
     watched
 }
 

@@ -8,8 +8,7 @@ use dbc::{Database, SignalHandle};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
 
-/// Number of periods without a cyclic message that count as a silence, as in `losses`.
-const PERIODS_MAX: u32 = 20;
+use crate::losses::PERIODS_MAX;
 
 /// Value of a signal on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]

@@ -244,23 +244,16 @@ pub struct SignalRows<'a> {
 pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     let mut all = Vec::new();
     for timeline in timelines {
-        let prefix = timeline.prefix();
-        let set_point = (
-            timeline.measurand.name(SET_POINT),
-            timeline.measurand.unit.symbol(),
-            &timeline.set_point,
-        );
-        let columns = timeline
-            .columns
-            .iter()
-            .map(|column| (column.name.clone(), &*column.unit, &column.values));
-        let signals = [set_point].into_iter().chain(columns);
-        let signals = signals.map(|(name, unit, values)| SignalRows {
+        let (prefix, measurand) = (timeline.prefix(), &timeline.measurand);
+        let rows = |name: &str, unit, values| SignalRows {
             name: format!("{prefix}{name}"),
             unit,
             values,
-        });
-        all.extend(signals);
+        };
+        let (name, unit) = (measurand.name(SET_POINT), measurand.unit.symbol());
+        all.push(rows(&name, unit, &timeline.set_point));
+        let columns = timeline.columns.iter();
+        all.extend(columns.map(|column| rows(&column.name, &column.unit, &column.values)));
     }
     all
 }

@@ -128,7 +128,7 @@ impl TimelineReader {
     /// If the database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let trial = &one.trial;
-        let period = Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3);
+        let period = trial.run.bus.sync_period();
         let end = Duration::from_secs_f64(trial.run.duration_seconds);
         let node_names = NodeNames::new(shared, one);
         let losses = LossReader::new(one, &node_names);
@@ -137,21 +137,17 @@ impl TimelineReader {
         let truth = TruthReader::new(one)?;
         let fan = FanReader::new(one);
         let drive_reports = DriveReportReader::new(one);
-        let rare = losses
-            .raw_ids()
-            .chain(truth.raw_id())
-            .chain([drive_reports.raw_id]);
-        let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
         let columns = Columns::new(one);
-        let read_ids = [u32::from(SYNC_COB_ID)]
-            .into_iter()
-            .chain(traces.raw_ids())
-            .chain(sources.raw_ids())
-            .chain(columns.raw_ids())
-            .chain(rare.iter().copied());
-        let read_ids = Vec::from_iter(read_ids);
+        let rare = || {
+            let watched = losses.raw_ids().chain(truth.raw_id());
+            watched.chain([drive_reports.raw_id]).chain(fan.raw_ids())
+        };
+        let cyclic = traces.raw_ids().chain(columns.raw_ids());
+        let read_ids = cyclic.chain(sources.raw_ids()).chain([SYNC_COB_ID.into()]);
+        let read_ids = read_ids.chain(rare()).collect();
+        let rare = rare().collect();
         Ok(Self {
             loop_name: one.name().to_owned(),
             passing: Passing::new(one)?,
@@ -161,8 +157,8 @@ impl TimelineReader {
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
             eventful: events.raw_ids().collect(),
-            read_ids: read_ids.into_iter().collect(),
-            rare: rare.into_iter().collect(),
+            read_ids,
+            rare,
             events,
             losses,
             truth,
