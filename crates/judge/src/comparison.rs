@@ -10,7 +10,7 @@ mod tolerance;
 use std::collections::BTreeSet;
 use std::iter;
 
-use crate::verdict::{Metric, Verdict};
+use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
 use recording::timeline::{Series, Timeline};
 use recording::work::Pass;
@@ -75,17 +75,13 @@ pub fn compare_runs(
 /// Returns a remark if the runs do not have the same loops.
 fn remark_on_loops(a: &[Timeline], b: &[Timeline]) -> Option<String> {
     let [a, b] = [a, b].map(|loops| {
-        let names = loops.iter().map(|timeline| timeline.loop_name.as_str());
+        let names = loops.iter().map(|timeline| match &*timeline.loop_name {
+            "" => "one",
+            name => name,
+        });
         Vec::from_iter(names).join(", ")
     });
-    let named = |names: &str| match names {
-        "" => "one".to_owned(),
-        names => names.to_owned(),
-    };
-    (a != b).then(|| {
-        let (a, b) = (named(&a), named(&b));
-        format!("the runs have not the same loops: A has {a}, B has {b}")
-    })
+    (a != b).then(|| format!("the runs have not the same loops: A has {a}, B has {b}"))
 }
 
 /// Compares the signals that both runs have of a loop.
@@ -96,20 +92,9 @@ fn signals_of_loop(
     mut done: impl FnMut(),
 ) -> Vec<SignalDifference> {
     let prefix = &a.prefix();
-    let (a_set_point, b_set_point) = (&a.set_point, &b.set_point);
-    let set_point_name = a.measurand.name(SET_POINT);
-    let set_point = signal(
-        tolerances,
-        (
-            prefix.as_str(),
-            set_point_name.as_str(),
-            a.measurand.unit.symbol(),
-        ),
-        shared,
-        a_set_point,
-        b_set_point,
-    );
-    let mut signals = vec![set_point];
+    let name = &a.measurand.name(SET_POINT);
+    let what = (prefix.as_str(), name.as_str(), a.measurand.unit.symbol());
+    let mut signals = vec![signal(tolerances, what, shared, &a.set_point, &b.set_point)];
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
             let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());
@@ -161,36 +146,28 @@ fn signal(
 }
 
 fn metrics(tolerances: &Tolerances<'_>, a: &Verdict, b: &Verdict) -> Vec<MetricDifference> {
-    let names: BTreeSet<&str> = [a, b]
-        .into_iter()
-        .flat_map(|verdict| &verdict.metrics)
-        .map(|metric| metric.name.as_str())
-        .collect();
+    let all = a.metrics.iter().chain(&b.metrics);
+    let names = BTreeSet::from_iter(all.map(|metric| metric.name.as_str()));
     let differences = names.into_iter().map(|name| {
-        let values = [a, b].map(|verdict| value(&verdict.metrics, name));
-        let tolerance = tolerances.for_metric(name, values);
-        let agrees = match values {
-            [Some(a), Some(b)] => (a - b).abs() <= tolerance,
-            [None, None] => true,
-            _ => tolerance.is_infinite(),
+        let value = |verdict: &Verdict| {
+            let mut metrics = verdict.metrics.iter();
+            metrics.find(|metric| metric.name == name)?.value
         };
-        let [a, b] = values;
+        let (a, b) = (value(a), value(b));
+        let tolerance = tolerances.for_metric(name, [a, b]);
         MetricDifference {
             name: name.to_owned(),
             a,
             b,
             tolerance,
-            agrees,
+            agrees: match (a, b) {
+                (Some(a), Some(b)) => (a - b).abs() <= tolerance,
+                (None, None) => true,
+                _ => tolerance.is_infinite(),
+            },
         }
     });
     differences.collect()
-}
-
-fn value(metrics: &[Metric], name: &str) -> Option<f64> {
-    metrics
-        .iter()
-        .find(|metric| metric.name == name)
-        .and_then(|metric| metric.value)
 }
 
 #[cfg(test)]
@@ -199,6 +176,7 @@ mod tests {
 
     use super::*;
     use crate::tests::{frames, scenario};
+    use crate::verdict::Metric;
     use plan::Plan;
     use plan::catalogue::Catalogue;
     use recording::timeline::decode;

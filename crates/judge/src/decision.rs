@@ -172,9 +172,8 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
             cause,
         });
     }
-    let ended_by = end.node.as_deref();
-    let concerns =
-        |evidence: &&Evidence<'_>| ended_by.is_some_and(|node| is_in_loop(evidence, node));
+    let ended_by = end.node.as_deref().unwrap_or_default();
+    let concerns = |evidence: &&Evidence<'_>| is_in_loop(evidence, ended_by);
     // All loops feel a stall that held up a node outside the loops.
     let concerns_none = !all.iter().any(|evidence| concerns(&evidence));
     let mut concerned = all.iter().filter(|one| concerns_none || concerns(one));
@@ -349,17 +348,12 @@ fn too_many(
 /// Returns the external drive if it sends more positions than there are SYNCs.
 fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let is_external = Duty::Position.is_of_external(evidence.control_loop);
-    let (frames, at) = evidence
-        .timeline
-        .sources
-        .positions_too_many()
-        .filter(|_| is_external)?;
+    let found = evidence.timeline.sources.positions_too_many();
+    let (frames, at) = found.filter(|_| is_external)?;
     let node = node_name(evidence, Duty::Position.node());
-    let description = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
-    Some((
-        description.clone(),
-        NamedCause::by_node(evidence, Duty::Position, at, description),
-    ))
+    let reason = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
+    let cause = NamedCause::by_node(evidence, Duty::Position, at, reason.clone());
+    Some((reason, cause))
 }
 
 /// Returns the controller if its SYNC has a wrong period.
@@ -373,10 +367,8 @@ fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let description =
         format!("{node}: SYNC period wrong by {percent:.2} % on average until {at:.3} s");
     let reason = format!("{description} (limit {max} %)");
-    Some((
-        reason,
-        NamedCause::by_node(evidence, Duty::Sync, at, description),
-    ))
+    let cause = NamedCause::by_node(evidence, Duty::Sync, at, description);
+    Some((reason, cause))
 }
 
 /// Returns the node that was silent at the end of the judged time.

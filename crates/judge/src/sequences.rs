@@ -25,7 +25,7 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
     let mut before: Result<f64, String> = Ok(window.from_seconds);
     let mut metrics = Vec::new();
     for (place, event) in sequence.event.iter().enumerate() {
-        let observation = match &before {
+        let measurement = match &before {
             Ok(since) => {
                 let rest = Window {
                     from_seconds: *since,
@@ -37,24 +37,19 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             }
             Err(missing) => {
                 let reason = format!("{missing} did not come before");
-                Measurement::from(Absence::unseen(reason, window))
+                Absence::unseen(reason, window).into()
             }
         };
         let limit = event_limit(event, window);
         let since = *before.as_ref().unwrap_or(&window.from_seconds);
-        let until = observation.at_seconds.unwrap_or(window.until_seconds);
-        let is_left_out = evidence.leaves_out(since, until);
-        before = match (observation.at_seconds, before) {
-            (Some(at), Ok(_)) => Ok(at),
-            (None, Ok(_)) => Err(event.to_string()),
-            (_, missing) => missing,
-        };
-        let observation = if is_left_out {
-            Measurement::from(Absence::left_out())
+        let until = measurement.at_seconds.unwrap_or(window.until_seconds);
+        before = before.and_then(|_| measurement.at_seconds.ok_or_else(|| event.to_string()));
+        let measurement = if evidence.leaves_out(since, until) {
+            Absence::left_out().into()
         } else {
-            observation
+            measurement
         };
-        metrics.extend(observation.metric(evidence, &sequence.row_name(place), Some(limit)));
+        metrics.extend(measurement.metric(evidence, &sequence.row_name(place), Some(limit)));
     }
     metrics
 }
@@ -112,7 +107,7 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         }
         None => {
             let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
-            Measurement::from(Absence::unseen(reason, rest))
+            Absence::unseen(reason, rest).into()
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Checks of signals in `[[expect.signal]]`. A window without samples never passes.
 
-use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
+use recording::timeline::Series;
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::Trial;
 use scenario::events::Window;
@@ -23,12 +23,12 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Option<Metric> {
     let window = check.window(demand, evidence.trial.run.duration_seconds);
     let limit = demand_limit(demand, window);
-    let observation = match evidence.trace(&check.name) {
-        Ok(trace) if evidence.has_all() => observe(trace, window, demand, limit),
-        Ok(trace) => observe_rest(evidence, trace, window, demand, limit),
+    let measurement = match evidence.trace(&check.name) {
+        Ok(trace) if evidence.has_all() => measure(trace, window, demand, limit),
+        Ok(trace) => measure_rest(evidence, trace, window, demand, limit),
         Err(absence) => absence.into(),
     };
-    observation.metric(evidence, &check.row_name(demand), Some(limit))
+    measurement.metric(evidence, &check.row_name(demand), Some(limit))
 }
 
 /// Returns the limit of a demand's row.
@@ -57,9 +57,9 @@ fn at_most(max: f64) -> Limit {
     }
 }
 
-/// Observes the signal without the pieces that stalls explain. An arrival counts as a whole; for other demands each sample
+/// Measures the signal without the pieces that stalls explain. An arrival counts as a whole; for other demands each sample
 /// counts.
-fn observe_rest(
+fn measure_rest(
     evidence: &Evidence<'_>,
     trace: &SignalTrace,
     window: Window,
@@ -67,13 +67,11 @@ fn observe_rest(
     limit: Limit,
 ) -> Measurement {
     if matches!(demand, Demand::Reaches(_)) {
-        let arrival = observe(trace, window, demand, limit);
-        let until = arrival
-            .at_seconds
-            .filter(|_| arrival.value.is_ok())
-            .unwrap_or(window.until_seconds);
+        let arrival = measure(trace, window, demand, limit);
+        let arrived_at = arrival.at_seconds.filter(|_| arrival.value.is_ok());
+        let until = arrived_at.unwrap_or(window.until_seconds);
         return if evidence.leaves_out(window.from_seconds, until) {
-            Measurement::from(Absence::left_out())
+            Absence::left_out().into()
         } else {
             arrival
         };
@@ -82,26 +80,25 @@ fn observe_rest(
     let all = samples_in(&trace.samples, window);
     let samples: Series<SignalSample> = all.iter().filter(is_kept).collect();
     if samples.is_empty() && !all.is_empty() {
-        return Measurement::from(Absence::left_out());
+        return Absence::left_out().into();
     }
-    let times = || samples.iter().map(|sample| sample.time_seconds);
     let is_silence = |seconds_max: &f64| {
-        let silence = evidence.first_silence(times(), window, *seconds_max);
+        let times = samples.iter().map(|sample| sample.time_seconds);
+        let silence = evidence.first_silence(times, window, *seconds_max);
         silence.is_some()
     };
     let rest = SignalTrace {
-        path: trace.path.clone(),
-        unit: trace.unit.clone(),
         silence_seconds_max: trace.silence_seconds_max.filter(is_silence),
         samples: samples.clone(),
+        ..trace.clone()
     };
-    observe(&rest, window, demand, limit)
+    measure(&rest, window, demand, limit)
 }
 
-fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Measurement {
+fn measure(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Measurement {
     let samples = samples_in(&trace.samples, window);
     if samples.is_empty() {
-        return Measurement::from(Absence::unseen(absence(trace, window), window));
+        return Absence::unseen(absence(trace, window), window).into();
     }
     if let Demand::Reaches(wanted) = demand {
         return arrival(&samples, window, *wanted);
@@ -114,7 +111,7 @@ fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
     let silence = (trace.silence_seconds_max)
         .and_then(|seconds_max| silences(times, window, seconds_max).next());
     if let Some(silence) = silence {
-        return Measurement::from(Absence::silent(silence));
+        return Absence::silent(silence).into();
     }
     match demand {
         Demand::RatePerSecond(_) if samples.len() < 2 => {
@@ -129,12 +126,9 @@ fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
 /// Returns the reason why a window is empty.
 fn absence(trace: &SignalTrace, window: Window) -> String {
     let is_before = |sample: &SignalSample| sample.time_seconds < window.from_seconds;
-    let last = trace.samples.iter().filter(is_before).last();
-    let next = trace
-        .samples
-        .iter()
-        .find(|sample| sample.time_seconds >= window.until_seconds - TIME_TOLERANCE_SECONDS);
-    match (last, next) {
+    let mut samples = trace.samples.iter();
+    // An empty window has a sample before it, or all behind it.
+    match (samples.clone().filter(is_before).last(), samples.next()) {
         (Some(last), _) => format!("no sample; the last came at {:.3} s", last.time_seconds),
         (None, Some(next)) => format!("no sample; the first comes at {:.3} s", next.time_seconds),
         (None, None) => "no sample".to_owned(),
@@ -247,13 +241,13 @@ mod tests {
         expected: Result<f64, &str>,
         at_seconds: Option<f64>,
     ) {
-        let observation = observe(trace, window, demand, limit);
-        let value = observation
+        let measurement = measure(trace, window, demand, limit);
+        let value = measurement
             .value
             .map(rounded)
             .map_err(|absence| absence.reason);
         assert_eq!(value, expected.map_err(str::to_owned));
-        assert_eq!(observation.at_seconds.map(rounded), at_seconds);
+        assert_eq!(measurement.at_seconds.map(rounded), at_seconds);
     }
 
     #[track_caller]
@@ -376,20 +370,20 @@ mod tests {
                 sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
             };
             let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).collect();
-            let observation = observe(&trace, within, &Demand::Stays(wanted), wanted);
-            let Ok(value) = observation.value else {
+            let measurement = measure(&trace, within, &Demand::Stays(wanted), wanted);
+            let Ok(value) = measurement.value else {
                 prop_assert!(seen.is_empty());
                 return Ok(());
             };
             let all = seen.iter().all(|sample| wanted.admits(sample.value));
             prop_assert_eq!(wanted.admits(value), all);
-            let judged = SignalSample { time_seconds: observation.at_seconds.unwrap(), value };
+            let judged = SignalSample { time_seconds: measurement.at_seconds.unwrap(), value };
             prop_assert!(seen.contains(&judged));
             // A wider band never turns a pass into a failure, and a signal that keeps a band has reached it at once.
             let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);
-            let again = observe(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
+            let again = measure(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
             prop_assert!(!all || wider.admits(again));
-            let reached = observe(&trace, within, &Demand::Reaches(wanted), wanted);
+            let reached = measure(&trace, within, &Demand::Reaches(wanted), wanted);
             prop_assert!(!all || reached.at_seconds == Some(seen[0].time_seconds));
         }
     }

@@ -1,7 +1,7 @@
 //! Limits in a run with stalls: a limit is missed if it is also missed without the pieces of the run that stalls explain.
 
 use scenario::expect::Limit;
-use scenario::metrics::{Metric as Row, is_traffic_metric};
+use scenario::metrics::is_traffic_metric;
 
 use crate::evidence::Evidence;
 use crate::metric::{Metric, leave_open};
@@ -58,16 +58,12 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
 /// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always
 /// explained; a motion is if the limit is met without the pieces of long stalls, or is missed by little.
 fn is_explained(row: &Metric, without_long: Option<Metric>) -> bool {
-    if Row::named(&row.name).is_some_and(Row::is_traffic_metric) {
-        return true;
-    }
-    match without_long.filter(|row| row.passed == Some(false)) {
-        None => true,
-        Some(row) => row
-            .value
-            .zip(row.limit)
-            .is_some_and(|(value, limit)| is_nearly_met(value, limit)),
-    }
+    let missed = without_long.filter(|row| row.passed == Some(false));
+    is_traffic_metric(&row.name)
+        || missed.is_none_or(|row| {
+            let judged = row.value.zip(row.limit);
+            judged.is_some_and(|(value, limit)| is_nearly_met(value, limit))
+        })
 }
 
 fn is_nearly_met(value: f64, limit: Limit) -> bool {
