@@ -66,10 +66,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
         last_followed(&sorted(points), offset_of_amplitude * chirp.amplitude)
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
-    lowest.map_or_else(
-        || Absence::meaningless("no chirp of at least four turns in the scenario").into(),
-        Into::into,
-    )
+    lowest.unwrap_or_else(|| Err(Absence::not_asked())).into()
 }
 
 fn last_followed(points: &[FrequencyPoint], offset_max: f64) -> MetricValue {

@@ -3,7 +3,7 @@
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest, worst};
 
 /// Time for which a disturbance is watched at least after its end; it is watched further until something else moves the loop.
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
@@ -24,29 +24,23 @@ fn worst_disturbance(
     is_time: bool,
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
-    if evidence.trial.reference.is_empty() {
-        return Absence::meaningless("no set-point").into();
+    if !evidence.timeline.has_fan {
+        return Absence::unavailable("not available: no fan on the bus").into();
     }
     let windows = evidence.trial.disturbance_windows();
     let end_seconds = evidence.trial.judged_end_seconds();
     let windows = windows.iter().map(|disturbance| disturbance.window);
     let judged = windows.filter(|window| window.from_seconds < end_seconds);
-    let watched = Vec::from_iter(judged.map(|window| {
+    let values = judged.map(|window| {
         let least = window.until_seconds + AFTER_DISTURBANCE_SECONDS;
         let until_seconds = least.max(calm_until(evidence, window.until_seconds));
-        Window {
+        let watched = Window {
             until_seconds: until_seconds.min(end_seconds),
             ..window
-        }
-    }));
-    let value = |evidence: &Evidence<'_>, _: &Window, window| metric(evidence, window);
-    match evidence.worst_event(&watched, |window| *window, is_time, value) {
-        None => Absence::meaningless("no disturbance in the scenario").into(),
-        Some(_) if !evidence.timeline.has_fan => {
-            Absence::unavailable("not available: no fan on the bus").into()
-        }
-        Some(value) => value.into(),
-    }
+        };
+        evidence.of_event(watched, is_time, metric)
+    });
+    worst(values).into()
 }
 
 /// Returns the first time after another at which the set-point changes, or a disturbance or a fault begins or ends.

@@ -288,51 +288,36 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Returns the same evidence including the pieces that stalls explain.
-    fn all(&self) -> Self {
-        Self {
+    /// Returns the value of an event in its window. If a part of the window is left out, the value is that until a stall touches
+    /// the window. From there it can only grow: a time that has not ended by then is longer.
+    pub(crate) fn of_event(
+        &self,
+        window: Window,
+        is_time: bool,
+        value: impl FnOnce(&Self, Window) -> MetricValue,
+    ) -> MetricValue {
+        let all = Self {
             left_out: None,
             ..self.clone()
-        }
-    }
-
-    /// Returns the worst value of some events, each in its window. If a part of the window is left out, the value is that until a
-    /// stall touches the window. From there it can only grow: a time that has not ended by then is longer.
-    pub(crate) fn worst_event<E>(
-        &self,
-        events: &[E],
-        window: impl Fn(&E) -> Window,
-        is_time: bool,
-        value: impl Fn(&Self, &E, Window) -> MetricValue,
-    ) -> Option<MetricValue> {
-        let all = self.all();
-        let value = |event: &E| {
-            let whole = window(event);
-            let Some(until_seconds) = self.first_left_out(whole) else {
-                return value(&all, event, whole);
-            };
-            let cut = Window {
-                until_seconds,
-                ..whole
-            };
-            let longer_than = cut.until_seconds - cut.from_seconds - STAY_SECONDS;
-            match value(&all, event, cut) {
-                Ok(value) => Ok(value),
-                Err(absence) if matches!(absence.why, Why::Unseen(_)) => Err(Absence::left_out()),
-                Err(_) if is_time && longer_than > 0.0 => Ok(longer_than),
-                Err(_) => Err(Absence::left_out()),
-            }
         };
-        worst(events.iter().map(value))
-    }
-
-    /// Returns the time from which on a part of a window is left out.
-    fn first_left_out(&self, window: Window) -> Option<f64> {
-        let left_out = self.left_out.as_ref()?;
-        let begin = left_out
-            .times
-            .first_in(window.from_seconds, window.until_seconds)?;
-        Some(begin.max(window.from_seconds))
+        let touched = |left_out: &LeftOut| {
+            let times = &left_out.times;
+            times.first_in(window.from_seconds, window.until_seconds)
+        };
+        let Some(touched_at) = self.left_out.as_ref().and_then(touched) else {
+            return value(&all, window);
+        };
+        let cut = Window {
+            until_seconds: touched_at.max(window.from_seconds),
+            ..window
+        };
+        let longer_than = cut.until_seconds - cut.from_seconds - STAY_SECONDS;
+        match value(&all, cut) {
+            Ok(value) => Ok(value),
+            Err(absence) if matches!(absence.why, Why::Unseen(_)) => Err(Absence::left_out()),
+            Err(_) if is_time && longer_than > 0.0 => Ok(longer_than),
+            Err(_) => Err(Absence::left_out()),
+        }
     }
 
     /// Returns the stall that explains an end of the run by a node: one that covers half of the time in which the node was at
@@ -409,8 +394,9 @@ impl<'a> Evidence<'a> {
     /// Returns the samples of a window without its end; cycles without a position are left out.
     pub(crate) fn samples(&self, window: Window) -> impl Iterator<Item = CycleSample> {
         let timeline = self.timeline;
-        let rows = self.rows(window);
-        let times = timeline.time_seconds.range(rows.clone());
+        let times = &timeline.time_seconds;
+        let rows = rows(window, |limit| times.partition_point(|time| time < limit));
+        let times = times.range(rows.clone());
         let set_points = timeline.set_point.range(rows.clone());
         // The true position holds until the drive sends another; while the drive is silent there is none.
         let measured = timeline.position().range(rows.clone());
@@ -427,15 +413,6 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Returns the rows of a window without its end.
-    fn rows(&self, window: Window) -> Range<usize> {
-        let times = &self.timeline.time_seconds;
-        let before =
-            |limit: f64| times.partition_point(|time| time < limit - TIME_TOLERANCE_SECONDS);
-        let (from, until) = (before(window.from_seconds), before(window.until_seconds));
-        from..until.max(from)
-    }
-
     /// Returns the samples of a window in which the drive was never silent.
     ///
     /// # Errors
@@ -444,11 +421,10 @@ impl<'a> Evidence<'a> {
         &self,
         window: Window,
     ) -> Result<impl Iterator<Item = CycleSample>, Absence> {
-        let mut times = self.samples(window).map(|sample| sample.time_seconds);
-        if times.next().is_none() {
+        let mut times = (self.samples(window).map(|sample| sample.time_seconds)).peekable();
+        if times.peek().is_none() {
             return Err(self.no_position(window));
         }
-        let times = self.samples(window).map(|sample| sample.time_seconds);
         match self.first_silence(times, window, self.silence_seconds_max) {
             Some(silence) => Err(Absence::silent(silence)),
             None => Ok(self.samples(window)),
@@ -457,12 +433,8 @@ impl<'a> Evidence<'a> {
 
     /// Returns the reason why a window is empty.
     pub(crate) fn no_position(&self, window: Window) -> Absence {
-        let silences = [].into_iter();
-        if !self.has_all()
-            && self
-                .first_silence(silences, window, self.silence_seconds_max)
-                .is_none()
-        {
+        let silence = self.first_silence([].into_iter(), window, self.silence_seconds_max);
+        if !self.has_all() && silence.is_none() {
             return Absence::left_out();
         }
         let reason = if self.position.iter().all(|position| position.is_nan()) {
@@ -538,13 +510,17 @@ impl<'a> Evidence<'a> {
     }
 }
 
+/// Returns the rows of a window without its end; `before` counts the rows before a time.
+fn rows(window: Window, before: impl Fn(f64) -> usize) -> Range<usize> {
+    let [from, until] = [window.from_seconds, window.until_seconds]
+        .map(|limit| before(limit - TIME_TOLERANCE_SECONDS));
+    from..until.max(from)
+}
+
 /// Returns the samples of a window without its end.
 pub(crate) fn samples_in(samples: &Series<SignalSample>, window: Window) -> Series<SignalSample> {
-    let before = |limit: f64| {
-        samples.partition_point(|sample| sample.time_seconds < limit - TIME_TOLERANCE_SECONDS)
-    };
-    let (from, until) = (before(window.from_seconds), before(window.until_seconds));
-    samples.part(from..until.max(from))
+    let before = |limit| samples.partition_point(|sample| sample.time_seconds < limit);
+    samples.part(rows(window, before))
 }
 
 /// Returns the stretches of a window without a sample that are longer than allowed.
@@ -563,14 +539,15 @@ pub(crate) fn silences(
     })
 }
 
-/// Returns the largest value over all steps or disturbances. An error counts as worse than any value, except for one that is left
-/// out.
-pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricValue> {
-    values.reduce(|worst, value| match (worst, value) {
+/// Returns the largest value over all steps or disturbances, of which there is at least one. An error counts as worse than any
+/// value, except for one that is left out.
+pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> MetricValue {
+    let worst = values.reduce(|worst, value| match (worst, value) {
         (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
         (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => other,
         (Err(reason), _) | (_, Err(reason)) => Err(reason),
-    })
+    });
+    worst.unwrap_or_else(|| Err(Absence::not_asked()))
 }
 
 /// Returns the distance of a value to a limit; negative beyond the limit.

@@ -34,7 +34,7 @@ pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
 }
 
 fn ripple(evidence: &Evidence<'_>) -> MetricValue {
-    let calm = calm(evidence)?;
+    let calm = calm(evidence);
     let hold = Window {
         from_seconds: calm.from_seconds + recovery(evidence, calm)? + AFTER_SETTLING_SECONDS,
         ..calm
@@ -58,7 +58,7 @@ fn ripple(evidence: &Evidence<'_>) -> MetricValue {
 }
 
 fn position_range(evidence: &Evidence<'_>) -> MetricValue {
-    let calm = calm(evidence)?;
+    let calm = calm(evidence);
     let last = Window {
         from_seconds: calm.until_seconds - HUNTING_SECONDS,
         ..calm
@@ -92,19 +92,12 @@ pub fn swing(positions: &[(f64, f64)], from_seconds: f64) -> Option<f64> {
 
 /// Returns the window at the end in which the loop only has to hold its position: after the last change of the set-point, and
 /// after the last start or end of a disturbance or a fault.
-fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
-    let scenario = evidence.trial;
-    if scenario.reference.is_empty() {
-        return Err("no set-point".into());
-    }
-    let until_seconds = scenario.judged_end_seconds();
-    let edges = scenario
-        .edges_seconds()
-        .into_iter()
-        .filter(|time| *time < until_seconds);
+fn calm(evidence: &Evidence<'_>) -> Window {
+    let until_seconds = evidence.trial.judged_end_seconds();
+    let edges = evidence.trial.edges_seconds().into_iter();
+    let edges = edges.filter(|time| *time < until_seconds);
     let changed = evidence.set_point_changes().last().unwrap_or_default();
-    let from_seconds = edges.fold(changed, f64::max);
-    Ok(Window::new(from_seconds, until_seconds))
+    Window::new(edges.fold(changed, f64::max), until_seconds)
 }
 
 /// Returns the first cycles in a row without a command that are too many, in a window.

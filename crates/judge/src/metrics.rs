@@ -86,18 +86,23 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
-        let mut row = measure(evidence).metric(evidence, name, metric.limit(expect));
+        let limit = metric.limit(expect);
+        if let Some(missing) = metric.missing_in(evidence.trial) {
+            let lacks = |_| Metric::new(name, Err(format!("the scenario lacks {missing}")), limit);
+            rows.extend(limit.map(lacks));
+            continue;
+        }
+        let mut row = measure(evidence).metric(evidence, name, limit);
         // A limit that was met until the bench ended the run may have been missed later.
-        if let Some(row) = row
-            .as_mut()
-            .filter(|_| is_cut && metric.is_traffic_metric())
+        if let Some(row) = &mut row
+            && is_cut
+            && metric.is_traffic_metric()
         {
             row.passed = row.passed.filter(|passed| !passed);
         }
         rows.extend(row);
-        if let Some(truth) = truth
-            .as_ref()
-            .filter(|_| metric.subject == Subject::Position)
+        if let Some(truth) = &truth
+            && metric.subject == Subject::Position
         {
             rows.extend(measure(truth).metric(truth, &format!("true_{name}"), None));
         }
@@ -106,34 +111,25 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
-    let until_seconds = evidence.trial.judged_end_seconds();
-    let window = Window::new(
-        (until_seconds - STEADY_STATE_SECONDS).max(0.0),
-        until_seconds,
-    );
-    if evidence.trial.reference.is_empty() {
-        return Absence::meaningless("no set-point").into();
-    }
+    let end = evidence.trial.judged_end_seconds();
+    let window = Window::new((end - STEADY_STATE_SECONDS).max(0.0), end);
     let samples = || evidence.samples(window);
     let mut pairs = samples().zip(samples().skip(1));
     if pairs.any(|(before, after)| !after.has_same_set_point(&before)) {
         return Absence::meaningless("the set-point moves at the end").into();
     }
-    let samples = evidence.seen(window);
-    samples
-        .and_then(|samples| mean(samples.map(|sample| sample.deviation())))
+    let seen = evidence.seen(window);
+    seen.and_then(|samples| mean(samples.map(|sample| sample.deviation())))
         .into()
 }
 
 fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.trial.reference.is_empty() {
-        return Absence::meaningless("no set-point").into();
-    }
     let sines = evidence.trial.judged_sines();
+    if sines.is_empty() {
+        return deviation_rms(evidence, evidence.whole()).into();
+    }
     let windows = sines.iter().map(|sine| sine.window);
-    let errors = windows.map(|window| deviation_rms(evidence, window));
-    let error = worst(errors).unwrap_or_else(|| deviation_rms(evidence, evidence.whole()));
-    error.into()
+    worst(windows.map(|window| deviation_rms(evidence, window))).into()
 }
 
 fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
@@ -143,9 +139,8 @@ fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
 }
 
 fn position_max(evidence: &Evidence<'_>) -> Measurement {
-    let samples = evidence.seen(evidence.whole());
-    samples
-        .and_then(|samples| largest(samples.map(|sample| sample.position)))
+    let seen = evidence.seen(evidence.whole());
+    seen.and_then(|samples| largest(samples.map(|sample| sample.position)))
         .into()
 }
 

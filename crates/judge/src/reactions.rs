@@ -148,7 +148,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let fault = first_fault_seconds(trial).max(first.time_seconds);
     let silence_max = silence_of_truth_seconds_max(evidence);
     let window = Window::new(fault, f64::INFINITY);
-    let value = |evidence: &Evidence<'_>, _: &(), window: Window| {
+    let value = |evidence: &Evidence<'_>, window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
         zero.ok_or_else(|| match silence_of_truth(evidence) {
@@ -156,9 +156,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
             None => "current flows on".into(),
         })
     };
-    let zero = evidence
-        .worst_event(&[()], |()| window, true, value)
-        .unwrap_or_else(|| Err(Absence::left_out()));
+    let zero = evidence.of_event(window, true, value);
     zero.map(|seconds| 1e3 * seconds).into()
 }
 
@@ -216,9 +214,6 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     if !trial.has_loop_faults() {
         return Absence::meaningless("no fault in the scenario").into();
     }
-    if trial.reference.is_empty() {
-        return Absence::meaningless("no set-point").into();
-    }
     let Some(from_seconds) = last_fault_end_seconds(trial) else {
         return Absence::from("a fault lasts to the end").into();
     };
@@ -226,14 +221,13 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
         from_seconds,
         ..evidence.run()
     };
-    let value = |evidence: &Evidence<'_>, _: &(), window: Window| {
+    let value = |evidence: &Evidence<'_>, window: Window| {
         if window.from_seconds >= window.until_seconds {
             return Err("not recovered".into());
         }
         recovery(evidence, window)
     };
-    let recovered = evidence.worst_event(&[()], |()| window, true, value);
-    recovered.unwrap_or_else(|| Err(Absence::left_out())).into()
+    evidence.of_event(window, true, value).into()
 }
 
 /// Returns the end of the last fault; `None` if a fault lasts to the end.

@@ -70,10 +70,7 @@ impl OfSine {
             }
         }
         match worst {
-            None => {
-                let reason = "no sine of at least four periods in the scenario";
-                Absence::meaningless(reason).into()
-            }
+            None => Absence::not_asked().into(),
             Some((value, _)) if sines.len() == 1 => Ok(value).into(),
             Some((value, from)) => Measurement::at(Ok(value), from),
         }

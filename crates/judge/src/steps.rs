@@ -1,9 +1,9 @@
 //! Response of the position to the steps of the set-point.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use scenario::events::{JudgedStep, Window};
+use scenario::events::JudgedStep;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS, worst};
 use crate::metric::rounded;
 
 /// Half the width of the settling band, relative to the height of the step (PAPER, "Definitions").
@@ -25,17 +25,16 @@ fn worst_step(
     metric: fn(&Evidence<'_>, &JudgedStep) -> MetricValue,
 ) -> Measurement {
     let steps = evidence.trial.judged_steps();
-    let value = |evidence: &Evidence<'_>, step: &JudgedStep, window: Window| {
-        let judged = JudgedStep { window, ..*step };
-        metric(evidence, &judged).map_err(|absence| match steps.len() {
-            1 => absence,
-            _ => absence.of(&format!("step at {} s", window.from_seconds)),
+    let values = steps.iter().map(|step| {
+        evidence.of_event(step.window, is_time, |evidence, window| {
+            let judged = JudgedStep { window, ..*step };
+            metric(evidence, &judged).map_err(|absence| match steps.len() {
+                1 => absence,
+                _ => absence.of(&format!("step at {} s", window.from_seconds)),
+            })
         })
-    };
-    match evidence.worst_event(&steps, |step| step.window, is_time, value) {
-        Some(value) => value.into(),
-        None => Absence::meaningless("no step in the scenario").into(),
-    }
+    });
+    worst(values).into()
 }
 
 /// Returns the time from the step to the first sample of the uninterrupted stay within the band. A silence interrupts a stay.

@@ -99,6 +99,27 @@ fn step_response(settled: f64) -> impl Fn(f64) -> f64 {
     move |time| if time < settled { 10.0 } else { 35.0 }
 }
 
+/// The loader refuses such a limit, but a recording may be judged by the limits of another scenario.
+#[test]
+fn a_limit_is_missed_where_the_scenario_lacks_what_its_metric_needs() {
+    let others = scenario(
+        "[[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 2.0\n\
+         [expect]\nrecovery_time_seconds = { max = 1.0 }\n",
+    );
+    let trial = Trial {
+        expect: others.expect,
+        ..scenario("")
+    };
+    let verdict = verdict_on(&trial, &frames(4000, |_| Some(10.0)), 0);
+    let recovery = row(&verdict, "recovery_time_seconds");
+    let lacks = Some("the scenario lacks a [[disturbance.…]]");
+    assert_eq!(recovery.remark.as_deref(), lacks);
+    assert_eq!(recovery.passed, Some(false));
+    let verdict = verdict_on(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    let mut rows = verdict.metrics.iter();
+    assert!(rows.all(|row| row.name != "recovery_time_seconds"));
+}
+
 #[test]
 fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
     check("", step_response(1.1), "settling_time_seconds", 0.1);

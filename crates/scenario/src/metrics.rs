@@ -361,7 +361,8 @@ impl Metric {
     }
 
     /// Returns the table of the file that the metric needs and the scenario lacks; a fault is not considered.
-    pub(crate) fn missing_in(&self, trial: &Trial) -> Option<&'static str> {
+    #[must_use]
+    pub fn missing_in(&self, trial: &Trial) -> Option<&'static str> {
         let end_seconds = trial.judged_end_seconds();
         let has_set_point = !trial.reference.is_empty();
         let has_disturbance = || {
