@@ -268,11 +268,10 @@ impl<'a> Coordinator<'a> {
             .map(|(index, (_, frame))| (arbitration_key(frame), index))
             .min();
         let now = self.now;
-        if let Some(faults) = &mut self.faults
-            && let Some(frame) = faults.foreign(now)
-            && winner.is_none_or(|(key, _)| arbitration_key(&frame) < key)
-        {
-            faults.take_foreign(now);
+        let faults = self.faults.as_mut();
+        let foreign =
+            faults.and_then(|faults| faults.take_foreign(now, winner.map(|(key, _)| key)));
+        if let Some(frame) = foreign {
             self.transmit(None, frame);
         } else if let Some((_, sender)) = winner {
             self.send(sender);

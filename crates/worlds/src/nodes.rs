@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ::faults::{FaultKind, FaultPlan, Faulty};
+use ::faults::{FaultKind, Faulty};
 use can::Node;
 use controller::ControllerNode;
 use plant_emulator::plant::InvalidPlant;
@@ -12,6 +12,7 @@ use scenario::ControllerView;
 use crate::error::WorldError;
 use crate::law_process::LawPlace;
 use crate::names::emulator_name;
+use crate::programs::faults_at;
 use plan::Plan;
 use plan::loaded_drive::LoadedDrive;
 
@@ -46,19 +47,15 @@ fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
 }
 
 /// Part of a plan that the controller may know of one loop, with its drive if that is a real one.
-pub struct LoopView {
-    view: ControllerView,
-    real_drive: Option<Arc<LoadedDrive>>,
-}
+type LoopView = (ControllerView, Option<Arc<LoadedDrive>>);
 
 /// Returns the parts of a plan that the controller may know.
 #[must_use]
 pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
-    let views = plan.loops.iter().map(|one| LoopView {
-        view: one.trial.controller_view(),
-        real_drive: one.real_drive.clone(),
-    });
-    views.collect()
+    let loops = plan.loops.iter();
+    loops
+        .map(|one| (one.trial.controller_view(), one.real_drive.clone()))
+        .collect()
 }
 
 /// Makes the manager with the laws of these loops; `laws` is the place of their processes.
@@ -66,7 +63,7 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
 /// # Errors
 /// If a controller cannot be set up.
 pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNode, WorldError> {
-    let loops = loops.iter().map(|LoopView { view, real_drive }| {
+    let loops = loops.iter().map(|(view, real_drive)| {
         let real = real_drive.as_deref();
         (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
     });
@@ -90,20 +87,13 @@ pub fn faulty_controller(
     if !plan.has_faults() {
         return Ok(Box::new(node));
     }
-    let faults = controller_faults(plan);
     let renew = move |node: &mut ControllerNode| {
         // The first call succeeded, so this one does.
         if let Ok(new) = make() {
             *node = new;
         }
     };
-    let faults = faults.without(is_played_elsewhere);
+    let faults = faults_at(plan, plan.controller()).without(is_played_elsewhere);
     let faulty = Faulty::new(node, faults, plan.scenario_clock()?, renew);
     Ok(Box::new(faulty))
-}
-
-/// Returns the faults of the controller.
-pub(crate) fn controller_faults(plan: &Plan) -> FaultPlan {
-    let faults = plan.shared.run.faults.at_controller();
-    FaultPlan::new(&faults, plan.controller().id)
 }

@@ -165,12 +165,6 @@ impl Faults {
         self.iter().filter(move |fault| fault.kind.group == group)
     }
 
-    /// Returns the faults of the controller.
-    #[must_use]
-    pub fn at_controller(&self) -> Self {
-        self.only(Fault::is_at_controller)
-    }
-
     /// Returns the faults of the node with this node-ID.
     #[must_use]
     pub fn at_node(&self, node_id: u8) -> Self {

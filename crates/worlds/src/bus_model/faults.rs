@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::CanFrame;
+use can::frame_bits::arbitration_key;
 use dbc::SignalMissing;
 use dbc::loops::drive_seed;
 use dbc::scenario_clock::ScenarioClock;
@@ -300,26 +301,19 @@ impl BusFaults {
         next.min().map(|next| zero + next)
     }
 
-    /// Returns the frame of the foreign nodes in the arbitration at `now`, the one with the lowest identifier.
-    #[must_use]
-    pub(crate) fn foreign(&self, now: Duration) -> Option<CanFrame> {
-        self.due(now).map(|place| self.foreign[place].frame())
-    }
-
-    /// Notes that the foreign frame has won.
-    pub(crate) fn take_foreign(&mut self, now: Duration) {
-        if let Some(place) = self.due(now) {
-            self.foreign[place].sent += 1;
-        }
-    }
-
-    fn due(&self, now: Duration) -> Option<usize> {
+    /// Takes the frame of the foreign nodes in the arbitration at `now`, the one with the lowest identifier, if it beats a rival
+    /// with this key.
+    pub(crate) fn take_foreign(&mut self, now: Duration, rival: Option<u32>) -> Option<CanFrame> {
         let time = now.checked_sub(self.clock.zero()?)?;
-        let is_due = |node: &&Foreign| node.next(time) == Some(time);
-        let due = self.foreign.iter().enumerate();
-        due.filter(|(_, node)| is_due(node))
-            .min_by_key(|(_, node)| node.identifier)
-            .map(|(place, _)| place)
+        let due = self.foreign.iter_mut();
+        let due = due.filter(|node| node.next(time) == Some(time));
+        let first = due.min_by_key(|node| node.identifier)?;
+        let frame = first.frame();
+        if rival.is_some_and(|rival| arbitration_key(&frame) >= rival) {
+            return None;
+        }
+        first.sent += 1;
+        Some(frame)
     }
 
     /// Returns whether no participant may go ahead: errors on the wire may reach it at the end of any frame.

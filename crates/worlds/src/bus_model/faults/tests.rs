@@ -113,8 +113,8 @@ fn a_foreign_node_keeps_its_rate_and_a_babbling_one_never_pauses() {
     );
     let mut times = Vec::new();
     while let Some(next) = load.next_foreign(Duration::ZERO) {
-        assert_eq!(load.foreign(next).unwrap().standard_id(), Some(0x555));
-        load.take_foreign(next);
+        let frame = load.take_foreign(next, None).unwrap();
+        assert_eq!(frame.standard_id(), Some(0x555));
         times.push(next.as_millis());
     }
     assert_eq!(times, [1, 2, 3]);
