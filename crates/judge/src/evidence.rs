@@ -394,9 +394,8 @@ impl<'a> Evidence<'a> {
     /// Returns the samples of a window without its end; cycles without a position are left out.
     pub(crate) fn samples(&self, window: Window) -> impl Iterator<Item = CycleSample> {
         let timeline = self.timeline;
-        let times = &timeline.time_seconds;
-        let rows = rows(window, |limit| times.partition_point(|time| time < limit));
-        let times = times.range(rows.clone());
+        let rows = self.rows(window);
+        let times = timeline.time_seconds.range(rows.clone());
         let set_points = timeline.set_point.range(rows.clone());
         // The true position holds until the drive sends another; while the drive is silent there is none.
         let measured = timeline.position().range(rows.clone());
@@ -411,6 +410,24 @@ impl<'a> Evidence<'a> {
             let is_missing = measured.is_nan() || position.is_nan();
             (!is_missing && !self.leaves_out(time, time)).then_some(sample)
         })
+    }
+
+    /// Returns the values of a signal in a window without its end, each with its time; cycles without a value are left out.
+    pub(crate) fn values(
+        &self,
+        values: &Series<f64>,
+        window: Window,
+    ) -> impl Iterator<Item = (f64, f64)> {
+        let rows = self.rows(window);
+        let times = self.timeline.time_seconds.range(rows.clone());
+        let values = times.zip(values.range(rows));
+        values.filter(|(time, value)| !value.is_nan() && !self.leaves_out(*time, *time))
+    }
+
+    /// Returns the rows of a window without its end.
+    fn rows(&self, window: Window) -> Range<usize> {
+        let times = &self.timeline.time_seconds;
+        rows(window, |limit| times.partition_point(|time| time < limit))
     }
 
     /// Returns the samples of a window in which the drive was never silent.

@@ -123,14 +123,7 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
 
 /// Returns the commanded currents in the cycles of a window.
 fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = f64> {
-    let timeline = evidence.timeline;
-    let column = timeline.column(TARGET_CURRENT);
-    let values = column.into_iter().flat_map(|column| &column.values);
-    let rows = timeline.time_seconds.iter().zip(values);
-    rows.filter(move |(time, current)| {
-        let is_inside = *time >= window.from_seconds - TIME_TOLERANCE_SECONDS
-            && *time < window.until_seconds - TIME_TOLERANCE_SECONDS;
-        is_inside && !current.is_nan() && !evidence.leaves_out(*time, *time)
-    })
-    .map(|(_, current)| current)
+    let column = evidence.timeline.column(TARGET_CURRENT).into_iter();
+    let values = column.flat_map(move |column| evidence.values(&column.values, window));
+    values.map(|(_, current)| current)
 }

@@ -1,6 +1,5 @@
 //! The metrics of a run, each with its limit.
 
-use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::Limit;
@@ -145,13 +144,8 @@ fn position_max(evidence: &Evidence<'_>) -> Measurement {
 }
 
 fn current_rms(evidence: &Evidence<'_>) -> Measurement {
-    let (timeline, whole) = (evidence.timeline, evidence.whole());
-    let end_seconds = whole.until_seconds - TIME_TOLERANCE_SECONDS;
-    let rows = || {
-        let rows = timeline.time_seconds.iter().zip(timeline.current());
-        let rows = rows.filter(move |(time, current)| *time < end_seconds && !current.is_nan());
-        rows.filter(|(time, _)| !evidence.leaves_out(*time, *time))
-    };
+    let whole = evidence.whole();
+    let rows = || evidence.values(evidence.timeline.current(), whole);
     if rows().next().is_none() && !evidence.has_all() {
         return Absence::left_out().into();
     }
