@@ -19,9 +19,10 @@ use crate::occurrences::{Notes, Occurrences};
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
 
 /// Severity of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// A part of a normal run.
+    #[default]
     Info,
     /// A fault that the scenario injects.
     Warning,
@@ -30,7 +31,7 @@ pub enum Level {
 }
 
 /// Event on the bus or of the scenario.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Event {
     pub level: Level,
     /// Description of the event for the user.

@@ -156,7 +156,7 @@ pub fn latencies(
     let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
     for stamped in frames {
         let time = cycle.on_frame(&stamped).filter(|time| *time < end);
-        match time.and_then(|time| cycle.stage(&stamped, time)) {
+        match time.and_then(|_| cycle.stage(&stamped)) {
             Some(CycleStage::Position { after_sync }) => record(sync_to_position, after_sync),
             Some(CycleStage::Command {
                 after_position,
@@ -165,7 +165,7 @@ pub fn latencies(
                 record(position_to_command, after_position);
                 record(round_trip, after_sync);
             }
-            Some(CycleStage::Sync { .. }) | None => {}
+            Some(CycleStage::Sync) | None => {}
         }
     }
     Ok(latencies)
@@ -175,10 +175,7 @@ pub fn latencies(
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CycleStage {
     /// The cycle began.
-    Sync {
-        /// Scenario time.
-        time: Duration,
-    },
+    Sync,
     /// The drive sent its position.
     Position {
         /// Time since the SYNC.
@@ -224,13 +221,13 @@ impl CycleReader {
 
     /// Returns the stage of a frame in its cycle, after [`CycleReader::on_frame`].
     #[inline]
-    pub fn stage(&mut self, stamped: &Stamped, time: Duration) -> Option<CycleStage> {
+    pub fn stage(&mut self, stamped: &Stamped) -> Option<CycleStage> {
         let since = |before: Duration| stamped.time.saturating_sub(before);
         let id = stamped.frame.raw_id();
         if id == u32::from(SYNC_COB_ID) {
             self.sync = Some(stamped.time);
             self.position = None;
-            Some(CycleStage::Sync { time })
+            Some(CycleStage::Sync)
         } else if id == self.position_id && self.position.is_none() {
             let sync = self.sync?;
             self.position = Some(stamped.time);

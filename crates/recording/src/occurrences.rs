@@ -33,19 +33,10 @@ impl<T> Deref for Occurrence<'_, T> {
 }
 
 /// Occurrences in the order of time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Occurrences<T> {
     rows: Series<Row>,
     kinds: Vec<T>,
-}
-
-impl<T> Default for Occurrences<T> {
-    fn default() -> Self {
-        Self {
-            rows: Series::default(),
-            kinds: Vec::new(),
-        }
-    }
 }
 
 impl<T> Occurrences<T> {
@@ -121,23 +112,12 @@ impl<T: Clone> Occurrences<T> {
 }
 
 /// Collector of occurrences in any order.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Notes<T> {
     rows: SeriesWriter<Row>,
     kinds: Vec<T>,
     places: BTreeMap<T, u64>,
-    is_in_order: bool,
-}
-
-impl<T> Default for Notes<T> {
-    fn default() -> Self {
-        Self {
-            rows: SeriesWriter::default(),
-            kinds: Vec::new(),
-            places: BTreeMap::new(),
-            is_in_order: true,
-        }
-    }
+    is_out_of_order: bool,
 }
 
 impl<T: Clone + Ord> Notes<T> {
@@ -147,7 +127,7 @@ impl<T: Clone + Ord> Notes<T> {
             self.kinds.len() as u64 - 1
         });
         let latest = self.rows.last();
-        self.is_in_order &= latest.is_none_or(|latest| latest.time_seconds <= time_seconds);
+        self.is_out_of_order |= latest.is_some_and(|latest| latest.time_seconds > time_seconds);
         self.rows.push(Row { time_seconds, kind });
     }
 
@@ -155,7 +135,7 @@ impl<T: Clone + Ord> Notes<T> {
     pub(crate) fn take_since(&mut self, zero_seconds: f64) -> Occurrences<T> {
         let mut rows: Series<Row> = self.rows.take(self.rows.len());
         // Time rarely goes back.
-        if !std::mem::replace(&mut self.is_in_order, true) {
+        if std::mem::take(&mut self.is_out_of_order) {
             let mut sorted = rows.to_vec();
             sorted.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
             rows = sorted.into();
@@ -171,7 +151,7 @@ impl<T: Clone + Ord> Notes<T> {
     }
 }
 
-impl<T: Clone + Ord> FromIterator<(f64, T)> for Occurrences<T> {
+impl<T: Clone + Default + Ord> FromIterator<(f64, T)> for Occurrences<T> {
     fn from_iter<I: IntoIterator<Item = (f64, T)>>(occurrences: I) -> Self {
         let mut notes = Notes::default();
         for (time_seconds, what) in occurrences {

@@ -191,7 +191,7 @@ fn add_metrics(schema: &mut Schema) {
 }
 
 /// Emergency of a node, written as "drive 0x8130".
-#[derive(Clone, Debug, Eq, Ord, PartialEq, PartialOrd)]
+#[derive(Clone, Debug, Default, Eq, Ord, PartialEq, PartialOrd)]
 pub struct Emergency {
     /// Name of the node on the rig.
     pub node: String,

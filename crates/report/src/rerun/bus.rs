@@ -103,8 +103,8 @@ impl BusReader {
         };
         self.add_load(time, stamped.occupied_bits);
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
-        match self.cycle.stage(stamped, time) {
-            Some(CycleStage::Sync { time }) => self.begin_cycle(time),
+        match self.cycle.stage(stamped) {
+            Some(CycleStage::Sync) => self.begin_cycle(time),
             Some(CycleStage::Position { after_sync }) => self.set(1, micros(after_sync)),
             Some(CycleStage::Command { after_sync, .. }) => self.set(2, micros(after_sync)),
             None => {}
