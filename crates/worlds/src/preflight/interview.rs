@@ -34,6 +34,8 @@ const USED: [(u16, u8); 5] = [
 const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
 const IDENTITY: [(u16, u8); 3] = [DEVICE_TYPE, (0x1018, 1), (0x1018, 2)];
 
+const OTHER_MANAGER: &str = "other manager";
+
 /// SDO transfer.
 #[derive(Clone, Debug)]
 struct Question {
@@ -80,7 +82,6 @@ pub(super) struct Interview {
     answers: Vec<Answer>,
     presence: Presence,
     sheets: Vec<DataSheet>,
-    manager: Option<String>,
     heartbeat: ManagerHeartbeat,
     output: VecDeque<CanFrame>,
 }
@@ -119,25 +120,26 @@ impl Interview {
             answers: Vec::new(),
             presence: Presence::default(),
             sheets: data_sheets_led_by(manager),
-            manager: None,
             heartbeat: ManagerHeartbeat::of(manager),
             output: VecDeque::new(),
             dictionary,
         }
     }
 
-    /// Returns the evidence of another manager, if one was heard.
-    pub(super) fn manager(&self) -> Option<&str> {
-        self.manager.as_deref()
+    /// Returns the evidence of another manager, if one was heard: its own frames do not come back.
+    pub(super) fn manager(&self) -> Option<String> {
+        self.presence.manager(&self.sheets)
     }
 
     /// Returns the results of the interview.
     pub(super) fn checks(&self) -> Vec<Check> {
-        let mut checks = vec![self.no_other_manager()];
-        if self.manager.is_some() {
-            return checks;
+        if let Some(manager) = self.manager() {
+            let found = format!(
+                "{manager} is heard: end the other controller, or name it with --external controller"
+            );
+            return vec![Check::failed(OTHER_MANAGER, found)];
         }
-        checks.push(self.nodes());
+        let mut checks = vec![Check::passed(OTHER_MANAGER, "none is heard"), self.nodes()];
         if !self.to_call.is_empty() {
             return checks;
         }
@@ -146,18 +148,6 @@ impl Interview {
         checks.push(self.check_identity(&identity));
         checks.push(check_objects(&objects));
         checks
-    }
-
-    fn no_other_manager(&self) -> Check {
-        match &self.manager {
-            None => Check::passed("other manager", "none is heard"),
-            Some(manager) => Check::failed(
-                "other manager",
-                format!(
-                    "{manager} is heard: end the other controller, or name it with --external controller"
-                ),
-            ),
-        }
     }
 
     fn nodes(&self) -> Check {
@@ -209,12 +199,12 @@ impl Interview {
         let Some((node, _)) = self.to_call.front() else {
             return self.ask_next(now);
         };
-        self.client = SdoClient::new(node.get()).with_timeout(self.answer_time);
+        let node = node.get();
         self.phase = Phase::Calling {
             until,
             again: now + CALL_PERIOD,
         };
-        self.start(now, DEVICE_TYPE, None);
+        self.start(now, node, DEVICE_TYPE, None);
     }
 
     fn ask_next(&mut self, now: Duration) {
@@ -224,12 +214,19 @@ impl Interview {
         };
         self.phase = Phase::Asking;
         let drive = self.present.first().map_or(1, |(node, _)| node.get());
-        self.client = SdoClient::new(drive).with_timeout(self.answer_time);
-        self.start(now, question.address(), question.written.as_deref());
+        let written = question.written.as_deref();
+        self.start(now, drive, question.address(), written);
     }
 
-    fn start(&mut self, now: Duration, address: (u16, u8), written: Option<&[u8]>) {
-        let (index, sub_index) = address;
+    /// Starts a transfer with a node.
+    fn start(
+        &mut self,
+        now: Duration,
+        node: u8,
+        (index, sub_index): (u16, u8),
+        written: Option<&[u8]>,
+    ) {
+        self.client = SdoClient::new(node).with_timeout(self.answer_time);
         let started = match written {
             None => self.client.start_upload(now, index, sub_index),
             Some(bytes) => self.client.start_download(now, index, sub_index, bytes),
@@ -263,9 +260,8 @@ impl Interview {
     }
 
     fn drain(&mut self) {
-        while let Some(frame) = self.client.next_frame() {
-            self.output.push_back(frame);
-        }
+        let frames = std::iter::from_fn(|| self.client.next_frame());
+        self.output.extend(frames);
     }
 }
 
@@ -365,9 +361,7 @@ impl Node for Interview {
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.presence.on_frame(frame);
-        // Its own frames do not come back, so a heartbeat that it hears is another manager's.
-        self.manager = self.presence.manager(&self.sheets);
-        if self.manager.is_some() {
+        if self.manager().is_some() {
             self.phase = Phase::Done;
             return;
         }
