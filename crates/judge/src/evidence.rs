@@ -6,7 +6,7 @@ use std::rc::Rc;
 use dbc::names::{self, TPDO1, TRUE_POSITION};
 use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
-use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline, cycle_start_seconds};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use scenario::Trial;
 use scenario::contour::Contour;
@@ -469,7 +469,9 @@ impl<'a> Evidence<'a> {
 
     /// Returns the silence of the SYNC up to the end of the judged time.
     pub(crate) fn silence_of_sync(&self) -> Option<Window> {
-        let (from, until) = (self.timeline.due_seconds(), self.trial.judged_end_seconds());
+        let timeline = self.timeline;
+        let from = cycle_start_seconds(timeline.cycles_due, timeline.period_seconds);
+        let until = self.trial.judged_end_seconds();
         self.is_silence(from, until)
             .then(|| Window::new(from, until))
     }

@@ -62,10 +62,7 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
 /// There is no loop.
 #[must_use]
 fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
-    let outcome = loops
-        .iter()
-        .map(|(_, verdict)| verdict.outcome)
-        .max_by_key(gravity);
+    let outcome = loops.iter().map(|(_, verdict)| verdict.outcome).max();
     let first = first_cause(&loops, outcome);
     let cause = first.and_then(|first| loops[first].1.cause.clone());
     let reason = joined_reason(&loops, first.unwrap_or_default());
@@ -154,16 +151,6 @@ fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
 fn seconds(loss: &str) -> f64 {
     let first = loss.split(' ').next().unwrap_or_default();
     first.parse().unwrap_or(f64::NEG_INFINITY)
-}
-
-/// Ranks an outcome; a failure counts more than an open result.
-fn gravity(outcome: &Outcome) -> u8 {
-    match outcome {
-        Outcome::Pass => 0,
-        Outcome::Inconclusive => 1,
-        Outcome::Incomplete => 2,
-        Outcome::Fail => 3,
-    }
 }
 
 #[cfg(test)]

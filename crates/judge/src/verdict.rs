@@ -11,19 +11,19 @@ pub use crate::attribution::cause::NamedCause;
 pub use crate::metric::Metric;
 use crate::timing::Timing;
 
-/// Outcome of a run.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+/// Outcome of a run, in the order of gravity: a failure counts more than an open result.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// Every limit was met.
     Pass,
-    /// A limit was not met.
-    Fail,
     /// The recording is not good enough to decide.
     Inconclusive,
     /// The run broke off. This outcome is written before the run starts, and replaced when the run has been judged.
     #[default]
     Incomplete,
+    /// A limit was not met.
+    Fail,
 }
 
 impl Outcome {

@@ -158,12 +158,6 @@ impl Timeline {
         since.unwrap_or_default()
     }
 
-    /// Returns scenario time at the end of the last cycle that was due.
-    #[must_use]
-    pub fn due_seconds(&self) -> f64 {
-        cycle_start_seconds(self.cycles_due, self.period_seconds)
-    }
-
     /// Returns some of the rows with the events of their time, as a timeline of its own. The first and the last piece also have
     /// the events before and after all rows. The bus load is that of the whole recording.
     #[must_use]
