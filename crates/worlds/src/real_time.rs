@@ -180,11 +180,11 @@ fn with_reports(
             });
             reports.insert(stopped.name, report);
         }
-        match stopped.ended {
-            Ok(()) => {}
-            // A node that was killed takes the other with it, whose end may be noticed first.
-            Err(error) if end.is_ok() || error.is_from_outside() => end = Err(error),
-            Err(_) => {}
+        // A node that was killed takes the other with it, whose end may be noticed first.
+        if let Err(error) = stopped.ended
+            && (end.is_ok() || error.is_from_outside())
+        {
+            end = Err(error);
         }
     }
     (end, reports)

@@ -41,13 +41,11 @@ impl SecondMasterWatch {
                 drive.on_frame(stamped.time, scenario_time, &stamped.frame);
             }
         }
-        let mut found = self.drives.iter().flat_map(|drive| {
-            let found = drive.sources().found(&Sent::default());
-            found.into_iter().next()
-        });
-        match found.next() {
-            Some(found) => Err(WorldError::SecondMaster(found.to_string())),
-            None => Ok(()),
-        }
+        let mut drives = self.drives.iter();
+        let found =
+            drives.find_map(|drive| drive.sources().found(&Sent::default()).into_iter().next());
+        found.map_or(Ok(()), |found| {
+            Err(WorldError::SecondMaster(found.to_string()))
+        })
     }
 }

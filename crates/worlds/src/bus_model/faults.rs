@@ -15,6 +15,7 @@ use scenario::fault::{Fault, Group};
 use scenario::node::Part;
 
 use super::error_state::{Activity, ErrorState};
+use crate::agenda::Timed;
 use crate::names::emulator_name;
 
 /// Largest number of frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
@@ -29,9 +30,6 @@ const NODE_ID_BITS: u16 = 0x7F;
 const LOSE: &str = "lose";
 /// Names of the faults that are foreign nodes.
 const FOREIGN: [&str; 2] = ["babble", "load"];
-
-/// Frame with the time from which it waits.
-type Timed = (Duration, CanFrame);
 
 /// CAN controller on a bus, named by the node-ID of its owner; 0 for canrig's own node.
 type Seat = u8;
