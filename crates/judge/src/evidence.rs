@@ -566,7 +566,7 @@ pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> MetricValue {
         (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => other,
         (Err(reason), _) | (_, Err(reason)) => Err(reason),
     });
-    worst.unwrap_or_else(|| Err(Absence::not_asked()))
+    worst.unwrap_or_else(|| Err(Absence::meaningless("nothing to measure")))
 }
 
 /// Returns the distance of a value to a limit; negative beyond the limit.

@@ -159,6 +159,23 @@ fn a_loop_that_the_rig_lacks_is_one_problem() {
 }
 
 #[test]
+fn a_length_that_is_none_is_one_problem() {
+    let step = "[[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 12.0\n";
+    let limit = "[expect]\nsettling_time_seconds = { max = 3 }\n";
+    for length in ["0", "-3.0", "nan", "-inf"] {
+        let text = with(CLOSED).replace("12.0\n", &format!("{length}\n"));
+        let text = format!("{text}{step}{limit}");
+        let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
+        assert_eq!(
+            error.problems().len(),
+            1,
+            "{length}: {:?}",
+            error.problems()
+        );
+    }
+}
+
+#[test]
 fn an_array_of_tables_written_as_a_table_says_how_to_write_it() {
     check(
         &with(CLOSED).replace("[[reference.hold]]", "[reference.hold]"),

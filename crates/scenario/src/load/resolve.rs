@@ -387,7 +387,7 @@ fn read_run<'a>(selector: &Selector<'a, '_>, problems: &mut Vec<Problem>) -> Tol
             problems.extend(found);
             (run.bus, run.faults) = (rig.bus.clone(), faults);
             // A length that is not positive is one problem; that events come after the end of the run is not a further one.
-            if run.duration_seconds <= 0.0 {
+            if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
                 run.duration_seconds = f64::INFINITY;
             }
             problems.extend(check::run(scenario, &run, rig));
