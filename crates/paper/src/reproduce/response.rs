@@ -391,8 +391,8 @@ fn load() -> Experiment {
     Experiment {
         id: "load",
         title: "Another load",
-        text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both. Here the paper's law \
-               deviates less than ours, whose calm hold takes the weight for heat at first, and needs longer to be back.",
+        text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both. The paper's law \
+               deviates less than ours where the weight is taken off, and needs longer to be back.",
         runs: PlannedRun::with_twin(&base, Keep::Signals(Window::new(9.5, 17.0))),
         evaluate: |runs| {
             let coloured = coloured(runs);
