@@ -148,7 +148,7 @@ impl ProgramOrder {
                 .map_err(refused)?;
             if !started.program.accept().map_err(refused)? {
                 let how = format!("did not come to its seat in {} s", START_PATIENCE.as_secs());
-                return Err(started.broken(name, how, Duration::ZERO));
+                return Err(started.silent(name, how, Duration::ZERO));
             }
             (started.program.take_channel(), Some(started))
         } else {
@@ -199,12 +199,18 @@ impl StartedProgram {
         Some(broken_off(name, how, &output, doing))
     }
 
-    /// Returns the error for a program that broke its part, with its last output: how it ended by itself, otherwise `what`.
-    fn broken(mut self, name: &str, what: String, patience: Duration) -> WorldError {
-        if let Some((how, output)) = self.program.ended(patience) {
-            let doing = doing_by_itself(&how);
-            return broken_off(name, how, &output, doing);
-        }
+    /// Returns the error for a program that went silent, with its last output: how it ended by itself, otherwise `what`.
+    fn silent(mut self, name: &str, what: String, patience: Duration) -> WorldError {
+        let Some((how, output)) = self.program.ended(patience) else {
+            return self.broken(name, what);
+        };
+        let doing = doing_by_itself(&how);
+        broken_off(name, how, &output, doing)
+    }
+
+    /// Kills a program that broke its part, and returns the error for it, with its last output. Its channel may be closed
+    /// already, which it may end of: that says nothing.
+    fn broken(mut self, name: &str, what: String) -> WorldError {
         self.program.kill();
         let (_, output) = self.program.ended(END_PATIENCE).unwrap_or_default();
         broken_off(name, what, &output, Doing::Crashed)
@@ -252,10 +258,11 @@ fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldErro
     };
     let what = match &error {
         LockstepError::Ended { name } => {
-            return program.broken(name, "closed its channel".to_owned(), CLOSED_PATIENCE);
+            return program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE);
         }
-        LockstepError::NoAnswer { patience, .. } => {
-            format!("gave no answer within {} s", patience.as_secs())
+        LockstepError::NoAnswer { name, patience } => {
+            let what = format!("gave no answer within {} s", patience.as_secs());
+            return program.silent(name, what, Duration::ZERO);
         }
         LockstepError::Protocol { source, .. } => {
             format!("answered with what is no answer: {source}")
@@ -263,7 +270,7 @@ fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldErro
         LockstepError::Step { source, .. } => source.to_string(),
         LockstepError::Channel { .. } => return CoordinatorError::from(error).into(),
     };
-    program.broken(error.name(), what, Duration::ZERO)
+    program.broken(error.name(), what)
 }
 
 /// Node at its seat.
@@ -495,7 +502,7 @@ impl ProgramNode {
             (CoordinatorError::Overloaded { name }, Some(program)) if name == node => {
                 let what = CoordinatorError::Overloaded { name }.to_string();
                 let what = what.strip_prefix(node).unwrap_or(&what).trim();
-                program.broken(node, what.to_owned(), Duration::ZERO)
+                program.broken(node, what.to_owned())
             }
             (error, _) => error.into(),
         }
