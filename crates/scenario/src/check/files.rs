@@ -23,6 +23,8 @@ pub(crate) struct NamedFiles<'a, 'b> {
     pub(crate) document: &'a Document<'b>,
     /// Name of the file that names the others, relative to the scenario; empty for the scenario itself.
     pub(crate) beside: &'a str,
+    /// That file in messages: the scenario or the rig file.
+    pub(crate) named_by: &'a str,
     pub(crate) is_recorded: bool,
     pub(crate) read_file: ReadTable<'a>,
 }
@@ -113,20 +115,16 @@ impl NamedFiles<'_, '_> {
             return Some(self.wrong(path, file, what, OUTSIDE));
         }
         let error = self.hash(file).err()?;
-        let label = match (error.kind(), self.beside) {
-            (io::ErrorKind::NotFound, "") => "there is no such file beside the scenario".to_owned(),
-            (io::ErrorKind::NotFound, _) => "there is no such file beside the rig file".to_owned(),
+        let label = match error.kind() {
+            io::ErrorKind::NotFound => format!("there is no such file beside {}", self.named_by),
             _ => error.to_string(),
         };
         Some(self.wrong(path, file, what, &label))
     }
 
     fn hash(&mut self, file: &str) -> io::Result<()> {
-        let place = match self.beside {
-            "" => PathBuf::from(file),
-            of => Path::new(of).with_file_name(file),
-        };
         // Components drop each `.`, so that a hash has one name.
+        let place = Path::new(self.beside).with_file_name(file);
         let place = PathBuf::from_iter(place.components());
         match (self.read_file)(&format!("{}{HASH_SUFFIX}", place.to_string_lossy())) {
             Err(_) if self.is_recorded => Ok(()),

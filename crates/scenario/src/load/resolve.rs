@@ -30,6 +30,9 @@ use crate::trial::{Sections, Trial};
 use crate::view::HIDDEN_FROM_CONTROLLER;
 use crate::wiring::Wiring;
 
+/// Names of both files in messages.
+const SCENARIO: &str = "the scenario";
+const RIG_FILE: &str = "the rig file";
 /// Beginning of paths that belong to the scenario: a rig file has none of these.
 const SWEEP_PREFIX: &str = "sweep.";
 
@@ -341,6 +344,7 @@ fn read_trial(
     let mut named = NamedFiles {
         document,
         beside: "",
+        named_by: SCENARIO,
         is_recorded: asked.reading == Reading::Recorded,
         read_file,
     };
@@ -463,19 +467,21 @@ fn find_files(
     let mut named_in_rig = NamedFiles {
         document: rig_document,
         beside,
+        named_by: RIG_FILE,
         is_recorded,
         read_file: &mut *read_file,
     };
     wrong.extend(named_in_rig.of_plants(rig));
     // The files of a case were found before.
     for (node, program) in programs.iter().filter(|_| reading != Reading::Case) {
-        let (document, into) = match program.named_in.as_str() {
-            "" => (&files.scenario, &mut *problems),
-            _ => (rig_document, &mut wrong),
+        let (document, named_by, into) = match program.named_in.as_str() {
+            "" => (&files.scenario, SCENARIO, &mut *problems),
+            _ => (rig_document, RIG_FILE, &mut wrong),
         };
         let mut files = NamedFiles {
             document,
             beside: &program.named_in,
+            named_by,
             is_recorded,
             read_file: &mut *read_file,
         };

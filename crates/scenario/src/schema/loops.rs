@@ -92,17 +92,42 @@ fn parts_schema() -> Value {
     schema
 }
 
-/// Removes definitions without a reference, until the rest have one.
+/// Removes definitions without a reference.
 fn prune(schema: &mut Value) {
-    loop {
-        let text = schema.to_string();
-        let definitions = schema["definitions"].as_object_mut();
-        let definitions = definitions.expect("the parts have definitions");
-        let count = definitions.len();
-        definitions.retain(|name, _| text.contains(&format!("\"#/definitions/{name}\"")));
-        if definitions.len() == count {
-            return;
+    let Some(mut definitions) = schema["definitions"].as_object().cloned() else {
+        return;
+    };
+    schema["definitions"] = json!({});
+    let mut used = Map::new();
+    let mut referring = vec![schema.clone()];
+    while let Some(value) = referring.pop() {
+        for name in references(&value) {
+            if let Some(definition) = definitions.remove(&name) {
+                referring.push(definition.clone());
+                used.insert(name, definition);
+            }
         }
+    }
+    schema["definitions"] = used.into();
+}
+
+/// Returns the names of all definitions to which a schema refers.
+fn references(value: &Value) -> Vec<String> {
+    match value {
+        Value::Object(table) => {
+            let definition = table
+                .get("$ref")
+                .and_then(Value::as_str)
+                .and_then(|path| path.rsplit('/').next());
+            let below = table.values().flat_map(references);
+            definition
+                .map(str::to_owned)
+                .into_iter()
+                .chain(below)
+                .collect()
+        }
+        Value::Array(values) => values.iter().flat_map(references).collect(),
+        _ => Vec::new(),
     }
 }
 
