@@ -276,35 +276,13 @@ impl Modes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_rig::{in_hold, in_move};
 
     const PERIOD: f64 = 1e-3;
     const STEP_METRES: f64 = 0.06 / 1024.0;
 
     fn modes() -> Modes {
         Modes::new(&Config::default())
-    }
-
-    fn in_move() -> Settings {
-        let config = Config::default();
-        Settings {
-            bandwidth: config.bandwidth_radians_per_second,
-            fraction_drift: config.observer.fraction_drift,
-            heating_drift: config.observer.heating_drift_kelvins_per_second,
-            trusts_model: false,
-            caution: 0.0,
-            liveliness: 1.0,
-        }
-    }
-
-    fn in_hold() -> Settings {
-        let hold = Config::default().hold;
-        Settings {
-            bandwidth: hold.bandwidth_radians_per_second,
-            fraction_drift: hold.fraction_drift,
-            heating_drift: hold.heating_drift_kelvins_per_second,
-            trusts_model: true,
-            ..in_move()
-        }
     }
 
     fn at_rest(error_metres: f64) -> Course {

@@ -21,7 +21,7 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress};
-use canopen::nmt::{ERROR_CONTROL_ID, NodeId};
+use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NodeId};
 use canopen::object_dictionary::{Entry, Preset};
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{Device, ObjectDictionary, emcy};
@@ -338,7 +338,7 @@ impl Node for ControllerNode {
         };
         let drives = self.device.application().drives();
         let feedback = drives.map(|drive| Filter::exact(drive.layout.feedback.id()));
-        let before = [Filter::exact(0x000), function(emcy::DEFAULT_ID)];
+        let before = [Filter::exact(COMMAND_ID), function(emcy::DEFAULT_ID)];
         let behind = [
             function(DEFAULT_RESPONSE_ID),
             function(DEFAULT_REQUEST_ID),

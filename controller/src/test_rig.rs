@@ -1,11 +1,12 @@
 //! A plant for the tests of the laws: a nominal model, seen through the rig's position sensor, one cycle late.
 
-use scenario::controller::{Controller, NominalModel as ModelConfig};
+use scenario::controller::{Controller, NominalModel as ModelConfig, SlidingMode};
 use scenario::reference::SetPoint;
 use scenario::wiring::Wiring;
 
 use crate::catalogue::law;
 use crate::law::{Cycle, LoopReads};
+use crate::mode::Settings;
 use crate::nominal_model::NominalModel;
 use crate::process_law::Window;
 
@@ -24,6 +25,31 @@ pub(crate) const SENSOR_STEP_METRES: f64 = 0.06 / 1024.0;
 /// Returns a position as the rig's sensor measures it.
 pub(crate) fn sampled(position_metres: f64) -> f64 {
     libm::round(position_metres / SENSOR_STEP_METRES) * SENSOR_STEP_METRES
+}
+
+/// Returns the settings of a sound move.
+pub(crate) fn in_move() -> Settings {
+    let config = SlidingMode::default();
+    Settings {
+        bandwidth: config.bandwidth_radians_per_second,
+        fraction_drift: config.observer.fraction_drift,
+        heating_drift: config.observer.heating_drift_kelvins_per_second,
+        trusts_model: false,
+        caution: 0.0,
+        liveliness: 1.0,
+    }
+}
+
+/// Returns the settings of a calm hold.
+pub(crate) fn in_hold() -> Settings {
+    let hold = SlidingMode::default().hold;
+    Settings {
+        bandwidth: hold.bandwidth_radians_per_second,
+        fraction_drift: hold.fraction_drift,
+        heating_drift: hold.heating_drift_kelvins_per_second,
+        trusts_model: true,
+        ..in_move()
+    }
 }
 
 /// Returns a set-point without derivatives.

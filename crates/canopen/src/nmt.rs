@@ -4,6 +4,9 @@ use std::fmt;
 
 use can::CanFrame;
 
+/// COB-ID of NMT commands.
+pub const COMMAND_ID: u16 = 0x000;
+
 /// COB-ID of boot-up messages and heartbeats, without the node-ID.
 pub const ERROR_CONTROL_ID: u16 = 0x700;
 

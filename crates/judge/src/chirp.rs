@@ -66,9 +66,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
         last_followed(&sorted(points), offset_of_amplitude * chirp.amplitude)
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
-    lowest
-        .unwrap_or_else(|| Err(Absence::meaningless("nothing to measure")))
-        .into()
+    lowest.unwrap_or_else(|| Err(Absence::nothing())).into()
 }
 
 fn last_followed(points: &[FrequencyPoint], offset_max: f64) -> MetricValue {

@@ -105,6 +105,10 @@ impl Absence {
         Self::new(reason, Why::Meaningless)
     }
 
+    pub(crate) fn nothing() -> Self {
+        Self::meaningless("nothing to measure")
+    }
+
     pub(crate) fn not_asked() -> Self {
         Self::new("", Why::NotAsked)
     }
@@ -566,7 +570,7 @@ pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> MetricValue {
         (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => other,
         (Err(reason), _) | (_, Err(reason)) => Err(reason),
     });
-    worst.unwrap_or_else(|| Err(Absence::meaningless("nothing to measure")))
+    worst.unwrap_or_else(|| Err(Absence::nothing()))
 }
 
 /// Returns the distance of a value to a limit; negative beyond the limit.

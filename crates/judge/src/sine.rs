@@ -70,7 +70,7 @@ impl OfSine {
             }
         }
         match worst {
-            None => Absence::meaningless("nothing to measure").into(),
+            None => Absence::nothing().into(),
             Some((value, _)) if sines.len() == 1 => Ok(value).into(),
             Some((value, from)) => Measurement::at(Ok(value), from),
         }

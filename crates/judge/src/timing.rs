@@ -92,7 +92,7 @@ impl Timing {
     /// Returns the value for the limit at a path below `[expect.timing]`; `None` if all nodes are external.
     fn value(&self, path: &str) -> Option<f64> {
         let (latency, quantile) = path.split_once('.').unwrap_or((path, ""));
-        let mut reports = self.loops().map(|(_, report)| report);
+        let reports = self.loops().map(|(_, report)| report);
         let quantiles = match latency {
             #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
             "frames_delayed" => {
@@ -100,10 +100,8 @@ impl Timing {
                 return delayed.reduce(u64::add).map(|frames| frames as f64);
             }
             "wake_up_lateness_microseconds" => {
-                let first = reports.next()?.wake_up_lateness_microseconds;
-                reports.fold(first, |worst, report| {
-                    worst.worst(report.wake_up_lateness_microseconds)
-                })
+                let lateness = reports.map(|report| report.wake_up_lateness_microseconds);
+                lateness.reduce(Quantiles::worst)?
             }
             "sync_to_position_microseconds" => self.sync_to_position_microseconds,
             "position_to_command_microseconds" => self.position_to_command_microseconds,
@@ -151,12 +149,10 @@ impl Timing {
     /// Checks the values against the limits that are given. External nodes report no value.
     #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
-        let metrics = limits.limits().map(|(path, limit)| {
-            let row = path.replace('.', "_");
-            match self.value(&path) {
-                Some(value) => Metric::new(row, Ok(value), Some(limit)),
-                None => Metric::not_judged(row, NO_LOOP.to_owned(), Some(limit)),
-            }
+        let named = limits.rows().zip(limits.limits());
+        let metrics = named.map(|(row, (path, limit))| match self.value(&path) {
+            Some(value) => Metric::new(row, Ok(value), Some(limit)),
+            None => Metric::not_judged(row, NO_LOOP.to_owned(), Some(limit)),
         });
         metrics.collect()
     }

@@ -308,7 +308,8 @@ pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
 }
 
 /// Returns things in their order, each once.
-pub(crate) fn each_once<T: PartialEq>(things: impl IntoIterator<Item = T>) -> Vec<T> {
+#[must_use]
+pub fn each_once<T: PartialEq>(things: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut once = Vec::new();
     for thing in things {
         if !once.contains(&thing) {

@@ -14,28 +14,12 @@ pub(crate) fn objection(
     objection: impl Fn(&Trial) -> Option<Objection>,
 ) -> Option<Objection> {
     let start = format!("plant.{}.start.", trial.wiring.plant);
-    let is_fmu_key = |key: &str| key.starts_with(&start);
-    if !sweep.keys().any(is_fmu_key) {
-        return None;
-    }
-    let mut tried = trial.clone();
-    let mut swept = values(sweep)
-        .into_iter()
-        .filter(|(_, key, _)| is_fmu_key(key));
-    swept.find_map(|(place, key, value)| {
+    values(sweep).into_iter().find_map(|(path, key, value)| {
+        let variable = key.strip_prefix(&start)?;
+        let mut tried = trial.clone();
         let fmu = tried.plant.fmu.as_mut()?;
-        let variable = key.strip_prefix(&start)?.to_owned();
-        let usual = fmu.start.insert(variable.clone(), value.into());
-        let found = objection(&tried);
-        let fmu = tried.plant.fmu.as_mut()?;
-        match usual {
-            Some(usual) => fmu.start.insert(variable, usual),
-            None => fmu.start.remove(&variable),
-        };
-        found.map(|found| Objection {
-            path: place,
-            ..found
-        })
+        fmu.start.insert(variable.to_owned(), value.into());
+        objection(&tried).map(|found| Objection { path, ..found })
     })
 }
 

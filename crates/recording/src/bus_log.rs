@@ -98,11 +98,10 @@ impl BusLog {
     /// # Errors
     /// If the disk does not take it.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        let idle = self.idle_flushes.saturating_add(1);
         self.idle_flushes = if mem::take(&mut self.has_new) {
             0
         } else {
-            idle
+            self.idle_flushes.saturating_add(1)
         };
         if self.compressor.is_none() || self.idle_flushes == IDLE_FLUSHES_MAX {
             self.write()?;

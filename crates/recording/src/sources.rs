@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use can::{CanFrame, STANDARD_IDS};
-use canopen::nmt::ERROR_CONTROL_ID;
+use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID};
 use canopen::sdo::{DEFAULT_REQUEST_ID as SDO_REQUESTS, DEFAULT_RESPONSE_ID as SDO_RESPONSES};
 use canopen::{NmtState, emcy};
 use dbc::names;
@@ -27,7 +27,6 @@ const HEADER: &str = "node,identifier,frames";
 /// Largest file that is read.
 const BYTES_MAX: u64 = 1 << 20;
 
-const NMT_COB_ID: u16 = 0x000;
 /// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
@@ -430,14 +429,14 @@ impl SourceReader {
     fn on_contents(&mut self, now: Duration, identifier: u16, frame: &CanFrame) {
         match (identifier, frame.data()) {
             (SYNC_COB_ID, data) => self.on_sync(now, data),
-            (NMT_COB_ID, &[specifier, node, ..]) if !self.is_ours => {
+            (COMMAND_ID, &[specifier, node, ..]) if !self.is_ours => {
                 let is_for_drive = node == 0 || u16::from(node) == self.drive;
                 let stops = &mut self.sources.stops_seconds;
                 if is_for_drive && specifier != NMT_START && stops.len() < STOPS_MAX {
                     stops.push(now.as_secs_f64());
                 }
             }
-            (NMT_COB_ID, &[specifier, node, ..]) => self.on_nmt(now, specifier, node),
+            (COMMAND_ID, &[specifier, node, ..]) => self.on_nmt(now, specifier, node),
             (identifier, &[state, ..])
                 if (ERROR_CONTROL_ID + 1..ERROR_CONTROL_ID + 0x80).contains(&identifier) =>
             {
@@ -496,7 +495,7 @@ impl SourceReader {
         let command = canopen::NmtCommand::from_specifier(specifier);
         let command = command.map_or_else(|| format!("{specifier}"), |one| format!("{one:?}"));
         let what = format!("NMT {command} to node {node}");
-        self.sources.add(NMT, NMT_COB_ID, what, at);
+        self.sources.add(NMT, COMMAND_ID, what, at);
     }
 
     /// Takes an emergency of the controller. It reports why it gives up before it stops the drives, so an earlier Stop was
@@ -562,7 +561,7 @@ fn watched(
         watched.extend(identifier.map(frames));
     };
     let cycle = Some(cycle);
-    watch(Some(NMT_COB_ID), NMT, "NMT", None, ours);
+    watch(Some(COMMAND_ID), NMT, "NMT", None, ours);
     watch(Some(SYNC_COB_ID), SYNC, "SYNC", cycle, ours);
     watch(command, COMMAND, "commands to the drive", cycle, ours);
     for (node, sender) in [(controller, ours), (drive, drives)] {

@@ -141,10 +141,9 @@ impl Trial {
 }
 
 /// Returns the only loop.
-fn only(mut loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> {
+fn only(loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> {
     let count = loops.len();
-    let one = loops.pop().filter(|_| loops.is_empty());
-    one.ok_or_else(|| {
+    only_one(loops).ok_or_else(|| {
         let message = format!("its rig has {count} loops, and one is played here");
         ScenarioError::in_file(file_name, message)
     })
@@ -204,6 +203,12 @@ fn custom_table(
     let table =
         toml::Table::deserialize(ValueDeserializer::from(value.clone())).unwrap_or_default();
     Some(Custom::new(name, table))
+}
+
+/// Returns the only one of some things; `None` if there are none or several.
+pub(crate) fn only_one<T>(things: impl IntoIterator<Item = T>) -> Option<T> {
+    let mut things = things.into_iter();
+    things.next().filter(|_| things.next().is_none())
 }
 
 pub(crate) fn without_problems<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use canopen::emcy::{self, EmergencyMessage, ErrorCode};
-use canopen::nmt::ERROR_CONTROL_ID;
+use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NmtCommand};
 use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::error_frames;
@@ -25,10 +25,6 @@ const BUS_TROUBLES: [&str; 2] = ["bus-off", "error passive"];
 /// Number of periods without a position after which the drive counts as silent.
 const SILENT_PERIODS: u32 = 5;
 
-const NMT_COB_ID: u16 = 0x000;
-const NMT_START: u8 = 1;
-/// NMT stop, which the bench sends at the end of a run.
-const NMT_STOP: u8 = 2;
 /// Identifiers of all nodes' emergencies.
 const EMCYS: RangeInclusive<u16> = 0x081..=0x0FF;
 /// Causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no bring-up.
@@ -209,7 +205,7 @@ impl<'a> Seen<'a> {
         let is_of_controller = |stamped: &Stamped| {
             let frame = &stamped.frame;
             match frame.standard_id() {
-                Some(NMT_COB_ID) => frame.data().first() != Some(&NMT_STOP),
+                Some(COMMAND_ID) => frame.data().first() != Some(&NmtCommand::Stop.specifier()),
                 Some(id) => [SYNC_COB_ID, heartbeat].contains(&id),
                 None => false,
             }
@@ -232,8 +228,8 @@ impl<'a> Seen<'a> {
     /// How far the bring-up came: `NMT start: sent, SYNC: none, drive: switch on disabled`.
     fn bring_up(&self) -> String {
         let is_start = |one: &Stamped| {
-            one.frame.standard_id() == Some(NMT_COB_ID)
-                && one.frame.data().first() == Some(&NMT_START)
+            one.frame.standard_id() == Some(COMMAND_ID)
+                && one.frame.data().first() == Some(&NmtCommand::Start.specifier())
         };
         let is_sync = |one: &Stamped| one.frame.standard_id() == Some(SYNC_COB_ID);
         let sent = |is_sent| if is_sent { "sent" } else { "none" };

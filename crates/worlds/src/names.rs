@@ -1,6 +1,6 @@
 //! Names of the participants of a run, in messages and on the command line of their processes.
 
-use plan::{ControlLoop, Plan};
+use plan::{ControlLoop, Plan, each_once};
 use scenario::node::Part;
 
 pub(crate) use dbc::names::BENCH;
@@ -15,13 +15,7 @@ pub(crate) fn played_emulators(plan: &Plan) -> Vec<&str> {
 /// Returns the names of the participants that emulate the plants of these loops, each once.
 #[must_use]
 pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> Vec<&'a str> {
-    let mut names = Vec::new();
-    for name in loops.into_iter().map(emulator_name) {
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    names
+    each_once(loops.into_iter().map(emulator_name))
 }
 
 /// Returns the name of the participant that emulates a loop's plant. With several loops it is the name of the first plant that

@@ -251,26 +251,26 @@ fn broken_off(name: &str, how: String, output: &str, doing: Doing) -> WorldError
     }
 }
 
-/// Explains an error of the protocol with a node by the end of its program, if canrig started that.
+/// Explains an error of the protocol with a node whose program canrig started: one that went silent, by its end.
 fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldError {
     let Some(program) = program else {
         return CoordinatorError::from(error).into();
     };
-    let what = match &error {
+    match &error {
         LockstepError::Ended { name } => {
-            return program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE);
+            program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE)
         }
         LockstepError::NoAnswer { name, patience } => {
             let what = format!("gave no answer within {} s", patience.as_secs());
-            return program.silent(name, what, Duration::ZERO);
+            program.silent(name, what, Duration::ZERO)
         }
-        LockstepError::Protocol { source, .. } => {
-            format!("answered with what is no answer: {source}")
+        LockstepError::Protocol { name, source } => {
+            let what = format!("answered with what is no answer: {source}");
+            program.broken(name, what)
         }
-        LockstepError::Step { source, .. } => source.to_string(),
-        LockstepError::Channel { .. } => return CoordinatorError::from(error).into(),
-    };
-    program.broken(error.name(), what)
+        LockstepError::Step { name, source } => program.broken(name, source.to_string()),
+        LockstepError::Channel { .. } => CoordinatorError::from(error).into(),
+    }
 }
 
 /// Node at its seat.

@@ -123,7 +123,9 @@ fn sent(
     let is_killed = plan.shared.run.faults.of("crash").next().is_some();
     let mut has_controller = false;
     if let Some(report) = reports.get_mut(&plan.controller().name) {
-        report.sent.retain(|_| !is_killed);
+        if is_killed {
+            report.sent.clear();
+        }
         has_controller = !report.sent.is_empty();
     }
     let by_bench = has_controller.then_some((BENCH, by_bench));

@@ -22,19 +22,19 @@ impl Columns {
         self.0.iter().map(|message| message.raw_id)
     }
 
+    fn writers(&mut self) -> impl Iterator<Item = &mut SeriesWriter<f64>> {
+        let signals = self.0.iter_mut().flat_map(|message| &mut message.signals);
+        signals.map(|signal| &mut signal.rows)
+    }
+
+    /// Reserves memory for the rows of each signal, as far as they are kept there.
     pub(super) fn reserve(&mut self, rows: usize) {
-        for message in &mut self.0 {
-            for signal in &mut message.signals {
-                signal.rows.reserve(rows);
-            }
-        }
+        self.writers().for_each(|writer| writer.reserve(rows));
     }
 
     /// Keeps at most `rows` rows of each signal in memory.
     pub(super) fn keep(&mut self, rows: usize) {
-        let messages = self.0.iter_mut();
-        let signals = messages.flat_map(|message| &mut message.signals);
-        signals.for_each(|signal| signal.rows.keep(rows));
+        self.writers().for_each(|writer| writer.keep(rows));
     }
 
     /// Takes a frame of the latest of `rows` cycles. A value that is measured after the end of that cycle belongs to no cycle.

@@ -39,12 +39,12 @@ pub fn decode(
         .collect::<Result<Vec<_>, _>>()?;
     // All of them together have as much in memory as one.
     let kept_max = KEPT_MAX / plan.loops.len();
-    readers.iter_mut().for_each(|reader| reader.keep(kept_max));
     let frames = frames.into_iter();
     let expected = frames.size_hint().0;
-    readers
-        .iter_mut()
-        .for_each(|reader| reader.reserve(expected));
+    for reader in &mut readers {
+        reader.keep(kept_max);
+        reader.reserve(expected);
+    }
     match readers.as_mut_slice() {
         [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
         several => read_with(several, frames),

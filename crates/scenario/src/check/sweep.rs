@@ -13,6 +13,7 @@ use toml::de::DeValue;
 
 use crate::document::Document;
 use crate::error::Problem;
+use crate::load::only_one;
 use crate::nearest::nearest;
 use crate::rig::nodes::Rig;
 use crate::schema::{MULTIPLE_OF, resolve};
@@ -132,9 +133,8 @@ impl<'a> Keys<'a> {
     /// Returns the key that was probably meant: one with the same last name, or one that is spelt alike.
     fn meant(&self, key: &str) -> Option<&str> {
         let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
-        let mut namesakes = self.0.keys().filter(|known| last(known) == last(key));
-        let namesake = namesakes.next().filter(|_| namesakes.next().is_none());
-        namesake
+        let namesakes = self.0.keys().filter(|known| last(known) == last(key));
+        only_one(namesakes)
             .map(String::as_str)
             .or_else(|| nearest(key, self.0.keys().map(String::as_str)))
     }

@@ -11,7 +11,7 @@ use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
 use crate::check::outside;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::load::{Naming, in_unit, without_problems};
+use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
 use crate::rig::nodes::{NodeKind, Rig};
@@ -36,9 +36,8 @@ fn node_of(rig: &Rig, name: &str) -> Option<Node> {
 }
 
 fn only_drive(rig: &Rig) -> Option<Node> {
-    let mut drives = rig.of_kind(NodeKind::Drive);
-    let (only, _) = drives.next().filter(|_| drives.next().is_none())?;
-    node_of(rig, only)
+    let (drive, _) = only_one(rig.of_kind(NodeKind::Drive))?;
+    node_of(rig, drive)
 }
 
 /// Reads the faults of a document, and the problems among them. A fault of another form than the schema's is left out: the check

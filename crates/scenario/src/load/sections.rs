@@ -2,11 +2,13 @@
 //!
 //! The division works on the tree of the file, before any type is made of it, so that every value keeps its place.
 
+use std::mem;
+
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeArray, DeTable, DeValue};
 
 use super::expect;
-use super::{Factors, Naming};
+use super::{Factors, Naming, only_one};
 use crate::custom::leads_all;
 use crate::document::Document;
 use crate::error::Problem;
@@ -104,8 +106,8 @@ impl<'text> Selector<'_, 'text> {
 
     /// Checks whether one law leads all drives; then no key need name its loop.
     fn is_only_loop(&self) -> bool {
-        let mut loops = self.rig.loops.values().filter(|one| one.led_by.is_none());
-        loops.next().is_some() && loops.next().is_none()
+        let loops = self.rig.loops.values();
+        only_one(loops.filter(|one| one.led_by.is_none())).is_some()
     }
 
     /// Checks whether a loop represents a drive that the law of another loop leads.
@@ -208,7 +210,7 @@ impl<'text> Selector<'_, 'text> {
         };
         for (kind, entries) in kinds.iter_mut() {
             if let DeValue::Array(entries) = entries.get_mut() {
-                let all = entries.iter().cloned();
+                let all = mem::replace(entries, DeArray::new()).into_iter();
                 let kept =
                     all.filter_map(|entry| self.kept(entry, name, [section, kind.get_ref()]));
                 *entries = kept.collect();
@@ -235,9 +237,8 @@ impl<'text> Selector<'_, 'text> {
         }
         let output = output_name(kind, table);
         if !table.contains_key(NODE) {
-            let mut with = self.rig.io_with(&output);
-            let only = with.next().filter(|_| with.next().is_none());
-            let node = DeValue::String(only.unwrap_or_default().to_owned().into());
+            let io = only_one(self.rig.io_with(&output)).unwrap_or_default();
+            let node = DeValue::String(io.to_owned().into());
             let key = Spanned::new(span.clone(), NODE.into());
             table.insert(key, Spanned::new(span, node));
         }
