@@ -1,6 +1,7 @@
 """Drives and controllers in Python and C take the place of ours on a CAN bus of a kernel. Ours are left as they are: a rig file
 describes the drive, and no file describes the controllers."""
 
+import itertools
 import subprocess
 import sys
 
@@ -40,10 +41,13 @@ def play(with_can, canrig, tmp_path):
     A run that canrig itself calls inconclusive, because the machine was too busy for real time, or in which the drive waited
     too long for a SYNC, is made again. If none is decided, a second of the scenario must at least have been played."""
 
+    numbers = itertools.count()
+
     def play(command, rows_of_a_second, in_c=""):
         printed, rows = "", 0
-        for attempt in range(ATTEMPTS):
-            runs = tmp_path / f"runs-{attempt}"
+        for _ in range(ATTEMPTS):
+            # One run each, also if all is played once more after a stall: DRIVE replays what it finds there.
+            runs = tmp_path / f"runs-{next(numbers)}"
             code, text = with_can("bash", "-uc", command, "-", canrig, sys.executable, runs, in_c, timeout=100)
             printed += text
             if code == 0:
