@@ -3,7 +3,9 @@
 use std::io;
 
 use socketcan::CanInterface;
-use socketcan::nl::{CanCtrlMode, CanState};
+use socketcan::nl::CanCtrlMode;
+/// Error state of a CAN controller, by the kernel's names.
+pub use socketcan::nl::CanState;
 
 /// CAN interface. A value that its driver does not report is `None`; a vcan reports only whether it is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -13,28 +15,13 @@ pub struct Link {
     /// Bits per second.
     pub bit_rate: Option<u32>,
     /// The controller's error state.
-    pub state: Option<State>,
+    pub state: Option<CanState>,
     /// Transmit and receive error counters (ISO 11898-1).
     pub errors: Option<[u16; 2]>,
     /// Whether the controller hears the bus, but neither acknowledges nor sends.
     pub is_listen_only: bool,
     /// Whether the controller hears only its own frames.
     pub is_loopback: bool,
-}
-
-/// Error state of a CAN controller, by the kernel's names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// Both counters are below 96.
-    ErrorActive,
-    /// One is 96 or more.
-    ErrorWarning,
-    /// One is 128 or more.
-    ErrorPassive,
-    /// The controller takes no part in the bus.
-    BusOff,
-    /// The controller is stopped or asleep.
-    Stopped,
 }
 
 /// Asks the kernel about an interface of this process's network namespace.
@@ -54,21 +41,11 @@ pub fn link(name: &str) -> io::Result<Link> {
             .bit_timing
             .map(|timing| timing.bitrate)
             .filter(|rate| *rate != 0),
-        state: can.state.map(state),
+        state: can.state,
         errors: can
             .berr_counter
             .map(|counter| [counter.txerr, counter.rxerr]),
         is_listen_only: has(CanCtrlMode::ListenOnly),
         is_loopback: has(CanCtrlMode::Loopback),
     })
-}
-
-fn state(state: CanState) -> State {
-    match state {
-        CanState::ErrorActive => State::ErrorActive,
-        CanState::ErrorWarning => State::ErrorWarning,
-        CanState::ErrorPassive => State::ErrorPassive,
-        CanState::BusOff => State::BusOff,
-        CanState::Stopped | CanState::Sleeping => State::Stopped,
-    }
 }

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use platform::link::{Link, State};
+use platform::link::{CanState, Link};
 
 use super::checklist::Check;
 use crate::bus_choice::RunBus;
@@ -86,11 +86,13 @@ fn bus_errors(name: &str, link: &Link) -> Check {
     let look = "look at the cable, both terminating resistors and every node's bit rate";
     let restart = format!("repair the bus, then: ip link set {name} type can restart");
     let (state, advice) = match state {
-        State::ErrorActive => return Check::passed(BUS_ERRORS, format!("error active{counters}")),
-        State::ErrorWarning => ("error warning", look),
-        State::ErrorPassive => ("error passive", look),
-        State::BusOff => ("bus-off", restart.as_str()),
-        State::Stopped => ("stopped", restart.as_str()),
+        CanState::ErrorActive => {
+            return Check::passed(BUS_ERRORS, format!("error active{counters}"));
+        }
+        CanState::ErrorWarning => ("error warning", look),
+        CanState::ErrorPassive => ("error passive", look),
+        CanState::BusOff => ("bus-off", restart.as_str()),
+        CanState::Stopped | CanState::Sleeping => ("stopped", restart.as_str()),
     };
     Check::failed(BUS_ERRORS, format!("{state}{counters}; {advice}"))
 }
@@ -102,7 +104,7 @@ mod tests {
     const GOOD: Link = Link {
         is_up: true,
         bit_rate: Some(1_000_000),
-        state: Some(State::ErrorActive),
+        state: Some(CanState::ErrorActive),
         errors: Some([0, 0]),
         is_listen_only: false,
         is_loopback: false,
@@ -153,15 +155,15 @@ mod tests {
             (loopback, "✗ interface     can0 is in loopback mode"),
             (bit_rate, "✗ bit rate      500 kbit/s instead of 1000; "),
             (
-                state(State::ErrorWarning, [96, 0]),
+                state(CanState::ErrorWarning, [96, 0]),
                 "✗ bus errors    error warning, error counters 96",
             ),
             (
-                state(State::ErrorPassive, [128, 3]),
+                state(CanState::ErrorPassive, [128, 3]),
                 "✗ bus errors    error passive, error counters 128 (transmit) and 3",
             ),
             (
-                state(State::BusOff, [255, 0]),
+                state(CanState::BusOff, [255, 0]),
                 "ip link set can0 type can restart",
             ),
         ] {
