@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io;
-use std::os::fd::BorrowedFd;
+use std::os::fd::{BorrowedFd, OwnedFd};
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
@@ -10,6 +10,7 @@ use std::time::Duration;
 use can::CanFrame;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use rustix::net::{AddressFamily, SocketFlags, SocketType, socket_with};
 
 use crate::clock;
 use crate::probe;
@@ -240,6 +241,12 @@ pub(crate) fn wait_ready(
             return Ok(false);
         }
     }
+}
+
+/// Makes a socket for whole messages between processes. It closes on `exec`.
+pub(crate) fn seqpacket(flags: SocketFlags) -> Result<OwnedFd, Errno> {
+    let (family, kind) = (AddressFamily::UNIX, SocketType::SEQPACKET);
+    socket_with(family, kind, SocketFlags::CLOEXEC | flags, None)
 }
 
 /// Returns a likely reason for a full queue, for the error message.

@@ -23,8 +23,15 @@ const BACKLOG: i32 = 4096;
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
     /// Another process holds it.
-    #[error("{}", description(.0))]
-    Taken(Holder),
+    #[error(
+        "{holder} of this machine plays on {name} already; wait until it ends, or take another bus"
+    )]
+    Taken {
+        /// The interface.
+        name: String,
+        /// Process that holds it, if it is visible from this namespace.
+        holder: String,
+    },
     /// The system refuses.
     #[error("{name} cannot be claimed: {source}")]
     System {
@@ -33,26 +40,6 @@ pub enum ClaimError {
         /// The system's error.
         source: io::Error,
     },
-}
-
-/// Process that holds an interface.
-#[derive(Debug)]
-pub struct Holder {
-    /// The interface.
-    pub name: String,
-    /// Process number, if it is visible from this namespace.
-    pub process: Option<i32>,
-}
-
-fn description(Holder { name, process }: &Holder) -> String {
-    match process {
-        Some(process) => format!(
-            "process {process} of this machine plays on {name} already; wait until it ends, or take another bus"
-        ),
-        None => format!(
-            "another canrig of this machine plays on {name} already; wait until it ends, or take another bus"
-        ),
-    }
 }
 
 /// Exclusive claim on an interface; released on drop.
@@ -86,10 +73,11 @@ impl Claim {
         let socket = socket().map_err(system)?;
         match bind(&socket, &address) {
             Err(Errno::ADDRINUSE) => {
-                return Err(ClaimError::Taken(Holder {
+                let holder = holder(&address).map(|process| format!("process {process}"));
+                return Err(ClaimError::Taken {
                     name: interface.to_owned(),
-                    process: holder(&address),
-                }));
+                    holder: holder.unwrap_or_else(|| "another canrig".to_owned()),
+                });
             }
             bound => bound.map_err(system)?,
         }

@@ -10,12 +10,9 @@ use can::{CanFrame, Filter};
 use rustix::event::PollFlags;
 use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
-use rustix::net::{
-    AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect,
-    socket_with,
-};
+use rustix::net::{RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, connect};
 
-use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, wait_ready};
+use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, seqpacket, wait_ready};
 use crate::hub;
 use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_filters, encode_frame};
 
@@ -84,7 +81,7 @@ impl EmbeddedBus {
         let mut bytes = [0; FRAME_BYTES];
         let answer = rustix::net::recv(&self.socket, &mut bytes, RecvFlags::DONTWAIT);
         match answer {
-            Ok((_, length)) if answered && hub::decode_notice(&bytes[..length]).is_some() => Ok(()),
+            Ok((_, length)) if answered && decode_notice(&bytes[..length]).is_some() => Ok(()),
             _ => Err(refused()),
         }
     }
@@ -98,7 +95,7 @@ impl EmbeddedBus {
                     if let Some(frame) = decode_frame(&bytes[..length]) {
                         return Ok(Some(frame));
                     }
-                    if let Some(dropped) = hub::decode_notice(&bytes[..length]) {
+                    if let Some(dropped) = decode_notice(&bytes[..length]) {
                         self.dropped.set(dropped);
                     }
                 }
@@ -176,6 +173,11 @@ impl Bus for EmbeddedBus {
     }
 }
 
+/// Returns the number of lost frames in a notice of the hub; `None` if the packet is none.
+fn decode_notice(packet: &[u8]) -> Option<u64> {
+    packet.try_into().ok().map(u64::from_ne_bytes)
+}
+
 /// Returns a socket that is connected to the hub at `path`.
 fn connect_to(path: &Path) -> Result<OwnedFd, BusError> {
     let address =
@@ -191,13 +193,7 @@ fn connect_to(path: &Path) -> Result<OwnedFd, BusError> {
             source: errno.into(),
         },
     };
-    let socket = socket_with(
-        AddressFamily::UNIX,
-        SocketType::SEQPACKET,
-        SocketFlags::CLOEXEC,
-        None,
-    )
-    .map_err(failed)?;
+    let socket = seqpacket(SocketFlags::empty()).map_err(failed)?;
     connect(&socket, &address).map_err(failed)?;
     Ok(socket)
 }

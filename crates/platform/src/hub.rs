@@ -19,29 +19,23 @@
 
 mod counters;
 mod error;
-mod notice;
 mod place;
 mod switch;
 #[cfg(test)]
 mod tests;
 
-use std::fmt;
 use std::io;
-use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread::JoinHandle;
-
-use rustix::event::{EventfdFlags, eventfd};
 
 use crate::bus::BusAddress;
 use crate::recorder::{self, Recorder};
 use crate::scheduling::{self, Refused};
+use crate::stop::StoppedThread;
 
 use counters::Counters;
 pub use error::HubError;
-pub(crate) use notice::decode_notice;
 use place::Place;
 pub use place::remove_orphaned;
 pub(crate) use place::remove_silent;
@@ -72,11 +66,12 @@ pub fn running() -> Vec<BusAddress> {
 }
 
 /// Running hub; dropping it ends the bus and removes its socket.
+#[derive(Debug)]
 pub struct Hub {
+    // The thread ends before its socket is removed.
+    _thread: StoppedThread,
     place: Place,
     counters: Arc<Counters>,
-    stop: OwnedFd,
-    thread: Option<JoinHandle<()>>,
     real_time: Result<(), Refused>,
 }
 
@@ -93,26 +88,24 @@ impl Hub {
         let (place, listener) = Place::make(directories)?;
         let (ring, recorder) = recorder::ring();
         let counters = Arc::new(Counters::default());
-        let stop =
-            eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(io::Error::from)?;
-        let switch = Switch::new(listener, stop.try_clone()?, ring, Arc::clone(&counters))?;
+        let counted = Arc::clone(&counters);
         let (sender, receiver) = std::sync::mpsc::channel();
-        let thread = std::thread::Builder::new()
-            .name("hub".into())
-            .spawn(move || {
+        let thread = StoppedThread::start("hub", |stop| {
+            let switch = Switch::new(listener, stop, ring, counted)?;
+            Ok(move || {
                 let asked = scheduling::request_fifo(PRIORITY);
                 // No receiver is left if the start itself was given up.
                 sender.send(asked).ok();
                 switch.run();
-            })?;
+            })
+        })?;
         let real_time = receiver
             .recv()
             .map_err(|_| io::Error::other("its thread ended at once"))?;
         let hub = Self {
             place,
             counters,
-            stop,
-            thread: Some(thread),
+            _thread: thread,
             real_time,
         };
         Ok((hub, recorder))
@@ -140,26 +133,5 @@ impl Hub {
     #[must_use]
     pub fn refusal(&self) -> Option<&Refused> {
         self.real_time.as_ref().err()
-    }
-}
-
-impl Drop for Hub {
-    fn drop(&mut self) {
-        // An event counter takes this write; should it not, the join below would wait for ever.
-        if rustix::io::write(&self.stop, &1_u64.to_ne_bytes()).is_ok()
-            && let Some(thread) = self.thread.take()
-        {
-            drop(thread.join());
-        }
-    }
-}
-
-impl fmt::Debug for Hub {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("Hub")
-            .field("address", &self.address())
-            .field("report", &self.report())
-            .finish_non_exhaustive()
     }
 }

@@ -21,8 +21,8 @@ use rustix::process::{
 use rustix::stdio::stdin;
 
 use crate::clock::monotonic;
-use crate::process::{in_new_session, inherit};
-use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
+use crate::process::{in_new_session, inherit, stat};
+use crate::scheduling::pass_on_fifo;
 use crate::stop::{OF_TERMINAL, ignore};
 use crate::worker::how;
 
@@ -42,6 +42,9 @@ const LOG_BYTES_MAX: u64 = 16 << 20;
 const TOLD_BYTES_MAX: usize = 2_000;
 const TOLD_LINES_MAX: usize = 12;
 const PART_BYTES: usize = 64 << 10;
+
+/// Index of the parent's number in `/proc/PID/stat` after the process's name (proc(5)).
+const PARENT_FIELD: usize = 1;
 
 /// Starts a program, keeps its output in a file, and waits for its end: by itself, or after the end of standard input. Returns a
 /// text that continues "the program", such as "exited with code 0", and in the next lines the last output.
@@ -78,9 +81,7 @@ fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
     in_new_session(&mut command);
     let lifeline = inherit(&mut command, stdin().try_clone_to_owned()?);
     command.env(LIFELINE_VARIABLE, lifeline.to_string());
-    if has_fifo() {
-        with_fifo(&mut command, WORKER_PRIORITY);
-    }
+    pass_on_fifo(&mut command);
     // It is waited for below.
     Ok(Pid::from_child(&command.spawn()?))
 }
@@ -89,6 +90,10 @@ fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
 fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus> {
     let handle = pidfd_open(program, PidfdFlags::empty())?;
     let mut signals = [(STOP_PATIENCE, Signal::TERM), (TERM_PATIENCE, Signal::KILL)].into_iter();
+    let mut following = || {
+        let (time, signal) = signals.next()?;
+        Some((monotonic() + time, signal))
+    };
     // Next signal, with its time.
     let mut next: Option<(Duration, Signal)> = None;
     let (mut is_wanted, mut is_open) = (true, true);
@@ -119,16 +124,12 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
         }
         if is_wanted && has_input && !matches!(rustix::io::read(stdin, &mut [0; 64]), Ok(1..)) {
             is_wanted = false;
-            next = signals
-                .next()
-                .map(|(time, signal)| (monotonic() + time, signal));
+            next = following();
         }
         if let Some((_, signal)) = next.filter(|(time, _)| *time <= monotonic()) {
             // The poll above sees a program that has ended meanwhile.
             let _ = kill_process_group(program, signal);
-            next = signals
-                .next()
-                .map(|(time, signal)| (monotonic() + time, signal));
+            next = following();
         }
     }
 }
@@ -148,17 +149,12 @@ fn end_descendants() {
 
 /// Returns the child processes of `parent`.
 pub(crate) fn children(parent: u32) -> Vec<Pid> {
-    let parent = parent.to_string();
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let is_child = |number: &i32| {
-        let stat = fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
-        // The program's name before this may contain any character.
-        let fields = stat.rsplit(") ").next().unwrap_or_default();
-        fields.split(' ').nth(1) == Some(parent.as_str())
-    };
-    let numbers = numbers.filter(is_child);
-    numbers.filter_map(Pid::from_raw).collect()
+    let processes = numbers.filter_map(Pid::from_raw);
+    { processes }
+        .filter(|process| stat(*process, PARENT_FIELD) == Some(parent))
+        .collect()
 }
 
 /// Kept output of a program.

@@ -2,6 +2,8 @@
 
 use can::{CanFrame, Filter};
 
+use crate::seat::bytes_at;
+
 /// Bytes of `struct can_frame`.
 pub(crate) const FRAME_BYTES: usize = 16;
 /// Bytes of `struct can_filter`.
@@ -19,9 +21,8 @@ pub(crate) fn encode_frame(frame: &CanFrame) -> [u8; FRAME_BYTES] {
 /// Decodes a `struct can_frame`; `None` if the bytes are not a frame.
 pub(crate) fn decode_frame(bytes: &[u8]) -> Option<CanFrame> {
     let bytes: &[u8; FRAME_BYTES] = bytes.try_into().ok()?;
-    let (id, rest) = bytes.split_first_chunk::<4>()?;
-    let data = bytes.last_chunk::<8>()?;
-    CanFrame::from_raw(u32::from_ne_bytes(*id), rest[0], *data)
+    let id = u32::from_ne_bytes(bytes_at(bytes, 0));
+    CanFrame::from_raw(id, bytes[4], bytes_at(bytes, 8))
 }
 
 /// Encodes filters as an array of `struct can_filter`.
@@ -39,9 +40,9 @@ pub(crate) fn decode_filters(bytes: &[u8]) -> Option<Vec<Filter>> {
     rest.is_empty().then(|| {
         filters
             .iter()
-            .map(|[a, b, c, d, e, f, g, h]| Filter {
-                id: u32::from_ne_bytes([*a, *b, *c, *d]),
-                mask: u32::from_ne_bytes([*e, *f, *g, *h]),
+            .map(|filter| Filter {
+                id: u32::from_ne_bytes(bytes_at(filter, 0)),
+                mask: u32::from_ne_bytes(bytes_at(filter, 4)),
             })
             .collect()
     })

@@ -115,13 +115,28 @@ pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
 /// # Errors
 /// If the child does not exist any more.
 pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
-    let signal = if is_suspended {
+    let child = i32::try_from(number).ok().and_then(Pid::from_raw);
+    Ok(kill_process(
+        child.ok_or(Errno::SRCH)?,
+        suspension(is_suspended),
+    )?)
+}
+
+/// Returns the signal that stops a process where it is, or resumes it.
+pub(crate) fn suspension(is_suspended: bool) -> Signal {
+    if is_suspended {
         Signal::STOP
     } else {
         Signal::CONT
-    };
-    let child = i32::try_from(number).ok().and_then(Pid::from_raw);
-    kill_process(child.ok_or(Errno::SRCH)?, signal).map_err(io::Error::from)
+    }
+}
+
+/// Returns a number of `/proc/PID/stat`, by its place after the process's name; `None` if the process is gone.
+pub(crate) fn stat(process: Pid, field: usize) -> Option<u32> {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_nonzero())).ok()?;
+    // The name may contain any character.
+    let fields = stat.rsplit(") ").next()?;
+    fields.split(' ').nth(field)?.parse().ok()
 }
 
 /// Returns whether a process killed by this signal crashed by itself: no other process sends these signals.

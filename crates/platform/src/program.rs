@@ -14,16 +14,16 @@ use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{
-    AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept_with,
-    bind, connect, listen, recv, send, socket_with,
+    RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, accept_with, bind, connect, listen, recv,
+    send,
 };
 use rustix::process::{Signal, getuid, kill_process_group};
 use tempfile::TempDir;
 
-use crate::bus::wait_ready;
+use crate::bus::{seqpacket, wait_ready};
 use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
-use crate::process::myself;
-use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
+use crate::process::{myself, suspension};
+use crate::scheduling::pass_on_fifo;
 use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, STOPPED, numbers, read_welcome, write_done, write_failure,
     write_hello, write_numbers,
@@ -110,9 +110,7 @@ impl Program {
             }
         }
         command.envs(order.environment.iter().map(|(name, value)| (name, value)));
-        if has_fifo() {
-            with_fifo(&mut command, WORKER_PRIORITY);
-        }
+        pass_on_fifo(&mut command);
         let keeper = command.spawn()?;
         if let Some(told) = &keeper.stdout {
             fcntl_setfl(told, OFlags::NONBLOCK)?;
@@ -155,11 +153,7 @@ impl Program {
 
     /// Stops the program and all in its group where they are, or resumes them.
     pub fn suspend(&self, is_suspended: bool) {
-        self.signal(if is_suspended {
-            Signal::STOP
-        } else {
-            Signal::CONT
-        });
+        self.signal(suspension(is_suspended));
     }
 
     fn signal(&self, signal: Signal) {
@@ -276,7 +270,7 @@ impl Seat {
     pub fn join(name: &str) -> io::Result<Self> {
         let path = std::env::var_os(PORTS_VARIABLE).map(PathBuf::from);
         let path = path.ok_or_else(|| io::Error::other("no seat is named: runs start this"))?;
-        let socket = seqpacket()?;
+        let socket = seqpacket(SocketFlags::empty())?;
         connect(&socket, &SocketAddrUnix::new(path.as_path())?)?;
         let mut seat = Self {
             channel: Channel::new(socket),
@@ -354,11 +348,6 @@ impl Seat {
     }
 }
 
-fn seqpacket() -> io::Result<OwnedFd> {
-    let (family, kind) = (AddressFamily::UNIX, SocketType::SEQPACKET);
-    Ok(socket_with(family, kind, SocketFlags::CLOEXEC, None)?)
-}
-
 /// Seat that waits for its program: a socket in a folder that no other user can enter.
 #[derive(Debug)]
 pub struct Listener {
@@ -376,7 +365,7 @@ impl Listener {
             .prefix("canrig-seat-")
             .permissions(Permissions::from_mode(0o700))
             .tempdir()?;
-        let socket = seqpacket()?;
+        let socket = seqpacket(SocketFlags::empty())?;
         let listener = Self { socket, folder };
         bind(&listener.socket, &SocketAddrUnix::new(listener.path())?)?;
         listen(&listener.socket, 1)?;

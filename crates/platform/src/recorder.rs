@@ -3,22 +3,21 @@
 //! A recorder never holds up the bus. Frames wait for their reader in a ring of 65 536. Frames that do not fit are counted as
 //! lost, and so are frames that the kernel discarded.
 
-use std::fmt;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
 use can::CanFrame;
 use rtrb::{Consumer, Producer, RingBuffer};
-use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::net::sockopt::{set_socket_recv_buffer_size, set_socket_recv_buffer_size_force};
 use socketcan::{CanAnyFrame, CanFdSocket, CanSocket, Socket, SocketOptions};
 
 use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
 use crate::socketcan_bus::{kernel_drops, open_socket};
+use crate::stop::StoppedThread;
 
 /// Largest number of frames that wait for the reader: some 8 s of a full bus at 1 Mbit/s.
 pub const RING_FRAMES: usize = 65_536;
@@ -40,12 +39,14 @@ pub struct ReceivedFrame {
 }
 
 /// Recorder of every frame on a bus, in the order of time.
+#[derive(Debug)]
 pub struct Recorder {
     frames: Consumer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
     fd_frames: Arc<AtomicU64>,
     clock: Clock,
-    interface: Option<InterfaceThread>,
+    /// Thread that listens to an interface.
+    interface: Option<StoppedThread>,
 }
 
 impl Recorder {
@@ -59,29 +60,20 @@ impl Recorder {
 
     /// As [`Recorder::on_interface`] with an open socket.
     pub(crate) fn on_socket(name: &str, socket: CanSocket) -> Result<Self, BusError> {
-        let failed = |action| {
-            move |source| BusError::System {
-                address: BusAddress::Interface(name.into()),
-                action,
-                source,
-            }
+        let failed = |source| BusError::System {
+            address: BusAddress::Interface(name.into()),
+            action: "record",
+            source,
         };
         let (mut ring, recorder) = ring();
         // Only a socket for both kinds of frames has room for CAN FD frames, which a smaller one cuts.
-        let socket = CanFdSocket::try_from(socket).map_err(failed("record"))?;
-        prepare(&socket).map_err(failed("record"))?;
-        let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
-            .map_err(|errno| failed("record")(errno.into()))?;
-        let raised = stop.try_clone().map_err(failed("record"))?;
-        let thread = std::thread::Builder::new()
-            .name("recorder".into())
-            .spawn(move || listen(&socket, &stop, &mut ring))
-            .map_err(failed("record"))?;
+        let socket = CanFdSocket::try_from(socket).map_err(failed)?;
+        prepare(&socket).map_err(failed)?;
+        let thread = StoppedThread::start("recorder", |stop| {
+            Ok(move || listen(&socket, &stop, &mut ring))
+        });
         Ok(Self {
-            interface: Some(InterfaceThread {
-                stop: raised,
-                thread: Some(thread),
-            }),
+            interface: Some(thread.map_err(failed)?),
             ..recorder
         })
     }
@@ -133,16 +125,6 @@ impl Recorder {
     }
 }
 
-impl fmt::Debug for Recorder {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("Recorder")
-            .field("waiting", &self.frames.slots())
-            .field("lost", &self.lost())
-            .finish_non_exhaustive()
-    }
-}
-
 /// Writing end of a recorder's ring.
 pub(crate) struct Ring {
     frames: Producer<ReceivedFrame>,
@@ -159,16 +141,8 @@ impl Ring {
 
     fn push(&mut self, time: Duration, frame: CanFrame) {
         if self.frames.push(ReceivedFrame { time, frame }).is_err() {
-            self.add_lost(1);
+            self.lost.fetch_add(1, Ordering::Relaxed);
         }
-    }
-
-    fn add_lost(&self, count: u64) {
-        self.lost.fetch_add(count, Ordering::Relaxed);
-    }
-
-    fn count_fd(&self) {
-        self.fd_frames.fetch_add(1, Ordering::Relaxed);
     }
 }
 
@@ -192,23 +166,6 @@ pub(crate) fn ring() -> (Ring, Recorder) {
         interface: None,
     };
     (ring, recorder)
-}
-
-/// Thread that listens to an interface; ends on drop.
-struct InterfaceThread {
-    stop: OwnedFd,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Drop for InterfaceThread {
-    fn drop(&mut self) {
-        // An event counter takes this write; should it not, the join below would wait for ever.
-        if rustix::io::write(&self.stop, &1_u64.to_ne_bytes()).is_ok()
-            && let Some(thread) = self.thread.take()
-        {
-            drop(thread.join());
-        }
-    }
 }
 
 /// Sets a socket up to receive all frames, with stamps and a large buffer.
@@ -241,7 +198,7 @@ fn listen(socket: &CanFdSocket, stop: &OwnedFd, ring: &mut Ring) {
             break;
         }
     }
-    ring.add_lost(kernel_drops(socket));
+    ring.lost.fetch_add(kernel_drops(socket), Ordering::Relaxed);
 }
 
 /// Conversion of the kernel's stamps, which are wall-clock times, to the recorder's clock.
@@ -273,7 +230,7 @@ fn read_all(socket: &CanFdSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool 
                 let time = stamps.run_time(stamp);
                 match from_socketcan(&frame) {
                     Some(frame) => ring.push(time, frame),
-                    None => ring.count_fd(),
+                    None => drop(ring.fd_frames.fetch_add(1, Ordering::Relaxed)),
                 }
             }
             Err(error) => match error.kind() {

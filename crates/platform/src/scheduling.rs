@@ -93,17 +93,16 @@ pub fn request_fifo(priority: u8) -> Result<(), Refused> {
     })
 }
 
-/// Returns whether this thread has a real-time priority.
-pub(crate) fn has_fifo() -> bool {
+/// Makes the process of a command request the priority of a worker before it begins, if this thread has a real-time priority. If
+/// refused, it runs without.
+pub(crate) fn pass_on_fifo(command: &mut Command) {
     // SAFETY: the call takes a number only; 0 is the calling thread.
     let policy = unsafe { libc::sched_getscheduler(0) };
-    policy >= 0 && policy & !libc::SCHED_RESET_ON_FORK == libc::SCHED_FIFO
-}
-
-/// Makes the process of a command request a real-time priority before it begins. If refused, it runs without.
-pub(crate) fn with_fifo(command: &mut Command, priority: u8) {
-    let ask = move || {
-        let _ = request_fifo(priority);
+    if policy < 0 || policy & !libc::SCHED_RESET_ON_FORK != libc::SCHED_FIFO {
+        return;
+    }
+    let ask = || {
+        let _ = request_fifo(WORKER_PRIORITY);
         Ok(())
     };
     // SAFETY: the closure makes one system call and does not allocate.

@@ -92,16 +92,21 @@ impl Header {
                 format!("a message has {HEADER_BYTES} bytes at least, and this one ends here"),
             ));
         };
-        let [kind, a, c0, c1, n0, n1, n2, n3, time @ ..] = *header;
         let header = Self {
-            kind,
-            a,
-            count: u16::from_le_bytes([c0, c1]),
-            number: u32::from_le_bytes([n0, n1, n2, n3]),
-            time: u64::from_le_bytes(time),
+            kind: header[0],
+            a: header[1],
+            count: u16::from_le_bytes(bytes_at(header, 2)),
+            number: u32::from_le_bytes(bytes_at(header, 4)),
+            time: u64::from_le_bytes(bytes_at(header, 8)),
         };
         Ok((header, body))
     }
+}
+
+/// Returns some bytes of a message; zeros beyond its end.
+pub(crate) fn bytes_at<const COUNT: usize>(message: &[u8], at: usize) -> [u8; COUNT] {
+    let bytes = message.get(at..).and_then(|rest| rest.first_chunk());
+    bytes.copied().unwrap_or([0; COUNT])
 }
 
 /// Error in a message: its first wrong byte, and the reason.
@@ -210,14 +215,11 @@ pub fn write_welcome(message: &mut Vec<u8>, seed: u64, json: &[u8]) {
 /// If it is no WELCOME.
 pub fn read_welcome(message: &[u8]) -> Result<(&[u8], u64), Misread> {
     let (_, body) = split(message, Kind::Welcome)?;
-    let seed = body.get(8..16).and_then(|seed| seed.first_chunk());
-    match (seed, body.get(24..)) {
-        (Some(seed), Some(json)) => Ok((json, u64::from_le_bytes(*seed))),
-        _ => {
-            let what = "WELCOME has 40 bytes and JSON, and this one ends here".to_owned();
-            Err(Misread::new(message.len(), what))
-        }
-    }
+    let json = body.get(24..).ok_or_else(|| {
+        let what = "WELCOME has 40 bytes and JSON, and this one ends here".to_owned();
+        Misread::new(message.len(), what)
+    })?;
+    Ok((json, u64::from_le_bytes(bytes_at(body, 8))))
 }
 
 /// Writes DONE: the program is ready, or has stopped.

@@ -2,7 +2,6 @@
 //! virtual machine are while their host runs something else. The kernel's count of the time for which a thread waited for a
 //! processor shows the other stalls.
 
-use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -282,7 +281,7 @@ fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
 
 fn is_called(task: &Path, name: &str) -> bool {
     let said = fs::read_to_string(task.join("comm")).unwrap_or_default();
-    OsStr::new(said.trim_end()) == OsStr::new(name)
+    said.trim_end() == name
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicI32, Ordering};
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::io::Errno;
@@ -101,6 +101,41 @@ impl StopSignal {
             Pipe::Stdin => rustix::stdio::stdin(),
             Pipe::Owned(fd) => fd.as_fd(),
         })
+    }
+}
+
+/// Thread that works until it is told to end, which the drop does and waits for.
+#[derive(Debug)]
+pub(crate) struct StoppedThread {
+    stop: OwnedFd,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl StoppedThread {
+    /// Starts a thread. `prepare` makes its work, and gets the event that tells it to end.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub(crate) fn start<Work: FnOnce() + Send + 'static>(
+        name: &str,
+        prepare: impl FnOnce(OwnedFd) -> io::Result<Work>,
+    ) -> io::Result<Self> {
+        let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+        let work = prepare(stop.try_clone()?)?;
+        let thread = thread::Builder::new().name(name.to_owned());
+        let thread = Some(thread.spawn(work)?);
+        Ok(Self { stop, thread })
+    }
+}
+
+impl Drop for StoppedThread {
+    fn drop(&mut self) {
+        // An event counter takes this write; should it not, the join below would wait for ever.
+        if rustix::io::write(&self.stop, &1_u64.to_ne_bytes()).is_ok()
+            && let Some(thread) = self.thread.take()
+        {
+            drop(thread.join());
+        }
     }
 }
 

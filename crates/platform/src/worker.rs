@@ -14,7 +14,7 @@ use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::lockstep::channel;
 use crate::process::{inherit, inherited_channel, myself};
-use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
+use crate::scheduling::pass_on_fifo;
 
 /// Largest part of a worker's standard error that is told at its end.
 const TOLD_BYTES_MAX: usize = 2_000;
@@ -97,9 +97,7 @@ impl Worker {
         let number = inherit(&mut command, theirs);
         command.args(arguments).arg(number.to_string());
         command.stdout(Stdio::null()).stderr(their_errors);
-        if has_fifo() {
-            with_fifo(&mut command, WORKER_PRIORITY);
-        }
+        pass_on_fifo(&mut command);
         let child = command.spawn()?;
         Ok(Self {
             channel: Channel::new(ours),
@@ -173,7 +171,7 @@ mod tests {
     use std::io::Write as _;
 
     use super::*;
-    use crate::scheduling::{NODE_PRIORITY, request_fifo};
+    use crate::scheduling::{NODE_PRIORITY, WORKER_PRIORITY, request_fifo};
 
     const SOON: Option<Duration> = Some(Duration::from_secs(10));
 

@@ -33,7 +33,7 @@ pub fn claim(bus: &RunBus) -> Result<Option<Claim>, WorldError> {
         return Ok(None);
     };
     let claim = Claim::on(name).map_err(|error| match error {
-        ClaimError::Taken(_) => WorldError::SecondMaster(error.to_string()),
+        ClaimError::Taken { .. } => WorldError::SecondMaster(error.to_string()),
         ClaimError::System { .. } => WorldError::Claim(error),
     });
     claim.map(Some)

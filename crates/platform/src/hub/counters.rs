@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Counters of the switch while it runs.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct Counters {
     pub(super) frames: AtomicU64,
     pub(super) dropped: AtomicU64,

@@ -8,14 +8,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::io::Errno;
-use rustix::net::{
-    AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with,
-};
+use rustix::net::{SocketAddrUnix, SocketFlags, bind, connect, listen};
 use rustix::process::{Pid, getppid, test_kill_process};
 
 use super::error::HubError;
 use super::switch::CLIENTS_MAX;
-use crate::clock::Clock;
+use crate::bus::seqpacket;
+use crate::clock::{Clock, sleep};
+use crate::process::stat;
 
 /// Prefix of a directory's name, `canrig-bus-<process>-<number>`.
 const PREFIX: &str = "canrig-bus-";
@@ -33,6 +33,7 @@ const FLAGS_FIELD: usize = 6;
 const PF_EXITING: u32 = 0x4;
 
 /// Directory with a hub's socket; both are removed on drop.
+#[derive(Debug)]
 pub(super) struct Place {
     directory: PathBuf,
 }
@@ -65,7 +66,7 @@ impl Place {
         let path = self.socket();
         let address =
             SocketAddrUnix::new(&path).map_err(|_| HubError::PathTooLong { path: path.clone() })?;
-        let socket = seqpacket().map_err(io::Error::from)?;
+        let socket = seqpacket(SocketFlags::NONBLOCK).map_err(io::Error::from)?;
         bind(&socket, &address).map_err(io::Error::from)?;
         // No other user can pass the directory meanwhile.
         fs::set_permissions(&path, Permissions::from_mode(0o600))?;
@@ -165,13 +166,7 @@ pub fn remove_orphaned(socket: &Path) {
 
 /// Returns whether a process is ending: the kernel closes its files in any order, and reassigns its children last.
 fn is_ending(process: Pid) -> bool {
-    let path = format!("/proc/{}/stat", process.as_raw_nonzero());
-    let stat = fs::read_to_string(path).unwrap_or_default();
-    // The process's name before this may contain any character.
-    let fields = stat.rsplit(") ").next().unwrap_or_default();
-    let flags = fields.split(' ').nth(FLAGS_FIELD);
-    let flags = flags.and_then(|flags| flags.parse::<u32>().ok());
-    flags.is_some_and(|flags| flags & PF_EXITING != 0)
+    stat(process, FLAGS_FIELD).is_some_and(|flags| flags & PF_EXITING != 0)
 }
 
 /// Returns the process in the name of the socket's directory.
@@ -189,23 +184,15 @@ pub(crate) fn remove_silent(socket: &Path) {
         if nobody_listens(socket) {
             return remove(socket);
         }
-        wait(LISTENER_LOOK);
+        sleep(LISTENER_LOOK);
     }
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "the bus has ended: nothing cyclic is left to hold up"
-)]
-fn wait(duration: Duration) {
-    std::thread::sleep(duration);
 }
 
 fn nobody_listens(socket: &Path) -> bool {
     let Ok(address) = SocketAddrUnix::new(socket) else {
         return false;
     };
-    seqpacket().is_ok_and(|probe| {
+    seqpacket(SocketFlags::NONBLOCK).is_ok_and(|probe| {
         matches!(
             connect(&probe, &address),
             Err(Errno::CONNREFUSED | Errno::NOENT)
@@ -219,15 +206,6 @@ fn remove(socket: &Path) {
     if let Some(directory) = socket.parent() {
         fs::remove_dir(directory).ok();
     }
-}
-
-fn seqpacket() -> Result<OwnedFd, Errno> {
-    socket_with(
-        AddressFamily::UNIX,
-        SocketType::SEQPACKET,
-        SocketFlags::CLOEXEC | SocketFlags::NONBLOCK,
-        None,
-    )
 }
 
 #[cfg(test)]
@@ -248,7 +226,7 @@ mod tests {
         let clock = Clock::start();
         while !is_ending(pid(child.id())) {
             assert!(clock.now() < LISTENER_PATIENCE, "it does not end");
-            wait(LISTENER_LOOK);
+            sleep(LISTENER_LOOK);
         }
         child.wait().unwrap();
         assert!(!is_ending(pid(i32::MAX as u32)));

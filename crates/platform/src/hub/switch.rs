@@ -13,7 +13,6 @@ use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
 
 use super::counters::{Counters, count};
-use super::notice::encode_notice;
 use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
 use crate::recorder::Ring;
 
@@ -147,7 +146,7 @@ impl Switch {
                 if client.filters.is_none() {
                     count(&self.counters.malformed);
                     self.clients[index] = None;
-                } else if !client.send(&encode_notice(0)) {
+                } else if !client.send(&0_u64.to_ne_bytes()) {
                     self.clients[index] = None;
                 }
             }
@@ -180,7 +179,7 @@ impl Client {
     /// Sends the client a frame, after a notice of lost ones; returns false if its socket is full or gone.
     fn deliver(&mut self, bytes: &[u8; FRAME_BYTES]) -> bool {
         if self.dropped != self.dropped_reported {
-            if !self.send(&encode_notice(self.dropped)) {
+            if !self.send(&self.dropped.to_ne_bytes()) {
                 return false;
             }
             self.dropped_reported = self.dropped;

@@ -7,8 +7,8 @@ use can::{CanFrame, Filter, FilterSet, Progress};
 
 use super::answer::Answer;
 use crate::seat::{
-    FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, fitting_text, read_hello_name,
-    split, write_name,
+    FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, bytes_at, fitting_text,
+    read_hello_name, split, write_name,
 };
 
 /// Largest number of frames in one message.
@@ -289,13 +289,9 @@ fn write_filters(packet: &mut Vec<u8>, filters: &[Filter]) {
 }
 
 fn filters(bytes: &[u8]) -> Vec<Filter> {
-    let word = |bytes: &[u8]| {
-        let word = bytes.first_chunk().copied();
-        u32::from_le_bytes(word.unwrap_or_default())
-    };
     let filter = |bytes: &[u8; FILTER_BYTES]| Filter {
-        id: word(bytes),
-        mask: word(&bytes[4..]),
+        id: u32::from_le_bytes(bytes_at(bytes, 0)),
+        mask: u32::from_le_bytes(bytes_at(bytes, 4)),
     };
     bytes.as_chunks().0.iter().map(filter).collect()
 }
@@ -325,25 +321,10 @@ fn read_records<'a>(
     let records = records.as_chunks::<RECORD_BYTES>().0.iter();
     for (place, record) in records.enumerate() {
         let at = RECORDS_AT + place * RECORD_BYTES;
-        let [
-            t0,
-            t1,
-            t2,
-            t3,
-            t4,
-            t5,
-            t6,
-            t7,
-            i0,
-            i1,
-            i2,
-            i3,
-            length,
-            flags,
-            ..,
-        ] = *record;
-        let data = *record.last_chunk().unwrap_or(&[0; 8]);
-        let id = u32::from_le_bytes([i0, i1, i2, i3]);
+        let time = u64::from_le_bytes(bytes_at(record, 0));
+        let id = u32::from_le_bytes(bytes_at(record, 8));
+        let [length, flags] = bytes_at(record, 12);
+        let data = bytes_at(record, 16);
         let frame = CanFrame::from_raw(id, length, data).filter(|_| flags == 0);
         let Some(frame) = frame else {
             let what = format!(
@@ -351,7 +332,6 @@ fn read_records<'a>(
             );
             return Err(Misread::new(at + 12, what));
         };
-        let time = u64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7]);
         frames.push((Duration::from_nanos(time), frame));
     }
     Ok(rest)
