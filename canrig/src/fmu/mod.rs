@@ -53,7 +53,7 @@ fn shown(file: &Path, is_rig: bool) -> Exit {
         }
     };
     print(&if is_rig {
-        proposed_table(file, archive.description())
+        proposed_table(file, &archive.description)
     } else {
         told(&archive)
     });
@@ -91,10 +91,10 @@ fn plant_name(model_name: &str) -> String {
 }
 
 fn told(archive: &Archive) -> String {
-    let description = archive.description();
+    let description = &archive.description;
     let mut text = format!(
         "{}: {}, FMI {}",
-        archive.file().display(),
+        archive.file.display(),
         description.model_name,
         description.version.name()
     );
@@ -130,8 +130,8 @@ fn told(archive: &Archive) -> String {
 }
 
 fn platforms(archive: &Archive) -> String {
-    let here = archive.description().version.platform();
-    let named = archive.platforms().iter().map(|platform| {
+    let here = archive.description.version.platform();
+    let named = archive.platforms.iter().map(|platform| {
         if platform == here {
             format!("{platform} (this machine)")
         } else {
@@ -139,7 +139,7 @@ fn platforms(archive: &Archive) -> String {
         }
     });
     let mut named = Vec::from_iter(named);
-    if !archive.platforms().iter().any(|platform| platform == here) {
+    if !archive.platforms.iter().any(|platform| platform == here) {
         named.push(format!("not {here}, which this machine needs"));
     }
     named.join(", ")

@@ -22,17 +22,20 @@ const UNPACKED_BYTES_MAX: u64 = 2 << 30;
 
 /// The file of an FMU, with its description.
 pub struct Archive {
-    file: PathBuf,
-    description: Description,
-    platforms: Vec<String>,
+    /// Path of the file.
+    pub file: PathBuf,
+    /// The description.
+    pub description: Description,
+    /// Folders below `binaries`: the platforms with a library.
+    pub platforms: Vec<String>,
 }
 
 /// An unpacked FMU. Its files are removed when this is dropped.
 #[derive(Debug)]
 pub struct Unpacked {
     folder: Folder,
-    file: PathBuf,
-    description: Description,
+    /// Path of the FMU's file.
+    pub file: PathBuf,
 }
 
 impl Archive {
@@ -41,35 +44,13 @@ impl Archive {
     /// # Errors
     /// The file cannot be read, is no acceptable zip file, or its description is invalid.
     pub fn open(file: &Path) -> Result<Self, FmuError> {
-        let read = || {
-            let mut zip = opened(file)?;
-            let (description, platforms) = read_from(&mut zip)?;
-            Ok((description, platforms))
-        };
-        let (description, platforms) = read().map_err(|fault: Fault| fault.of(file))?;
+        let read = opened(file).and_then(|mut zip| read_from(&mut zip));
+        let (description, platforms) = read.map_err(|fault| fault.of(file))?;
         Ok(Self {
             file: file.to_owned(),
             description,
             platforms,
         })
-    }
-
-    /// Returns the path of the file.
-    #[must_use]
-    pub fn file(&self) -> &Path {
-        &self.file
-    }
-
-    /// Returns the description.
-    #[must_use]
-    pub fn description(&self) -> &Description {
-        &self.description
-    }
-
-    /// Returns the folders below `binaries`: the platforms with a library.
-    #[must_use]
-    pub fn platforms(&self) -> &[String] {
-        &self.platforms
     }
 
     /// Checks whether there is a library for this machine.
@@ -109,7 +90,6 @@ impl Archive {
         Ok(Unpacked {
             folder,
             file: self.file.clone(),
-            description: self.description.clone(),
         })
     }
 }
@@ -119,18 +99,6 @@ impl Unpacked {
     #[must_use]
     pub fn folder(&self) -> &Path {
         self.folder.path()
-    }
-
-    /// Returns the path of the FMU's file.
-    #[must_use]
-    pub fn file(&self) -> &Path {
-        &self.file
-    }
-
-    /// Returns the description.
-    #[must_use]
-    pub fn description(&self) -> &Description {
-        &self.description
     }
 }
 

@@ -47,7 +47,7 @@ pub enum StartValue {
 
 /// Properties of a variable for calls to the library.
 #[derive(Clone, Debug, PartialEq)]
-struct Access {
+pub(crate) struct Access {
     name: String,
     kind: Kind,
     reference: u32,
@@ -69,7 +69,7 @@ impl Access {
 
 /// A start value, ready for calls to the library.
 #[derive(Clone, Debug, PartialEq)]
-enum Start {
+pub(crate) enum Start {
     Number(Access, f64),
     Text(Access, CString),
 }
@@ -116,7 +116,8 @@ impl Configuration {
     }
 }
 
-fn check_port(variable: &Variable, is_input: bool) -> Result<(), Fault> {
+/// Checks whether a port can carry a variable.
+pub(crate) fn check_port(variable: &Variable, is_input: bool) -> Result<(), Fault> {
     let fault = |reason: &str| Err(Fault::variable(&variable.name, reason));
     if variable.is_array {
         return fault("is an array, which cannot be a port");
@@ -131,7 +132,8 @@ fn check_port(variable: &Variable, is_input: bool) -> Result<(), Fault> {
     Ok(())
 }
 
-fn checked_start(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
+/// Returns a start value for calls to the library, if the variable accepts it.
+pub(crate) fn checked_start(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
     let fault = |reason: String| Err(Fault::variable(&variable.name, reason));
     if !variable.takes_start() {
         let is = variable.causality.name();
@@ -256,15 +258,10 @@ impl Instance {
 
     fn initialize(&mut self, start: &[Start], tolerance: Option<f64>) -> Result<(), Fault> {
         for start in start {
+            let slave = &mut self.slave;
             let (access, status) = match start {
-                Start::Number(access, number) => {
-                    let status = (self.slave).set_number(access.kind, access.reference, *number);
-                    (access, status)
-                }
-                Start::Text(access, text) => {
-                    let status = self.slave.set_text(access.reference, text);
-                    (access, status)
-                }
+                Start::Number(of, number) => (of, slave.set_number(of.kind, of.reference, *number)),
+                Start::Text(of, text) => (of, slave.set_text(of.reference, text)),
             };
             if !status.is_good() {
                 let (outcome, log) = (status.outcome(), self.slave.log());
@@ -462,7 +459,10 @@ impl Instance {
             let advanced = reached - from;
             let is_sane = (0.0..=duration * (1.0 + ROUNDING)).contains(&advanced);
             if !is_sane {
-                return Err(self.wrong_end(from, duration, reached));
+                let end = from + duration;
+                let outcome =
+                    format!("says that it reached {reached} s, in a step that ends at {end} s");
+                return Err(self.failed("DoStep", outcome, Some(from)));
             }
             if advanced > 0.0 {
                 self.time_seconds = reached;
@@ -484,28 +484,14 @@ impl Instance {
         Err(self.too_many())
     }
 
-    fn wrong_end(&mut self, from: f64, duration: f64, reached: f64) -> Fault {
-        let end = from + duration;
-        Fault::Call {
-            function: "DoStep",
-            outcome: format!("says that it reached {reached} s, in a step that ends at {end} s"),
-            time_seconds: Some(from),
-            log: self.slave.log(),
-        }
-    }
-
     fn discarded(&mut self, duration: f64) -> Fault {
         let shorter = if self.may_shorten {
             "and every shorter one"
         } else {
             "and it takes no shorter one"
         };
-        Fault::Call {
-            function: "DoStep",
-            outcome: format!("refused (discard) a step of {duration} s, {shorter}"),
-            time_seconds: Some(self.time_seconds),
-            log: self.slave.log(),
-        }
+        let outcome = format!("refused (discard) a step of {duration} s, {shorter}");
+        self.failed("DoStep", outcome, Some(self.time_seconds))
     }
 
     /// Returns from event mode to step mode: updates the discrete states until they are stable.
@@ -526,12 +512,8 @@ impl Instance {
                 break;
             }
             if count == UPDATES_MAX {
-                return Err(Fault::Call {
-                    function: "UpdateDiscreteStates",
-                    outcome: format!("wanted to be called more than {UPDATES_MAX} times"),
-                    time_seconds,
-                    log: self.slave.log(),
-                });
+                let outcome = format!("wanted to be called more than {UPDATES_MAX} times");
+                return Err(self.failed("UpdateDiscreteStates", outcome, time_seconds));
             }
         }
         let status = self.slave.enter_steps();
@@ -547,16 +529,25 @@ impl Instance {
         if status.is_good() {
             return Ok(());
         }
-        let log = self.slave.log();
+        let fault = self.failed(function, status.outcome(), time_seconds);
         if status == Status::Fatal {
             self.slave.forsake();
         }
-        Err(Fault::Call {
+        Err(fault)
+    }
+
+    fn failed(
+        &mut self,
+        function: &'static str,
+        outcome: String,
+        time_seconds: Option<f64>,
+    ) -> Fault {
+        Fault::Call {
             function,
-            outcome: status.outcome(),
+            outcome,
             time_seconds,
-            log,
-        })
+            log: self.slave.log(),
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use toml::Value;
 
 use crate::description::{Causality, Description, Kind, Variable};
 use crate::error::Fault;
-use crate::instance::{Configuration, StartValue};
+use crate::instance::{Configuration, StartValue, check_port, checked_start};
 use crate::unit::{Conversion, Known, unit_by_base, unit_by_symbol, unit_in_name};
 
 /// A port of an FMU.
@@ -84,19 +84,7 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
             );
             return Err(at_variable()(fault));
         }
-        let name_alone = vec![variable.name.clone()];
-        let alone = if is_input {
-            Configuration {
-                inputs: name_alone,
-                ..a_configuration()
-            }
-        } else {
-            Configuration {
-                outputs: name_alone,
-                ..a_configuration()
-            }
-        };
-        alone.check(description).map_err(at_variable())?;
+        check_port(variable, is_input).map_err(at_variable())?;
         let port = described_port(name, port, variable, description)
             .map_err(Misfit::at(place.as_str()))?;
         wiring.add(port, variable, is_input);
@@ -132,14 +120,6 @@ impl Wiring {
     }
 }
 
-/// Returns a configuration whose step is valid in any case.
-fn a_configuration() -> Configuration {
-    Configuration {
-        step_seconds: Some(1.0),
-        ..Configuration::default()
-    }
-}
-
 /// Returns the start values; each one is valid for its variable.
 fn start_values(
     table: &Fmu,
@@ -158,11 +138,8 @@ fn start_values(
                 return Err(at_value()(Fault::variable(variable, reason)));
             }
         };
-        let alone = Configuration {
-            start: vec![(variable.clone(), value.clone())],
-            ..a_configuration()
-        };
-        alone.check(description).map_err(at_value())?;
+        let of = description.variable(variable).map_err(at_value())?;
+        checked_start(of, &value).map_err(at_value())?;
         Ok((variable.clone(), value))
     });
     start.collect()

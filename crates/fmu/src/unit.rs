@@ -2,7 +2,10 @@
 
 use std::f64::consts::PI;
 
-/// Exponents of kg, m, s, A, K, mol, cd and rad.
+/// Base units.
+pub(crate) const BASE_UNITS: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
+
+/// Exponents of the base units: kg, m, s, A, K, mol, cd and rad.
 pub type Exponents = [i32; 8];
 
 /// A unit in terms of the base units: `base = factor · value + offset`.

@@ -62,7 +62,7 @@ fn wired(fmu: &Fmu, must_run: bool) -> Result<(Arc<Opened>, table::Wiring), Misf
     }
     // The name that the FMU may use in its messages.
     let name = Path::new(&fmu.file).file_stem().unwrap_or_default();
-    let wiring = wiring(fmu, &name.to_string_lossy(), opened.archive.description())?;
+    let wiring = wiring(fmu, &name.to_string_lossy(), &opened.archive.description)?;
     Ok((opened, wiring))
 }
 

@@ -41,7 +41,7 @@ fn what_this_machine_needs_is_unpacked_and_gone_at_the_end() {
         ("sources/a.c", b"int x;"),
     ];
     let archive = archive(folder.path(), &entries).unwrap();
-    assert_eq!(archive.platforms().len(), 2);
+    assert_eq!(archive.platforms.len(), 2);
     let unpacked = archive.unpack().unwrap();
     let place = unpacked.folder().to_owned();
     assert_eq!(fs::read(place.join(&library)).unwrap(), b"elf");
@@ -50,8 +50,8 @@ fn what_this_machine_needs_is_unpacked_and_gone_at_the_end() {
         b"1,2"
     );
     assert!(!place.join("sources").exists() && !place.join("binaries/x86_64-windows").exists());
-    assert_eq!(description_in(&place).unwrap(), *archive.description());
-    assert!(library_in(&place, archive.description()).unwrap().is_file());
+    assert_eq!(description_in(&place).unwrap(), archive.description);
+    assert!(library_in(&place, &archive.description).unwrap().is_file());
     drop(unpacked);
     assert!(!place.exists());
 }

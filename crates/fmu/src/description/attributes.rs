@@ -1,7 +1,9 @@
 //! Attributes of an element, with errors that name its line.
 
 use roxmltree::Node;
+use serde::Deserialize;
 
+use super::variable::keyword;
 use crate::error::Fault;
 
 /// An element's attributes.
@@ -60,16 +62,13 @@ impl<'a> Attributes<'a, '_> {
     }
 
     /// Returns one of several keywords.
-    pub(super) fn word<T>(
-        &self,
-        name: &str,
-        of: impl Fn(&str) -> Option<T>,
-    ) -> Result<Option<T>, Fault> {
+    pub(super) fn word<T: Deserialize<'a>>(&self, name: &str) -> Result<Option<T>, Fault> {
         let Some(text) = self.text(name) else {
             return Ok(None);
         };
-        let word = of(text).ok_or_else(|| self.fault(format!("`{name}` cannot be `{text}`")))?;
-        Ok(Some(word))
+        let word = keyword(text);
+        let unknown = || self.fault(format!("`{name}` cannot be `{text}`"));
+        word.ok_or_else(unknown).map(Some)
     }
 
     /// Returns the elements of a name below this one.

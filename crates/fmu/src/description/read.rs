@@ -5,12 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use roxmltree::Document;
 
 use super::attributes::Attributes;
+use super::variable::keyword;
 use super::{Causality, CoSimulation, Description, Initial, Kind, Variability, Variable, Version};
 use crate::error::Fault;
-use crate::unit::Base;
-
-/// Base units in the order of [`crate::unit::Exponents`].
-const BASE_UNITS: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
+use crate::unit::{BASE_UNITS, Base};
 
 /// Properties of a declared type, for the variables that refer to it.
 #[derive(Default)]
@@ -187,7 +185,7 @@ fn variable(
     let tag = value.0.tag_name().name();
     let kind = match version {
         Version::Two => Kind::of_fmi_2(tag),
-        Version::Three => Kind::of_fmi_3(tag),
+        Version::Three => keyword(tag),
     };
     let kind =
         kind.ok_or_else(|| element.fault(format!("<{tag}> is not a variable of FMI 3.0")))?;
@@ -197,12 +195,10 @@ fn variable(
             "`{name}` has the valueReference `{reference}`, no number of 32 bits"
         ))
     })?;
-    let causality = element
-        .word("causality", Causality::of)?
-        .unwrap_or(Causality::Local);
-    let variability = element.word("variability", Variability::of)?;
+    let causality = element.word("causality")?.unwrap_or(Causality::Local);
+    let variability = element.word("variability")?;
     let variability = variability.unwrap_or_else(|| default_variability(causality, kind, version));
-    let initial = element.word("initial", Initial::of)?;
+    let initial = element.word("initial")?;
     let type_defaults = value.text("declaredType").and_then(|name| types.get(name));
     let declared = declared(value)?;
     let inherited = |pick: fn(&Declared<'_>) -> Option<f64>| {

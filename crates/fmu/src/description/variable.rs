@@ -1,7 +1,15 @@
 //! One variable of an FMU.
 
+use serde::Deserialize;
+use serde::de::value::{Error, StrDeserializer};
+
+/// Returns the value that FMI calls so.
+pub(super) fn keyword<'a, T: Deserialize<'a>>(text: &'a str) -> Option<T> {
+    T::deserialize(StrDeserializer::<Error>::new(text)).ok()
+}
+
 /// The type of a variable's values.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Kind {
     Float32,
@@ -24,36 +32,12 @@ pub enum Kind {
 impl Kind {
     /// Returns the kind of an element of FMI 2.0; `Real` and `Integer` are numbers of 64 and 32 bits.
     pub(super) fn of_fmi_2(element: &str) -> Option<Self> {
-        Some(match element {
-            "Real" => Self::Float64,
-            "Integer" => Self::Int32,
-            "Boolean" => Self::Boolean,
-            "String" => Self::String,
-            "Enumeration" => Self::Enumeration,
-            _ => return None,
-        })
-    }
-
-    /// Returns the kind of an element of FMI 3.0.
-    pub(super) fn of_fmi_3(element: &str) -> Option<Self> {
-        Some(match element {
-            "Float32" => Self::Float32,
-            "Float64" => Self::Float64,
-            "Int8" => Self::Int8,
-            "UInt8" => Self::UInt8,
-            "Int16" => Self::Int16,
-            "UInt16" => Self::UInt16,
-            "Int32" => Self::Int32,
-            "UInt32" => Self::UInt32,
-            "Int64" => Self::Int64,
-            "UInt64" => Self::UInt64,
-            "Boolean" => Self::Boolean,
-            "Enumeration" => Self::Enumeration,
-            "String" => Self::String,
-            "Binary" => Self::Binary,
-            "Clock" => Self::Clock,
-            _ => return None,
-        })
+        match element {
+            "Real" => Some(Self::Float64),
+            "Integer" => Some(Self::Int32),
+            "Boolean" | "String" | "Enumeration" => keyword(element),
+            _ => None,
+        }
     }
 
     /// Returns whether the values are floating-point numbers.
@@ -90,7 +74,8 @@ impl Kind {
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
 /// Role of a variable.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[serde(rename_all = "camelCase")]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Causality {
     Parameter,
@@ -103,19 +88,6 @@ pub enum Causality {
 }
 
 impl Causality {
-    pub(super) fn of(text: &str) -> Option<Self> {
-        Some(match text {
-            "parameter" => Self::Parameter,
-            "calculatedParameter" => Self::CalculatedParameter,
-            "structuralParameter" => Self::StructuralParameter,
-            "input" => Self::Input,
-            "output" => Self::Output,
-            "local" => Self::Local,
-            "independent" => Self::Independent,
-            _ => return None,
-        })
-    }
-
     /// Returns a text that follows the word "is".
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -132,7 +104,8 @@ impl Causality {
 }
 
 /// Times at which a variable may change.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[serde(rename_all = "camelCase")]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Variability {
     Constant,
@@ -142,37 +115,14 @@ pub enum Variability {
     Continuous,
 }
 
-impl Variability {
-    pub(super) fn of(text: &str) -> Option<Self> {
-        Some(match text {
-            "constant" => Self::Constant,
-            "fixed" => Self::Fixed,
-            "tunable" => Self::Tunable,
-            "discrete" => Self::Discrete,
-            "continuous" => Self::Continuous,
-            _ => return None,
-        })
-    }
-}
-
 /// Source of a variable's first value.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[serde(rename_all = "camelCase")]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Initial {
     Exact,
     Approx,
     Calculated,
-}
-
-impl Initial {
-    pub(super) fn of(text: &str) -> Option<Self> {
-        Some(match text {
-            "exact" => Self::Exact,
-            "approx" => Self::Approx,
-            "calculated" => Self::Calculated,
-            _ => return None,
-        })
-    }
 }
 
 /// A variable.

@@ -1,14 +1,15 @@
 //! The instance behind a component, and the functions of both versions that differ in their names only.
 #![expect(unsafe_code, reason = "C hands over the pointers")]
 
-use std::ffi::{CStr, c_int, c_void};
+use std::ffi::{CStr, CString, c_int, c_void};
 
-use super::played::{Failure, Played, guarded};
+use super::played::{Played, guarded};
 
 pub(super) type Component = *mut c_void;
 
 pub(super) const OK: c_int = 0;
 pub(super) const ERROR: c_int = 3;
+pub(super) const FATAL: c_int = 4;
 
 /// Callback that gives the importer a status and its reason.
 type Tell = Box<dyn Fn(c_int, &CStr)>;
@@ -18,9 +19,8 @@ struct Instance {
     tell: Tell,
 }
 
-fn told(tell: &Tell, failure: Failure) -> c_int {
-    let status = failure.status();
-    tell(status, &failure.message());
+fn told(tell: &Tell, (status, message): (c_int, String)) -> c_int {
+    tell(status, &CString::new(message).unwrap_or_default());
     status
 }
 

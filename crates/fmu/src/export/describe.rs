@@ -4,10 +4,7 @@ use std::collections::BTreeSet;
 
 use super::{Model, ModelVariable, Role};
 use crate::description::Version;
-use crate::unit::unit_by_symbol;
-
-/// Names of the base units, in the order of [`crate::unit::Exponents`].
-const BASE_UNITS: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
+use crate::unit::{BASE_UNITS, unit_by_symbol};
 
 pub(super) fn xml(model: &Model, version: Version) -> String {
     let (number, token) = match version {

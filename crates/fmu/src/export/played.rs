@@ -1,8 +1,9 @@
 //! An instance of a model, without C.
 
-use std::ffi::{CStr, CString};
+use std::ffi::{CStr, CString, c_int};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use super::component::{ERROR, FATAL};
 use super::{Exported, Model, Role, Running, by_token};
 use crate::instance::StartValue;
 
@@ -170,37 +171,11 @@ impl Played {
     }
 }
 
-/// Runs code that may panic. A panic must not leave through C.
-pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, Failure> {
+/// Runs code that may panic. A panic must not leave through C. A failure is a status of FMI and its reason.
+pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, (c_int, String)> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(value)) => Ok(value),
-        Ok(Err(message)) => Err(Failure::Error(message)),
-        Err(_) => Err(Failure::Fatal),
-    }
-}
-
-/// Failure of a function.
-pub(super) enum Failure {
-    /// An error with its reason.
-    Error(String),
-    /// The model is broken.
-    Fatal,
-}
-
-impl Failure {
-    /// Returns `Error` or `Fatal` of FMI.
-    pub(super) fn status(&self) -> std::ffi::c_int {
-        match self {
-            Self::Error(_) => 3,
-            Self::Fatal => 4,
-        }
-    }
-
-    pub(super) fn message(self) -> CString {
-        let message = match self {
-            Self::Error(message) => message,
-            Self::Fatal => "the model broke".to_owned(),
-        };
-        CString::new(message).unwrap_or_default()
+        Ok(Err(message)) => Err((ERROR, message)),
+        Err(_) => Err((FATAL, "the model broke".to_owned())),
     }
 }

@@ -138,5 +138,5 @@ fn a_panic_does_not_leave_through_c() {
     played.set_number(1, 1e9).unwrap();
     played.start().unwrap();
     let failure = played::guarded(|| played.step(0.0, 1.0)).err().unwrap();
-    assert_eq!(failure.status(), 4);
+    assert_eq!(failure.0, 4);
 }

@@ -1,17 +1,13 @@
 //! A control law in a shared library: the functions of `include/canrig_law.h` behind safe ones.
 
-use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
 use std::ffi::{CStr, CString, c_char, c_double, c_int, c_void};
 use std::path::Path;
-use std::ptr::NonNull;
 
 use libloading::os::unix::Library;
 
 use super::{function, open, text};
 use crate::error::Fault;
 
-/// Alignment of the law's memory: that of `max_align_t`.
-const ALIGNMENT: usize = 16;
 const BYTES_MAX: usize = 1 << 30;
 const WHY_BYTES: usize = 256;
 
@@ -90,38 +86,11 @@ impl Names {
     }
 }
 
-/// Memory of a law.
-struct Memory {
-    start: NonNull<u8>,
-    layout: Layout,
-}
-
-impl Memory {
-    fn new(bytes: usize) -> Result<Self, Fault> {
-        if bytes > BYTES_MAX {
-            let reason = format!("canrig_law_bytes wants {bytes} bytes (limit {BYTES_MAX})");
-            return Err(Fault::Table(reason));
-        }
-        let layout = Layout::from_size_align(bytes.max(1), ALIGNMENT)
-            .map_err(|error| Fault::Table(error.to_string()))?;
-        // SAFETY: the layout has a size above 0.
-        let start = unsafe { alloc_zeroed(layout) };
-        let start = NonNull::new(start).unwrap_or_else(|| handle_alloc_error(layout));
-        Ok(Self { start, layout })
-    }
-}
-
-impl Drop for Memory {
-    fn drop(&mut self) {
-        // SAFETY: it was allocated with this layout.
-        unsafe { dealloc(self.start.as_ptr(), self.layout) };
-    }
-}
-
 /// A law of a library, with its memory. It runs foreign code, so only a worker process may load it.
 pub struct LawLibrary {
     step: Step,
-    memory: Memory,
+    /// Memory of the law, aligned as `max_align_t`.
+    memory: Vec<u128>,
     writes: usize,
     terms: usize,
     reads: usize,
@@ -178,9 +147,14 @@ impl LawLibrary {
             seed: setup.seed,
         });
         // SAFETY: the setup is valid as long as the law, and so are all pointers in it.
-        let memory = Memory::new(unsafe { bytes(&raw const *given) })?;
+        let bytes = unsafe { bytes(&raw const *given) };
+        if bytes > BYTES_MAX {
+            let reason = format!("canrig_law_bytes wants {bytes} bytes (limit {BYTES_MAX})");
+            return Err(Fault::Table(reason));
+        }
+        let mut memory = vec![0; bytes.max(1).div_ceil(size_of::<u128>())];
         let mut why = [0; WHY_BYTES];
-        let state = memory.start.as_ptr().cast();
+        let state = memory.as_mut_ptr().cast();
         // SAFETY: the memory has as many bytes as the law asked for, `why` as many as the header says.
         let status = unsafe { init(state, &raw const *given, why.as_mut_ptr()) };
         if status != 0 {
@@ -224,7 +198,7 @@ impl LawLibrary {
             "the setup's"
         );
         let (writes, terms) = writes.split_at_mut(self.writes);
-        let state = self.memory.start.as_ptr().cast();
+        let state = self.memory.as_mut_ptr().cast();
         // SAFETY: there are as many values as the law was told.
         let status = unsafe {
             (self.step)(

@@ -31,6 +31,7 @@ pub(super) trait Family {
 
 /// Functions that read and write numbers of one kind.
 pub(super) struct Numbers {
+    kind: Kind,
     get: Box<dyn Fn(Component, u32) -> (Status, f64)>,
     set: Box<dyn Fn(Component, u32, f64) -> Status>,
 }
@@ -42,6 +43,7 @@ impl Numbers {
     /// `T` is the type that FMI has for this name.
     pub(super) unsafe fn of<V: Family, T: Default + 'static>(
         library: &Library,
+        kind: Kind,
         name: &str,
         of: fn(f64) -> T,
         number: fn(T) -> f64,
@@ -54,6 +56,7 @@ impl Numbers {
             (get.ok(), set.ok())
         };
         Self {
+            kind,
             get: Box::new(move |component, reference| {
                 let mut value = T::default();
                 let status = get.map_or(Status::Error, |get| {
@@ -77,7 +80,7 @@ pub(super) type Step = dyn Fn(Component, f64, f64) -> Stepped;
 
 /// Calls whose functions differ in the two versions.
 pub(super) struct Calls {
-    pub(super) numbers: Vec<(Kind, Numbers)>,
+    pub(super) numbers: Vec<Numbers>,
     pub(super) enter_initialization: Box<dyn Fn(Component, f64, Option<f64>) -> Status>,
     pub(super) step: Box<Step>,
     pub(super) events: Option<Events>,
@@ -155,7 +158,7 @@ impl Loaded {
 
     fn numbers(&self, kind: Kind) -> Option<&Numbers> {
         let mut numbers = self.calls.numbers.iter();
-        numbers.find_map(|(known, numbers)| (*known == kind).then_some(numbers))
+        numbers.find(|numbers| numbers.kind == kind)
     }
 
     fn plain(&self, function: Plain) -> Status {

@@ -105,7 +105,7 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
     }
 }
 
-fn numbers(library: &Library) -> Vec<(Kind, Numbers)> {
+fn numbers(library: &Library) -> Vec<Numbers> {
     #[expect(clippy::cast_possible_truncation, reason = "its own precision")]
     let single = |value| value as f32;
     let unsigned = |number| nearest_float(i64::try_from(number).unwrap_or(i64::MAX));
@@ -113,50 +113,26 @@ fn numbers(library: &Library) -> Vec<(Kind, Numbers)> {
     let number = |truth| f64::from(u8::from(truth != 0));
     // SAFETY: the types are those of FMI 3.0.
     unsafe {
-        let int64 = || Numbers::of::<Three, i64>(library, "Int64", whole, nearest_float);
+        let int64 = |kind| Numbers::of::<Three, i64>(library, kind, "Int64", whole, nearest_float);
         vec![
-            (
+            Numbers::of::<Three, f64>(
+                library,
                 Kind::Float64,
-                Numbers::of::<Three, f64>(library, "Float64", |value| value, |value| value),
+                "Float64",
+                |value| value,
+                |value| value,
             ),
-            (
-                Kind::Float32,
-                Numbers::of::<Three, f32>(library, "Float32", single, f64::from),
-            ),
-            (
-                Kind::Int8,
-                Numbers::of::<Three, i8>(library, "Int8", whole, f64::from),
-            ),
-            (
-                Kind::UInt8,
-                Numbers::of::<Three, u8>(library, "UInt8", whole, f64::from),
-            ),
-            (
-                Kind::Int16,
-                Numbers::of::<Three, i16>(library, "Int16", whole, f64::from),
-            ),
-            (
-                Kind::UInt16,
-                Numbers::of::<Three, u16>(library, "UInt16", whole, f64::from),
-            ),
-            (
-                Kind::Int32,
-                Numbers::of::<Three, i32>(library, "Int32", whole, f64::from),
-            ),
-            (
-                Kind::UInt32,
-                Numbers::of::<Three, u32>(library, "UInt32", whole, f64::from),
-            ),
-            (Kind::Int64, int64()),
-            (Kind::Enumeration, int64()),
-            (
-                Kind::UInt64,
-                Numbers::of::<Three, u64>(library, "UInt64", whole, unsigned),
-            ),
-            (
-                Kind::Boolean,
-                Numbers::of::<Three, u8>(library, "Boolean", truth, number),
-            ),
+            Numbers::of::<Three, f32>(library, Kind::Float32, "Float32", single, f64::from),
+            Numbers::of::<Three, i8>(library, Kind::Int8, "Int8", whole, f64::from),
+            Numbers::of::<Three, u8>(library, Kind::UInt8, "UInt8", whole, f64::from),
+            Numbers::of::<Three, i16>(library, Kind::Int16, "Int16", whole, f64::from),
+            Numbers::of::<Three, u16>(library, Kind::UInt16, "UInt16", whole, f64::from),
+            Numbers::of::<Three, i32>(library, Kind::Int32, "Int32", whole, f64::from),
+            Numbers::of::<Three, u32>(library, Kind::UInt32, "UInt32", whole, f64::from),
+            int64(Kind::Int64),
+            int64(Kind::Enumeration),
+            Numbers::of::<Three, u64>(library, Kind::UInt64, "UInt64", whole, unsigned),
+            Numbers::of::<Three, u8>(library, Kind::Boolean, "Boolean", truth, number),
         ]
     }
 }

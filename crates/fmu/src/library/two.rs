@@ -149,23 +149,17 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
     }
 }
 
-fn numbers(library: &Library) -> Vec<(Kind, Numbers)> {
+fn numbers(library: &Library) -> Vec<Numbers> {
     let truth = |value| c_int::from(value != 0.0);
     let number = |truth| f64::from(u8::from(truth != 0));
     // SAFETY: the types are those of FMI 2.0.
     unsafe {
-        let integer = || Numbers::of::<Two, c_int>(library, "Integer", whole, f64::from);
+        let integer = |kind| Numbers::of::<Two, c_int>(library, kind, "Integer", whole, f64::from);
         vec![
-            (
-                Kind::Float64,
-                Numbers::of::<Two, f64>(library, "Real", f64::from, f64::from),
-            ),
-            (Kind::Int32, integer()),
-            (Kind::Enumeration, integer()),
-            (
-                Kind::Boolean,
-                Numbers::of::<Two, c_int>(library, "Boolean", truth, number),
-            ),
+            Numbers::of::<Two, f64>(library, Kind::Float64, "Real", f64::from, f64::from),
+            integer(Kind::Int32),
+            integer(Kind::Enumeration),
+            Numbers::of::<Two, c_int>(library, Kind::Boolean, "Boolean", truth, number),
         ]
     }
 }

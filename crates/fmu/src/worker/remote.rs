@@ -52,7 +52,7 @@ impl Remote {
         outputs: &mut [f64],
     ) -> Result<Self, FmuError> {
         let mut remote = Self {
-            file: unpacked.file().to_owned(),
+            file: unpacked.file.clone(),
             channel,
             inputs: configuration.inputs.len(),
             outputs: configuration.outputs.len(),

@@ -47,7 +47,10 @@ pub fn serve(channel: &mut dyn Channel) -> io::Result<()> {
                 }
             }
             END => {
-                match loaded.take().map_or(Ok(()), Loaded::end) {
+                match loaded
+                    .take()
+                    .map_or(Ok(()), |loaded| loaded.instance.terminate())
+                {
                     Ok(()) => write(&mut answer, DONE, std::iter::empty()),
                     Err(error) => tell(&mut answer, &error),
                 }
@@ -100,9 +103,5 @@ impl Loaded {
         }
         self.instance.advance(to_seconds, &self.inputs)?;
         self.instance.read(&mut self.outputs)
-    }
-
-    fn end(self) -> Result<(), FmuError> {
-        self.instance.terminate()
     }
 }
