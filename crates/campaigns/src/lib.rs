@@ -12,6 +12,7 @@ pub mod campaign;
 pub mod coverage;
 pub mod distribution;
 pub mod engine;
+mod error;
 mod job_queue;
 pub mod sweep;
 pub mod torture;

@@ -8,24 +8,24 @@ use clap::Args;
 
 use super::campaign::{RECORD, Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, Waited, wait};
-use super::{EngineError, EngineKind, Limits};
+use super::{EngineKind, Limits};
+use crate::error::{CampaignError, run};
 use crate::sweep::Shard;
+use crate::sweep::cases::Cases;
 use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
-use crate::sweep::merge::{CampaignCases, MergeError, merge_parts};
-use crate::sweep::part::PartError;
+use crate::sweep::merge::merge_parts;
 use crate::sweep::shard::SHARDS_MAX;
 use crate::sweep::store::StoreError;
 use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
 use plan::Plan;
 use recording::run_folder::WriteError;
-use runner::console::{PartsBar, print, print_error};
+use runner::console::{PartsBar, print};
 use runner::exit::Exit;
-use runner::identity::{NoIdentity, identity};
+use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
-use runner::scenarios;
 
 /// Largest number of lost parts in a message.
 const NAMED_MAX: usize = 20;
@@ -84,104 +84,26 @@ pub struct SubmitArgs {
     pub values: ValueArgs,
 }
 
-/// Reason why a campaign did not complete.
-#[derive(Debug, thiserror::Error)]
-enum SubmitError {
-    #[error(transparent)]
-    Merge(#[from] MergeError),
-    #[error(transparent)]
-    Part(#[from] PartError),
-    #[error(transparent)]
-    Engine(#[from] EngineError),
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    NoIdentity(#[from] NoIdentity),
-    #[error("{} cannot be read: {source}", path.display())]
-    Record {
-        path: PathBuf,
-        source: std::io::Error,
-    },
-    #[error("nothing was submitted from here that could be resumed ({} is not there); submit it with --engine", path.display())]
-    NothingToResume { path: PathBuf },
-    #[error(
-        "this campaign was submitted already ({engine}, job {job}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again"
-    )]
-    Submitted {
-        engine: String,
-        job: String,
-        cancel: String,
-    },
-    #[error("this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away", program.display())]
-    Program { program: PathBuf },
-    #[error("this campaign has {found} parts, not {wanted}: leave out --parts, or move {} away", path.display())]
-    Parts {
-        found: usize,
-        wanted: usize,
-        path: PathBuf,
-    },
-    #[error(
-        "{missing} of {of} parts were lost, and were submitted {rounds} times. What they did is kept: look at what their tasks printed in {}, then give the command again with --resume",
-        logs.display()
-    )]
-    Lost {
-        missing: usize,
-        of: usize,
-        rounds: u32,
-        logs: PathBuf,
-    },
-    #[error(
-        "the job goes on without this command: give it again with --resume and without --engine and --parts, or take the job away with `{cancel}`"
-    )]
-    Interrupted { cancel: String },
-}
-
-impl SubmitError {
-    fn exit(&self) -> Exit {
-        match self {
-            Self::Merge(error) => error.exit(),
-            Self::Part(error) => error.exit(),
-            Self::Store(error) => error.exit(),
-            Self::Interrupted { .. } => Exit::Interrupted,
-            Self::NothingToResume { .. }
-            | Self::Submitted { .. }
-            | Self::Program { .. }
-            | Self::Parts { .. } => Exit::CannotStart,
-            _ => Exit::BenchFailed,
-        }
-    }
-}
-
 /// Runs the command.
 #[must_use]
 pub fn submit(args: &SubmitArgs) -> Exit {
-    let plan = match scenarios::load(&args.scenario, &args.values) {
-        Ok(plan) => plan,
-        Err(exit) => return exit,
-    };
-    submitted(args, &plan).unwrap_or_else(|error| {
-        print_error(&format!("canrig: {error}"));
-        error.exit()
-    })
+    run(&args.scenario, &args.values, |plan| submitted(args, plan))
 }
 
-fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, SubmitError> {
-    let cases = cases(args, plan)?;
-    let arguments = match args.torture {
-        Some(runs) => [
-            "--runs",
-            &runs.to_string(),
-            "--seed",
-            &args.seed.to_string(),
-        ]
-        .map(str::to_owned)
-        .into(),
-        None => Vec::new(),
+fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, CampaignError> {
+    let seed = args.seed;
+    let (cases, arguments): (Box<dyn Cases>, _) = match args.torture {
+        Some(runs) => {
+            let words = ["--runs", &runs.to_string(), "--seed", &seed.to_string()];
+            let arguments = words.map(str::to_owned).into();
+            let runs = runs as usize;
+            let torture = TortureCases::new(plan, Draws { runs, seed });
+            (Box::new(torture), arguments)
+        }
+        None => (Box::new(SweepCases::new(plan)?), Vec::new()),
     };
     let campaign = SharedCampaign {
-        cases: cases.cases(),
+        cases: &*cases,
         plan,
         identity: identity(plan)?,
         output: std::path::absolute(&args.output).map_err(WriteError::at(&args.output))?,
@@ -203,31 +125,15 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, SubmitError> {
             of: record.parts,
         })
     });
-    let shown = if args.quiet {
-        Shown::Failures
-    } else {
-        Shown::All
-    };
     let parts: Vec<PathBuf> = parts.collect();
-    Ok(merge_parts(&parts, &cases, plan, &campaign.output, shown)?)
-}
-
-fn cases(args: &SubmitArgs, plan: &Plan) -> Result<CampaignCases, MergeError> {
-    let Some(runs) = args.torture else {
-        return Ok(CampaignCases::Sweep(Box::new(SweepCases::new(plan)?)));
-    };
-    let draws = Draws {
-        runs: runs as usize,
-        seed: args.seed,
-    };
-    let torture = TortureCases::new(plan, draws);
-    Ok(CampaignCases::Torture(Box::new(torture)))
+    let shown = Shown::unless(args.quiet);
+    merge_parts(&parts, &*cases, plan, &campaign.output, shown)
 }
 
 /// Returns the record of the campaign, changed as the command line says.
-fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, SubmitError> {
+fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, CampaignError> {
     let path = campaign.path();
-    let known = campaign.record().map_err(|source| SubmitError::Record {
+    let known = campaign.record().map_err(|source| StoreError::Read {
         path: path.join(RECORD),
         source,
     })?;
@@ -243,7 +149,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
     match (known, args.engine) {
         (Some(known), _) if known.program != campaign.identity.program => {
             let program = path.join("engine/canrig");
-            Err(SubmitError::Program { program })
+            Err(CampaignError::Program { program })
         }
         (
             Some(Record {
@@ -253,14 +159,14 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
                 ..
             }),
             Some(_),
-        ) if !args.dry_run => Err(SubmitError::Submitted {
+        ) if !args.dry_run => Err(CampaignError::Submitted {
             engine: format!("{engine:?}"),
             cancel: (engine.engine()).cancel_command(&job.id, limits.queue.as_deref()),
             job: job.id,
         }),
         // The parts exist already, cut for that number.
         (Some(known), _) if parts.is_some_and(|wanted| wanted != known.parts) => {
-            Err(SubmitError::Parts {
+            Err(CampaignError::Parts {
                 found: known.parts,
                 wanted: parts.unwrap_or_default(),
                 path,
@@ -271,7 +177,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
             limits: limits(known.limits),
             ..known
         }),
-        (None, None) => Err(SubmitError::NothingToResume { path }),
+        (None, None) => Err(CampaignError::NothingToResume { path }),
         (None, Some(engine)) => Ok(Record {
             program: campaign.identity.program.clone(),
             engine,
@@ -287,7 +193,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
 }
 
 /// Returns the number of parts of which each is worth the start of a task.
-fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, SubmitError> {
+fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, CampaignError> {
     let estimate = Estimate::probe(campaign.cases, args.task_cores.unwrap_or(1))?;
     if !args.quiet && !args.dry_run {
         print(&estimate.to_string());
@@ -300,7 +206,7 @@ fn play(
     args: &SubmitArgs,
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
-) -> Result<(), SubmitError> {
+) -> Result<(), CampaignError> {
     let counter = Mutex::new(RowCounter(campaign.rows(record.parts)));
     let locked = || counter.lock().unwrap_or_else(PoisonError::into_inner);
     locked().count()?;
@@ -316,7 +222,7 @@ fn play(
                     break;
                 }
                 if begun > args.retries {
-                    return Err(SubmitError::Lost {
+                    return Err(CampaignError::Lost {
                         missing: missing.len(),
                         of: record.parts,
                         rounds: begun,
@@ -335,7 +241,7 @@ fn play(
         match wait(engine, campaign, &submitted, &counter, &bar)? {
             Waited::Interrupted => {
                 let queue = record.limits.queue.as_deref();
-                return Err(SubmitError::Interrupted {
+                return Err(CampaignError::LeftToEngine {
                     cancel: engine.cancel_command(&submitted.id, queue),
                 });
             }
@@ -357,7 +263,7 @@ fn hand_over(
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
     parts: Vec<usize>,
-) -> Result<Submitted, SubmitError> {
+) -> Result<Submitted, CampaignError> {
     let engine = record.engine.engine();
     let path = campaign.path();
     let (name, text) = engine.file(&campaign.job(&path, record, &parts));

@@ -1,15 +1,18 @@
 //! Cases of a campaign, each known by its number alone.
 
+use std::path::Path;
+
 use plan::Plan;
 use recording::capture::Watch;
-use report::terminal::rounded;
 use scenario::expect::Limit;
 
 use super::row::SweepRow;
+use super::store::Rows;
 use crate::campaign::NoResult;
+use crate::error::CampaignError;
 
 /// Cases of a sweep or of torture. Any of them may be played on any machine, in any order.
-pub trait Cases: Sync {
+pub(crate) trait Cases: Sync {
     /// Kind of the campaign, "sweep" or "torture", from which its folders have their names.
     fn kind(&self) -> &'static str;
 
@@ -66,23 +69,18 @@ pub trait Cases: Sync {
         Vec::new()
     }
 
-    /// Keys and values of a case, as a text.
-    fn values_text(&self, number: usize) -> String {
-        let values = self
-            .keys()
-            .into_iter()
-            .zip(self.values(number))
-            .map(|(key, value)| format!("{key} = {value}"));
-        values.collect::<Vec<_>>().join(", ")
+    /// Keys and values of a case, as a text; `write` writes a value.
+    fn values_text(&self, number: usize, write: fn(f64) -> String) -> String {
+        let values = self.keys().into_iter().zip(self.values(number));
+        let texts = values.map(|(key, value)| format!("{key} = {}", write(value)));
+        texts.collect::<Vec<_>>().join(", ")
     }
 
-    /// Keys and values of a case, as a text with four digits each, for a page.
-    fn short_values_text(&self, number: usize) -> String {
-        let values = self
-            .keys()
-            .into_iter()
-            .zip(self.values(number))
-            .map(|(key, value)| format!("{key} = {}", rounded(value)));
-        values.collect::<Vec<_>>().join(", ")
+    /// Shows what the rows of a whole campaign have in addition to tables and page.
+    ///
+    /// # Errors
+    /// It cannot be shown.
+    fn show_more(&self, _rows: &Rows, _output: &Path) -> Result<(), CampaignError> {
+        Ok(())
     }
 }

@@ -4,42 +4,18 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::Shard;
-use super::cases::Cases;
 use super::estimate::Estimate;
-use super::finish::{FinishError, Shown, finish};
-use super::part::{PartArgs, PartError, PartPlay};
-use super::sweep_cases::{NoSweep, SweepCases};
-use crate::campaign::Campaign;
+use super::finish::Shown;
+use super::part::{PartArgs, PartPlay};
+use super::sweep_cases::SweepCases;
+use crate::error::{CampaignError, run};
 use plan::Plan;
-use runner::console::{print, print_error};
+use runner::console::print_error;
 use runner::exit::Exit;
 use runner::lines::EventLines;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
-use runner::scenarios;
 use worlds::law_process::started_by;
-
-/// Reason why a sweep did not complete.
-#[derive(Debug, thiserror::Error)]
-enum SweepError {
-    #[error(transparent)]
-    NoSweep(#[from] NoSweep),
-    #[error(transparent)]
-    Part(#[from] PartError),
-    #[error(transparent)]
-    Finish(#[from] FinishError),
-}
-
-impl SweepError {
-    fn exit(&self) -> Exit {
-        match self {
-            Self::NoSweep(_) => Exit::CannotStart,
-            Self::Part(error) => error.exit(),
-            Self::Finish(_) => Exit::BenchFailed,
-        }
-    }
-}
 
 /// Arguments of `sweep`.
 #[derive(Args, Debug)]
@@ -71,57 +47,30 @@ pub struct SweepArgs {
 /// Runs the command.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let plan = match scenarios::load(&args.scenario, &args.values) {
-        Ok(plan) => plan,
-        Err(exit) => return exit,
-    };
-    play(args, &plan).unwrap_or_else(|error| {
-        print_error(&format!("canrig: {error}"));
-        error.exit()
-    })
+    run(&args.scenario, &args.values, |plan| play(args, plan))
 }
 
-fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
+fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, CampaignError> {
     let cases = SweepCases::new(plan)?;
     started_by(plan).iter().for_each(|line| print_error(line));
     if args.plan {
-        let cores = args.threads.unwrap_or(1);
-        let estimate = Estimate::probe(&cases, cores)?;
-        let (file, options) = (args.scenario.display(), estimate.options());
-        print(&format!(
-            "{estimate}\ncanrig submit {file} --engine slurm {options}"
-        ));
-        return Ok(Exit::Pass);
+        let submit = args.scenario.display().to_string();
+        return Estimate::print(&cases, args.threads, &submit);
     }
-    let shard = args.part.shard().map_err(PartError::from)?;
-    let shown = match (args.events, args.quiet) {
-        (true, _) => Shown::Nothing,
-        (false, true) => Shown::Failures,
-        (false, false) => Shown::All,
-    };
-    let mut campaign = Campaign::on_all_cores(shown == Shown::All);
-    campaign.threads = args.threads.map_or(campaign.threads, usize::from);
     let lines = args.events.then(EventLines::default);
     let part = PartPlay {
         output: &args.output,
-        shard,
-        is_shared: args.part.is_for_engine() || shard != Shard::WHOLE,
-        campaign,
-        shown,
+        shard: args.part.shard()?,
+        is_for_engine: args.part.is_for_engine(),
+        threads: args.threads,
+        shown: if args.events {
+            Shown::Nothing
+        } else {
+            Shown::unless(args.quiet)
+        },
         lines: lines.as_ref(),
         overrides: &args.values.all(),
     };
-    let (folder, rows, _writer) = part.play(&cases, plan)?;
-    let exit = if args.part.is_for_engine() {
-        Exit::Pass
-    } else {
-        finish(&folder, plan, &cases, &rows, shown)?
-    };
-    part.report(
-        "ended",
-        &cases,
-        shard.cases(Cases::runs(&cases)).len(),
-        &folder,
-    );
+    let (exit, ..) = part.play(&cases, plan)?;
     Ok(exit)
 }

@@ -4,12 +4,14 @@ use std::fmt;
 use std::time::Duration;
 
 use recording::capture::Watch;
+use runner::console::print;
+use runner::exit::Exit;
 use runner::machine::{Stopwatch, memory_bytes_max};
 use runner::observer::observed;
 
 use super::cases::Cases;
-use super::part::PartError;
 use crate::campaign::{NoResult, caught};
+use crate::error::CampaignError;
 
 /// Largest number of runs in the probe, spread over all cases.
 const PROBES_MAX: usize = 24;
@@ -43,7 +45,7 @@ pub(crate) struct Estimate {
 
 impl Estimate {
     /// Plays some of the cases, one at a time, and discards the results.
-    pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, PartError> {
+    pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, CampaignError> {
         let runs = cases.runs();
         let probes = runs.min(PROBES_MAX);
         let watch = Watch::default();
@@ -57,12 +59,12 @@ impl Estimate {
                     Ok(row) => row,
                     Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
                     Err(NoResult::Machine(reason)) => {
-                        return Err(PartError::Machine { case, reason });
+                        return Err(CampaignError::Machine { case, reason });
                     }
                 };
                 if watch.is_interrupted() {
                     let (done, of) = (0, runs);
-                    return Err(PartError::Interrupted { done, of });
+                    return Err(CampaignError::Interrupted { done, of });
                 }
                 probed += 1;
                 bytes += serde_json::to_string(&row).map_or(0, |text| text.len());
@@ -84,6 +86,20 @@ impl Estimate {
             memory_bytes: memory_bytes_max().unwrap_or_default(),
             cores,
         })
+    }
+
+    /// Prints the estimate for all runs, and the command that submits them; `submit` has its arguments other than those of tasks.
+    pub(crate) fn print(
+        cases: &dyn Cases,
+        cores: Option<u16>,
+        submit: &str,
+    ) -> Result<Exit, CampaignError> {
+        let estimate = Self::probe(cases, cores.unwrap_or(1))?;
+        let options = estimate.options();
+        print(&format!(
+            "{estimate}\ncanrig submit {submit} --engine slurm {options}"
+        ));
+        Ok(Exit::Pass)
     }
 
     fn seconds(&self) -> f64 {
@@ -112,7 +128,7 @@ impl Estimate {
     }
 
     /// Returns the options for `canrig submit`.
-    pub(crate) fn options(&self) -> String {
+    fn options(&self) -> String {
         let mut text = format!(
             "--parts {} --task-minutes {} --task-mebibytes {}",
             self.parts(),

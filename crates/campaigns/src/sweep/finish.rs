@@ -6,9 +6,10 @@ use std::{fs, io};
 use super::cases::Cases;
 use super::page;
 use super::row::Ended;
-use super::store::{Rows, StoreError};
+use super::store::Rows;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
+use crate::error::CampaignError;
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use recording::session::write_tables;
@@ -27,13 +28,11 @@ pub(crate) enum Shown {
     Nothing,
 }
 
-/// Reason why a sweep has no tables.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum FinishError {
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    Write(#[from] WriteError),
+impl Shown {
+    /// Returns the output of a command that may be quiet.
+    pub(crate) fn unless(is_quiet: bool) -> Self {
+        if is_quiet { Self::Failures } else { Self::All }
+    }
 }
 
 /// Makes tables, page and scenarios of the rows of all cases, and prints their paths. Earlier ones are made again.
@@ -43,7 +42,7 @@ pub(crate) fn finish(
     cases: &dyn Cases,
     rows: &Rows,
     shown: Shown,
-) -> Result<Exit, FinishError> {
+) -> Result<Exit, CampaignError> {
     let summary = Summary::read(cases, plan, rows)?;
     let metrics = summary.metrics();
     let tables = Tables {
@@ -131,7 +130,7 @@ fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
         failing.case,
         cases.kind(),
         one_line(cases.name()),
-        cases.values_text(failing.case),
+        cases.values_text(failing.case, |value| value.to_string()),
         failing.ended.word(),
         one_line(&failing.why),
     )

@@ -6,55 +6,21 @@ use clap::Args;
 
 use super::Shard;
 use super::cases::Cases;
-use super::finish::{FinishError, Shown, finish};
+use super::finish::{Shown, finish};
 use super::part::open_folder;
 use super::store::{Header, Rows, StoreError, Writer};
-use super::sweep_cases::{NoSweep, SweepCases};
-use crate::torture::cases::{NoTorture, TortureCases};
-use crate::torture::command::shrink_first;
+use super::sweep_cases::SweepCases;
+use crate::error::{CampaignError, run};
+use crate::torture::cases::TortureCases;
 use plan::Plan;
-use recording::run_folder::{RunFolder, WriteError, file, file_in};
+use recording::run_folder::{RunFolder, file, file_in};
 use runner::console::print_error;
 use runner::exit::Exit;
-use runner::identity::{NoIdentity, identity};
+use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, refuse};
 use runner::run::RUNS;
-use runner::scenarios;
-
-/// Reason why parts cannot be put together.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum MergeError {
-    #[error(transparent)]
-    NoSweep(#[from] NoSweep),
-    #[error(transparent)]
-    NoTorture(#[from] NoTorture),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    #[error(transparent)]
-    Finish(#[from] FinishError),
-    #[error(transparent)]
-    NoIdentity(#[from] NoIdentity),
-    #[error(transparent)]
-    Record(#[from] RecordedError),
-    #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
-    Shrink(String),
-}
-
-impl MergeError {
-    pub(crate) fn exit(&self) -> Exit {
-        match self {
-            Self::Store(error) => error.exit(),
-            Self::Write(_) | Self::Finish(_) | Self::NoIdentity(_) | Self::Shrink(_) => {
-                Exit::BenchFailed
-            }
-            _ => Exit::CannotStart,
-        }
-    }
-}
 
 /// Arguments of `merge`.
 #[derive(Args, Debug)]
@@ -91,58 +57,24 @@ pub fn merge(args: &MergeArgs) -> Exit {
             return refuse(RecordedError::Read { path, source });
         }
     };
-    let plan = match scenarios::load(&scenario, &ValueArgs::default()) {
-        Ok(plan) => plan,
-        Err(exit) => return exit,
-    };
-    let shown = if args.quiet {
-        Shown::Failures
-    } else {
-        Shown::All
-    };
-    let merged = CampaignCases::read(first, &plan)
-        .and_then(|cases| merge_parts(&args.shards, &cases, &plan, &args.output, shown));
-    merged.unwrap_or_else(|error| {
-        print_error(&format!("canrig: {error}"));
-        error.exit()
+    run(&scenario, &ValueArgs::default(), |plan| {
+        let cases: Box<dyn Cases> = match TortureCases::read(first, plan)? {
+            Some(torture) => Box::new(torture),
+            None => Box::new(SweepCases::new(plan)?),
+        };
+        let shown = Shown::unless(args.quiet);
+        merge_parts(&args.shards, &*cases, plan, &args.output, shown)
     })
-}
-
-/// Cases of a campaign, by its kind.
-pub(crate) enum CampaignCases {
-    /// Sweep, with one run for each combination of values.
-    Sweep(Box<SweepCases>),
-    /// Torture, with one run for each mix of faults.
-    Torture(Box<TortureCases>),
-}
-
-impl CampaignCases {
-    /// Reads the kind from a folder: torture if the folder says so, else a sweep.
-    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Self, MergeError> {
-        Ok(match TortureCases::read(folder, plan)? {
-            Some(torture) => Self::Torture(Box::new(torture)),
-            None => Self::Sweep(Box::new(SweepCases::new(plan)?)),
-        })
-    }
-
-    /// Returns the cases, whatever their kind.
-    pub(crate) fn cases(&self) -> &dyn Cases {
-        match self {
-            Self::Sweep(cases) => &**cases,
-            Self::Torture(torture) => &**torture,
-        }
-    }
 }
 
 /// Adds the rows of the parts to those in the folder of the whole campaign, and makes tables and page of all.
 pub(crate) fn merge_parts(
     parts: &[PathBuf],
-    campaign: &CampaignCases,
+    cases: &dyn Cases,
     plan: &Plan,
     output: &Path,
     shown: Shown,
-) -> Result<Exit, MergeError> {
-    let cases = campaign.cases();
+) -> Result<Exit, CampaignError> {
     let folder = open_folder(output, plan, cases, Shard::WHOLE)?;
     let header = Header::new(cases, &identity(plan)?);
     let mut rows = Rows::read(folder.path(), &header, Shard::WHOLE)?;
@@ -167,9 +99,7 @@ pub(crate) fn merge_parts(
     }
     rows.require_all()?;
     let exit = finish(&folder, plan, cases, &rows, shown)?;
-    if let CampaignCases::Torture(torture) = campaign {
-        shrink_first(&rows, torture, output).map_err(MergeError::Shrink)?;
-    }
+    cases.show_more(&rows, output)?;
     Ok(exit)
 }
 
@@ -226,10 +156,8 @@ mod tests {
         };
         let odd = part("a", 1, "a");
         let parts = [odd.clone(), part("b", 2, "b"), odd, part("c", 1, "c")];
-        let campaign = CampaignCases::Sweep(Box::new(SweepCases::new(&plan).unwrap()));
         let output = folder.path().join("merged");
-        let merge =
-            |parts: &[PathBuf]| merge_parts(parts, &campaign, &plan, &output, Shown::Nothing);
+        let merge = |parts: &[PathBuf]| merge_parts(parts, &cases, &plan, &output, Shown::Nothing);
         let error = merge(&parts[1..2]).unwrap_err();
         assert_eq!(error.exit(), Exit::CannotStart);
         assert!(
@@ -312,9 +240,8 @@ mod tests {
     const RUNS: usize = 1_000_000;
 
     /// Merges a campaign of a million runs with made-up rows, prints its time and memory, and returns its page.
-    fn merged(plan: &Plan, campaign: &CampaignCases, row: &dyn Fn(usize) -> SweepRow) -> String {
+    fn merged(plan: &Plan, cases: &dyn Cases, row: &dyn Fn(usize) -> SweepRow) -> String {
         const PARTS: usize = 40;
-        let cases = campaign.cases();
         assert_eq!(cases.runs(), RUNS);
         let folder = tempfile::tempdir().unwrap();
         let watch = Stopwatch::start();
@@ -331,7 +258,7 @@ mod tests {
         ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
-        merge_parts(&parts, campaign, plan, &output, Shown::All).unwrap();
+        merge_parts(&parts, cases, plan, &output, Shown::All).unwrap();
         let entries = std::fs::read_dir(&output)
             .unwrap()
             .map(|entry| entry.unwrap().path());
@@ -361,11 +288,7 @@ mod tests {
             seed: 1,
         };
         let cases = TortureCases::new(&plan, draws);
-        let campaign = CampaignCases::Torture(Box::new(cases));
-        let CampaignCases::Torture(cases) = &campaign else {
-            unreachable!("as it was made")
-        };
-        let page = merged(&plan, &campaign, &|case| row_of_torture(cases, case));
+        let page = merged(&plan, &cases, &|case| row_of_torture(&cases, case));
         assert!(page.contains("Sensitivity") && page.contains("sensor.stuck"));
     }
 
@@ -380,11 +303,7 @@ mod tests {
         let plan =
             Plan::parse_beside(&Beside::new(Path::new("s.toml")), text, catalogue()).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
-        let campaign = CampaignCases::Sweep(Box::new(cases));
-        let CampaignCases::Sweep(cases) = &campaign else {
-            unreachable!("as it was made")
-        };
-        let page = merged(&plan, &campaign, &|case| row_of_a_sweep(cases, case));
+        let page = merged(&plan, &cases, &|case| row_of_a_sweep(&cases, case));
         assert!(page.contains("Sensitivity") && page.contains("+0.9"));
     }
 }

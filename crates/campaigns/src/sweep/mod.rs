@@ -18,6 +18,6 @@ pub(crate) mod store;
 pub mod summary;
 pub mod sweep_cases;
 mod tables;
-mod uncopied;
+pub(crate) mod uncopied;
 
 pub use shard::Shard;

@@ -9,56 +9,25 @@ use clap::Args;
 use serde_json::json;
 
 use super::cases::Cases;
-use super::finish::Shown;
+use super::finish::{Shown, finish};
 use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
-use super::store::{Header, Rows, StoreError, Writer};
-use super::uncopied::{Changed, Uncopied};
+use super::store::{Header, Rows, Writer};
+use super::uncopied::Uncopied;
 use crate::campaign::{Campaign, NoResult, Stopped};
+use crate::error::CampaignError;
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
 use runner::console::{RunsBar, print};
 use runner::exit::Exit;
-use runner::identity::{NoIdentity, identity};
+use runner::identity::identity;
 use runner::lines::EventLines;
 use runner::play_record::PlayRecord;
 use scenario::Override;
 
 /// Largest number of rows that a power cut may cost; a kill of the program costs the one that it is writing.
 const UNSYNCED_MAX: usize = 32;
-
-/// Reason why a part did not complete.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum PartError {
-    #[error(transparent)]
-    NoPart(#[from] NoPart),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    #[error(transparent)]
-    NoIdentity(#[from] NoIdentity),
-    #[error(transparent)]
-    Changed(#[from] Changed),
-    #[error(
-        "run {case} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
-    )]
-    Machine { case: usize, reason: String },
-    #[error("interrupted: {done} of {of} runs are done; give the same command again to continue")]
-    Interrupted { done: usize, of: usize },
-}
-
-impl PartError {
-    pub(crate) fn exit(&self) -> Exit {
-        match self {
-            Self::NoPart(_) => Exit::CannotStart,
-            Self::Store(error) => error.exit(),
-            Self::Interrupted { .. } => Exit::Interrupted,
-            _ => Exit::BenchFailed,
-        }
-    }
-}
 
 /// Part of a campaign that a command plays.
 #[derive(Args, Clone, Debug)]
@@ -219,9 +188,10 @@ fn slurm_shard(
 pub(crate) struct PartPlay<'a> {
     pub(crate) output: &'a Path,
     pub(crate) shard: Shard,
-    /// Whether other processes may play the same part at the same time.
-    pub(crate) is_shared: bool,
-    pub(crate) campaign: Campaign,
+    /// Whether tables and page are left to `merge`.
+    pub(crate) is_for_engine: bool,
+    /// Number of runs at a time; without it one for each core.
+    pub(crate) threads: Option<u16>,
     pub(crate) shown: Shown,
     pub(crate) lines: Option<&'a EventLines>,
     /// Values of the command line, which the scenario already has.
@@ -229,38 +199,52 @@ pub(crate) struct PartPlay<'a> {
 }
 
 impl PartPlay<'_> {
-    /// Plays the cases that have no row. Returns the folder, its rows, and the writer, whose lock keeps others out until tables
-    /// and page are made.
+    /// Plays the cases that have no row, and makes tables and page. Returns the exit code, the rows, and the writer, whose lock
+    /// keeps others out.
     pub(crate) fn play(
         &self,
         cases: &dyn Cases,
         plan: &Plan,
-    ) -> Result<(RunFolder, Rows, Option<Writer>), PartError> {
+    ) -> Result<(Exit, Rows, Option<Writer>), CampaignError> {
         let files = Uncopied::new(plan)?;
         let folder = open_folder(self.output, plan, cases, self.shard)?;
         let header = Header::new(cases, &identity(plan)?);
         let mut rows = Rows::read(folder.path(), &header, self.shard)?;
-        if !self.is_shared {
+        // Other processes may play the same part of a campaign at the same time.
+        if self.is_whole() {
             rows.require_unwritten()?;
         }
+        let mut campaign = Campaign::on_all_cores(self.shown == Shown::All);
+        campaign.threads = self.threads.map_or(campaign.threads, usize::from);
         if self.shown == Shown::All {
-            self.announce(cases, &rows);
+            self.announce(cases, &rows, campaign.threads);
         }
         self.report("began", cases, rows.len(), &folder);
-        if rows.is_whole() {
-            return Ok((folder, rows, None));
+        let mut writer = None;
+        if !rows.is_whole() {
+            rows.print_damaged();
+            let writer = writer.insert(Writer::begin(folder.path(), &header)?);
+            self.play_rest(campaign, cases, &rows, writer, &folder, &files)?;
+            writer.sync()?;
+            rows.look()?;
+            rows.require_all()?;
         }
-        rows.print_damaged();
-        let mut writer = Writer::begin(folder.path(), &header)?;
-        self.play_rest(cases, &rows, &mut writer, &folder, &files)?;
-        writer.sync()?;
-        rows.look()?;
-        rows.require_all()?;
-        Ok((folder, rows, Some(writer)))
+        let exit = if self.is_for_engine {
+            Exit::Pass
+        } else {
+            finish(&folder, plan, cases, &rows, self.shown)?
+        };
+        self.report("ended", cases, rows.len(), &folder);
+        Ok((exit, rows, writer))
+    }
+
+    /// Returns whether this process alone plays a whole campaign.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.shard == Shard::WHOLE && !self.is_for_engine
     }
 
     /// Prints the progress for another program.
-    pub(crate) fn report(&self, event: &str, cases: &dyn Cases, done: usize, folder: &RunFolder) {
+    fn report(&self, event: &str, cases: &dyn Cases, done: usize, folder: &RunFolder) {
         if let Some(lines) = self.lines {
             let (of, folder) = (self.shard.cases(cases.runs()).len(), folder.path());
             let folder = folder.to_string_lossy();
@@ -268,8 +252,8 @@ impl PartPlay<'_> {
         }
     }
 
-    fn announce(&self, cases: &dyn Cases, rows: &Rows) {
-        let (runs, threads) = (cases.runs(), self.campaign.threads);
+    fn announce(&self, cases: &dyn Cases, rows: &Rows, threads: usize) {
+        let runs = cases.runs();
         let mut text = match self.shard {
             Shard::WHOLE => format!("{runs} runs"),
             part => format!("{} of {runs} runs (part {part})", part.cases(runs).len()),
@@ -283,17 +267,18 @@ impl PartPlay<'_> {
 
     fn play_rest(
         &self,
+        campaign: Campaign,
         cases: &dyn Cases,
         rows: &Rows,
         writer: &mut Writer,
         folder: &RunFolder,
         files: &Uncopied,
-    ) -> Result<(), PartError> {
+    ) -> Result<(), CampaignError> {
         PlayRecord::now(self.overrides).write(folder)?;
         let all = self.shard.cases(cases.runs());
         let (of, mut done) = (all.len(), rows.len());
         let left = all.filter(|case| !rows.has(*case));
-        let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(done);
+        let bar = RunsBar::new(Some(of), campaign.is_shown).going_on_from(done);
         let keep = |case: usize, row: Result<SweepRow, NoResult>| {
             files.check()?;
             let row = match row {
@@ -301,7 +286,7 @@ impl PartPlay<'_> {
                 // The panic hook of the program prints the panic; the row says in which case it happened.
                 Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
                 Err(NoResult::Machine(reason)) => {
-                    return Err(PartError::Machine { case, reason });
+                    return Err(CampaignError::Machine { case, reason });
                 }
             };
             writer.append(&row)?;
@@ -313,12 +298,12 @@ impl PartPlay<'_> {
             Ok(())
         };
         let work = |case: &usize, watch: &recording::capture::Watch| cases.play(*case, watch);
-        let ended = self.campaign.each(left, &bar, work, keep);
+        let ended = campaign.each(left, &bar, work, keep);
         drop(bar);
         match ended {
             Ok(()) => Ok(()),
             Err(Stopped::Refused(error)) => Err(error),
-            Err(Stopped::Interrupted) => Err(PartError::Interrupted { done, of }),
+            Err(Stopped::Interrupted) => Err(CampaignError::Interrupted { done, of }),
         }
     }
 }

@@ -133,7 +133,7 @@ impl Survey {
                 case: row.case,
                 ended: row.ended,
                 why: (row.reason.clone()).unwrap_or_else(|| missed(&row, limits)),
-                values: cases.short_values_text(row.case),
+                values: cases.values_text(row.case, terminal::rounded),
                 id: row.id,
             });
         }

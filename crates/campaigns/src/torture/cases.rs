@@ -1,21 +1,25 @@
 //! Cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use faults::Stream;
 use plan::Plan;
 use recording::capture::Watch;
 use recording::run_folder::file_in;
+use runner::recorded::RecordedError;
 use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
+use super::command::{broken_in, shrink_all};
 use super::draw::{self, Nodes};
 use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{PANIC, TortureCase};
 use crate::campaign::{NoResult, play_one};
+use crate::error::CampaignError;
 use crate::sweep::cases::Cases;
 use crate::sweep::row::{Ended, SweepRow};
+use crate::sweep::store::Rows;
 use crate::sweep::sweep_cases::id;
 
 /// Name of the file with the draws; a folder that has it is one of torture.
@@ -46,13 +50,6 @@ pub(crate) struct TortureCases {
     keys: Vec<String>,
 }
 
-/// Reason why the torture of a folder cannot be continued.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum NoTorture {
-    #[error("{} cannot be read: {source}", path.display())]
-    Read { path: PathBuf, source: io::Error },
-}
-
 impl TortureCases {
     /// Returns the mixes in the scenario of a plan.
     pub(crate) fn new(plan: &Plan, draws: Draws) -> Self {
@@ -74,7 +71,7 @@ impl TortureCases {
     }
 
     /// Reads the cases of a part's folder; `None` if it is not one of torture.
-    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Option<Self>, NoTorture> {
+    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Option<Self>, RecordedError> {
         let path = folder.join(FILE);
         let text = file_in(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
         let text = match text {
@@ -83,7 +80,7 @@ impl TortureCases {
         };
         let draws = text
             .and_then(|text| Ok(serde_json::from_str(&text)?))
-            .map_err(|source| NoTorture::Read { path, source })?;
+            .map_err(|source| RecordedError::Read { path, source })?;
         Ok(Some(Self::new(plan, draws)))
     }
 
@@ -181,7 +178,7 @@ impl Cases for TortureCases {
         self.keys.iter().map(count).collect()
     }
 
-    fn values_text(&self, number: usize) -> String {
+    fn values_text(&self, number: usize, _: fn(f64) -> String) -> String {
         let values = self.keys.iter().zip(self.values(number));
         let drawn = values.filter(|(_, count)| *count > 0.0);
         let drawn = drawn.map(|(key, count)| {
@@ -194,8 +191,8 @@ impl Cases for TortureCases {
         drawn.collect::<Vec<_>>().join(", ")
     }
 
-    fn short_values_text(&self, number: usize) -> String {
-        self.values_text(number)
+    fn show_more(&self, rows: &Rows, output: &Path) -> Result<(), CampaignError> {
+        shrink_all(output, &broken_in(rows)?, self).map_err(CampaignError::Shrink)
     }
 
     fn text(&self, number: usize) -> String {
@@ -275,7 +272,7 @@ mod tests {
             assert!(
                 counted >= 1.0 && at_boot.abs() <= 1.0,
                 "{}",
-                cases.values_text(number)
+                cases.values_text(number, |count| count.to_string())
             );
         }
     }

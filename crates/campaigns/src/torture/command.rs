@@ -8,50 +8,24 @@ use clap::Args;
 
 use super::cases::{Draws, TortureCases};
 use super::shrink::TortureCase;
-use crate::campaign::{Campaign, caught};
-use crate::sweep::Shard;
-use crate::sweep::cases::Cases;
+use crate::campaign::caught;
+use crate::error::{CampaignError, run};
 use crate::sweep::estimate::Estimate;
-use crate::sweep::finish::{FinishError, Shown, finish};
-use crate::sweep::part::{PartArgs, PartError, PartPlay};
-use crate::sweep::row::SweepRow;
+use crate::sweep::finish::Shown;
+use crate::sweep::part::{PartArgs, PartPlay};
 use crate::sweep::store::{Rows, StoreError};
 use plan::Plan;
 use recording::capture::Watch;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::play::ValueArgs;
-use runner::run::RUNS;
-use runner::run::{RunPlace, run};
-use runner::scenarios;
+use runner::run::{self, RUNS, RunPlace};
 use worlds::law_process::started_by;
 use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
 
 /// Largest number of failing cases that are shrunk; more of them usually have the same cause.
 const SHRUNK_MAX: usize = 5;
-
-/// Reason why torture did not complete.
-#[derive(Debug, thiserror::Error)]
-enum TortureError {
-    #[error(transparent)]
-    Part(#[from] PartError),
-    #[error(transparent)]
-    Finish(#[from] FinishError),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
-    Shrink(String),
-}
-
-impl TortureError {
-    fn exit(&self) -> Exit {
-        match self {
-            Self::Part(error) => error.exit(),
-            _ => Exit::BenchFailed,
-        }
-    }
-}
 
 fn runs(text: &str) -> Result<usize, String> {
     match text.parse() {
@@ -92,90 +66,53 @@ pub struct TortureArgs {
 /// Draws and plays the mixes, and prints the invariants that broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let plan = match scenarios::load(&args.scenario, &ValueArgs::default()) {
-        Ok(plan) => plan,
-        Err(exit) => return exit,
-    };
-    let draws = Draws {
-        runs: args.runs,
-        seed: args.seed,
-    };
-    let cases = TortureCases::new(&plan, draws);
-    // The first case shows whether torture can play the scenario at all.
-    if let Err(reason) = cases.case(1).and_then(|case| case.plan()) {
-        print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
-        return Exit::CannotStart;
-    }
-    started_by(&plan).iter().for_each(|line| print_error(line));
-    if args.plan {
-        return print_estimate(args, &cases);
-    }
-    play(args, &cases, &plan).unwrap_or_else(|error| {
-        print_error(&format!("canrig: {error}"));
-        error.exit()
+    run(&args.scenario, &ValueArgs::default(), |plan| {
+        play(args, plan)
     })
-}
-
-/// Prints the estimate for all runs.
-fn print_estimate(args: &TortureArgs, cases: &TortureCases) -> Exit {
-    match Estimate::probe(cases, args.threads.unwrap_or(1)) {
-        Ok(estimate) => {
-            let (file, options) = (args.scenario.display(), estimate.options());
-            let draws = format!("--torture {} --seed {}", args.runs, args.seed);
-            print(&format!(
-                "{estimate}\ncanrig submit {file} {draws} --engine slurm {options}"
-            ));
-            Exit::Pass
-        }
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            error.exit()
-        }
-    }
 }
 
 /// Plays the mixes that have no row yet, and makes tables and page. Of all mixes together, it shrinks the first that broke each
 /// invariant; `canrig merge` does so for parts.
-fn play(args: &TortureArgs, cases: &TortureCases, plan: &Plan) -> Result<Exit, TortureError> {
-    let shard = args.part.shard().map_err(PartError::from)?;
-    let is_whole = shard == Shard::WHOLE && !args.part.is_for_engine();
-    let shown = if args.quiet {
-        Shown::Failures
-    } else {
-        Shown::All
+fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, CampaignError> {
+    let draws = Draws {
+        runs: args.runs,
+        seed: args.seed,
     };
-    let mut campaign = Campaign::on_all_cores(!args.quiet);
-    campaign.threads = args.threads.map_or(campaign.threads, usize::from);
+    let cases = TortureCases::new(plan, draws);
+    // The first case shows whether torture can play the scenario at all.
+    if let Err(reason) = cases.case(1).and_then(|case| case.plan()) {
+        print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
+        return Ok(Exit::CannotStart);
+    }
+    started_by(plan).iter().for_each(|line| print_error(line));
+    if args.plan {
+        let (file, runs, seed) = (args.scenario.display(), args.runs, args.seed);
+        let submit = format!("{file} --torture {runs} --seed {seed}");
+        return Estimate::print(&cases, args.threads, &submit);
+    }
     let part = PartPlay {
         output: &args.output,
-        shard,
-        is_shared: !is_whole,
-        campaign,
-        shown,
+        shard: args.part.shard()?,
+        is_for_engine: args.part.is_for_engine(),
+        threads: args.threads,
+        shown: Shown::unless(args.quiet),
         lines: None,
         overrides: &[],
     };
-    let (folder, rows, _writer) = part.play(cases, plan)?;
-    let exit = if args.part.is_for_engine() {
-        Exit::Pass
-    } else {
-        finish(&folder, plan, cases, &rows, shown)?
-    };
+    let (exit, rows, _writer) = part.play(&cases, plan)?;
     let broken = broken_in(&rows)?;
-    if is_whole {
-        let shrunk = shrink_all(&args.output, &broken, |number| cases.case(number));
-        shrunk.map_err(TortureError::Shrink)?;
+    if part.is_whole() {
+        shrink_all(&args.output, &broken, &cases).map_err(CampaignError::Shrink)?;
     }
-    if is_whole || !args.quiet {
-        let played = shard.cases(cases.runs()).len();
-        print(&summary(args.seed, played, &broken));
+    if part.is_whole() || !args.quiet {
+        print(&summary(args.seed, rows.len(), &broken));
     }
     Ok(exit)
 }
 
 /// Broken invariants by name. No more is kept of the runs in memory, of which there may be millions.
 #[derive(Default)]
-struct Broken(BTreeMap<String, FirstBroken>);
+pub(super) struct Broken(BTreeMap<String, FirstBroken>);
 
 /// Number of times that an invariant was broken, and the first case that broke it.
 struct FirstBroken {
@@ -184,48 +121,36 @@ struct FirstBroken {
     text: String,
 }
 
-impl Broken {
-    /// Adds the broken invariant of a row, if there is one.
-    fn add(&mut self, row: SweepRow) {
+/// Returns the invariants that the rows broke.
+pub(super) fn broken_in(rows: &Rows) -> Result<Broken, StoreError> {
+    let mut broken = Broken::default();
+    for row in rows.iter()? {
+        let row = row?;
         let Some(invariant) = row.missed.into_iter().next() else {
-            return;
+            continue;
         };
-        let first = self.0.entry(invariant).or_insert_with(|| FirstBroken {
+        let first = broken.0.entry(invariant).or_insert_with(|| FirstBroken {
             count: 0,
             case: row.case,
             text: row.reason.unwrap_or_default(),
         });
         first.count += 1;
     }
-}
-
-/// Returns the invariants that the rows broke.
-fn broken_in(rows: &Rows) -> Result<Broken, StoreError> {
-    let mut broken = Broken::default();
-    for row in rows.iter()? {
-        broken.add(row?);
-    }
     Ok(broken)
 }
 
-/// Shrinks the first case of each invariant that the rows of torture broke.
-pub(crate) fn shrink_first(rows: &Rows, cases: &TortureCases, output: &Path) -> Result<(), String> {
-    let broken = broken_in(rows).map_err(|error| error.to_string())?;
-    shrink_all(output, &broken, |number| cases.case(number))
-}
-
 /// Shrinks the first failing case of each invariant.
-fn shrink_all(
+pub(super) fn shrink_all(
     output: &Path,
     broken: &Broken,
-    case: impl Fn(usize) -> Result<TortureCase, String>,
+    cases: &TortureCases,
 ) -> Result<(), String> {
     for (invariant, first) in broken.0.iter().take(SHRUNK_MAX) {
         let FirstBroken {
             case: number, text, ..
         } = first;
         print(&format!("run {number}: {invariant}: {text}"));
-        let shrunk = case(*number)?.shrunk(invariant);
+        let shrunk = cases.case(*number)?.shrunk(invariant);
         let folder = keep(&shrunk, output)?;
         print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
@@ -245,7 +170,7 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     };
     let folder = RefCell::new(output.to_owned());
     let judged = caught(|| {
-        let judged = run(&plan, place, &watch, taps, |created, capture| {
+        let judged = run::run(&plan, place, &watch, taps, |created, capture| {
             created.path().clone_into(&mut folder.borrow_mut());
             let hosting = Hosting {
                 logs: Some(created.path()),

@@ -1,7 +1,6 @@
 //! Makes a failing scenario as small as possible while it still breaks the same invariant.
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use plan::Plan;
@@ -9,7 +8,7 @@ use scenario::{Beside, HASH_SUFFIX};
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
-use crate::campaign::{Campaign, FailedRun};
+use crate::campaign::Campaign;
 use crate::sweep::sweep_cases::case_name;
 use worlds::catalogue::catalogue;
 
@@ -105,12 +104,16 @@ impl TortureCase {
             threads: 1,
             is_shown: false,
         };
-        let played = catch_unwind(AssertUnwindSafe(|| {
-            campaign.play(std::iter::once(plan), violation)
-        }));
-        match played.ok()?.ok()?.pop()? {
+        match campaign
+            .play(std::iter::once(plan), violation)
+            .ok()?
+            .pop()?
+        {
             Ok(violation) => violation,
-            Err(fault) => Some(from_failed_run(&fault)),
+            Err(fault) => Some(BrokenInvariant {
+                invariant: PANIC,
+                text: fault.reason,
+            }),
         }
     }
 
@@ -263,14 +266,6 @@ fn rounder(value: &Value) -> Vec<Value> {
         .into_iter()
         .filter(|rounded| digits(*rounded) < digits(number));
     rounder.map(Value::Float).collect()
-}
-
-/// Returns the broken invariant of a run that the program itself could not bring to a verdict.
-pub(super) fn from_failed_run(fault: &FailedRun) -> BrokenInvariant {
-    BrokenInvariant {
-        invariant: PANIC,
-        text: fault.reason.clone(),
-    }
 }
 
 #[cfg(test)]
