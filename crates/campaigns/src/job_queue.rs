@@ -28,19 +28,6 @@ struct QueueState<I, J, R, F, E> {
     refusal: Option<E>,
 }
 
-impl<I, J, R, F, E> QueueState<I, J, R, F, E> {
-    fn new(jobs: I, on_result: F) -> Self {
-        Self {
-            jobs,
-            given: 0,
-            taken: 0,
-            waiting: BTreeMap::new(),
-            on_result,
-            refusal: None,
-        }
-    }
-}
-
 impl<I, J, R, F, E> JobQueue<I, J, R, F, E>
 where
     I: Iterator<Item = J>,
@@ -49,8 +36,16 @@ where
     /// Makes a queue that hands results to `on_result` in the order of the jobs. At most `waiting_max` results wait for their
     /// turn.
     pub(crate) fn new(jobs: I, on_result: F, waiting_max: usize) -> Self {
+        let state = QueueState {
+            jobs,
+            given: 0,
+            taken: 0,
+            waiting: BTreeMap::new(),
+            on_result,
+            refusal: None,
+        };
         Self {
-            state: Mutex::new(QueueState::new(jobs, on_result)),
+            state: Mutex::new(state),
             has_room: Condvar::new(),
             waiting_max,
         }

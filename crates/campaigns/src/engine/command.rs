@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use clap::Args;
 
 use super::campaign::{RECORD, Record, SharedCampaign, Submitted};
-use super::round::{RowCounter, Waited, wait};
+use super::round::{RowCounter, wait};
 use super::{EngineKind, Limits};
 use crate::error::{CampaignError, run};
 use crate::sweep::Shard;
@@ -238,20 +238,15 @@ fn play(
             }
         };
         begun += 1;
-        match wait(engine, campaign, &submitted, &counter, &bar)? {
-            Waited::Interrupted => {
-                let queue = record.limits.queue.as_deref();
-                return Err(CampaignError::LeftToEngine {
-                    cancel: engine.cancel_command(&submitted.id, queue),
-                });
-            }
-            Waited::Over(failed) => {
-                record.job = None;
-                campaign.keep(record)?;
-                locked().count()?;
-                print_missing(&bar, campaign, &locked(), &failed);
-            }
-        }
+        let Some(failed) = wait(engine, campaign, &submitted, &counter, &bar)? else {
+            let queue = record.limits.queue.as_deref();
+            let cancel = engine.cancel_command(&submitted.id, queue);
+            return Err(CampaignError::LeftToEngine { cancel });
+        };
+        record.job = None;
+        campaign.keep(record)?;
+        locked().count()?;
+        print_missing(&bar, campaign, &locked(), &failed);
     }
     drop(bar);
     print_lost(args, &locked());

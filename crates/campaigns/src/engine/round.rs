@@ -18,22 +18,15 @@ const PERIOD_MAX: Duration = Duration::from_secs(5);
 /// Largest number of failed questions in a row.
 const SILENCES_MAX: u32 = 60;
 
-/// End of the waiting.
-pub(super) enum Waited {
-    /// The job is over. Holds the engine's reasons for the tasks that failed.
-    Over(BTreeMap<usize, String>),
-    /// The user stopped waiting.
-    Interrupted,
-}
-
-/// Waits until the engine has no task of the job any more. `bar` shows the number of rows and the state of the parts.
+/// Waits until the engine has no task of the job any more; returns its reasons for the parts that failed, `None` if the user
+/// stopped waiting. `bar` shows the number of rows and the state of the parts.
 pub(super) fn wait(
     engine: &dyn Engine,
     campaign: &SharedCampaign<'_>,
     submitted: &Submitted,
     counter: &Mutex<RowCounter>,
     bar: &PartsBar,
-) -> Result<Waited, EngineError> {
+) -> Result<Option<BTreeMap<usize, String>>, EngineError> {
     let (stop, stopped) = mpsc::channel::<()>();
     let work = || {
         let file = campaign.job_file(&submitted.file);
@@ -41,7 +34,7 @@ pub(super) fn wait(
         loop {
             match stopped.recv_timeout(period) {
                 Err(RecvTimeoutError::Timeout) => {}
-                _ => return Ok(Waited::Interrupted),
+                _ => return Ok(None),
             }
             period = (period + period / 4).min(PERIOD_MAX);
             let mut counter = counter.lock().unwrap_or_else(PoisonError::into_inner);
@@ -53,7 +46,7 @@ pub(super) fn wait(
                     bar.show(counter.rows(), &state_text(&state, &counter));
                     // Work of the engine on completed parts, such as a repetition, does not matter.
                     if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
-                        return Ok(Waited::Over(state.failed));
+                        return Ok(Some(state.failed));
                     }
                 }
                 // A controller that restarts is unreachable for a minute.

@@ -23,7 +23,7 @@ const NAMED: usize = 3;
 const CORRELATION_MIN: f64 = 0.1;
 
 /// Sensitivity of a metric with a limit, or of an invariant.
-pub struct Driven {
+pub(super) struct Driven {
     /// Name of the metric or the invariant.
     pub name: String,
     /// Its limit; `None` for an invariant.

@@ -5,9 +5,8 @@ use std::{fs, io};
 
 use super::cases::Cases;
 use super::page;
-use super::row::Ended;
 use super::store::Rows;
-use super::summary::{Failing, Summary};
+use super::summary::{FAILING, Failing, Summary};
 use super::tables::{self, Tables};
 use crate::error::CampaignError;
 use plan::Plan;
@@ -15,9 +14,6 @@ use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use recording::session::write_tables;
 use runner::console::{print, print_text};
 use runner::exit::Exit;
-
-/// Folder of the scenarios of cases that do not pass.
-const FAILING: &str = "failing";
 
 /// Output of a sweep on the terminal.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -58,10 +54,9 @@ pub(crate) fn finish(
     }
     for failing in &summary.failing {
         let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));
-        folder.write(&place(failing), text.as_bytes())?;
+        folder.write(&failing.place(), text.as_bytes())?;
     }
-    let what = (cases.kind(), rows.identity());
-    let page = page::to_html(&summary, what, place, |case| command(cases, &summary, case));
+    let page = page::to_html(&summary, rows.identity());
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
     if shown == Shown::All || (shown == Shown::Failures && exit != Exit::Pass) {
@@ -74,7 +69,7 @@ pub(crate) fn finish(
 /// Removes the scenarios of cases that do not fail any more, for example because another canrig played the rows before. Other
 /// files are left alone.
 fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteError> {
-    let kept: BTreeSet<String> = failing.iter().map(place).collect();
+    let kept: BTreeSet<String> = failing.iter().map(Failing::place).collect();
     let path = folder.path().join(FAILING);
     file_in(folder.path(), FAILING).map_err(WriteError::at(&path))?;
     let entries = match fs::read_dir(&path) {
@@ -96,7 +91,7 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
     Ok(())
 }
 
-/// Checks whether a file has a name as [`place`] gives it.
+/// Checks whether a file has a name as [`Failing::place`] gives it.
 fn is_case(name: &str) -> bool {
     let name = name.strip_prefix("case-");
     let name = name.and_then(|name| name.strip_suffix(".toml"));
@@ -105,21 +100,6 @@ fn is_case(name: &str) -> bool {
         let is_id = !id.is_empty() && id.bytes().all(|digit| digit.is_ascii_hexdigit());
         case.parse::<usize>().is_ok() && is_id
     })
-}
-
-/// Returns the place of a case's scenario in the folder.
-fn place(failing: &Failing) -> String {
-    format!("{FAILING}/case-{}-{}.toml", failing.case, failing.id)
-}
-
-/// Returns the command that plays a case alone, in the folder of the campaign.
-fn command(cases: &dyn Cases, summary: &Summary, case: usize) -> Option<String> {
-    let mut failing = summary.failing.iter();
-    if let Some(one) = failing.find(|one| one.case == case) {
-        return (one.ended != Ended::Invalid).then(|| format!("canrig simulate {}", place(one)));
-    }
-    let options = cases.options(case)?;
-    Some(format!("canrig simulate {}{options}", file::SCENARIO))
 }
 
 /// Returns the comment at the top of a failing case's scenario.
@@ -136,7 +116,7 @@ fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
     )
 }
 
-fn print_files(folder: &RunFolder, summary: &Summary) {
+fn print_files(folder: &RunFolder, summary: &Summary<'_>) {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (total, written) = (summary.failing_total(), summary.failing.len());
     if total > 0 {
@@ -161,6 +141,7 @@ fn print_files(folder: &RunFolder, summary: &Summary) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sweep::row::Ended;
 
     #[test]
     fn failing_cases_of_now_stay_and_files_that_are_not_ours() {
@@ -183,7 +164,7 @@ mod tests {
         for name in theirs.iter().chain(&stale) {
             folder.write(name, b"").unwrap();
         }
-        folder.write(&place(&failing), b"").unwrap();
+        folder.write(&failing.place(), b"").unwrap();
         remove_others(&folder, &[failing]).unwrap();
         let entries = fs::read_dir(folder.path().join(FAILING)).unwrap();
         let mut names = Vec::from_iter(entries.map(|entry| entry.unwrap().file_name()));

@@ -4,9 +4,9 @@
 //! any of them. `store` has the rows of the completed cases on the disk, which is all that a restart or a merge needs. `tables`
 //! and `summary` are made from the store at the end, and `command` puts it all together.
 
-pub mod cases;
+pub(crate) mod cases;
 pub mod command;
-pub mod drivers;
+mod drivers;
 pub(crate) mod estimate;
 pub(crate) mod finish;
 pub mod merge;
@@ -15,9 +15,9 @@ pub(crate) mod part;
 pub mod row;
 pub(crate) mod shard;
 pub(crate) mod store;
-pub mod summary;
+mod summary;
 pub mod sweep_cases;
 mod tables;
 pub(crate) mod uncopied;
 
-pub use shard::Shard;
+pub(crate) use shard::Shard;

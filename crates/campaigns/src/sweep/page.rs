@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::drivers::{Driven, nearest_end};
 use super::row::Ended;
-use super::summary::{Failing, MetricSpread, Summary};
+use super::summary::{MetricSpread, Summary};
 use judge::verdict::Identity;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::table::{Cell, Table, Text};
@@ -34,7 +34,7 @@ const OUTLIERS_FROM: f64 = 4.0;
 
 /// Returns the metrics with their limits, then the number of cases for each way to end.
 #[must_use]
-pub(crate) fn to_text(summary: &Summary) -> Text {
+pub(super) fn to_text(summary: &Summary<'_>) -> Text {
     let mut table = Table::new(HEADS);
     for spread in &summary.spreads {
         let missed = Cell::number(missed(spread));
@@ -54,7 +54,7 @@ pub(crate) fn to_text(summary: &Summary) -> Text {
         table.add(name.into_iter().chain(numbers).chain([limit, missed]));
     }
     let mut text = Text::default();
-    text.line(format!("\n{}", summary.name));
+    text.line(format!("\n{}", summary.cases.name()));
     // Torture has no metrics; its results are broken invariants.
     if !summary.spreads.is_empty() {
         text.table(&table);
@@ -63,43 +63,37 @@ pub(crate) fn to_text(summary: &Summary) -> Text {
     text
 }
 
-/// Returns the page of a campaign of this kind. `place_of` gives the place of a case's scenario, `command_of` the command that
-/// plays a case; `None` if no command plays it alone.
+/// Returns the page of a campaign.
 #[must_use]
-pub(crate) fn to_html(
-    summary: &Summary,
-    (kind, identity): (&str, &Identity),
-    place_of: impl Fn(&Failing) -> String,
-    command_of: impl Fn(usize) -> Option<String>,
-) -> String {
-    let worst = summary.worst();
+pub(super) fn to_html(summary: &Summary<'_>, identity: &Identity) -> String {
+    let (worst, cases) = (summary.worst(), summary.cases);
     let body = html! {
-        h1 { (summary.name) }
-        p { span.outcome.(class(worst)) { (outcome_text(worst)) } " " (page::sentence(&format!("{kind} of {}", counts(summary)))) }
-        @if let Some(criterion) = summary.criterion { p { (criterion) } }
-        @if summary.runs != summary.runs_of_whole { p { "This is a part of " (summary.runs_of_whole) " runs." } }
+        h1 { (cases.name()) }
+        p { span.outcome.(class(worst)) { (outcome_text(worst)) } " " (page::sentence(&format!("{} of {}", cases.kind(), counts(summary)))) }
+        @if let Some(criterion) = cases.criterion() { p { (criterion) } }
+        @if summary.runs != cases.runs() { p { "This is a part of " (cases.runs()) " runs." } }
         h2 { "Parameters" }
-        (parameters(&summary.keys))
+        (parameters(&cases.variations()))
         @if !summary.spreads.is_empty() {
             h2 { "Results" }
             (metrics(&summary.spreads))
             div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
             p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits, the dashed line is the limit." @if summary.spreads.iter().any(has_runs_outside) { " Runs beyond the edge are dots on it." } }
         }
-        (driven(&summary.driven, &command_of))
+        (driven(summary))
         @if !summary.failing.is_empty() {
             h2 { "Cases that do not pass" }
-            (failing(summary, place_of, command_of))
+            (failing(summary))
         }
         h2 { "Versions" }
         dl.facts.versions {
             div { dt { "program" } dd { "canrig " (env!("CARGO_PKG_VERSION")) } }
-            div { dt { "seed" } dd { (summary.seed) } }
+            div { dt { "seed" } dd { (cases.seed()) } }
             (page::identity(identity))
         }
         (page::undated())
     };
-    page::page(&summary.name, &body)
+    page::page(cases.name(), &body)
 }
 
 fn parameters(keys: &[(String, String)]) -> Markup {
@@ -212,7 +206,8 @@ fn outside(spread: &MetricSpread, (from, until): (f64, f64)) -> (Vec<f64>, Vec<f
 }
 
 /// Shows the keys that drive each metric with a limit, and the worst runs.
-fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Markup {
+fn driven(summary: &Summary<'_>) -> Markup {
+    let driven = &summary.driven;
     if driven.is_empty() {
         return html! {};
     }
@@ -224,10 +219,10 @@ fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Ma
                 td.name { (page::name(&one.name)) }
                 td data-name="follows most" { div { @for (key, correlation) in &one.keys { div { (format!("{correlation:+.2} ").replace('-', "\u{2212}")) (page::key(key)) } } } }
                 td.number data-name="runs looked at" { (one.of) }
-                td.broken.words data-name=(WORST) { div { @for worst in one.worst.iter().take(WORST_NAMED) { (worst_case(one, worst, &command_of)) } } }
+                td.broken.words data-name=(WORST) { div { @for worst in one.worst.iter().take(WORST_NAMED) { (worst_case(summary, one, worst)) } } }
             } } }
         } }
-        div.plots.even.dots { @for one in driven { (scatter(one, &command_of)) } }
+        div.plots.even.dots { @for one in driven { (scatter(summary, one)) } }
         p.soft {
             "The numbers are rank correlations (Spearman): +1 or \u{2212}1 where the metric always grows or falls with the key, 0 where \
              it does not follow it. Below 0.1 no key is named. A run that misses its limit without a value counts as the farthest beyond \
@@ -239,9 +234,9 @@ fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Ma
 
 /// Returns one of the worst cases with its value, its limit, and the command that plays it.
 fn worst_case(
+    summary: &Summary<'_>,
     driven: &Driven,
     (case, _, value): &(usize, f64, f64),
-    command_of: impl Fn(usize) -> Option<String>,
 ) -> Markup {
     let name = &driven.name;
     let shown = terminal::reached(name, Some(*value).filter(|value| value.is_finite()));
@@ -250,7 +245,7 @@ fn worst_case(
         format!(": {}", terminal::with_limit(&shown, &end))
     });
     let title = format!("case {case}{}", limit.unwrap_or_default());
-    html! { @match command_of(*case) {
+    html! { @match summary.command(*case) {
         Some(command) => details { summary { (title) } code { (command) } },
         None => div { (title) },
     } }
@@ -275,7 +270,7 @@ fn worst_label(driven: &Driven) -> String {
 }
 
 /// Draws the runs in the plane of the first key and the metric.
-fn scatter(driven: &Driven, command_of: impl Fn(usize) -> Option<String>) -> Markup {
+fn scatter(summary: &Summary<'_>, driven: &Driven) -> Markup {
     let Some((key, _)) = driven.keys.first() else {
         return html! {};
     };
@@ -302,7 +297,7 @@ fn scatter(driven: &Driven, command_of: impl Fn(usize) -> Option<String>) -> Mar
         &worst_y,
     );
     let note = |(case, key, value): &(usize, f64, f64)| {
-        let command = command_of(*case).map(|command| format!(": {command}"));
+        let command = summary.command(*case).map(|command| format!(": {command}"));
         let text = format!("case {case}{}", command.unwrap_or_default());
         value.is_finite().then_some((*key, *value, text))
     };
@@ -341,11 +336,7 @@ fn shown_range(spread: &MetricSpread) -> (f64, f64) {
     (from - margin, until + margin)
 }
 
-fn failing(
-    summary: &Summary,
-    place_of: impl Fn(&Failing) -> String,
-    command_of: impl Fn(usize) -> Option<String>,
-) -> Markup {
+fn failing(summary: &Summary<'_>) -> Markup {
     let (shown, total) = (summary.failing.len(), summary.failing_total());
     html! {
         @if shown < total { p.unsure { "The first " (shown) " of " (total) "; the tables have all." } }
@@ -353,12 +344,12 @@ fn failing(
         div.wide { table.stacked {
             thead { tr { th { "case" } th { "result" } th { "why" } th { "values, and what plays it" } } }
             tbody { @for one in &summary.failing { tr {
-                td.case { a href=(place_of(one)) { "case " (one.case) } }
+                td.case { a href=(one.place()) { "case " (one.case) } }
                 td.nowrap.(class(one.ended)) data-name="result" { (outcome_text(one.ended)) }
                 td.broken.words data-name="why" { (page::name(&one.why)) }
                 td.broken.words data-name="values" { div {
                     (one.values)
-                    @if let Some(command) = command_of(one.case) { div { code { (command) } } }
+                    @if let Some(command) = summary.command(one.case) { div { code { (command) } } }
                 } }
             } } }
         } }
@@ -366,7 +357,7 @@ fn failing(
 }
 
 /// Returns the number of cases for each way to end, in one line.
-fn counts(summary: &Summary) -> String {
+fn counts(summary: &Summary<'_>) -> String {
     let counts: Vec<String> = summary
         .ended
         .iter()

@@ -24,16 +24,6 @@ pub enum Ended {
 }
 
 impl Ended {
-    /// All ends, from best to worst.
-    pub const ALL: [Self; 6] = [
-        Self::Pass,
-        Self::Inconclusive,
-        Self::Fail,
-        Self::Invalid,
-        Self::Incomplete,
-        Self::InternalError,
-    ];
-
     /// Returns the name of the end in tables.
     #[must_use]
     pub fn word(self) -> &'static str {

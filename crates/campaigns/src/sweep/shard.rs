@@ -3,32 +3,29 @@
 use std::fmt;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
-
 /// Largest number of parts of a sweep.
 pub(crate) const SHARDS_MAX: usize = 10_000;
 
 /// Part of a sweep, written as "2/4".
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
-pub struct Shard {
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) struct Shard {
     /// Number of the part, from 1.
-    pub number: usize,
+    pub(crate) number: usize,
     /// Number of all parts.
-    pub of: usize,
+    pub(crate) of: usize,
 }
 
 impl Shard {
     /// Whole sweep as a single part.
-    pub const WHOLE: Self = Self { number: 1, of: 1 };
+    pub(crate) const WHOLE: Self = Self { number: 1, of: 1 };
 
     /// Returns the cases of the part in a sweep of `runs` runs, in their order.
-    pub fn cases(self, runs: usize) -> impl ExactSizeIterator<Item = usize> + Clone + Send {
+    pub(crate) fn cases(self, runs: usize) -> impl ExactSizeIterator<Item = usize> + Clone + Send {
         (self.number..runs + 1).step_by(self.of)
     }
 
     /// Checks whether a case of a sweep of `runs` runs belongs to the part.
-    #[must_use]
-    pub fn has(self, case: usize, runs: usize) -> bool {
+    pub(crate) fn has(self, case: usize, runs: usize) -> bool {
         (self.number..=runs).contains(&case) && (case - self.number).is_multiple_of(self.of)
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use plan::Plan;
+use recording::run_folder::file;
 use report::terminal;
 use scenario::expect::Limit;
 
@@ -12,29 +13,23 @@ use super::row::{Ended, SweepRow};
 use super::store::{Rows, StoreError};
 use crate::distribution::{quantile, staircase};
 
+/// Folder of the scenarios of cases that do not pass.
+pub(super) const FAILING: &str = "failing";
 /// Largest number of cases that do not pass and are written as scenarios and listed.
-pub const FAILING_MAX: usize = 100;
+pub(super) const FAILING_MAX: usize = 100;
 /// Largest number of values in memory; metrics are processed in groups of that size.
 const VALUES_MAX: usize = 4_000_000;
 /// Largest number of values of a distribution that are drawn.
 const DRAWN_MAX: usize = 1000;
 
 /// Summary of a sweep.
-pub struct Summary {
-    /// Name of the scenario.
-    pub name: String,
+pub(super) struct Summary<'a> {
+    /// Cases of the whole sweep.
+    pub cases: &'a dyn Cases,
     /// Number of cases that were played.
     pub runs: usize,
-    /// Number of cases in the whole sweep.
-    pub runs_of_whole: usize,
     /// Number of cases for each way to end.
     pub ended: BTreeMap<Ended, usize>,
-    /// Keys with descriptions of how they vary.
-    pub keys: Vec<(String, String)>,
-    /// Seed of the drawn values.
-    pub seed: u64,
-    /// Criterion of a run in place of the limits of the scenario, in sentences.
-    pub criterion: Option<&'static str>,
     /// Distribution of each metric.
     pub spreads: Vec<MetricSpread>,
     /// Sensitivity of each metric with a limit, or of each broken invariant.
@@ -44,7 +39,7 @@ pub struct Summary {
 }
 
 /// Case that does not pass.
-pub struct Failing {
+pub(super) struct Failing {
     /// Number of the case.
     pub case: usize,
     /// Hash of the case's content.
@@ -57,8 +52,15 @@ pub struct Failing {
     pub values: String,
 }
 
+impl Failing {
+    /// Returns the place of the case's scenario in the folder.
+    pub(super) fn place(&self) -> String {
+        format!("{FAILING}/case-{}-{}.toml", self.case, self.id)
+    }
+}
+
 /// Distribution of a metric.
-pub struct MetricSpread {
+pub(super) struct MetricSpread {
     /// Name of the metric, which contains the unit.
     pub name: String,
     /// Limit of the metric in the scenario.
@@ -103,13 +105,12 @@ impl Survey {
         for row in rows.iter()? {
             survey.add(cases, limits, row?);
         }
-        survey.add_limited(limits);
+        survey.add_metrics(limits.iter().map(|(name, _)| name));
         Ok(survey)
     }
 
-    /// Adds the metrics with a limit that never had a value in any case.
-    fn add_limited(&mut self, limits: &[(String, Limit)]) {
-        for (name, _) in limits {
+    fn add_metrics<'n>(&mut self, names: impl Iterator<Item = &'n String>) {
+        for name in names {
             if !self.metrics.contains(name) {
                 self.metrics.push(name.clone());
             }
@@ -123,11 +124,7 @@ impl Survey {
         for name in &row.missed {
             *self.missed.entry(name.clone()).or_default() += 1;
         }
-        for (name, _) in &row.metrics {
-            if !self.metrics.contains(name) {
-                self.metrics.push(name.clone());
-            }
-        }
+        self.add_metrics(row.metrics.iter().map(|(name, _)| name));
         if row.ended != Ended::Pass && self.failing.len() < FAILING_MAX {
             self.failing.push(Failing {
                 case: row.case,
@@ -155,22 +152,18 @@ fn missed(row: &SweepRow, limits: &[(String, Limit)]) -> String {
     Vec::from_iter(texts).join(", ")
 }
 
-impl Summary {
+impl<'a> Summary<'a> {
     /// Summarizes the rows of all cases.
-    pub(super) fn read(cases: &dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, StoreError> {
+    pub(super) fn read(cases: &'a dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, StoreError> {
         let limits = cases.limits(plan);
         let survey = Survey::read(cases, &limits, rows)?;
         let limits: BTreeMap<String, Limit> = limits.into_iter().collect();
         Ok(Self {
-            name: cases.name().to_owned(),
+            cases,
             runs: survey.runs,
-            runs_of_whole: cases.runs(),
             spreads: spreads(&survey, &limits, rows)?,
             driven: survey.sampler.driven(cases),
             ended: survey.ended,
-            seed: cases.seed(),
-            criterion: cases.criterion(),
-            keys: cases.variations(),
             failing: survey.failing,
         })
     }
@@ -183,16 +176,27 @@ impl Summary {
             .collect()
     }
 
+    /// Returns the command that plays a case alone, in the folder of the campaign; `None` if none does.
+    pub(super) fn command(&self, case: usize) -> Option<String> {
+        let mut failing = self.failing.iter();
+        if let Some(one) = failing.find(|one| one.case == case) {
+            let place = one.place();
+            return (one.ended != Ended::Invalid).then(|| format!("canrig simulate {place}"));
+        }
+        let options = self.cases.options(case)?;
+        Some(format!("canrig simulate {}{options}", file::SCENARIO))
+    }
+
     /// Returns the worst way in which a case ended.
     #[must_use]
-    pub fn worst(&self) -> Ended {
+    pub(super) fn worst(&self) -> Ended {
         let worst = self.ended.keys().max_by_key(|ended| ended.exit());
         worst.copied().unwrap_or(Ended::Pass)
     }
 
     /// Returns the number of cases that do not pass.
     #[must_use]
-    pub fn failing_total(&self) -> usize {
+    pub(super) fn failing_total(&self) -> usize {
         self.runs - self.ended.get(&Ended::Pass).copied().unwrap_or_default()
     }
 }
@@ -239,7 +243,7 @@ impl MetricSpread {
 
     /// Returns whether the metric has different values, so that there is something to draw.
     #[must_use]
-    pub fn varies(&self) -> bool {
+    pub(super) fn varies(&self) -> bool {
         self.quantiles[0] < self.quantiles[3]
     }
 }

@@ -26,9 +26,7 @@ const ID_BYTES: usize = 8;
 
 /// Sweep: a scenario and the keys that vary in it.
 pub struct SweepCases {
-    name: String,
     document: Table,
-    tables: BTreeMap<String, String>,
     axes: Vec<Axis>,
     drawn: Vec<(String, Distribution)>,
     whole_numbers: BTreeSet<String>,
@@ -42,13 +40,10 @@ pub struct SweepCases {
 
 /// Case of a sweep.
 pub struct SweepCase<'a> {
-    /// Number of the case, from 1.
-    pub number: usize,
     /// Hash of the content: the same scenario has the same hash in every sweep.
     pub id: String,
     /// Scenario as a file of its own.
     pub text: String,
-    tables: &'a BTreeMap<String, String>,
     base: &'a Plan,
 }
 
@@ -74,13 +69,11 @@ impl SweepCases {
         let drawn = sweep.distributions().into_iter();
         Ok(Self {
             base: plan.clone(),
-            name: shared.run.name.clone(),
             document,
             id: id(
                 &format!("{}{}", env!("CARGO_PKG_VERSION"), shared.text),
                 &shared.tables,
             ),
-            tables: shared.tables.clone(),
             axes: sweep.axes(),
             drawn: drawn.map(|(key, one)| (key.to_owned(), one)).collect(),
             whole_numbers: sweep.whole_numbers.clone(),
@@ -88,57 +81,6 @@ impl SweepCases {
             draws: sweep.draws.unwrap_or(1) as usize,
             runs: usize::try_from(sweep.runs()).unwrap_or(usize::MAX),
         })
-    }
-
-    /// Returns the scenario's name.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Returns a hash of file, tables and the version of the program, which all parts of a sweep share.
-    #[must_use]
-    pub fn id(&self) -> &str {
-        &self.id
-    }
-
-    /// Returns the number of cases.
-    #[must_use]
-    pub fn runs(&self) -> usize {
-        self.runs
-    }
-
-    /// Returns the keys that vary: those of the grid, then those that are drawn.
-    pub fn keys(&self) -> impl Iterator<Item = &str> {
-        let axes = self.axes.iter().map(|axis| axis.key.as_str());
-        axes.chain(self.drawn.iter().map(|(key, _)| key.as_str()))
-    }
-
-    /// Returns the keys with descriptions of how they vary.
-    pub fn variations(&self) -> impl Iterator<Item = (&str, String)> {
-        let axes = self
-            .axes
-            .iter()
-            .map(|axis| (axis.key.as_str(), values_text(&axis.values)));
-        let drawn = self.drawn.iter();
-        axes.chain(drawn.map(|(key, one)| (key.as_str(), distribution_text(*one))))
-    }
-
-    /// Returns the values of the keys in a case.
-    #[must_use]
-    pub fn values(&self, number: usize) -> Vec<f64> {
-        let place = number.saturating_sub(1);
-        let (mut point, draw) = (place / self.draws, place % self.draws);
-        // The last axis varies fastest.
-        let mut values: Vec<f64> = Vec::new();
-        for axis in self.axes.iter().rev() {
-            values.push(axis.values[point % axis.values.len()]);
-            point /= axis.values.len();
-        }
-        values.reverse();
-        let drawn = self.drawn.iter();
-        values.extend(drawn.map(|(key, one)| self.draw(key, *one, draw)));
-        values
     }
 
     /// Draws a number from a key's own stream: it depends on neither the other keys nor the other draws.
@@ -175,17 +117,16 @@ impl SweepCases {
     #[must_use]
     pub fn case(&self, number: usize) -> SweepCase<'_> {
         let mut document = self.document.clone();
-        for (key, value) in self.keys().zip(self.values(number)) {
+        for (key, value) in self.keys().into_iter().zip(self.values(number)) {
             set(&mut document, key, self.written(key, value)).expect("a key of the scenario");
         }
-        let id = id(&document.to_string(), &self.tables);
-        let name = case_name(&self.name, &format!("case {number}"));
+        let shared = &self.base.shared;
+        let id = id(&document.to_string(), &shared.tables);
+        let name = case_name(&shared.run.name, &format!("case {number}"));
         document.insert("name".to_owned(), name.into());
         SweepCase {
-            number,
             id,
             text: document.to_string(),
-            tables: &self.tables,
             base: &self.base,
         }
     }
@@ -210,11 +151,11 @@ impl Cases for SweepCases {
     }
 
     fn name(&self) -> &str {
-        self.name()
+        &self.base.shared.run.name
     }
 
     fn id(&self) -> &str {
-        self.id()
+        &self.id
     }
 
     fn seed(&self) -> u64 {
@@ -222,22 +163,37 @@ impl Cases for SweepCases {
     }
 
     fn runs(&self) -> usize {
-        self.runs()
+        self.runs
     }
 
+    /// Keys of the grid, then those that are drawn.
     fn keys(&self) -> Vec<&str> {
-        self.keys().collect()
+        let axes = self.axes.iter().map(|axis| axis.key.as_str());
+        let drawn = self.drawn.iter().map(|(key, _)| key.as_str());
+        axes.chain(drawn).collect()
     }
 
     fn variations(&self) -> Vec<(String, String)> {
-        let variations = self.variations();
-        variations
-            .map(|(key, variation)| (key.to_owned(), variation))
-            .collect()
+        let axes = self.axes.iter();
+        let axes = axes.map(|axis| (axis.key.clone(), values_text(&axis.values)));
+        let drawn = self.drawn.iter();
+        let drawn = drawn.map(|(key, one)| (key.clone(), distribution_text(*one)));
+        axes.chain(drawn).collect()
     }
 
     fn values(&self, number: usize) -> Vec<f64> {
-        self.values(number)
+        let place = number.saturating_sub(1);
+        let (mut point, draw) = (place / self.draws, place % self.draws);
+        // The last axis varies fastest.
+        let mut values: Vec<f64> = Vec::new();
+        for axis in self.axes.iter().rev() {
+            values.push(axis.values[point % axis.values.len()]);
+            point /= axis.values.len();
+        }
+        values.reverse();
+        let drawn = self.drawn.iter();
+        values.extend(drawn.map(|(key, one)| self.draw(key, *one, draw)));
+        values
     }
 
     fn text(&self, number: usize) -> String {
@@ -245,7 +201,7 @@ impl Cases for SweepCases {
     }
 
     fn options(&self, number: usize) -> Option<String> {
-        let values = self.keys().zip(self.values(number));
+        let values = self.keys().into_iter().zip(self.values(number));
         Some(String::from_iter(
             values.map(|(key, value)| format!(" --set '{key}={value}'")),
         ))
@@ -278,7 +234,7 @@ impl SweepCase<'_> {
     /// The first thing that is wrong in the scenario.
     pub fn plan(&self) -> Result<Plan, String> {
         let table = |name: &str| {
-            let text = self.tables.get(name).cloned();
+            let text = self.base.shared.tables.get(name).cloned();
             text.ok_or_else(|| io::ErrorKind::NotFound.into())
         };
         let plan = self.base.varied(&self.text, table, catalogue());

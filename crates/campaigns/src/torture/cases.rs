@@ -85,7 +85,7 @@ impl TortureCases {
     }
 
     /// Returns the scenario with the mix of a case, numbered from 1.
-    pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
+    pub(super) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
         let (text, tables) = (&self.plan.shared.text, &self.plan.shared.tables);

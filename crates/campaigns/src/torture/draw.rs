@@ -273,7 +273,7 @@ mod tests {
     use worlds::catalogue::catalogue;
 
     use super::*;
-    use crate::torture::TortureCase;
+    use crate::torture::shrink::TortureCase;
 
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";

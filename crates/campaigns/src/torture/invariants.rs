@@ -30,11 +30,11 @@ const MESSAGE_SECONDS_MAX: f64 = 1e-3;
 
 /// Invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BrokenInvariant {
+pub(super) struct BrokenInvariant {
     /// Name of the invariant.
-    pub invariant: &'static str,
+    pub(super) invariant: &'static str,
     /// Description of the observation that breaks it.
-    pub text: String,
+    pub(super) text: String,
 }
 
 fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
@@ -42,8 +42,7 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
 }
 
 /// Returns the first invariant that a run broke.
-#[must_use]
-pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
+pub(super) fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let loops = played.plan.loops.iter().zip(played.timelines);
     let mut broken = loops.filter_map(|(one, timeline)| {
         let run = LoopRun {

@@ -6,6 +6,3 @@ pub mod command;
 mod draw;
 mod invariants;
 mod shrink;
-
-pub use invariants::{BrokenInvariant, violation};
-pub use shrink::TortureCase;

@@ -23,7 +23,7 @@ const PLAYS_MAX: usize = 400;
 
 /// Scenario as a document, so that the written scenario is the one that was played.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TortureCase {
+pub(super) struct TortureCase {
     document: Table,
     /// Rig file of the scenario, by its name, and the hashes of FMUs.
     files: BTreeMap<String, String>,
@@ -37,7 +37,7 @@ impl TortureCase {
     ///
     /// # Errors
     /// The text is not TOML.
-    pub fn new(
+    pub(super) fn new(
         base: &str,
         files: &BTreeMap<String, String>,
         faults: Table,
@@ -70,15 +70,13 @@ impl TortureCase {
     }
 
     /// Returns the same case in the folder of a file.
-    #[must_use]
-    pub fn beside(self, beside: &Beside) -> Self {
+    pub(super) fn beside(self, beside: &Beside) -> Self {
         let beside = beside.for_case();
         Self { beside, ..self }
     }
 
     /// Returns the scenario's text.
-    #[must_use]
-    pub fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         self.document.to_string()
     }
 
@@ -86,7 +84,7 @@ impl TortureCase {
     ///
     /// # Errors
     /// Error of the loader; tables in other files are not read.
-    pub fn plan(&self) -> Result<Plan, String> {
+    pub(super) fn plan(&self) -> Result<Plan, String> {
         let read_file = |name: &str| {
             let text = "torture cannot play a scenario with tables in files; write its set-points and currents as holds, steps and ramps";
             let rig = self.files.get(name).cloned();
@@ -97,8 +95,7 @@ impl TortureCase {
     }
 
     /// Returns the invariant that the case breaks; a panic counts as one.
-    #[must_use]
-    pub fn violation(&self) -> Option<BrokenInvariant> {
+    pub(super) fn violation(&self) -> Option<BrokenInvariant> {
         let plan = self.plan().ok()?;
         let campaign = Campaign {
             threads: 1,
@@ -119,8 +116,7 @@ impl TortureCase {
 
     /// Returns the smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
     /// numbers.
-    #[must_use]
-    pub fn shrunk(&self, invariant: &str) -> Self {
+    pub(super) fn shrunk(&self, invariant: &str) -> Self {
         let mut budget = PLAYS_MAX;
         let mut smallest = self.clone();
         loop {
