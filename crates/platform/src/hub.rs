@@ -61,7 +61,7 @@ pub struct HubReport {
 /// Returns the buses of this user's hubs that are running on this machine, without disturbing them.
 #[must_use]
 pub fn running() -> Vec<BusAddress> {
-    let sockets = place::running();
+    let sockets = place::running_in(&place::candidates());
     sockets.into_iter().map(BusAddress::Embedded).collect()
 }
 

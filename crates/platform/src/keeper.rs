@@ -57,7 +57,10 @@ pub fn keep(log: Option<PathBuf>, command: &[OsString]) -> io::Result<String> {
     set_child_subreaper(Some(getpid()))?;
     let (output, theirs) = pipe_with(PipeFlags::CLOEXEC)?;
     fcntl_setfl(&output, OFlags::NONBLOCK)?;
-    let mut log = Log::new(log);
+    let mut log = Log {
+        path: log,
+        ..Log::default()
+    };
     let how = match start(command, theirs) {
         Ok(program) => {
             let status = wait(program, &output, &mut log)?;
@@ -158,6 +161,7 @@ pub(crate) fn children(parent: u32) -> Vec<Pid> {
 }
 
 /// Kept output of a program.
+#[derive(Default)]
 struct Log {
     path: Option<PathBuf>,
     file: Option<File>,
@@ -167,16 +171,6 @@ struct Log {
 }
 
 impl Log {
-    fn new(path: Option<PathBuf>) -> Self {
-        Self {
-            path,
-            file: None,
-            written: 0,
-            dropped: 0,
-            end: Vec::new(),
-        }
-    }
-
     /// Takes a part of the pending output; returns false at the end.
     fn take(&mut self, output: &OwnedFd) -> bool {
         let mut part = [0; PART_BYTES];
@@ -237,7 +231,10 @@ mod tests {
     fn the_output_is_kept_up_to_its_limit_and_its_end_is_told() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("law.log");
-        let mut log = Log::new(Some(path.clone()));
+        let mut log = Log {
+            path: Some(path.clone()),
+            ..Log::default()
+        };
         log.finish().unwrap();
         assert!(!path.exists());
         let line = [b'x'; 1023];

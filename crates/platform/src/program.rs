@@ -67,17 +67,6 @@ pub struct Order<'a> {
     pub environment: &'a [(&'a str, String)],
 }
 
-/// Result of a wait for a message.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Received {
-    /// A message of this many bytes.
-    Message(usize),
-    /// No message came.
-    Nothing,
-    /// The program closed its end.
-    Closed,
-}
-
 /// Program at a seat; it ends on drop.
 #[derive(Debug)]
 pub struct Program {
@@ -184,18 +173,19 @@ impl Program {
         Ok(())
     }
 
-    /// Waits for a message, no longer than `patience`. A message longer than the buffer is cut.
+    /// Waits for a message, no longer than `patience`; returns its length, 0 if the program closed its end, `None` if no message
+    /// came. A message longer than the buffer is cut.
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn receive(&self, message: &mut [u8], patience: Duration) -> io::Result<Received> {
+    pub fn receive(&self, message: &mut [u8], patience: Duration) -> io::Result<Option<usize>> {
         let channel = self.channel.as_ref().ok_or(Errno::NOTCONN)?;
         if !wait_ready(channel.as_fd(), PollFlags::IN, patience)? {
-            return Ok(Received::Nothing);
+            return Ok(None);
         }
         match recv(channel, message, RecvFlags::DONTWAIT) {
-            Ok((0, _)) | Err(Errno::CONNRESET | Errno::PIPE) => Ok(Received::Closed),
-            Ok((length, _)) => Ok(Received::Message(length)),
+            Ok((length, _)) => Ok(Some(length)),
+            Err(Errno::CONNRESET | Errno::PIPE) => Ok(Some(0)),
             Err(errno) => Err(errno.into()),
         }
     }

@@ -32,7 +32,7 @@ const STAMP_GAP: Duration = Duration::from_millis(100);
 /// Frame with the time at which it was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReceivedFrame {
-    /// Time since the recorder's epoch, see [`Recorder::wall_epoch`].
+    /// Time since the recorder's epoch, see [`Recorder::clock`].
     pub time: Duration,
     /// The frame.
     pub frame: CanFrame,
@@ -44,7 +44,9 @@ pub struct Recorder {
     frames: Consumer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
     fd_frames: Arc<AtomicU64>,
-    clock: Clock,
+    /// Clock whose start is the epoch of the frames' times. The kernel's stamps are wall-clock times, so on an interface a step of the
+    /// wall clock of more than a few milliseconds makes them untrustworthy.
+    pub clock: Clock,
     /// Thread that listens to an interface.
     interface: Option<StoppedThread>,
 }
@@ -85,25 +87,6 @@ impl Recorder {
     )]
     pub fn next(&mut self) -> Option<ReceivedFrame> {
         self.frames.pop().ok()
-    }
-
-    /// Returns the wall-clock time (since 1970) of the epoch.
-    #[must_use]
-    pub fn wall_epoch(&self) -> Duration {
-        self.clock.wall_epoch()
-    }
-
-    /// Converts a time of the system's monotonic clock to the recorder's time, see [`Recorder::wall_epoch`].
-    #[must_use]
-    pub fn from_monotonic(&self, time: Duration) -> Duration {
-        self.clock.from_monotonic(time)
-    }
-
-    /// Returns the step of the wall clock since the epoch. The kernel's stamps are wall-clock times, so on an interface a step of
-    /// more than a few milliseconds makes them untrustworthy.
-    #[must_use]
-    pub fn wall_clock_step(&self) -> Duration {
-        self.clock.wall_clock_step()
     }
 
     /// Stops listening to an interface; all frames before this moment can still be taken. On an embedded bus the hub's end has

@@ -56,14 +56,9 @@ impl SocketCanBus {
             fd_frames: Cell::new(0),
         };
         set_filters(&bus.socket, filters).map_err(|error| bus.system("set its filters", error))?;
-        bus.forget_unfiltered()?;
+        // Frames that came between the opening and the filters are discarded.
+        while bus.try_receive()?.is_some() {}
         Ok(bus)
-    }
-
-    /// Discards the frames that came between the opening and the filters.
-    fn forget_unfiltered(&self) -> Result<(), BusError> {
-        while self.try_receive()?.is_some() {}
-        Ok(())
     }
 
     fn try_receive(&self) -> Result<Option<CanFrame>, BusError> {
@@ -160,17 +155,14 @@ impl Bus for SocketCanBus {
     }
 
     fn count_fd_frames(&mut self) {
-        hear_fd_frames(&self.socket);
+        // An old kernel has none.
+        let option = libc::CAN_RAW_FD_FRAMES;
+        let _ = (self.socket).set_socket_option_int(libc::SOL_CAN_RAW, option, 1);
     }
 
     fn fd_frames(&self) -> u64 {
         self.fd_frames.get()
     }
-}
-
-/// Makes CAN FD frames reach the socket, so that they can be counted. An old kernel has none.
-fn hear_fd_frames(socket: &CanSocket) {
-    let _ = socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1);
 }
 
 /// Opens an unfiltered socket on an interface, after a check of the system's support.

@@ -77,7 +77,7 @@ impl BusConnection {
 
     /// Converts a time of the system's monotonic clock to the clock of the recording.
     pub(super) fn recorded_time(&self, time: Duration) -> Duration {
-        self.recorder.wall_epoch() + self.recorder.from_monotonic(time)
+        self.recorder.clock.wall_epoch() + self.recorder.clock.from_monotonic(time)
     }
 
     /// Returns the step of the clock of the stamps; zero on an embedded bus, whose clock is monotonic.
@@ -85,13 +85,13 @@ impl BusConnection {
         if self.hub.is_some() {
             Duration::ZERO
         } else {
-            self.recorder.wall_clock_step()
+            self.recorder.clock.wall_clock_step()
         }
     }
 
     /// Gives the capture the frames recorded since the last call; returns whether there were any.
     pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
-        let epoch = self.recorder.wall_epoch();
+        let epoch = self.recorder.clock.wall_epoch();
         let mut has_frames = false;
         while let Some(stamped) = self.recorder.next() {
             capture.record(Stamped::new(epoch + stamped.time, stamped.frame));

@@ -13,9 +13,7 @@ use controller::process_law::{self, Player, Window};
 use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
-use platform::program::{
-    END_PATIENCE, Listener, Order, PORTS_VARIABLE, Program, Received, START_PATIENCE,
-};
+use platform::program::{END_PATIENCE, Listener, Order, PORTS_VARIABLE, Program, START_PATIENCE};
 use platform::seat::{
     Header, IS_MISSING, Kind, MESSAGE_BYTES_MAX, numbers, read_answer, read_hello, read_values,
     write_numbers, write_welcome,
@@ -232,9 +230,9 @@ impl LawProcess {
     fn first_answer(&mut self) -> Result<&[u8], String> {
         let received = self.program.receive(&mut self.answer, START_PATIENCE);
         match received.map_err(|error| format!("cannot be reached: {error}"))? {
-            Received::Message(length) => Ok(&self.answer[..length]),
-            Received::Nothing => Err(format!("was not ready in {} s", START_PATIENCE.as_secs())),
-            Received::Closed => Err(match self.program.ended(CLOSED_PATIENCE) {
+            Some(length @ 1..) => Ok(&self.answer[..length]),
+            None => Err(format!("was not ready in {} s", START_PATIENCE.as_secs())),
+            Some(0) => Err(match self.program.ended(CLOSED_PATIENCE) {
                 Some(ended) => end_text(&ended),
                 None => CLOSED.to_owned(),
             }),
@@ -278,19 +276,19 @@ impl LawProcess {
         while !self.is_gone {
             let patience = self.patience(window, WAIT);
             match self.program.receive(&mut self.answer, patience) {
-                Ok(Received::Message(length)) => {
+                Ok(Some(length @ 1..)) => {
                     if let Some(is_answer) = self.take(length, writes) {
                         return is_answer;
                     }
                 }
-                Ok(Received::Nothing) if self.is_real_time => return false,
-                Ok(Received::Nothing) if waits < WAITS_MAX => waits += 1,
-                Ok(Received::Nothing) => {
+                Ok(None) if self.is_real_time => return false,
+                Ok(None) if waits < WAITS_MAX => waits += 1,
+                Ok(None) => {
                     let seconds = (WAITS_MAX * WAIT).as_secs();
                     self.fail(&format!("did not answer in {seconds} s"));
                     return false;
                 }
-                Ok(Received::Closed) | Err(_) => self.is_gone = true,
+                Ok(Some(0)) | Err(_) => self.is_gone = true,
             }
         }
         // In real time one of the next cycles sees how it ended.

@@ -109,11 +109,7 @@ fn make_directory_in(parent: &Path) -> io::Result<PathBuf> {
 }
 
 /// Returns the sockets of this user's hubs that are running.
-pub(super) fn running() -> Vec<PathBuf> {
-    running_in(&candidates())
-}
-
-fn running_in(parents: &[PathBuf]) -> Vec<PathBuf> {
+pub(super) fn running_in(parents: &[PathBuf]) -> Vec<PathBuf> {
     let entries = parents
         .iter()
         .filter_map(|parent| fs::read_dir(parent).ok());
