@@ -216,18 +216,17 @@ pub fn play_one<T>(
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, NoResult> {
-    let fault = |error: &(dyn Error + 'static)| NoResult::of(error);
-    let clock = plan.scenario_clock().map_err(|error| fault(&error))?;
+    let clock = { plan.scenario_clock() }.map_err(|error| NoResult::of(&error))?;
     let mut capture = Capture::in_memory(clock, watch);
     let ended =
         lockstep::simulate(plan, &Hosting::default(), &mut capture).map(Played::in_virtual_time);
     if let Err(error) = &ended
-        && let machine @ NoResult::Machine(_) = fault(error)
+        && let machine @ NoResult::Machine(_) = NoResult::of(error)
     {
         return Err(machine);
     }
-    let (frames, unrecorded) = capture.finish().map_err(|error| fault(&error))?;
-    let timelines = timeline::decode(&frames, plan).map_err(|error| fault(&error))?;
+    let (frames, unrecorded) = capture.finish().map_err(|error| NoResult::of(&error))?;
+    let timelines = timeline::decode(&frames, plan).map_err(|error| NoResult::of(&error))?;
     let verdict = run::verdict(&ended, &timelines, plan, &unrecorded);
     Ok(reduce(&CampaignRun {
         index,

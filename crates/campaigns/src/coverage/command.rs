@@ -18,15 +18,6 @@ use runner::recorded::{opened, refuse};
 /// Columns of the list: name and text of a requirement.
 const COLUMNS: [&str; 2] = ["id", "text"];
 
-/// Why there is no matrix.
-#[derive(Debug, thiserror::Error)]
-enum CoverageError {
-    #[error(transparent)]
-    Play(#[from] PlayError),
-    #[error("`{}` is not a list of requirements: {reason}", path.display())]
-    List { path: PathBuf, reason: String },
-}
-
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
@@ -49,7 +40,7 @@ pub struct CoverageArgs {
 pub fn coverage(args: &CoverageArgs) -> Exit {
     let requirements = match gather(args) {
         Ok(requirements) => requirements,
-        Err(CoverageError::Play(PlayError::Run(error))) => return refuse(error),
+        Err(PlayError::Run(error)) => return refuse(error),
         Err(error) => {
             print_error(&format!("canrig: {error}"));
             return Exit::CannotStart;
@@ -80,7 +71,7 @@ fn exit(requirements: &[Requirement]) -> Exit {
     exits.max().unwrap_or(Exit::Pass)
 }
 
-fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
+fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, PlayError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
     for (test, plays) in tests(&opened(&args.runs))? {
@@ -130,8 +121,8 @@ fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, PlayError> {
 }
 
 /// Reads the names and texts of a CSV file.
-fn read_list(path: &Path) -> Result<Vec<(String, Option<String>)>, CoverageError> {
-    let wrong = |reason: String| CoverageError::List {
+fn read_list(path: &Path) -> Result<Vec<(String, Option<String>)>, PlayError> {
+    let wrong = |reason: String| PlayError::List {
         path: path.to_owned(),
         reason,
     };

@@ -19,7 +19,7 @@ use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::{Header, Rows, StoreError};
 use crate::torture::cases::is_torture;
 
-/// Reason why a folder cannot be used for the matrix.
+/// Reason why a folder or a list cannot be used for the matrix.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum PlayError {
     #[error(transparent)]
@@ -28,6 +28,8 @@ pub(super) enum PlayError {
     Rows(#[from] StoreError),
     #[error("{} is the folder of torture, which plays without the scenario's limits and tests no requirement", .0.display())]
     Torture(PathBuf),
+    #[error("`{}` is not a list of requirements: {reason}", path.display())]
+    List { path: PathBuf, reason: String },
 }
 
 /// Play of a scenario.

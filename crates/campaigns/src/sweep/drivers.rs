@@ -65,9 +65,9 @@ struct Worst {
 }
 
 impl Sampler {
-    pub(super) fn new(runs: usize, limits: &[(String, Limit)]) -> Self {
+    pub(super) fn new(runs: usize, limits: &BTreeMap<String, Limit>) -> Self {
         Self {
-            limits: limits.iter().cloned().collect(),
+            limits: limits.clone(),
             one_in: runs.div_ceil(SAMPLE).max(1) as u64,
             sample: Vec::new(),
             worst_max: WORST.min(runs.div_ceil(WORST_ONE_IN)),
@@ -189,12 +189,11 @@ fn beyond(limit: Limit) -> f64 {
 
 /// The end of a limit that a value is beyond, or nearest to.
 pub(super) fn nearest_end(limit: Limit, value: f64) -> Limit {
-    let to_max = badness(Limit { min: None, ..limit }, value);
-    let to_min = badness(Limit { max: None, ..limit }, value);
-    if to_max >= to_min {
-        Limit { min: None, ..limit }
+    let (max, min) = (Limit { min: None, ..limit }, Limit { max: None, ..limit });
+    if badness(max, value) >= badness(min, value) {
+        max
     } else {
-        Limit { max: None, ..limit }
+        min
     }
 }
 

@@ -210,7 +210,7 @@ impl PartPlay<'_> {
         let folder = open_folder(self.output, plan, cases, self.shard)?;
         let header = Header::new(cases, &identity(plan)?);
         let mut rows = Rows::read(folder.path(), &header, self.shard)?;
-        // Other processes may play the same part of a campaign at the same time.
+        // A part may be played by several processes at the same time, the whole by one.
         if self.is_whole() {
             rows.require_unwritten()?;
         }

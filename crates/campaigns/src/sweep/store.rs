@@ -237,7 +237,7 @@ pub(crate) struct Rows {
 }
 
 /// A file as far as it was read.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct RowsFile {
     path: PathBuf,
     end: u64,
@@ -287,7 +287,10 @@ impl Rows {
     pub(crate) fn look(&mut self) -> Result<(), StoreError> {
         for path in files_in(&self.folder)? {
             if !self.files.iter().any(|file| file.path == path) {
-                self.files.push(RowsFile::new(path));
+                self.files.push(RowsFile {
+                    path,
+                    ..RowsFile::default()
+                });
             }
         }
         for number in 0..self.files.len() {
@@ -438,19 +441,6 @@ impl Rows {
     /// Returns the machines that began files, in their order.
     pub(crate) fn nodes(&self) -> impl Iterator<Item = &str> {
         self.files.iter().filter_map(|file| file.node.as_deref())
-    }
-}
-
-impl RowsFile {
-    fn new(path: PathBuf) -> Self {
-        Self {
-            path,
-            end: 0,
-            lines: 0,
-            damaged: Vec::new(),
-            is_cut: false,
-            node: None,
-        }
     }
 }
 

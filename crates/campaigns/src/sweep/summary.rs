@@ -77,72 +77,11 @@ pub(super) struct MetricSpread {
     pub curve: (Vec<f64>, Vec<f64>),
 }
 
-/// Result of a first pass over all rows.
-struct Survey {
-    runs: usize,
-    ended: BTreeMap<Ended, usize>,
-    missed: BTreeMap<String, usize>,
-    /// Metrics that any case has, or that have a limit.
-    metrics: Vec<String>,
-    failing: Vec<Failing>,
-    sampler: Sampler,
-}
-
-impl Survey {
-    fn read(
-        cases: &dyn Cases,
-        limits: &[(String, Limit)],
-        rows: &Rows,
-    ) -> Result<Self, StoreError> {
-        let mut survey = Self {
-            runs: 0,
-            ended: BTreeMap::new(),
-            missed: BTreeMap::new(),
-            metrics: Vec::new(),
-            failing: Vec::new(),
-            sampler: Sampler::new(cases.runs(), limits),
-        };
-        for row in rows.iter()? {
-            survey.add(cases, limits, row?);
-        }
-        survey.add_metrics(limits.iter().map(|(name, _)| name));
-        Ok(survey)
-    }
-
-    fn add_metrics<'n>(&mut self, names: impl Iterator<Item = &'n String>) {
-        for name in names {
-            if !self.metrics.contains(name) {
-                self.metrics.push(name.clone());
-            }
-        }
-    }
-
-    fn add(&mut self, cases: &dyn Cases, limits: &[(String, Limit)], row: SweepRow) {
-        self.runs += 1;
-        self.sampler.add(&row);
-        *self.ended.entry(row.ended).or_default() += 1;
-        for name in &row.missed {
-            *self.missed.entry(name.clone()).or_default() += 1;
-        }
-        self.add_metrics(row.metrics.iter().map(|(name, _)| name));
-        if row.ended != Ended::Pass && self.failing.len() < FAILING_MAX {
-            self.failing.push(Failing {
-                case: row.case,
-                ended: row.ended,
-                why: (row.reason.clone()).unwrap_or_else(|| missed(&row, limits)),
-                values: cases.values_text(row.case, terminal::rounded),
-                id: row.id,
-            });
-        }
-    }
-}
-
 /// The limits that a case missed, each with the value.
-fn missed(row: &SweepRow, limits: &[(String, Limit)]) -> String {
+fn missed(row: &SweepRow, limits: &BTreeMap<String, Limit>) -> String {
     let texts = row.missed.iter().map(|name| {
-        let limit = limits.iter().find(|(limited, _)| limited == name);
         // An invariant of torture has no limit.
-        let Some((_, limit)) = limit else {
+        let Some(limit) = limits.get(name) else {
             return name.clone();
         };
         let value = terminal::reached(name, row.metric(name));
@@ -156,16 +95,46 @@ impl<'a> Summary<'a> {
     /// Summarizes the rows of all cases.
     pub(super) fn read(cases: &'a dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, StoreError> {
         let limits = cases.limits(plan);
-        let survey = Survey::read(cases, &limits, rows)?;
-        let limits: BTreeMap<String, Limit> = limits.into_iter().collect();
-        Ok(Self {
+        let limited = limits.iter().map(|(name, _)| name.clone());
+        let limited = Vec::from_iter(limited);
+        let limits = BTreeMap::from_iter(limits);
+        let mut sampler = Sampler::new(cases.runs(), &limits);
+        let mut summary = Self {
             cases,
-            runs: survey.runs,
-            spreads: spreads(&survey, &limits, rows)?,
-            driven: survey.sampler.driven(cases),
-            ended: survey.ended,
-            failing: survey.failing,
-        })
+            runs: 0,
+            ended: BTreeMap::new(),
+            spreads: Vec::new(),
+            driven: Vec::new(),
+            failing: Vec::new(),
+        };
+        let (mut metrics, mut missed) = (Vec::new(), BTreeMap::new());
+        for row in rows.iter()? {
+            let row = row?;
+            sampler.add(&row);
+            for name in &row.missed {
+                *missed.entry(name.clone()).or_default() += 1;
+            }
+            add_new(&mut metrics, row.metrics.iter().map(|(name, _)| name));
+            summary.add(row, &limits);
+        }
+        add_new(&mut metrics, &limited);
+        summary.driven = sampler.driven(cases);
+        summary.spreads = spreads(&metrics, summary.runs, &limits, &missed, rows)?;
+        Ok(summary)
+    }
+
+    fn add(&mut self, row: SweepRow, limits: &BTreeMap<String, Limit>) {
+        self.runs += 1;
+        *self.ended.entry(row.ended).or_default() += 1;
+        if row.ended != Ended::Pass && self.failing.len() < FAILING_MAX {
+            self.failing.push(Failing {
+                case: row.case,
+                ended: row.ended,
+                why: (row.reason.clone()).unwrap_or_else(|| missed(&row, limits)),
+                values: self.cases.values_text(row.case, terminal::rounded),
+                id: row.id,
+            });
+        }
     }
 
     /// Returns the metrics that any case has, or that have a limit.
@@ -201,15 +170,26 @@ impl<'a> Summary<'a> {
     }
 }
 
+/// Adds the names that are not there yet.
+fn add_new<'n>(names: &mut Vec<String>, new: impl IntoIterator<Item = &'n String>) {
+    for name in new {
+        if !names.contains(name) {
+            names.push(name.clone());
+        }
+    }
+}
+
 /// Returns the distributions of all metrics, by as many passes over the rows as the bound on memory needs.
 fn spreads(
-    survey: &Survey,
+    metrics: &[String],
+    runs: usize,
     limits: &BTreeMap<String, Limit>,
+    missed: &BTreeMap<String, usize>,
     rows: &Rows,
 ) -> Result<Vec<MetricSpread>, StoreError> {
-    let group = (VALUES_MAX / survey.runs.max(1)).max(1);
+    let group = (VALUES_MAX / runs.max(1)).max(1);
     let mut spreads = Vec::new();
-    for names in survey.metrics.chunks(group) {
+    for names in metrics.chunks(group) {
         let mut columns = vec![Vec::new(); names.len()];
         for row in rows.iter()? {
             let row = row?;
@@ -219,7 +199,7 @@ fn spreads(
         }
         for (name, mut values) in names.iter().zip(columns) {
             values.sort_unstable_by(f64::total_cmp);
-            let missed = survey.missed.get(name).copied().unwrap_or_default();
+            let missed = missed.get(name).copied().unwrap_or_default();
             let limit = limits.get(name).copied();
             spreads.push(MetricSpread::new(name, limit, missed, &values));
         }

@@ -146,11 +146,8 @@ pub(super) fn shrink_all(
     cases: &TortureCases,
 ) -> Result<(), String> {
     for (invariant, first) in broken.0.iter().take(SHRUNK_MAX) {
-        let FirstBroken {
-            case: number, text, ..
-        } = first;
-        print(&format!("run {number}: {invariant}: {text}"));
-        let shrunk = cases.case(*number)?.shrunk(invariant);
+        print(&format!("run {}: {invariant}: {}", first.case, first.text));
+        let shrunk = cases.case(first.case)?.shrunk(invariant);
         let folder = keep(&shrunk, output)?;
         print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
