@@ -266,17 +266,15 @@ fn port_range(
     let whole = (variable.kind == Kind::Boolean).then_some([0.0, 1.0]);
     let lowest = variable.min.or(whole.map(|[lowest, _]| lowest));
     let highest = variable.max.or(whole.map(|[_, highest]| highest));
-    let mut range = [
+    let (lowest, highest) = if conversion.factor < 0.0 {
+        (highest, lowest)
+    } else {
+        (lowest, highest)
+    };
+    Ok([
         lowest.map_or(f64::NEG_INFINITY, |value| conversion.of(value)),
         highest.map_or(f64::INFINITY, |value| conversion.of(value)),
-    ];
-    if conversion.factor < 0.0 {
-        range = [
-            highest.map_or(f64::NEG_INFINITY, |value| conversion.of(value)),
-            lowest.map_or(f64::INFINITY, |value| conversion.of(value)),
-        ];
-    }
-    Ok(range)
+    ])
 }
 
 /// Returns the conversion by the units. A variable without a unit has that of the port.

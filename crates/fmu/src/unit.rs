@@ -101,14 +101,10 @@ const fn known(
     }
 }
 
-const CELSIUS: Known = Known {
-    word: "celsius",
-    symbol: "degC",
-    base: Base {
-        exponents: [0, 0, 0, 0, 1, 0, 0, 0],
-        factor: 1.0,
-        offset: 273.15,
-    },
+const CELSIUS: Known = {
+    let mut celsius = known("celsius", "degC", [0, 0, 0, 0, 1, 0, 0, 0], 1.0);
+    celsius.base.offset = 273.15;
+    celsius
 };
 
 /// Units for ports' names, and for units that an FMU does not define.
