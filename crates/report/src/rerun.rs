@@ -45,6 +45,9 @@ pub(crate) use run_log::{Known, Recording, log_verdict};
 const PIECE_ROWS_MIN: usize = 1 << 16;
 const PIECES_MAX: usize = 50;
 
+/// Largest number of points in a path; every second point of a longer path is left out.
+const POINTS_MAX: usize = 20_000;
+
 /// Name of the application, for which the viewer keeps one layout.
 pub(crate) const APPLICATION: &str = "canrig";
 
@@ -113,11 +116,7 @@ fn log_loop<'a>(
     run: &Run<'_>,
     one: &RunLoop<'a>,
 ) -> Result<(Page<'a>, f64), RerunError> {
-    let RunLoop {
-        control_loop,
-        timeline,
-        ..
-    } = *one;
+    let (control_loop, timeline) = (one.control_loop, one.timeline);
     let mut bus = BusReader::new(control_loop, run.is_long)?;
     let known = if run.is_long {
         Known::Thinned
@@ -148,6 +147,17 @@ fn log_loop<'a>(
         recording.log(timeline, &mut bus)?;
     }
     recording.end()
+}
+
+/// Leaves out every second point of a path that has become too long.
+fn thin<T>(points: &mut Vec<T>) {
+    if points.len() > POINTS_MAX {
+        let mut is_kept = true;
+        points.retain(|_| {
+            is_kept = !is_kept;
+            is_kept
+        });
+    }
 }
 
 /// Returns an id of the recording, since an open viewer would mix two recordings with the same id. Runs that differ in anything

@@ -6,7 +6,7 @@
 
 mod curve;
 mod decimate;
-mod range;
+pub(crate) mod range;
 mod scale;
 mod ticks;
 mod view;

@@ -3,10 +3,10 @@
 use std::cmp::Ordering;
 
 /// Range of no values.
-pub(super) const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
+pub(crate) const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
 /// Extends a range by the finite ones of some values.
-pub(super) fn extended(range: (f64, f64), values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+pub(crate) fn extended(range: (f64, f64), values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let finite = values.into_iter().filter(|value| value.is_finite());
     finite.fold(range, |(low, high), value| {
         (low.min(value), high.max(value))

@@ -130,20 +130,19 @@ impl<'a> Layout<'a> {
         }
 
         let mut middle = Vec::new();
-        if has("temperature") {
-            middle.push(self.plot("Temperature (°C)", "temperature", 1.0)?);
-        }
-        if has(groups::MOTOR_SPEED) {
-            middle.push(self.plot("Motor speed (rpm)", groups::MOTOR_SPEED, 1.0)?);
-        }
-        if has(groups::SPRING_FORCE) {
-            middle.push(self.plot("Spring force (N)", groups::SPRING_FORCE, 1.0)?);
-        }
-        if has("martensite_fraction") {
-            middle.push(self.plot("Martensite fraction", "martensite_fraction", 1.0)?);
+        for (group, title) in [
+            ("temperature", "Temperature (°C)"),
+            (groups::MOTOR_SPEED, "Motor speed (rpm)"),
+            (groups::SPRING_FORCE, "Spring force (N)"),
+            ("martensite_fraction", "Martensite fraction"),
+        ] {
+            if has(group) {
+                middle.push(self.plot(title, group, 1.0)?);
+            }
         }
         if has(groups::HYSTERESIS) {
-            middle.push(self.hysteresis(1.7)?);
+            let title = "Martensite fraction over temperature";
+            middle.push(self.drawing(title, groups::HYSTERESIS, hysteresis::BOUNDS, 1.7)?);
         }
         for view in groups::custom_views(page.control_loop) {
             if has(view.style.group) {
@@ -152,22 +151,19 @@ impl<'a> Layout<'a> {
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = match drawing::bounds(&page.control_loop.trial) {
-            Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
-            None => None,
-        };
-        let events = self.event_log("events", 1.1)?;
-        let verdict = match self.folder {
-            "" => Some(self.view("TextDocument", "Verdict", "verdict", 1.4)?),
-            _ => None,
-        };
+        let mut right = Vec::new();
+        if let Some(bounds) = drawing::bounds(&page.control_loop.trial) {
+            right.push(self.drawing("Rig", "rig", bounds, 2.0)?);
+        }
+        right.extend([timing, load, self.event_log("events", 1.1)?]);
+        if self.folder.is_empty() {
+            right.push(self.view("TextDocument", "Verdict", "verdict", 1.4)?);
+        }
 
         let mut columns = vec![self.container(ContainerKind::Vertical, left, 3.0)?];
         if !middle.is_empty() {
             columns.push(self.container(ContainerKind::Vertical, middle, 2.2)?);
         }
-        let right = [timing, load, events];
-        let right = rig.into_iter().chain(right).chain(verdict).collect();
         columns.push(self.container(ContainerKind::Vertical, right, 2.2)?);
         self.container(ContainerKind::Horizontal, columns, 1.0)
     }
@@ -175,14 +171,10 @@ impl<'a> Layout<'a> {
     /// Adds a plot of one group over time; the time axes of all plots move together.
     fn plot(&mut self, title: &str, group: &str, share: f32) -> Result<Place> {
         let place = self.view("TimeSeries", title, group, share)?;
-        self.log(
-            &format!("{}/PlotLegend", place.path),
-            &PlotLegend::new().with_corner(Corner2D::LeftTop),
-        )?;
-        self.log(
-            &format!("{}/TimeAxis", place.path),
-            &TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
-        )?;
+        let legend = PlotLegend::new().with_corner(Corner2D::LeftTop);
+        self.log(&format!("{}/PlotLegend", place.path), &legend)?;
+        let axis = TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
+        self.log(&format!("{}/TimeAxis", place.path), &axis)?;
         Ok(place)
     }
 
@@ -200,13 +192,6 @@ impl<'a> Layout<'a> {
         Ok(place)
     }
 
-    fn hysteresis(&mut self, share: f32) -> Result<Place> {
-        let title = "Martensite fraction over temperature";
-        let across = [-0.12 * hysteresis::WIDTH, 1.08 * hysteresis::WIDTH];
-        let down = [-0.08 * hysteresis::HEIGHT, 1.16 * hysteresis::HEIGHT];
-        self.drawing(title, groups::HYSTERESIS, [across, down], share)
-    }
-
     /// Adds a drawing in the plane. The bounds are the least and the largest coordinate, across and down.
     fn drawing(
         &mut self,
@@ -217,10 +202,8 @@ impl<'a> Layout<'a> {
     ) -> Result<Place> {
         let place = self.view("2D", title, group, share)?;
         let [x_range, y_range] = bounds.map(Range1D);
-        self.log(
-            &format!("{}/VisualBounds2D", place.path),
-            &VisualBounds2D::new(Range2D { x_range, y_range }),
-        )?;
+        let bounds = VisualBounds2D::new(Range2D { x_range, y_range });
+        self.log(&format!("{}/VisualBounds2D", place.path), &bounds)?;
         Ok(place)
     }
 

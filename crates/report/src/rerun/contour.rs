@@ -10,8 +10,9 @@ use scenario::contour::Contour;
 use super::bus::stretch_seconds;
 use super::output::{Output, send_rows, send_static};
 use super::times;
-use super::{RerunError, groups};
+use super::{POINTS_MAX, RerunError, groups, thin};
 use crate::contour::{Axis, axes, window};
+use crate::plot::range::{NOTHING, extended};
 use crate::run::Run;
 use crate::shown_unit;
 use platform::series::Series;
@@ -19,8 +20,6 @@ use recording::timeline::Timeline;
 
 /// Least distance of two points in a path; a smaller one cannot be seen.
 const STEP_MILLIMETRES: f64 = 0.02;
-/// Largest number of points in the path of a long run; every second point of a longer path is left out.
-const POINTS_MAX: usize = 20_000;
 /// Free room around the paths, relative to their size.
 const MARGIN: f64 = 0.1;
 
@@ -76,8 +75,8 @@ fn log_plane(
         measured.add(row, positions);
         moves.add(row, positions);
         if pause_rows > 0 {
-            wanted.thin();
-            measured.thin();
+            thin(&mut wanted.points);
+            thin(&mut measured.points);
             if moves.points.len() > POINTS_MAX {
                 log_moves(output, &now, x, &mut moves)?;
             }
@@ -155,18 +154,6 @@ impl Path {
             self.last = Some((row, point));
         }
     }
-
-    /// Leaves out every second point of a path that has become too long.
-    fn thin(&mut self) {
-        if self.points.len() <= POINTS_MAX {
-            return;
-        }
-        let mut number = 0;
-        self.points.retain(|_| {
-            number += 1;
-            number % 2 == 0
-        });
-    }
 }
 
 /// Converts a point to the viewer's coordinates, of which the second one points down.
@@ -175,21 +162,15 @@ fn place([across, up]: Point) -> [f32; 2] {
     [across as f32, -up as f32]
 }
 
-fn bounds<'a>(points: impl Iterator<Item = &'a Point>) -> Option<[[f64; 2]; 2]> {
-    let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
-    for [across, up] in points {
-        for (range, value) in range.iter_mut().zip([*across, -up]) {
-            *range = [range[0].min(value), range[1].max(value)];
-        }
-    }
-    let size = range
+fn bounds<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Option<[[f64; 2]; 2]> {
+    let range = |place: fn(&Point) -> f64| extended(NOTHING, points.clone().map(place));
+    let ranges = [range(|[across, _]| *across), range(|[_, up]| -up)];
+    let size = ranges
         .iter()
-        .map(|[low, high]| high - low)
-        .fold(0.0, f64::max);
+        .fold(0.0, |size, (low, high)| f64::max(size, high - low));
     let room = MARGIN * size;
-    size.is_finite()
-        .then(|| range.map(|[low, high]| [low - room, high + room]))
-        .filter(|_| size >= 0.0)
+    let has_points = points.clone().next().is_some();
+    has_points.then(|| ranges.map(|(low, high)| [low - room, high + room]))
 }
 
 #[cfg(test)]
@@ -207,7 +188,7 @@ mod tests {
                 row,
                 [libm::cos(angle), libm::sin(angle)].map(|part| 10.0 * part),
             );
-            path.thin();
+            thin(&mut path.points);
             longest = longest.max(path.points.len());
         }
         assert!(

@@ -8,7 +8,8 @@ use re_sdk_types::components::Radius;
 
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
-use super::{RerunError, groups};
+use super::{RerunError, groups, thin};
+use crate::plot::range::{NOTHING, extended};
 use platform::series::Series;
 use recording::timeline::Timeline;
 
@@ -21,12 +22,15 @@ const PAIRS: [(&str, &str); 2] = [
     ),
 ];
 /// Size of the drawing; the viewer's y axis points down.
-pub(super) const WIDTH: f64 = 160.0;
-pub(super) const HEIGHT: f64 = 100.0;
+const WIDTH: f64 = 160.0;
+const HEIGHT: f64 = 100.0;
+/// Least and largest coordinate of the view, across and down.
+pub(super) const BOUNDS: [[f64; 2]; 2] = [
+    [-0.12 * WIDTH, 1.08 * WIDTH],
+    [-0.08 * HEIGHT, 1.16 * HEIGHT],
+];
 /// Least distance of two points in the path; a smaller one cannot be seen.
 const STEP: f64 = 0.25;
-/// Largest number of points in the path; every second point of a longer path is left out.
-const POINTS_MAX: usize = 20_000;
 /// Time between two drawings of the path while a run is played.
 const PATH_PERIOD_SECONDS: f64 = 0.5;
 /// Distances of grid lines. An axis has the first of these that needs no more than the largest number of steps.
@@ -49,10 +53,10 @@ impl Point {
 }
 
 /// Path so far, and the frame that holds it.
-#[derive(Default)]
 pub(super) struct Hysteresis {
-    celsius: Span,
-    fraction: Span,
+    /// Least and largest values so far.
+    celsius: (f64, f64),
+    fraction: (f64, f64),
     frame: Option<Frame>,
     points: Vec<Point>,
     is_path_old: bool,
@@ -65,8 +69,13 @@ impl Hysteresis {
     /// Returns a path without points.
     pub(super) fn new(pause_seconds: f64) -> Self {
         Self {
+            celsius: NOTHING,
+            fraction: NOTHING,
+            frame: None,
+            points: Vec::new(),
+            is_path_old: false,
+            drawn_at_seconds: 0.0,
             pause_seconds,
-            ..Self::default()
         }
     }
 
@@ -134,11 +143,11 @@ impl Hysteresis {
     /// Widens the axes to the values; returns `true` if the frame has changed.
     fn widen(&mut self, values: impl Iterator<Item = (f64, f64)>) -> bool {
         for (celsius, fraction) in values {
-            self.celsius.include(celsius);
-            self.fraction.include(fraction);
+            self.celsius = extended(self.celsius, [celsius]);
+            self.fraction = extended(self.fraction, [fraction]);
         }
-        let celsius = Axis::new(&self.celsius, &GRID_CELSIUS);
-        let fraction = Axis::new(&self.fraction, &GRID_FRACTION);
+        let celsius = Axis::new(self.celsius, &GRID_CELSIUS);
+        let fraction = Axis::new(self.fraction, &GRID_FRACTION);
         let frame = celsius
             .zip(fraction)
             .map(|(celsius, fraction)| Frame { celsius, fraction });
@@ -157,13 +166,7 @@ impl Hysteresis {
         let strip = LineStrips2D::new([path])
             .with_colors([groups::GREEN])
             .with_radii([Radius::new_ui_points(1.0)]);
-        if self.points.len() > POINTS_MAX {
-            let mut number = 0;
-            self.points.retain(|_| {
-                number += 1;
-                number % 2 == 0
-            });
-        }
+        thin(&mut self.points);
         send_static(output, "hysteresis/path", &strip)
     }
 }
@@ -210,28 +213,6 @@ fn signals(timeline: &Timeline) -> Option<(&Series<f64>, &Series<f64>)> {
     })
 }
 
-/// Range from the least to the largest value so far.
-struct Span {
-    low: f64,
-    high: f64,
-}
-
-impl Default for Span {
-    fn default() -> Self {
-        Self {
-            low: f64::INFINITY,
-            high: f64::NEG_INFINITY,
-        }
-    }
-}
-
-impl Span {
-    fn include(&mut self, value: f64) {
-        self.low = self.low.min(value);
-        self.high = self.high.max(value);
-    }
-}
-
 /// Axis of the frame: whole grid lines around all values.
 #[derive(PartialEq)]
 struct Axis {
@@ -242,8 +223,7 @@ struct Axis {
 
 impl Axis {
     /// Returns an axis around the values; `None` if there are none.
-    fn new(span: &Span, steps: &[f64]) -> Option<Self> {
-        let &Span { low, high } = span;
+    fn new((low, high): (f64, f64), steps: &[f64]) -> Option<Self> {
         let axes = steps.iter().map(|&step| {
             let first = (low / step).floor();
             // A value on a line does not need the next line.
@@ -328,9 +308,8 @@ mod tests {
     #[test]
     fn an_axis_has_few_lines_around_all_values() {
         let axis = |values: &[f64]| {
-            let mut span = Span::default();
-            values.iter().for_each(|value| span.include(*value));
-            let axis = Axis::new(&span, &GRID_CELSIUS)?;
+            let range = extended(NOTHING, values.iter().copied());
+            let axis = Axis::new(range, &GRID_CELSIUS)?;
             Some((axis.low, axis.step, axis.steps))
         };
         assert_eq!(axis(&[20.0, 57.0]), Some((20.0, 10.0, 4)));
