@@ -8,7 +8,6 @@ use maud::{Markup, html};
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use super::unit::shown_unit;
 use judge::verdict::{Metric, Outcome, Verdict};
 use recording::frames::Clock;
 use recording::timeline::Timeline;
@@ -59,7 +58,6 @@ impl ListedRun<'_> {
         self.timelines.iter().map(move |timeline| Course {
             run: self,
             number,
-            name: &timeline.loop_name,
             timeline,
         })
     }
@@ -76,7 +74,6 @@ struct Course<'a> {
     run: &'a ListedRun<'a>,
     /// The number of the run on the page.
     number: usize,
-    name: &'a str,
     timeline: &'a Timeline,
 }
 
@@ -248,7 +245,7 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     let numbered = runs.iter().enumerate();
     for course in numbered.flat_map(|(number, run)| run.courses(number)) {
         let is_alike = |other: &Course<'_>| {
-            other.name == course.name
+            other.timeline.loop_name == course.timeline.loop_name
                 && other.timeline.measurand == course.timeline.measurand
                 && has_same_set_point(other.timeline, course.timeline)
         };
@@ -303,32 +300,21 @@ fn positions(courses: &[Course<'_>]) -> Markup {
     } else {
         first.timeline.measurand.title()
     };
-    let title = match first.name {
+    let title = match first.timeline.loop_name.as_str() {
         "" => title,
         name => format!("{title}: {name}"),
     };
-    let mut plot = Plot::over_time(&title, shown_unit(first.timeline.measurand.unit.symbol()));
-    for (number, course) in courses.iter().enumerate() {
-        let run = course.run;
+    let mut plot = Plot::over_time(title, first.timeline.measurand.unit.symbol());
+    for (number, Course { run, timeline, .. }) in courses.iter().enumerate() {
         let name = if is_alone(run, runs()) {
             run.scenario()
         } else {
             &run.folder
         };
-        plot.draw(
-            name,
-            Colour::Run(number),
-            Shape::Line,
-            &course.timeline.time_seconds,
-            course.timeline.position(),
-        );
+        let (colour, times) = (Colour::Run(number), &timeline.time_seconds);
+        plot.draw(name, colour, Shape::Line, times, timeline.position());
     }
-    plot.draw(
-        "set-point",
-        Colour::Wanted,
-        Shape::Dashed,
-        &first.timeline.time_seconds,
-        &first.timeline.set_point,
-    );
+    let (times, set_point) = (&first.timeline.time_seconds, &first.timeline.set_point);
+    plot.draw("set-point", Colour::Wanted, Shape::Dashed, times, set_point);
     plot.render()
 }

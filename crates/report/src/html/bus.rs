@@ -11,28 +11,18 @@ use judge::timing::Timing;
 /// Returns the section. All loops share the bus; answers and commands are listed by loop.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     let shared = &run.plan.shared;
-    let timings = run
-        .plan
-        .loops
-        .iter()
-        .map(|one| {
-            let (end, bitrate) = (
-                shared.run.duration_seconds,
-                shared.run.bus.bitrate_kilobits_per_second,
-            );
-            BusTiming::new(run.frames, end, bitrate, one)
-        })
-        .collect::<Result<Vec<_>, _>>()?;
+    let (end, bitrate) = (
+        shared.run.duration_seconds,
+        shared.run.bus.bitrate_kilobits_per_second,
+    );
+    let loops = run.plan.loops.iter();
+    let timings = loops.map(|one| BusTiming::new(run.frames, end, bitrate, one));
+    let timings = timings.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;
-    load.draw(
-        "load",
-        Colour::Measured,
-        Shape::Line,
-        &timing.load_seconds,
-        &timing.load_percent,
-    );
+    let (times, percent) = (&timing.load_seconds, &timing.load_percent);
+    load.draw("load", Colour::Measured, Shape::Line, times, percent);
     let mut sets = vec![("SYNC to SYNC".to_owned(), &timing.cycles)];
     for (one, timing) in run.plan.loops.iter().zip(&timings) {
         let [answer, command] = match one.loop_name() {
@@ -42,14 +32,11 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         sets.push((format!("SYNC to {answer}"), &timing.answers));
         sets.push((format!("SYNC to {command}"), &timing.commands));
     }
-    let bars: Vec<_> = sets
-        .iter()
-        .map(|(_, durations)| histogram(durations))
-        .collect();
-    let bars_plot = |title: &str, (edges, heights): &'_ (Vec<f64>, Vec<f64>)| {
+    let bars = |title: &str, durations| {
         let mut plot = Plot::over_time(title, "cycles");
         plot.x_label = "time (µs)";
         plot.extent = Extent::Logarithmic;
+        let (edges, heights) = histogram(durations);
         plot.draw("cycles", Colour::Measured, Shape::Area, edges, heights);
         plot.render()
     };
@@ -66,7 +53,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         @if let Some(timing) = &run.verdict.timing { (host(timing)) }
         div.plots.even {
             (load.render())
-            @for ((name, _), bars) in sets.iter().zip(&bars) { (bars_plot(name, bars)) }
+            @for (name, durations) in &sets { (bars(name, durations)) }
         }
     })
 }

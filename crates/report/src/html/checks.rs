@@ -13,37 +13,22 @@ use recording::traces::SignalTrace;
 /// Largest number of signals with a plot; the verdict lists the others, too.
 const PLOTS_MAX: usize = 12;
 
-/// Trace in the form for a plot.
-struct Drawn<'a> {
-    trace: &'a SignalTrace,
-    time_seconds: Series<f64>,
-    values: Series<f64>,
-    /// Number of cycles from sample to sample, if that is not 1.
-    each_cycles: Option<usize>,
-    /// Rows of the courses that the signal must follow.
-    courses: Vec<(Vec<f64>, Vec<f64>)>,
-    patches: Vec<Patch>,
-}
-
 /// Returns a section with the plots; empty if no check names a signal.
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let control_loop = run.control_loop;
-    let checks = &control_loop.trial.expect.signal;
-    let drawn: Vec<Drawn<'_>> = (run.timeline)
-        .traces
-        .iter()
-        .filter(|trace| {
-            checks
-                .iter()
-                .any(|check| is_about(control_loop, check, trace))
-        })
-        .take(PLOTS_MAX)
-        .map(|trace| drawn(trace, control_loop, run.timeline.period_seconds))
-        .collect();
+    let (control_loop, timeline) = (run.control_loop, run.timeline);
+    let checks = control_loop.trial.expect.signal.iter();
+    let is_checked = |trace: &&SignalTrace| {
+        checks
+            .clone()
+            .any(|check| is_about(control_loop, check, trace))
+    };
+    let traces = timeline.traces.iter().filter(is_checked).take(PLOTS_MAX);
+    let plots = traces.map(|trace| plot(trace, control_loop, timeline.period_seconds));
+    let plots = Vec::from_iter(plots);
     html! {
-        @if !drawn.is_empty() {
+        @if !plots.is_empty() {
             (super::heading(run, "Checked signals"))
-            div.plots.even { @for one in &drawn { (plot(one, &shown(control_loop, one.trace)).render()) } }
+            div.plots.even { @for plot in &plots { (plot.render()) } }
             p.soft { "Green: where the signal must stay or get, and when." }
         }
     }
@@ -53,22 +38,23 @@ fn is_about(control_loop: &ControlLoop, check: &SignalCheck, trace: &SignalTrace
     control_loop.names().find(&check.name) == Ok(&trace.path)
 }
 
-fn drawn<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: f64) -> Drawn<'a> {
-    let scenario = &control_loop.trial;
-    let mut drawn = Drawn {
-        trace,
-        time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
-        values: trace.samples.iter().map(|one| one.value).collect(),
-        each_cycles: common_distance(&first_cycles(trace, period_seconds)),
-        courses: Vec::new(),
-        patches: Vec::new(),
+/// Plots a trace with the demands of its checks.
+fn plot<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: f64) -> Plot<'a> {
+    let trial = &control_loop.trial;
+    let mut plot = Plot::over_time(shown(control_loop, trace), &trace.unit);
+    let (label, shape) = match common_distance(&first_cycles(trace, period_seconds)) {
+        None => ("recorded".to_owned(), Shape::Line),
+        Some(cycles) => (format!("recorded (each {cycles} cycles)"), Shape::Points),
     };
-    let checks = scenario.expect.signal.iter();
+    let times: Series<f64> = trace.samples.iter().map(|one| one.time_seconds).collect();
+    let values: Series<f64> = trace.samples.iter().map(|one| one.value).collect();
+    plot.draw(label, Colour::Measured, shape, times, values);
+    let checks = trial.expect.signal.iter();
     for check in checks.filter(|check| is_about(control_loop, check, trace)) {
         for demand in check.demands() {
-            let window = check.window(&demand, scenario.run.duration_seconds);
+            let window = check.window(&demand, trial.run.duration_seconds);
             match demand {
-                Demand::Stays(limit) | Demand::Reaches(limit) => drawn.patches.push(Patch {
+                Demand::Stays(limit) | Demand::Reaches(limit) => plot.patches.push(Patch {
                     class: "band",
                     x: (window.from_seconds, window.until_seconds),
                     y: (
@@ -76,12 +62,15 @@ fn drawn<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds:
                         limit.max.unwrap_or(f64::INFINITY),
                     ),
                 }),
-                Demand::Follows(course) => drawn.courses.push(course.rows.iter().copied().unzip()),
+                Demand::Follows(course) => {
+                    let (x, y): (Vec<f64>, Vec<f64>) = course.rows.iter().copied().unzip();
+                    plot.draw("course", Colour::Wanted, Shape::Dashed, x, y);
+                }
                 Demand::RatePerSecond(_) => {}
             }
         }
     }
-    drawn
+    plot
 }
 
 /// Returns the cycles of the first samples.
@@ -104,30 +93,4 @@ fn shown(control_loop: &ControlLoop, trace: &SignalTrace) -> String {
         (Some(_), Some(rest)) => format!("{drive}_{rest}"),
         _ => trace.path.clone(),
     }
-}
-
-fn plot<'a>(drawn: &'a Drawn<'_>, name: &'a str) -> Plot<'a> {
-    let mut plot = Plot::over_time(name, &drawn.trace.unit);
-    plot.patches.clone_from(&drawn.patches);
-    let (label, shape) = match drawn.each_cycles {
-        None => ("recorded".to_owned(), Shape::Line),
-        Some(cycles) => (format!("recorded (each {cycles} cycles)"), Shape::Points),
-    };
-    plot.draw(
-        label,
-        Colour::Measured,
-        shape,
-        &drawn.time_seconds,
-        &drawn.values,
-    );
-    for (time_seconds, values) in &drawn.courses {
-        plot.draw(
-            "course",
-            Colour::Wanted,
-            Shape::Dashed,
-            time_seconds,
-            values,
-        );
-    }
-    plot
 }

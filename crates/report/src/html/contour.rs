@@ -20,15 +20,10 @@ pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
         errors.push(error);
     }
     let (time, errors) = (time.finish(), errors.finish());
-    let mut distance = Plot::over_time("Distance from the path", shown_unit(contour.unit.symbol()));
+    let mut distance = Plot::over_time("Distance from the path", contour.unit.symbol());
     distance.extent = Extent::FromZero;
-    distance.draw(
-        "contour error",
-        Colour::Measured,
-        Shape::Line,
-        &time,
-        &errors,
-    );
+    let label = "contour error";
+    distance.draw(label, Colour::Measured, Shape::Line, time, errors);
     html! {
         h2 { "Path of " (contour.loops.join(", ")) }
         div.plots.even {

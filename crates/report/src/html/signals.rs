@@ -1,12 +1,14 @@
 //! The section with the plots over time: the position first, then all others.
 
+use dbc::Signal;
 use dbc::names::{self, WIRE_TEMPERATURE};
 use maud::{Markup, html};
 use plan::ControlLoop;
 use scenario::Trial;
 use scenario::events::{JudgedStep, Window};
 
-use crate::plot::{Colour, Extent, Patch, Plot, Shape};
+use crate::plot::Colour::{self, Estimated, Measured, True, Wanted};
+use crate::plot::{Extent, Patch, Plot, Shape};
 use crate::run::RunLoop;
 use crate::unit::{shown_unit, title};
 use judge::SETTLING_BAND;
@@ -22,53 +24,72 @@ const BEFORE_SECONDS: f64 = 0.1;
 const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
+/// Signal in a plot: its name, its label and its colour.
+type Drawn<'a> = (&'a str, &'a str, Colour);
+
+/// Signals of the SMA actuator, with the controller's estimates of them.
+const TEMPERATURES: [Drawn<'static>; 2] = [
+    ("estimated_temperature_celsius", "estimated", Estimated),
+    (WIRE_TEMPERATURE, "true", True),
+];
+const FRACTIONS: [Drawn<'static>; 2] = [
+    ("estimated_martensite_fraction", "estimated", Estimated),
+    ("martensite_fraction", "true", True),
+];
+/// Terms of the sliding-mode laws; the other shipped laws have none of them.
+const SLIDING_VARIABLE: Drawn<'static> = (
+    "sliding_variable_metres_per_second_squared",
+    "sliding variable",
+    Estimated,
+);
+const PARTS_OF_LAW: [Drawn<'static>; 2] = [
+    ("switching_part_amperes_squared", "switching", Measured),
+    ("equivalent_part_amperes_squared", "equivalent", Estimated),
+];
+
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let (timeline, control_loop) = (run.timeline, run.control_loop);
-    let error: Series<f64> = timeline
-        .set_point
-        .iter()
-        .zip(timeline.position())
-        .map(|(wanted, measured)| wanted - measured)
-        .collect();
+    let pairs = timeline.set_point.iter().zip(timeline.position());
+    let error: Series<f64> = pairs.map(|(wanted, measured)| wanted - measured).collect();
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
     let mut error_plot = Plot::over_time("Error", timeline.measurand.unit.symbol());
     let label = "set-point − measured";
-    draw(
-        &mut error_plot,
-        timeline,
-        label,
-        Colour::Measured,
-        (0, &error),
-    );
+    draw(&mut error_plot, timeline, label, Measured, (0, &error));
     in_time.push(error_plot);
     let command = timeline.measurand.command;
-    in_time.push(signal_plot(
-        timeline,
-        &command.title(),
-        command.symbol(),
-        &[
-            (names::TARGET_CURRENT, "commanded", Colour::Wanted),
-            (names::CURRENT, "measured", Colour::Measured),
-        ],
-    ));
+    let currents = [
+        (names::TARGET_CURRENT, "commanded", Wanted),
+        (names::CURRENT, "measured", Measured),
+    ];
+    let plot =
+        |title: &str, unit, signals: &[Drawn<'_>]| signal_plot(timeline, title, unit, signals);
+    in_time.push(plot(&command.title(), command.symbol(), &currents));
     let mut plant_signals = control_loop.plant_signals();
     let has_wire = plant_signals.any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
-        in_time.extend(wire_plots(timeline));
+        in_time.push(plot("Wire temperature", "°C", &TEMPERATURES));
+        in_time.push(plot("Martensite fraction ξ", "", &FRACTIONS));
     } else {
-        in_time.extend(plant_plots(timeline, control_loop));
+        let signals = control_loop.plant_signals();
+        in_time.extend(signals.map(|signal| own_plot(timeline, signal, "true", True)));
     }
-    if run.control_loop.trial.controller.custom.is_some() {
-        in_time.extend(term_plots(timeline, control_loop));
+    let terms = if control_loop.trial.controller.custom.is_some() {
+        let terms = control_loop.terms();
+        Vec::from_iter(terms.map(|term| own_plot(timeline, term, "law", Estimated)))
     } else {
-        in_time.extend(sliding_mode_plots(timeline));
-    }
+        let variable = plot("Sliding variable", "m/s²", &[SLIDING_VARIABLE]);
+        vec![variable, plot("Parts of the law", "A²", &PARTS_OF_LAW)]
+    };
+    // The first values, far from the set-point, can be a thousand times the later ones.
+    let extent = Extent::Typical;
+    in_time.extend(terms.into_iter().map(|plot| Plot { extent, ..plot }));
     for plot in &mut in_time {
         plot.patches.extend(disturbances(&run.control_loop.trial));
         plot.patches.extend(faults(run.control_loop));
     }
+    let patches_text = patches_text(run.control_loop);
     html! {
         (super::heading(run, &timeline.measurand.title()))
         div.plots { (in_time[0].render()) }
@@ -77,166 +98,58 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        @if let Some(text) = patches_text(run.control_loop) { p.soft { (text) } }
+        @if !patches_text.is_empty() { p.soft { (patches_text) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
 
-/// Describes the coloured patches behind the curves; `None` if there are none.
-fn patches_text(control_loop: &ControlLoop) -> Option<String> {
+/// Describes the coloured patches behind the curves; empty if there are none.
+fn patches_text(control_loop: &ControlLoop) -> String {
     let trial = &control_loop.trial;
-    let has_steps = !trial.judged_steps().is_empty();
-    let has_disturbances = !trial.disturbance_windows().is_empty();
+    let faults = "Violet: a fault acts, here or elsewhere on the bus.";
     let sentences = [
-        (has_steps, "Green: settling band of a step."),
-        (has_disturbances, "Yellow: a disturbance acts."),
         (
-            !faults(control_loop).is_empty(),
-            "Violet: a fault acts, here or elsewhere on the bus.",
+            trial.judged_steps().is_empty(),
+            "Green: settling band of a step.",
         ),
-    ]
-    .into_iter()
-    .filter(|(is_there, _)| *is_there);
-    let sentences = Vec::from_iter(sentences.map(|(_, sentence)| sentence));
-    (!sentences.is_empty()).then(|| sentences.join(" "))
+        (
+            trial.disturbance_windows().is_empty(),
+            "Yellow: a disturbance acts.",
+        ),
+        (self::faults(control_loop).is_empty(), faults),
+    ];
+    let sentences = sentences.iter().filter(|(is_absent, _)| !is_absent);
+    Vec::from_iter(sentences.map(|(_, sentence)| *sentence)).join(" ")
 }
 
-/// Plots the terms of the sliding-mode laws; the other shipped laws have none of them.
-fn sliding_mode_plots(timeline: &Timeline) -> [Plot<'_>; 2] {
-    let mut sliding = signal_plot(
-        timeline,
-        "Sliding variable",
-        "m/s²",
-        &[(
-            "sliding_variable_metres_per_second_squared",
-            "sliding variable",
-            Colour::Estimated,
-        )],
-    );
-    let mut parts = signal_plot(
-        timeline,
-        "Parts of the law",
-        "A²",
-        &[
-            (
-                "switching_part_amperes_squared",
-                "switching",
-                Colour::Measured,
-            ),
-            (
-                "equivalent_part_amperes_squared",
-                "equivalent",
-                Colour::Estimated,
-            ),
-        ],
-    );
-    // The first values, far from the set-point, can be a thousand times the later ones.
-    (sliding.extent, parts.extent) = (Extent::Typical, Extent::Typical);
-    [sliding, parts]
-}
-
-/// Plots the terms of a custom law, each by itself.
-fn term_plots<'a>(
+/// Plots a signal of a plant or a custom law by itself.
+fn own_plot<'a>(
     timeline: &'a Timeline,
-    control_loop: &'a ControlLoop,
-) -> impl Iterator<Item = Plot<'a>> {
-    control_loop.terms().map(|term| {
-        let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
-        let mut plot = signal_plot(timeline, title(term), &term.unit, &drawn);
-        plot.extent = Extent::Typical;
-        plot
-    })
-}
-
-/// Plots the signals of the SMA actuator, with the controller's estimates of them.
-fn wire_plots(timeline: &Timeline) -> [Plot<'_>; 2] {
-    let temperature = signal_plot(
-        timeline,
-        "Wire temperature",
-        "°C",
-        &[
-            (
-                "estimated_temperature_celsius",
-                "estimated",
-                Colour::Estimated,
-            ),
-            (WIRE_TEMPERATURE, "true", Colour::True),
-        ],
-    );
-    let fraction = signal_plot(
-        timeline,
-        "Martensite fraction ξ",
-        "",
-        &[
-            (
-                "estimated_martensite_fraction",
-                "estimated",
-                Colour::Estimated,
-            ),
-            ("martensite_fraction", "true", Colour::True),
-        ],
-    );
-    [temperature, fraction]
-}
-
-/// Plots the signals of another plant, one plot each.
-fn plant_plots<'a>(
-    timeline: &'a Timeline,
-    control_loop: &'a ControlLoop,
-) -> impl Iterator<Item = Plot<'a>> {
-    control_loop.plant_signals().map(|signal| {
-        let name = signal.name.as_str();
-        let unit = shown_unit(&signal.unit);
-        signal_plot(
-            timeline,
-            title(signal),
-            unit,
-            &[(name, "true", Colour::True)],
-        )
-    })
+    signal: &'a Signal,
+    label: &str,
+    colour: Colour,
+) -> Plot<'a> {
+    let drawn = (signal.name.as_str(), label, colour);
+    signal_plot(timeline, title(signal), &signal.unit, &[drawn])
 }
 
 fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let timeline = run.timeline;
-    let mut plot = Plot::over_time(
-        timeline.measurand.title(),
-        shown_unit(timeline.measurand.unit.symbol()),
-    );
-    plot.patches = run
-        .control_loop
-        .trial
-        .judged_steps()
-        .iter()
-        .map(settling_band)
-        .collect();
+    let measurand = &timeline.measurand;
+    let mut plot = Plot::over_time(measurand.title(), measurand.unit.symbol());
+    let steps = run.control_loop.trial.judged_steps();
+    plot.patches = steps.iter().map(settling_band).collect();
     if let Some(column) = timeline.column(names::TRUE_POSITION) {
-        draw(
-            &mut plot,
-            timeline,
-            "true",
-            Colour::True,
-            (0, &column.values),
-        );
+        draw(&mut plot, timeline, "true", True, (0, &column.values));
     }
     let measured = (0, timeline.position());
-    draw(&mut plot, timeline, "measured", Colour::Measured, measured);
+    draw(&mut plot, timeline, "measured", Measured, measured);
     if let Some(column) = used(timeline, "reference_{signal}_{unit}") {
         let label = "filtered reference";
-        draw(
-            &mut plot,
-            timeline,
-            label,
-            Colour::Estimated,
-            first_sent(column),
-        );
+        draw(&mut plot, timeline, label, Estimated, first_sent(column));
     }
-    plot.draw(
-        "set-point",
-        Colour::Wanted,
-        Shape::Dashed,
-        &timeline.time_seconds,
-        &timeline.set_point,
-    );
+    let (times, set_point) = (&timeline.time_seconds, &timeline.set_point);
+    plot.draw("set-point", Wanted, Shape::Dashed, times, set_point);
     plot
 }
 
@@ -247,26 +160,20 @@ type Stretch = (String, f64, f64);
 /// number of stretches that are left out.
 fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
     let end = run.timeline.end_seconds();
-    let reached = |stretches: Vec<Stretch>| {
+    let (mut shown, mut left_out) = (Vec::new(), 0);
+    for stretches in [sudden, sines].map(|find| find(&run.control_loop.trial)) {
         let reached = stretches.into_iter().filter(|(_, from, _)| *from < end);
-        reached.collect::<Vec<_>>()
-    };
-    let [sudden, sines] = [
-        sudden(&run.control_loop.trial),
-        sines(&run.control_loop.trial),
-    ]
-    .map(reached);
-    let left_out = [&sudden, &sines].map(|stretches| stretches.len().saturating_sub(CLOSE_UPS_MAX));
-    let shown = [sudden, sines]
-        .into_iter()
-        .flat_map(|stretches| stretches.into_iter().take(CLOSE_UPS_MAX));
-    let plots = shown.map(|(title, from, until)| {
+        let reached = Vec::from_iter(reached);
+        left_out += reached.len().saturating_sub(CLOSE_UPS_MAX);
+        shown.extend(reached.into_iter().take(CLOSE_UPS_MAX));
+    }
+    let plots = shown.into_iter().map(|(title, from, until)| {
         let mut plot = position(run);
         plot.title = title;
         plot.x_range = Some((from, until.min(end)));
         plot
     });
-    (plots.collect(), left_out.iter().sum())
+    (plots.collect(), left_out)
 }
 
 /// Returns the stretches of steps and disturbances.
@@ -350,7 +257,7 @@ fn signal_plot<'a>(
     timeline: &'a Timeline,
     title: &str,
     unit: &'a str,
-    signals: &[(&str, &str, Colour)],
+    signals: &[Drawn<'_>],
 ) -> Plot<'a> {
     let mut plot = Plot::over_time(title, unit);
     for (name, label, colour) in signals {
@@ -448,31 +355,11 @@ fn first_sent(column: &Column) -> (usize, Series<f64>) {
 fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     let mut plot = Plot::over_time("Hysteresis", "ξ");
     plot.x_label = "wire temperature (°C)";
-    let pairs = [
-        (
-            "estimated_temperature_celsius",
-            "estimated_martensite_fraction",
-            "estimated",
-            Colour::Estimated,
-        ),
-        (
-            WIRE_TEMPERATURE,
-            "martensite_fraction",
-            "true",
-            Colour::True,
-        ),
-    ];
-    for (temperature, fraction, label, colour) in pairs {
-        if let (Some(temperature), Some(fraction)) =
-            (used(timeline, temperature), used(timeline, fraction))
-        {
-            plot.draw(
-                label,
-                colour,
-                Shape::Path,
-                &temperature.values,
-                &fraction.values,
-            );
+    for ((temperature, label, colour), (fraction, ..)) in TEMPERATURES.into_iter().zip(FRACTIONS) {
+        let columns = used(timeline, temperature).zip(used(timeline, fraction));
+        if let Some((temperature, fraction)) = columns {
+            let (x, y) = (&temperature.values, &fraction.values);
+            plot.draw(label, colour, Shape::Path, x, y);
         }
     }
     plot

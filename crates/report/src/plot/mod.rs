@@ -80,12 +80,9 @@ impl<'a> Plot<'a> {
         x: impl Into<Series<f64>>,
         y: impl Into<Series<f64>>,
     ) {
-        let (x, y) = (x.into(), y.into());
-        if x.iter()
-            .zip(&y)
-            .any(|(x, y)| x.is_finite() && y.is_finite())
-        {
-            let label = label.into();
+        let (label, x, y) = (label.into(), x.into(), y.into());
+        let mut points = x.iter().zip(&y);
+        if points.any(|(x, y)| x.is_finite() && y.is_finite()) {
             self.curves.push(PlotCurve {
                 label,
                 colour,
@@ -102,11 +99,8 @@ impl<'a> Plot<'a> {
             return html! {};
         }
         let drawing = self.drawing();
-        let names: Vec<&str> = self
-            .curves
-            .iter()
-            .map(|curve| curve.label.as_str())
-            .collect();
+        let names = self.curves.iter().map(|curve| curve.label.as_str());
+        let names = Vec::from_iter(names).join(", ");
         html! {
             figure.plot.square[self.extent == Extent::Plane].log[self.extent == Extent::Logarithmic].plane[self.is_plane()]
                 data-view=(drawing.edges()) data-unit=[(!self.y_unit.is_empty()).then_some(self.y_unit)] {
@@ -125,7 +119,7 @@ impl<'a> Plot<'a> {
                         @for (place, label) in &drawing.y_labels { span style=(format!("top:{place:.2}%")) { (label) } }
                     }
                     svg viewBox=(format!("0 0 {SIDE} {SIDE}")) preserveAspectRatio="none" role="img"
-                        aria-label=(format!("{}: {}", self.title, names.join(", "))) {
+                        aria-label=(format!("{}: {names}", self.title)) {
                         (drawing.content)
                     }
                     div.x aria-hidden="true" {
