@@ -7,11 +7,9 @@ use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 
+use crate::ID_BITS;
 use recording::frames::Frames;
 use recording::log::Stamped;
-
-/// Bits of the identifier in a raw one, without its flags.
-const ID_BITS: u32 = 0x1FFF_FFFF;
 
 /// Writes the log to an output with a buffer. Times count from the whole second of the first frame, which the header gives in
 /// UTC.

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::time::Duration;
 
+use super::MARKED_ID_BITS;
 use super::asc::utc;
 use recording::frames::Frames;
 use recording::log::Stamped;
@@ -19,7 +20,6 @@ const CAN_ERROR_EXT: u32 = 73;
 /// Flag of time stamps in nanoseconds.
 const NANOSECONDS: u32 = 2;
 const CHANNEL: u16 = 1;
-const EXTENDED_ID: u32 = 0x8000_0000;
 const REMOTE: u8 = 0x80;
 
 /// Writes the log to an output with a buffer. Times count from the whole millisecond of the first frame, which the header gives
@@ -35,7 +35,7 @@ pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
         (end, bytes) = (last, bytes + container.len());
         Ok(())
     })?;
-    let whole_bytes = length(u64::from(FILE_HEADER_BYTES), bytes);
+    let whole_bytes = u64::from(FILE_HEADER_BYTES) + bytes as u64;
     let mut header = Vec::with_capacity(FILE_HEADER_BYTES as usize);
     header.extend_from_slice(b"LOGG");
     header.extend_from_slice(&FILE_HEADER_BYTES.to_le_bytes());
@@ -61,26 +61,16 @@ fn write_containers(
     mut write: impl FnMut(&[u8], Duration) -> io::Result<()>,
 ) -> io::Result<()> {
     let (mut container, mut content) = (Vec::new(), Vec::new());
-    let mut last = start;
-    for stamped in frames {
+    let mut frames = frames.iter().peekable();
+    while let Some(stamped) = frames.next() {
         push_frame(&mut content, &stamped, start);
-        last = stamped.time;
-        if content.len() >= CONTAINER_BYTES_MAX {
+        if content.len() >= CONTAINER_BYTES_MAX || frames.peek().is_none() {
             container.clear();
             push_container(&mut container, &mut content);
-            write(&container, last)?;
+            write(&container, stamped.time)?;
         }
     }
-    if !content.is_empty() {
-        container.clear();
-        push_container(&mut container, &mut content);
-        write(&container, last)?;
-    }
     Ok(())
-}
-
-fn length(header: u64, rest: usize) -> u64 {
-    header + u64::try_from(rest).unwrap_or(u64::MAX - header)
 }
 
 /// Appends the start of an object.
@@ -110,9 +100,8 @@ fn push_frame(content: &mut Vec<u8>, Stamped { time, frame, .. }: &Stamped, star
         return;
     }
     content.push(if frame.is_remote() { REMOTE } else { 0 });
-    content.push(u8::try_from(frame.data().len()).unwrap_or(8));
-    let mark = if frame.is_extended() { EXTENDED_ID } else { 0 };
-    let id = frame.raw_id() & 0x1FFF_FFFF | mark;
+    content.push(frame.length());
+    let id = frame.raw_id() & MARKED_ID_BITS;
     content.extend_from_slice(&id.to_le_bytes());
     content.extend_from_slice(&frame.buffer());
 }

@@ -3,14 +3,12 @@
 use std::io::{self, Write};
 use std::time::Duration;
 
-use dbc::{Database, Message, SignalHandle};
+use dbc::{Database, Message};
 
+use crate::{ID_BITS, signals};
 use recording::cell::{cell, heading};
 use recording::frames::Frames;
 use recording::log::Stamped;
-
-/// Bits of the identifier in a raw one, without its flags.
-const ID_BITS: u32 = 0x1FFF_FFFF;
 
 /// Writes one row for each frame, in the order of the recording. Times are of the scenario, which began at `zero` on the clock of
 /// the frames.
@@ -58,12 +56,10 @@ pub fn write_message(
     zero: Duration,
     message: &Message,
 ) -> io::Result<()> {
-    let signals = message.signals.iter().map(|signal| signal.name.as_str());
-    let names = ["time_seconds"].into_iter().chain(signals);
+    let names = message.signals.iter().map(|signal| signal.name.as_str());
+    let names = ["time_seconds"].into_iter().chain(names);
     writeln!(output, "{}", heading(names))?;
-    let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
-    let signals = message.signals.iter().map(|signal| handle(&signal.name));
-    let signals: Vec<Option<SignalHandle>> = signals.collect();
+    let signals = signals(database, message);
     let is_of_message = |stamped: &Stamped| {
         let frame = &stamped.frame;
         frame.raw_id() == message.raw_id && !frame.is_error() && !frame.is_remote()

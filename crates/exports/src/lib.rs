@@ -12,3 +12,17 @@ pub mod frames;
 pub mod mcap;
 pub mod mf4;
 pub mod parquet;
+
+use dbc::{Database, Message, SignalHandle};
+
+/// Bits of the identifier in a raw one, without its flags.
+const ID_BITS: u32 = 0x1FFF_FFFF;
+/// Those bits, and the flag of an extended identifier.
+const MARKED_ID_BITS: u32 = 0x9FFF_FFFF;
+
+/// Returns the signals of a message, in its order.
+fn signals(database: &Database, message: &Message) -> Vec<Option<SignalHandle>> {
+    let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
+    let signals = message.signals.iter();
+    signals.map(|signal| handle(&signal.name)).collect()
+}

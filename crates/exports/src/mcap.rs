@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::time::Duration;
 
-use dbc::{Database, Message, SignalHandle};
+use dbc::{Database, SignalHandle};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions, Writer};
@@ -15,10 +15,9 @@ use recording::events::{Event, Events, Level};
 use recording::frames::Frames;
 use recording::log::Stamped;
 
+use crate::{ID_BITS, signals};
 use cdr::Cdr;
 
-/// Bits of the identifier in a raw one, without its flags.
-const ID_BITS: u32 = 0x1FFF_FFFF;
 /// Topic of the received frames, as the driver of ROS 2 for SocketCAN names it.
 const FRAMES_TOPIC: &str = "/from_can_bus";
 /// Topic in which ROS 2 collects the reports of nodes.
@@ -182,12 +181,6 @@ fn topics(
     Ok(topics)
 }
 
-fn signals(database: &Database, message: &Message) -> Vec<Option<SignalHandle>> {
-    let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
-    let signals = message.signals.iter();
-    signals.map(|signal| handle(&signal.name)).collect()
-}
-
 /// Returns the time of an event on the clock of the frames, in whole microseconds like theirs.
 fn at(time_seconds: f64, zero: Duration) -> Duration {
     let since = Duration::try_from_secs_f64(time_seconds.abs()).unwrap_or_default();
@@ -209,11 +202,10 @@ fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
     for flag in [frame.is_remote(), frame.is_extended(), frame.is_error()] {
         cdr.push_u8(flag.into());
     }
-    cdr.push_u8(u8::try_from(frame.data().len()).unwrap_or(8));
-    frame
-        .buffer()
-        .into_iter()
-        .for_each(|byte| cdr.push_u8(byte));
+    cdr.push_u8(frame.length());
+    for byte in frame.buffer() {
+        cdr.push_u8(byte);
+    }
     cdr.into_bytes()
 }
 

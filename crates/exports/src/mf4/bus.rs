@@ -7,6 +7,8 @@ use std::time::Duration;
 use recording::frames::Frames;
 use recording::log::Stamped;
 
+use crate::MARKED_ID_BITS;
+
 use super::{BYTES, Channel, Data, Mf4File, Records, UNSIGNED_LITTLE_ENDIAN};
 
 /// Type of a source: a bus, and the kind of the bus.
@@ -19,8 +21,6 @@ const BUS_EVENT: u32 = 1 << 10;
 
 /// Number of the only bus.
 const BUS_CHANNEL: u8 = 1;
-const ID_BITS: u32 = 0x1FFF_FFFF;
-const EXTENDED_ID: u32 = 0x8000_0000;
 /// Offset of the frame in a record, after the time.
 const FRAME_AT: u32 = 8;
 const RECORD_BYTES: u32 = 24;
@@ -97,10 +97,9 @@ pub(super) fn write_records(
     for Stamped { time, frame, .. } in frames.iter().filter(is_of_kind) {
         let seconds = time.as_secs_f64() - zero.as_secs_f64();
         output.write_all(&seconds.to_le_bytes())?;
-        let mark = if frame.is_extended() { EXTENDED_ID } else { 0 };
-        let id = frame.raw_id() & ID_BITS | mark;
+        let id = frame.raw_id() & MARKED_ID_BITS;
         output.write_all(&id.to_le_bytes())?;
-        let length = u8::try_from(frame.data().len()).unwrap_or(8);
+        let length = frame.length();
         // Direction: received, like all frames of the recorder.
         output.write_all(&[BUS_CHANNEL, length, length, 0])?;
         output.write_all(&frame.buffer())?;
