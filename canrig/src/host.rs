@@ -41,8 +41,12 @@ pub(crate) struct NodeArgs {
     /// The folder in which the processes of the laws run
     #[arg(long)]
     pub laws_in: Option<PathBuf>,
-    #[command(flatten)]
-    pub host: HostArgs,
+    /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
+    #[arg(long)]
+    pub bus: Option<BusAddress>,
+    /// File descriptor of the side channel; its presence means lock-step
+    #[arg(long)]
+    pub lockstep: Option<i32>,
 }
 
 /// Node that the process plays.
@@ -52,17 +56,6 @@ pub(crate) enum Role {
     Controller,
     /// The rig
     PlantEmulator,
-}
-
-/// Bus and channel of a node.
-#[derive(Args, Debug)]
-pub(crate) struct HostArgs {
-    /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
-    #[arg(long)]
-    pub bus: Option<BusAddress>,
-    /// File descriptor of the side channel; its presence means lock-step
-    #[arg(long)]
-    pub lockstep: Option<i32>,
 }
 
 /// Reason why a node's process ends early. The exit code tells the bench which part has caused it.
@@ -122,7 +115,7 @@ fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn N
     let place = LawPlace {
         folder: args.laws_in.clone().unwrap_or(planned.folder),
         logs: run.filter(|_| args.laws_in.is_some()),
-        is_real_time: args.host.lockstep.is_none(),
+        is_real_time: args.lockstep.is_none(),
         late: Arc::clone(late),
         ..planned
     };
@@ -132,7 +125,7 @@ fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn N
 
 /// Returns whether the bench causes a fault from outside the process, as it does with crash and hang in real time.
 fn is_caused_by_bench(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
-    let is_real_time = args.host.lockstep.is_none();
+    let is_real_time = args.lockstep.is_none();
     move |kind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
 }
 
@@ -149,9 +142,8 @@ fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
 }
 
 /// Runs one node as this process, for the hidden subcommand `node`.
-#[must_use]
 pub(crate) fn host(args: &NodeArgs) -> Exit {
-    let is_real_time = args.host.lockstep.is_none();
+    let is_real_time = args.lockstep.is_none();
     // Before the node: the worker of an FMU gets a priority if this thread has one. And before the bus: a process that
     // enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
@@ -202,7 +194,7 @@ fn run_node(
     late: &AtomicU64,
 ) -> Result<(), Failure> {
     let ended = run_on_bus(node, args, fifo, late);
-    if let Some(BusAddress::Embedded(socket)) = &args.host.bus {
+    if let Some(BusAddress::Embedded(socket)) = &args.bus {
         hub::remove_orphaned(socket);
     }
     ended
@@ -215,16 +207,14 @@ fn run_on_bus(
     late: &AtomicU64,
 ) -> Result<(), Failure> {
     let stop = StopSignal::from_parent().map_err(Failure::on_bus)?;
-    let filters = match args.host.lockstep {
+    let filters = match args.lockstep {
         None => node.filters(),
         Some(_) => node.filters_as_configured(),
     };
-    let mut bus = match &args.host.bus {
-        Some(address) => Some(platform::open(address, &filters).map_err(Failure::on_bus)?),
-        None => None,
-    };
+    let bus = (args.bus.as_ref()).map(|address| platform::open(address, &filters));
+    let mut bus = bus.transpose().map_err(Failure::on_bus)?;
     let bus = bus.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
-    match (args.host.lockstep, bus) {
+    match (args.lockstep, bus) {
         (Some(number), wire) => {
             let channel = inherited_channel(number).map_err(Failure::on_bus)?;
             lockstep::follow(node, channel, wire).map_err(Failure::on_bus)

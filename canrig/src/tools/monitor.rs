@@ -29,21 +29,28 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const NAME_WIDTH: usize = 23;
 
 /// Choice of the frames to show, and limits on the length of the output.
-#[derive(Clone, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub(crate) struct MonitorOptions {
-    /// Frames to show, by part of a name or by identifier (hexadecimal); all if empty.
+    /// Show only frames with this part in their name (drive, sync, heartbeat), or with this identifier (0x190)
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub only: Vec<String>,
-    /// Frames to leave out, in the same form.
+    /// Leave out frames with this part in their name, or with this identifier
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub except: Vec<String>,
-    /// Show a frame only if its content differs from the last one with its identifier.
+    /// Show a frame only when its content has changed
+    #[arg(long)]
     pub changes: bool,
-    /// Show the bytes too.
+    /// Show the bytes too
+    #[arg(long)]
     pub raw: bool,
-    /// End after this many lines.
+    /// End after this number of lines
+    #[arg(long, value_name = "LINES")]
     pub count: Option<u64>,
-    /// End after this time.
-    pub duration: Option<Duration>,
-    /// DBC file in place of the rig's.
+    /// End after this time
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub duration: Option<f64>,
+    /// The DBC file to decode by, if it is not that of canrig's built-in drive and controller
+    #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
 }
 
@@ -286,33 +293,13 @@ fn sdo_text(channel: &Channel<'_>, payload: [u8; 8]) -> String {
 pub(crate) struct MonitorArgs {
     #[command(flatten)]
     pub bus: ToolBusArgs,
-    /// Show only frames with this part in their name (drive, sync, heartbeat), or with this identifier (0x190)
-    #[arg(long, value_name = "NAME", value_delimiter = ',')]
-    pub only: Vec<String>,
-    /// Leave out frames with this part in their name, or with this identifier
-    #[arg(long, value_name = "NAME", value_delimiter = ',')]
-    pub except: Vec<String>,
-    /// Show a frame only when its content has changed
-    #[arg(long)]
-    pub changes: bool,
-    /// Show the bytes too
-    #[arg(long)]
-    pub raw: bool,
-    /// End after this number of lines
-    #[arg(long, value_name = "LINES")]
-    pub count: Option<u64>,
-    /// End after this time
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    pub duration: Option<f64>,
-    /// The DBC file to decode by, if it is not that of canrig's built-in drive and controller
-    #[arg(long, value_name = "FILE")]
-    pub dbc: Option<PathBuf>,
+    #[command(flatten)]
+    pub options: MonitorOptions,
     #[command(flatten)]
     pub names: NamesArgs,
 }
 
 /// Shows live traffic until the user stops it.
-#[must_use]
 pub(crate) fn monitor(args: MonitorArgs) -> Exit {
     match shown(args) {
         Ok(()) => Exit::Pass,
@@ -322,30 +309,14 @@ pub(crate) fn monitor(args: MonitorArgs) -> Exit {
 
 fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let bus = args.bus.chosen();
-    let options = MonitorOptions {
-        only: args.only,
-        except: args.except,
-        changes: args.changes,
-        raw: args.raw,
-        count: args.count,
-        duration: args.duration.map(Duration::from_secs_f64),
-        dbc: args.dbc,
-    };
+    let options = args.options;
     let NamedNodes { sheets, database } = args.names.nodes()?;
-    let database = match &options.dbc {
+    let database = match options.dbc.clone() {
         None => database,
-        Some(path) => {
-            let text = scenario::read_text(path, plan::FILE_BYTES_MAX).map_err(|source| {
-                ToolError::File {
-                    path: path.clone(),
-                    source,
-                }
-            })?;
-            Database::parse(&text).map_err(|error| ToolError::Dbc {
-                path: path.clone(),
-                error,
-            })?
-        }
+        Some(path) => match scenario::read_text(&path, plan::FILE_BYTES_MAX) {
+            Err(source) => return Err(ToolError::File { path, source }),
+            Ok(text) => Database::parse(&text).map_err(|error| ToolError::Dbc { path, error })?,
+        },
     };
     let (count, duration) = (options.count, options.duration);
     let mut decoder = Decoder::new(database, sheets, options);
@@ -357,7 +328,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let mut lines = 0;
     let is_over = |lines: u64| {
         count.is_some_and(|count| lines >= count)
-            || duration.is_some_and(|duration| clock.now() >= duration)
+            || duration.is_some_and(|seconds| clock.now().as_secs_f64() >= seconds)
             || stop.is_raised()
     };
     while !output.is_closed() && !is_over(lines) {

@@ -105,12 +105,12 @@ pub(crate) struct RollCall {
 }
 
 impl RollCall {
-    /// Makes a roll call that listens for a time first.
-    #[must_use]
-    pub(crate) fn new(sheets: Vec<DataSheet>, listen: Duration) -> Self {
+    /// Makes a roll call that listens for a time first. The report shows a node by its name, and lists each named node that is
+    /// missing.
+    fn new(sheets: Vec<DataSheet>, names: BTreeMap<u8, String>, listen: Duration) -> Self {
         Self {
             sheets,
-            names: BTreeMap::new(),
+            names,
             listen,
             presence: Presence::default(),
             phase: Phase::Listening { until: None },
@@ -119,12 +119,6 @@ impl RollCall {
             identities: BTreeMap::new(),
             output: VecDeque::new(),
         }
-    }
-
-    /// Gives names to the nodes. The report shows a node by its name, and lists each named node that is missing.
-    #[must_use]
-    pub(crate) fn naming(self, names: BTreeMap<u8, String>) -> Self {
-        Self { names, ..self }
     }
 
     /// Returns the nodes that were found, by node-ID.
@@ -251,26 +245,22 @@ impl RollCall {
     fn ask_next(&mut self, now: Duration) {
         self.phase = Phase::Done;
         while let Some(node_id) = self.waiting.pop_front() {
-            if self.presence.states().get(&node_id) == Some(&NmtState::Stopped) {
-                let reason = "not asked: a stopped node answers no SDO";
+            let mut sheets = self.sheets.iter().filter(|sheet| sheet.node_id == node_id);
+            let channel = sheets.find_map(DataSheet::second_channel);
+            let taken = self.presence.why_not_default_channel(node_id, &self.sheets);
+            let reason = match (self.presence.states().get(&node_id), channel, taken) {
+                (Some(NmtState::Stopped), ..) => "not asked: a stopped node answers no SDO",
+                (_, None, Some(_)) => "not asked: its only SDO channel is the controller's",
+                _ => "",
+            };
+            if !reason.is_empty() {
                 self.identities.insert(node_id, Err(reason.to_owned()));
                 continue;
             }
-            let mut sheets = self.sheets.iter().filter(|sheet| sheet.node_id == node_id);
-            let channel = sheets.find_map(DataSheet::second_channel);
-            let client = match channel {
-                Some((request, response)) => {
-                    SdoClient::new(node_id).with_channel(request, response)
-                }
-                None => match self.presence.why_not_default_channel(node_id, &self.sheets) {
-                    None => SdoClient::new(node_id),
-                    Some(_) => {
-                        let reason = "not asked: its only SDO channel is the controller's";
-                        self.identities.insert(node_id, Err(reason.to_owned()));
-                        continue;
-                    }
-                },
-            };
+            let mut client = SdoClient::new(node_id);
+            if let Some((request, response)) = channel {
+                client = client.with_channel(request, response);
+            }
             let mut questions = Box::new(IdentityQuestions {
                 node_id,
                 client: client.with_timeout(ANSWER_TIME),
@@ -313,22 +303,20 @@ impl RollCall {
         };
         let node_id = questions.node_id;
         let refusal = self.presence.why_not_default_channel(node_id, &self.sheets);
-        match (questions.may_change_channel && questions.next == 0, refusal) {
-            (true, None) => {
-                questions.may_change_channel = false;
-                questions.client = SdoClient::new(node_id).with_timeout(ANSWER_TIME);
-                questions.ask(now);
-            }
-            (true, Some(_)) => {
-                let reason = "no answer on its second SDO channel; the first is the controller's";
-                self.identities.insert(node_id, Err(reason.to_owned()));
-                self.ask_next(now);
-            }
-            (false, _) => {
-                self.identities.insert(node_id, Err(error.to_string()));
-                self.ask_next(now);
-            }
+        let is_silent = questions.may_change_channel && questions.next == 0;
+        if is_silent && refusal.is_none() {
+            questions.may_change_channel = false;
+            questions.client = SdoClient::new(node_id).with_timeout(ANSWER_TIME);
+            questions.ask(now);
+            return;
         }
+        let reason = if is_silent {
+            "no answer on its second SDO channel; the first is the controller's".to_owned()
+        } else {
+            error.to_string()
+        };
+        self.identities.insert(node_id, Err(reason));
+        self.ask_next(now);
     }
 
     fn drain(&mut self) {
@@ -446,7 +434,6 @@ pub(crate) struct NodesArgs {
 }
 
 /// Calls every node on a bus, and prints the table of the nodes.
-#[must_use]
 pub(crate) fn nodes(args: &NodesArgs) -> Exit {
     ended(called(args))
 }
@@ -454,12 +441,9 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 /// Calls every node on a bus, and returns the table.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
-    let names = args.names.rig.as_ref().map(|_| {
-        let named = sheets
-            .iter()
-            .map(|sheet| (sheet.node_id, sheet.node_name.clone()));
-        named.collect()
-    });
+    let named = sheets.iter().filter(|_| args.names.rig.is_some());
+    let names = named.map(|sheet| (sheet.node_id, sheet.node_name.clone()));
+    let names = names.collect();
     for path in &args.eds {
         // The sheet is used for its identity only; the node-ID is not known yet.
         let sheet = DataSheet::load(path, 127)?;
@@ -468,8 +452,8 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
             ..sheet
         });
     }
-    let mut roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen))
-        .naming(names.unwrap_or_default());
+    let listen = Duration::from_secs_f64(args.listen);
+    let mut roll_call = RollCall::new(sheets, names, listen);
     super::run(&mut roll_call, &args.bus.chosen())?;
     Ok(report(&roll_call))
 }

@@ -14,7 +14,7 @@ use std::time::Duration;
 use can::{CanFrame, Filter, Node, Progress};
 use canopen::cia402::CONTROLWORD;
 use canopen::object_dictionary::Entry;
-use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
+use canopen::sdo_client::{SdoClient, SdoFailure};
 use clap::{Args, Subcommand};
 use dbc::Database;
 
@@ -58,14 +58,10 @@ impl Request {
     /// Returns whether a write must not happen while a controller runs.
     fn needs_silence(&self, index: u16) -> bool {
         let is_guarded = index == CONTROLWORD || PDO_TABLES.contains(&index);
-        is_guarded
-            && matches!(
-                self,
-                Self::Write {
-                    is_forced: false,
-                    ..
-                }
-            )
+        match self {
+            Self::Write { is_forced, .. } => is_guarded && !is_forced,
+            Self::Read => false,
+        }
     }
 }
 
@@ -94,8 +90,7 @@ pub(crate) struct Transfer {
     presence: Presence,
     phase: Phase,
     output: VecDeque<CanFrame>,
-    result: Option<Result<Vec<u8>, SdoError>>,
-    refusal: Option<String>,
+    result: Option<Result<Vec<u8>, ToolError>>,
 }
 
 impl Transfer {
@@ -120,7 +115,6 @@ impl Transfer {
             phase: Phase::Start,
             output: VecDeque::new(),
             result: None,
-            refusal: None,
         }
     }
 
@@ -129,11 +123,8 @@ impl Transfer {
     /// # Errors
     /// The transfer failed, or was not made because the channel belongs to the controller.
     pub(crate) fn into_result(self) -> Result<Vec<u8>, ToolError> {
-        match (self.result, self.refusal) {
-            (Some(result), _) => Ok(result?),
-            (None, Some(refusal)) => Err(ToolError::Refused(refusal)),
-            (None, None) => Err(ToolError::Refused("interrupted".to_owned())),
-        }
+        let interrupted = || Err(ToolError::Refused("interrupted".to_owned()));
+        self.result.unwrap_or_else(interrupted)
     }
 
     fn begin(&mut self, now: Duration) {
@@ -176,8 +167,7 @@ impl Transfer {
     }
 
     fn refuse(&mut self, reason: String) {
-        self.refusal = Some(reason);
-        self.phase = Phase::Done;
+        self.finish(Err(ToolError::Refused(reason)));
     }
 
     fn transfer(&mut self, now: Duration, is_second_channel: bool) {
@@ -190,7 +180,7 @@ impl Transfer {
         };
         self.phase = Phase::Transfer { is_second_channel };
         if let Err(error) = started {
-            self.finish(Err(error));
+            self.finish(Err(error.into()));
         }
         self.drain();
     }
@@ -228,12 +218,12 @@ impl Transfer {
             Phase::Transfer {
                 is_second_channel: true,
             } if is_silent => self.use_default_channel(now),
-            _ => self.finish(result),
+            _ => self.finish(result.map_err(ToolError::from)),
         }
         self.drain();
     }
 
-    fn finish(&mut self, result: Result<Vec<u8>, SdoError>) {
+    fn finish(&mut self, result: Result<Vec<u8>, ToolError>) {
         self.result = Some(result);
         self.phase = Phase::Done;
     }
@@ -340,7 +330,6 @@ pub(crate) struct ObjectArgs {
 }
 
 /// Reads or writes an object, and prints its value.
-#[must_use]
 pub(crate) fn sdo(args: &SdoArgs) -> Exit {
     ended(match &args.action {
         SdoAction::Read(target) => transferred(target, None),

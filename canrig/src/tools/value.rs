@@ -57,14 +57,8 @@ pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
     }
     match data_type {
         DataType::Boolean => (bytes != [0]).to_string(),
-        DataType::Real32 => bytes.try_into().map_or_else(
-            |_| show_bytes(bytes),
-            |bytes| f32::from_le_bytes(bytes).to_string(),
-        ),
-        DataType::Real64 => bytes.try_into().map_or_else(
-            |_| show_bytes(bytes),
-            |bytes| f64::from_le_bytes(bytes).to_string(),
-        ),
+        DataType::Real32 => show_real(bytes, f32::from_le_bytes),
+        DataType::Real64 => show_real(bytes, f64::from_le_bytes),
         DataType::VisibleString => format!("{:?}", String::from_utf8_lossy(bytes)),
         DataType::UnicodeString => {
             let units: Vec<u16> = bytes
@@ -81,6 +75,12 @@ pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
     }
 }
 
+fn show_real<const N: usize, T: ToString>(bytes: &[u8], real: fn([u8; N]) -> T) -> String {
+    bytes
+        .try_into()
+        .map_or_else(|_| show_bytes(bytes), |bytes| real(bytes).to_string())
+}
+
 fn show_integer(entry: &Entry, bytes: &[u8]) -> String {
     let value = entry.decode_integer(bytes);
     if entry.data_type.is_signed() {
@@ -91,11 +91,8 @@ fn show_integer(entry: &Entry, bytes: &[u8]) -> String {
 }
 
 fn show_bytes(bytes: &[u8]) -> String {
-    let pairs: Vec<String> = bytes
-        .iter()
-        .take(SHOWN_BYTES_MAX)
-        .map(|byte| format!("{byte:02X}"))
-        .collect();
+    let shown = bytes.iter().take(SHOWN_BYTES_MAX);
+    let pairs = Vec::from_iter(shown.map(|byte| format!("{byte:02X}")));
     let rest = if bytes.len() > SHOWN_BYTES_MAX {
         " ..."
     } else {
