@@ -70,8 +70,7 @@ impl Bench {
         let run = AssertUnwindSafe(|| match self.register() {
             Ok(()) => from_command_line(),
             Err(error) => {
-                console::print_error(&format!("canrig: this bench cannot begin: {error}"));
-                Exit::Internal
+                console::failed(Exit::Internal, format!("this bench cannot begin: {error}"))
             }
         });
         let exit = std::panic::catch_unwind(run);
@@ -84,12 +83,10 @@ impl Bench {
         });
         let exit = match console::unprinted() {
             None => exit,
-            Some(reason) => {
-                console::print_error(&format!(
-                    "canrig: standard output cannot be written: {reason}"
-                ));
-                exit.max(Exit::BenchFailed)
-            }
+            Some(reason) => exit.max(console::failed(
+                Exit::BenchFailed,
+                format!("standard output cannot be written: {reason}"),
+            )),
         };
         exit.into()
     }
@@ -106,9 +103,10 @@ fn from_command_line() -> Exit {
     // Each file is printed on one line, and some CI systems take commands from the beginning of a line.
     let has_line_end = |word: &OsString| word.as_encoded_bytes().contains(&b'\n');
     if let Some(word) = std::env::args_os().find(has_line_end) {
-        return console::usage_error(&format!(
-            "{word:?} has a line end in it: write it in one line, or rename the file"
-        ));
+        return console::failed(
+            Exit::Usage,
+            format!("{word:?} has a line end in it: write it in one line, or rename the file"),
+        );
     }
     let parsed = |words: Vec<OsString>| {
         let matches = command_line().try_get_matches_from(words)?;

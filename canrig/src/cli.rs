@@ -229,7 +229,6 @@ pub(crate) fn command_line() -> clap::Command {
 }
 
 /// Executes the subcommand.
-#[must_use]
 pub(crate) fn execute(cli: Cli) -> Exit {
     match cli.command {
         Command::Run(args) => run(&args),

@@ -13,6 +13,7 @@ use platform::{probe, scheduling};
 
 use runner::console::print;
 use runner::exit::Exit;
+use runner::machine::refused_priority;
 use runner::run::RUNS;
 
 /// The program that shows recordings.
@@ -30,11 +31,9 @@ struct MachineCheck {
 }
 
 impl MachineCheck {
-    fn new(what: &'static str, found: Result<String, (String, &str)>) -> Self {
-        let (found, fix) = match found {
-            Ok(found) => (found, None),
-            Err((found, fix)) => (found, Some(fix.to_owned())),
-        };
+    fn new(what: &'static str, found: Result<String, String>, fix: &str) -> Self {
+        let fix = found.is_err().then(|| fix.to_owned());
+        let (Ok(found) | Err(found)) = found;
         Self { what, found, fix }
     }
 }
@@ -54,23 +53,19 @@ impl Section {
 
     /// Returns the heading, and a line for each check with the command that repairs it.
     fn text(&self, width: usize) -> String {
-        let lines: Vec<String> = self
-            .checks
-            .iter()
-            .map(|check| {
-                let MachineCheck { what, found, fix } = check;
-                let mark = match (fix, self.is_needed) {
-                    (None, _) => "ok",
-                    (Some(_), true) => "MISSING",
-                    (Some(_), false) => "no",
-                };
-                let line = format!("  {mark:7}  {what:width$}  {found}");
-                match fix {
-                    None => line,
-                    Some(fix) => format!("{line}\n           {:width$}  fix: {fix}", ""),
-                }
-            })
-            .collect();
+        let line = |MachineCheck { what, found, fix }: &MachineCheck| {
+            let mark = match (fix, self.is_needed) {
+                (None, _) => "ok",
+                (Some(_), true) => "MISSING",
+                (Some(_), false) => "no",
+            };
+            let line = format!("  {mark:7}  {what:width$}  {found}");
+            match fix {
+                None => line,
+                Some(fix) => format!("{line}\n           {:width$}  fix: {fix}", ""),
+            }
+        };
+        let lines = Vec::from_iter(self.checks.iter().map(line));
         format!("{}\n{}", self.heading, lines.join("\n"))
     }
 }
@@ -84,7 +79,6 @@ pub(crate) struct DoctorArgs {
 }
 
 /// Checks this machine, and prints the results.
-#[must_use]
 pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
     let sections = examine();
     print(&report(&sections));
@@ -152,10 +146,10 @@ fn rust() -> MachineCheck {
     let fix = "install it from https://rustup.rs, or: rustup update stable   (an installed canrig runs without it)";
     let found = match first_line("rustc", "--version") {
         Some(version) if is_at_least(&version, least) => Ok(version),
-        Some(version) => Err((format!("{version}, but {least} or newer is needed"), fix)),
-        None => Err(("rustc is not in PATH".to_owned(), fix)),
+        Some(version) => Err(format!("{version}, but {least} or newer is needed")),
+        None => Err("rustc is not in PATH".to_owned()),
     };
-    MachineCheck::new("Rust toolchain", found)
+    MachineCheck::new("Rust toolchain", found, fix)
 }
 
 /// Returns whether the version in the second word of a text is at least `least`.
@@ -172,8 +166,8 @@ fn c_compiler() -> MachineCheck {
     let program = env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     let found = first_line(&program, "--version");
     let fix = "sudo apt-get install gcc libc6-dev   (an installed canrig runs without it)";
-    let missing = || (format!("{program} is not in PATH"), fix);
-    MachineCheck::new("C compiler", found.ok_or_else(missing))
+    let found = found.ok_or_else(|| format!("{program} is not in PATH"));
+    MachineCheck::new("C compiler", found, fix)
 }
 
 /// Returns the first line that a program prints; `None` if there is no such program.
@@ -192,7 +186,7 @@ fn embedded_bus() -> MachineCheck {
     };
     let found = joined().map(|()| "programs can join it".to_owned());
     let fix = "set TMPDIR to a folder that you can write to and that admits sockets";
-    MachineCheck::new("embedded bus", found.map_err(|error| (error, fix)))
+    MachineCheck::new("embedded bus", found, fix)
 }
 
 fn run_folder() -> MachineCheck {
@@ -201,9 +195,9 @@ fn run_folder() -> MachineCheck {
     let fix = "go to a folder that you can write to, or name one: canrig run --output FOLDER …";
     let found = match write_into(folder) {
         Ok(()) => Ok("can be written here".to_owned()),
-        Err(error) => Err((format!("cannot be written here: {error}"), fix)),
+        Err(error) => Err(format!("cannot be written here: {error}")),
     };
-    MachineCheck::new("run folders", found)
+    MachineCheck::new("run folders", found, fix)
 }
 
 /// Writes a file and removes it.
@@ -216,10 +210,7 @@ fn write_into(folder: &Path) -> io::Result<()> {
 fn kernel_can() -> MachineCheck {
     let found = probe::kernel_can().map(|()| "CAN sockets open".to_owned());
     let fix = "sudo modprobe -a can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
-    MachineCheck::new(
-        "kernel CAN",
-        found.map_err(|error| (first_part(&error), fix)),
-    )
+    MachineCheck::new("kernel CAN", found.map_err(|error| first_part(&error)), fix)
 }
 
 fn private_bus() -> MachineCheck {
@@ -228,7 +219,8 @@ fn private_bus() -> MachineCheck {
     let fix = "sudo modprobe -a can-raw vcan && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
     MachineCheck::new(
         "private bus",
-        found.map_err(|error| (first_part(&error), fix)),
+        found.map_err(|error| first_part(&error)),
+        fix,
     )
 }
 
@@ -241,17 +233,12 @@ fn first_part(error: &impl ToString) -> String {
 }
 
 fn fifo() -> MachineCheck {
-    // The thread ends at once, so no other code runs with the priority.
-    let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
-    let found = match asked {
-        Ok(Ok(())) => Ok(format!("SCHED_FIFO {} granted", scheduling::NODE_PRIORITY)),
-        Ok(Err(refused)) => Err((
-            first_part(&refused),
-            "sudo prlimit --pid $$ --rtprio=99   (for ever: \"@realtime - rtprio 99\" in /etc/security/limits.d/)",
-        )),
-        Err(_) => Err(("could not be asked".to_owned(), "")),
+    let found = match refused_priority() {
+        None => Ok(format!("SCHED_FIFO {} granted", scheduling::NODE_PRIORITY)),
+        Some(refused) => Err(first_part(&refused)),
     };
-    MachineCheck::new("real-time priority", found)
+    let fix = "sudo prlimit --pid $$ --rtprio=99   (for ever: \"@realtime - rtprio 99\" in /etc/security/limits.d/)";
+    MachineCheck::new("real-time priority", found, fix)
 }
 
 fn memory() -> MachineCheck {
@@ -259,37 +246,38 @@ fn memory() -> MachineCheck {
     let fix = "sudo prlimit --pid $$ --memlock=unlimited";
     MachineCheck::new(
         "locked memory",
-        found.map_err(|error| (first_part(&error), fix)),
+        found.map_err(|error| first_part(&error)),
+        fix,
     )
 }
 
 fn clock_source() -> MachineCheck {
+    const FAST: [&str; 4] = [
+        "tsc",
+        "arch_sys_counter",
+        "kvm-clock",
+        "hyperv_clocksource_tsc_page",
+    ];
     let read = setting("/sys/devices/system/clocksource/clocksource0/current_clocksource");
     let found = match read {
         None => Ok("the system does not say".to_owned()),
-        Some(source)
-            if matches!(
-                source.as_str(),
-                "tsc" | "arch_sys_counter" | "kvm-clock" | "hyperv_clocksource_tsc_page"
-            ) =>
-        {
-            Ok(source)
-        }
-        Some(source) => Err((
-            format!("{source}: reading the clock costs a system call or more"),
-            "add clocksource=tsc tsc=reliable to the kernel's command line",
+        Some(source) if FAST.contains(&source.as_str()) => Ok(source),
+        Some(source) => Err(format!(
+            "{source}: reading the clock costs a system call or more"
         )),
     };
-    MachineCheck::new("clock source", found)
+    let fix = "add clocksource=tsc tsc=reliable to the kernel's command line";
+    MachineCheck::new("clock source", found, fix)
 }
 
 fn governor() -> MachineCheck {
     let found = match setting("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor") {
         None => Ok("none: this system cannot choose the clock rate".to_owned()),
         Some(governor) if governor == "performance" => Ok(governor),
-        Some(governor) => Err((governor, "sudo cpupower frequency-set -g performance")),
+        Some(governor) => Err(governor),
     };
-    MachineCheck::new("CPU governor", found)
+    let fix = "sudo cpupower frequency-set -g performance";
+    MachineCheck::new("CPU governor", found, fix)
 }
 
 fn isolation() -> MachineCheck {
@@ -297,7 +285,7 @@ fn isolation() -> MachineCheck {
     let isolated = setting("/sys/devices/system/cpu/isolated");
     let found = isolated.filter(|cpus| !cpus.is_empty());
     let none = "no CPU is isolated (optional: isolcpus=… on the kernel's command line)";
-    MachineCheck::new("CPU isolation", Ok(found.unwrap_or(none.to_owned())))
+    MachineCheck::new("CPU isolation", Ok(found.unwrap_or(none.to_owned())), "")
 }
 
 fn viewer() -> MachineCheck {
@@ -306,8 +294,8 @@ fn viewer() -> MachineCheck {
         .map(|folder| folder.join(VIEWER))
         .find(|program| program.is_file());
     let found = place.map(|place| place.display().to_string());
-    let fix = "pip install rerun-sdk==0.36.3";
-    MachineCheck::new("viewer", found.ok_or(("not in PATH".to_owned(), fix)))
+    let found = found.ok_or("not in PATH".to_owned());
+    MachineCheck::new("viewer", found, "pip install rerun-sdk==0.36.3")
 }
 
 /// Returns the content of a one-line file of the kernel.
@@ -322,12 +310,14 @@ mod tests {
 
     fn section(is_needed: bool, fix: Result<(), &str>) -> Section {
         let found = fix.map(|()| "found".to_owned());
+        let found = found.map_err(|_| "absent".to_owned());
+        let fix = fix.err().unwrap_or_default();
         Section {
             heading: "for something",
             is_needed,
             checks: vec![
-                MachineCheck::new("bus", Ok("carries frames".to_owned())),
-                MachineCheck::new("viewer", found.map_err(|fix| ("absent".to_owned(), fix))),
+                MachineCheck::new("bus", Ok("carries frames".to_owned()), ""),
+                MachineCheck::new("viewer", found, fix),
             ],
         }
     }

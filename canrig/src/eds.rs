@@ -4,9 +4,9 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use plan::named_nodes::{NodeSheet, node_sheets};
+use plan::named_nodes::node_sheets;
 use recording::run_folder::write_new;
-use runner::console::{print, print_error};
+use runner::console::{failed, print};
 use runner::exit::Exit;
 use runner::named::named_plan;
 
@@ -22,7 +22,6 @@ pub(crate) struct EdsArgs {
 }
 
 /// Writes the EDS of each node, and prints the names of the files.
-#[must_use]
 pub(crate) fn eds(args: &EdsArgs) -> Exit {
     let plan = match named_plan(&args.rig) {
         Ok(plan) => plan,
@@ -30,9 +29,9 @@ pub(crate) fn eds(args: &EdsArgs) -> Exit {
     };
     for sheet in node_sheets(&plan) {
         let path = args.to.join(sheet.file_name());
-        if let Err(error) = write(&path, &sheet) {
-            print_error(&format!("canrig: {}", explain(&path, &error)));
-            return Exit::BenchFailed;
+        let written = write_new(&path, |file| file.write_all(sheet.text.as_bytes()));
+        if let Err(error) = written {
+            return failed(Exit::BenchFailed, explain(&path, &error));
         }
         let id = sheet.node_id;
         print(&format!("{}  node {id} (0x{id:02X})", path.display()));
@@ -48,8 +47,4 @@ fn explain(path: &Path, error: &io::Error) -> String {
         }
         _ => format!("`{path}` cannot be written: {error}"),
     }
-}
-
-fn write(path: &Path, sheet: &NodeSheet) -> io::Result<()> {
-    write_new(path, |file| file.write_all(sheet.text.as_bytes()))
 }

@@ -8,7 +8,7 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 
 use recording::run_folder::write_whole;
-use runner::console::{print, print_bytes, print_error};
+use runner::console::{ended, print_bytes};
 use runner::exit::Exit;
 
 /// Arguments of `completions`.
@@ -31,34 +31,26 @@ pub(crate) struct ManArgs {
 }
 
 /// Prints the completions for a shell, or writes them into a folder.
-#[must_use]
 pub(crate) fn completions(args: &CompletionsArgs, command_line: &mut Command) -> Exit {
-    if let Some(folder) = &args.to {
-        let made = std::fs::create_dir_all(folder);
-        let written = made
-            .and_then(|()| clap_complete::generate_to(args.shell, command_line, "canrig", folder));
-        return match written {
-            Ok(path) => {
-                print(&path.display().to_string());
-                Exit::Pass
-            }
-            Err(error) => cannot_be_written(folder, &error),
-        };
-    }
-    let mut text = Vec::new();
-    clap_complete::generate(args.shell, command_line, "canrig", &mut text);
-    print_bytes(&text);
-    Exit::Pass
+    let Some(folder) = &args.to else {
+        let mut text = Vec::new();
+        clap_complete::generate(args.shell, command_line, "canrig", &mut text);
+        print_bytes(&text);
+        return Exit::Pass;
+    };
+    let written = std::fs::create_dir_all(folder)
+        .and_then(|()| clap_complete::generate_to(args.shell, command_line, "canrig", folder));
+    written_into(folder, written.map(|path| path.display().to_string()))
 }
 
 /// Writes the pages of a command and of its subcommands.
 fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
-    let below = command
+    for below in command
         .get_subcommands()
-        .filter(|below| !below.is_hide_set());
-    below
-        .cloned()
-        .try_for_each(|below| write_pages(below, folder))?;
+        .filter(|below| !below.is_hide_set())
+    {
+        write_pages(below.clone(), folder)?;
+    }
     let page = Man::new(command);
     write_whole(&folder.join(page.get_filename()), |output| {
         page.render(output)
@@ -66,28 +58,18 @@ fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
 }
 
 /// Writes `canrig.1` and a page for each command into a folder, which is made if it is missing.
-#[must_use]
 pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
     let folder = &args.to;
     let mut command_line = command_line.disable_help_subcommand(true);
     command_line.build();
-    let made = std::fs::create_dir_all(folder);
-    match made.and_then(|()| write_pages(command_line, folder)) {
-        Ok(()) => {
-            print(&format!(
-                "read them with: man -l {}",
-                folder.join("canrig.1").display()
-            ));
-            Exit::Pass
-        }
-        Err(error) => cannot_be_written(folder, &error),
-    }
+    let written = std::fs::create_dir_all(folder).and_then(|()| write_pages(command_line, folder));
+    let page = folder.join("canrig.1");
+    let text = format!("read them with: man -l {}", page.display());
+    written_into(folder, written.map(|()| text))
 }
 
-fn cannot_be_written(folder: &Path, error: &io::Error) -> Exit {
-    print_error(&format!(
-        "canrig: `{}` cannot be written: {error}",
-        folder.display()
-    ));
-    Exit::BenchFailed
+fn written_into(folder: &Path, written: io::Result<String>) -> Exit {
+    let folder = folder.display();
+    let written = written.map_err(|error| format!("`{folder}` cannot be written: {error}"));
+    ended(written, |_| Exit::BenchFailed)
 }

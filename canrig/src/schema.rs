@@ -14,7 +14,6 @@ pub(crate) struct SchemaArgs {
 }
 
 /// Prints the schema.
-#[must_use]
 pub(crate) fn schema(args: &SchemaArgs) -> Exit {
     print(&if args.rig {
         scenario::schema::rig_json_schema()

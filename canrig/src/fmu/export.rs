@@ -9,7 +9,7 @@ use fmu::description::Version;
 use fmu::export::{Exported, write_fmu};
 
 use recording::run_folder::write_new;
-use runner::console::{print, print_error};
+use runner::console::ended;
 use runner::exit::Exit;
 
 /// Shared library with the plants that ship.
@@ -55,18 +55,8 @@ impl ExportError {
 }
 
 /// Writes the FMU of a plant, and prints its path.
-#[must_use]
 pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Exit {
-    match written(plant, output, fmi) {
-        Ok(report) => {
-            print(&report);
-            Exit::Pass
-        }
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            error.exit()
-        }
-    }
+    ended(written(plant, output, fmi), ExportError::exit)
 }
 
 fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, ExportError> {

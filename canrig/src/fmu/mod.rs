@@ -11,7 +11,7 @@ use fmu::Archive;
 use fmu::description::{Causality, Description, Variable};
 use fmu::table::proposed;
 
-use runner::console::{print, print_error};
+use runner::console::ended;
 use runner::exit::Exit;
 
 /// Arguments of `fmu`.
@@ -35,7 +35,6 @@ pub(crate) struct FmuArgs {
 }
 
 /// Prints the description of an FMU, or writes an FMU.
-#[must_use]
 pub(crate) fn fmu(args: &FmuArgs) -> Exit {
     match (&args.export, &args.file) {
         (Some(plant), _) => export::export(plant, args.output.as_deref(), args.fmi),
@@ -45,19 +44,14 @@ pub(crate) fn fmu(args: &FmuArgs) -> Exit {
 }
 
 fn shown(file: &Path, is_rig: bool) -> Exit {
-    let archive = match Archive::open(file) {
-        Ok(archive) => archive,
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            return Exit::CannotStart;
+    let shown = Archive::open(file).map(|archive| {
+        if is_rig {
+            proposed_table(file, &archive.description)
+        } else {
+            told(&archive)
         }
-    };
-    print(&if is_rig {
-        proposed_table(file, &archive.description)
-    } else {
-        told(&archive)
     });
-    Exit::Pass
+    ended(shown, |_| Exit::CannotStart)
 }
 
 /// Returns the table of a rig file, and the next steps for the user.

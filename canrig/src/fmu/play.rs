@@ -16,7 +16,7 @@ use scenario::plant::Fmu;
 use worlds::fmu_worker;
 
 use super::export::named;
-use runner::console::{print, print_error};
+use runner::console::{failed, print};
 use runner::exit::Exit;
 
 /// Arguments of `fmu-play`.
@@ -67,14 +67,10 @@ impl From<FmuError> for Refused {
 }
 
 /// Plays an FMU, and prints its outputs as CSV.
-#[must_use]
 pub(crate) fn play(args: &PlayArgs) -> Exit {
     match played(args) {
         Ok(()) => Exit::Pass,
-        Err(Refused(exit, reason)) => {
-            print_error(&format!("canrig: {reason}"));
-            exit
-        }
+        Err(Refused(exit, reason)) => failed(exit, reason),
     }
 }
 

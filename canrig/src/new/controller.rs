@@ -1,13 +1,11 @@
 //! `canrig new controller`: a controller in another language, with a scenario that it plays as it is, and its test.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use recording::run_folder::write_whole;
 use scenario::custom::is_name;
 
-use super::{IGNORED, NewError, in_new_folder, make};
+use super::{IGNORED, NewError, in_new_folder, write_files};
 
 /// Placeholder in the files for the controller's name.
 const NAME: &str = "my_controller";
@@ -81,27 +79,16 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
     let readme = renamed(README).replace("    BUILD\n", &indented(build));
     let command = program.replace(['"', ','], "");
     let readme = readme.replace("TEST", test).replace("COMMAND", &command);
-    let of_language = args
-        .language
-        .files()
-        .map(|(file, text)| (file.to_owned(), renamed(text)));
+    let of_language = args.language.files().into_iter();
+    let of_language = of_language.map(|(file, text)| (file.to_owned(), renamed(text)));
+    let scenario = renamed(SCENARIO).replace(PROGRAM, program);
     let shared = [
-        (
-            format!("{name}.toml"),
-            renamed(SCENARIO).replace(PROGRAM, program),
-        ),
+        (format!("{name}.toml"), scenario),
         ("README.md".to_owned(), readme),
         (".gitignore".to_owned(), IGNORED.to_owned()),
     ];
     in_new_folder(&folder, |folder| {
-        of_language
-            .iter()
-            .chain(&shared)
-            .try_for_each(|(file, text)| {
-                make(&folder.join(file), |path| {
-                    write_whole(path, |output| output.write_all(text.as_bytes()))
-                })
-            })
+        write_files(folder, of_language.chain(shared))
     })?;
     let folder = folder.display();
     let play = format!("canrig simulate {name}.toml");

@@ -19,9 +19,9 @@ use controller::ControllerArgs;
 use name::{InvalidName, Name};
 use platform::unfinished::Unfinished;
 use profile::{MANIFEST_BYTES_MAX, release_profile};
-use recording::run_folder::write_whole;
+use recording::run_folder::{write_new, write_whole};
 use rig::RigArgs;
-use runner::console::{print, print_error};
+use runner::console::ended;
 use runner::exit::Exit;
 
 /// Checkout that this program was built from. It may be gone, or on another machine.
@@ -118,14 +118,12 @@ const LAW: Skeleton = Skeleton {
 };
 
 const LAW_OF_LOOPS: Skeleton = Skeleton {
-    section: Section::Controller,
-    name: "my_law",
-    manifest: include_str!("law/manifest.toml"),
     library: include_str!("law/loops/lib.rs"),
     program: include_str!("law/loops/main.rs"),
     scenario: include_str!("law/loops/scenario.toml"),
     rig: Some(include_str!("law/loops/rig.toml")),
     readme: include_str!("law/loops/README.md"),
+    ..LAW
 };
 
 /// Reason why no file was written.
@@ -161,7 +159,6 @@ impl NewError {
 }
 
 /// Writes the requested files, and prints the next steps.
-#[must_use]
 pub(crate) fn new(args: &NewArgs) -> Exit {
     let written = match &args.what {
         What::Plant(of) => written(&PLANT, of).map(|made| made.next_steps(&of.name)),
@@ -172,16 +169,7 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
         What::Rig(args) => rig::written(args),
         What::Controller(args) => controller::written(args),
     };
-    match written {
-        Ok(text) => {
-            print(&text);
-            Exit::Pass
-        }
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            error.exit()
-        }
-    }
+    ended(written, NewError::exit)
 }
 
 impl Crate {
@@ -203,14 +191,7 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
         reason,
     })?;
     in_new_folder(&folder, |folder| {
-        for below in ["src", "scenarios"] {
-            make(&folder.join(below), |path| fs::create_dir(path))?;
-        }
-        for (path, text) in skeleton.files(&name, &checkout, &profile) {
-            make(&folder.join(path), |path| {
-                write_whole(path, |output| output.write_all(text.as_bytes()))
-            })?;
-        }
+        write_files(folder, skeleton.files(&name, &checkout, &profile))?;
         // The versions that canrig is tested with; cargo adds the new crate.
         let lock = checkout.join("Cargo.lock");
         if lock.is_file() {
@@ -255,6 +236,19 @@ fn in_new_folder(
         let _ = fs::remove_dir_all(&partial);
     }
     written
+}
+
+/// Writes files into a folder: the path in the folder, and the content.
+fn write_files(
+    folder: &Path,
+    files: impl IntoIterator<Item = (impl AsRef<Path>, String)>,
+) -> Result<(), NewError> {
+    for (file, text) in files {
+        make(&folder.join(file), |path| {
+            write_new(path, |output| output.write_all(text.as_bytes()))
+        })?;
+    }
+    Ok(())
 }
 
 fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {

@@ -1,13 +1,11 @@
 //! `canrig new rig`: writes a rig file of two drives, and a scenario that plays on it without a change.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use recording::run_folder::write_whole;
 use scenario::custom::is_name;
 
-use super::{NewError, in_new_folder, make};
+use super::{NewError, in_new_folder, write_files};
 
 /// Placeholder in the files for the rig's name.
 const NAME: &str = "my_rig";
@@ -31,13 +29,7 @@ pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
         return Err(NewError::PlainName(name.clone(), "rig"));
     }
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
-    in_new_folder(&folder, |folder| {
-        files(name).into_iter().try_for_each(|(file, text)| {
-            make(&folder.join(file), |path| {
-                write_whole(path, |output| output.write_all(text.as_bytes()))
-            })
-        })
-    })?;
+    in_new_folder(&folder, |folder| write_files(folder, files(name)))?;
     let folder = folder.display();
     Ok(format!(
         "{folder} holds a rig of two drives and a scenario. Check and play them:\n  canrig check {folder}\n  canrig simulate {folder}/{name}_steps.toml"

@@ -9,8 +9,7 @@ pub(crate) mod sdo;
 pub(crate) mod value;
 
 use clap::Args;
-use runner::console::{print, print_error};
-use std::fmt;
+use runner::console::{self, print_error};
 use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -45,15 +44,6 @@ impl FromStr for ToolBus {
         match text {
             "embedded" => Ok(Self::Running),
             address => address.parse().map(Self::At),
-        }
-    }
-}
-
-impl fmt::Display for ToolBus {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Running => formatter.write_str("embedded"),
-            Self::At(address) => address.fmt(formatter),
         }
     }
 }
@@ -162,7 +152,6 @@ pub(crate) enum ToolError {
 
 impl ToolError {
     /// Returns the exit code of the program.
-    #[must_use]
     pub(crate) fn exit(&self) -> Exit {
         match self {
             Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => {
@@ -225,14 +214,7 @@ fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
 /// Prints the result of a tool, or its error.
 fn ended(outcome: Result<String, ToolError>) -> Exit {
     match outcome {
-        Ok(text) => {
-            print(&text);
-            Exit::Pass
-        }
         Err(ToolError::Printed(exit)) => exit,
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            error.exit()
-        }
+        outcome => console::ended(outcome, ToolError::exit),
     }
 }

@@ -10,7 +10,9 @@ use std::sync::{Arc, Once, OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use indicatif::{
+    HumanDuration, ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressState, ProgressStyle,
+};
 use platform::terminal::printable;
 
 use crate::exit::Exit;
@@ -118,16 +120,21 @@ pub fn print_error(text: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(text));
 }
 
-/// Prints an error of the command line and returns its exit code.
-pub fn usage_error(message: &str) -> Exit {
-    print_error(&format!("canrig: {message}"));
-    Exit::Usage
+/// Prints an error; returns its exit code.
+pub fn failed(exit: Exit, error: impl fmt::Display) -> Exit {
+    print_error(&format!("canrig: {error}"));
+    exit
 }
 
-/// Prints the reason why the command cannot begin; returns the exit code of that.
-pub(crate) fn start_error(message: &str) -> Exit {
-    print_error(&format!("canrig: {message}"));
-    Exit::CannotStart
+/// Prints the result of a command, or its error; returns the exit code.
+pub fn ended<E: fmt::Display>(result: Result<String, E>, exit: impl FnOnce(&E) -> Exit) -> Exit {
+    match result {
+        Ok(text) => {
+            print(&text);
+            Exit::Pass
+        }
+        Err(error) => failed(exit(&error), error),
+    }
 }
 
 /// Prints an error with the underlined place in the file: in colours and as wide as the terminal, else without line breaks.
@@ -140,6 +147,12 @@ pub fn print_diagnostic(error: impl Into<miette::Report>) {
         }
         shown => print_error(&shown),
     }
+}
+
+/// Prints an error in a file as [`print_diagnostic`] does; returns its exit code.
+pub(crate) fn invalid(error: impl Into<miette::Report>) -> Exit {
+    print_diagnostic(error);
+    Exit::CannotStart
 }
 
 /// Prints the output of the command line's parser: errors on standard error, the help on standard output.
@@ -207,56 +220,48 @@ impl BufferedLines {
     }
 }
 
-/// Line on the work of a computation of unknown length, drawn on a terminal only.
-pub struct Spinner {
-    bar: ProgressBar,
+/// Returns a bar, drawn on a terminal only, that disappears when it is dropped.
+fn bar(total: Option<u64>, template: &str, is_shown: bool) -> ProgressBar {
+    let style = ProgressStyle::with_template(template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(total, target(is_shown))
+        .with_style(style.with_key("left", show_eta).with_key("rest", show_rest))
+        .with_finish(ProgressFinish::AndClear)
 }
+
+/// Line on the work of a computation of unknown length, drawn on a terminal only.
+pub struct Spinner(ProgressBar);
 
 impl Spinner {
     /// Makes a line without text.
     #[must_use]
     pub fn new(is_shown: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(None, target(is_shown));
-        let style = ProgressStyle::with_template("{spinner} {msg}");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
-        Self { bar }
+        Self(bar(None, "{spinner} {msg}", is_shown))
     }
 
     /// Shows a text on the current work.
     pub fn show(&self, text: &str) {
-        self.bar.tick();
-        self.bar.set_message(printable(text).into_owned());
-    }
-}
-
-impl Drop for Spinner {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
+        self.0.tick();
+        self.0.set_message(printable(text).into_owned());
     }
 }
 
 /// Line on the progress of a scenario and the state of the run, drawn on a terminal only.
-pub struct ScenarioBar {
-    bar: ProgressBar,
-}
+pub struct ScenarioBar(ProgressBar);
 
 impl ScenarioBar {
     /// Makes a bar at zero.
     #[must_use]
     pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(
-            Some(micros(Duration::from_secs_f64(duration_seconds))),
-            target(is_shown),
-        );
-        let style = ProgressStyle::with_template("{bar:10} {percent:>3} %  {eta:>4} left  {msg}");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Self { bar }
+        let duration = micros(Duration::from_secs_f64(duration_seconds));
+        let template = "{bar:10} {percent:>3} %  {eta:>4} left  {msg}";
+        Self(bar(Some(duration), template, is_shown))
     }
 
     /// Shows the state of the run.
     pub fn show(&self, reading: &RunProgress) {
-        self.bar.set_position(micros(reading.time));
-        self.bar.set_message(state(reading));
+        self.0.set_position(micros(reading.time));
+        self.0.set_message(state(reading));
     }
 }
 
@@ -304,12 +309,6 @@ fn state_of_loop(one: &LoopProgress) -> String {
     text
 }
 
-impl Drop for ScenarioBar {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
-    }
-}
-
 /// Bar on the number of completed runs, drawn on a terminal only.
 pub struct RunsBar {
     bar: ProgressBar,
@@ -320,10 +319,8 @@ impl RunsBar {
     /// Makes a bar at zero; for an unknown total it only counts.
     #[must_use]
     pub fn new(total: Option<usize>, is_shown: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(total.map(|total| total as u64), target(is_shown));
-        let style = ProgressStyle::with_template("{bar:40} {pos} of {len} runs{left}");
-        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        bar.set_style(style.with_key("left", show_eta));
+        let total = total.map(|total| total as u64);
+        let bar = bar(total, "{bar:40} {pos} of {len} runs{left}", is_shown);
         Self { bar, before: 0 }
     }
 
@@ -356,47 +353,30 @@ fn eta_text(eta: Duration) -> String {
     }
 }
 
-impl Drop for RunsBar {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
-    }
-}
-
 /// Bar on the runs of a campaign on other machines: the number of completed runs, their pace, and the state of the parts. It is
 /// drawn on a terminal only.
-pub struct PartsBar {
-    bar: ProgressBar,
-}
+pub struct PartsBar(ProgressBar);
 
 impl PartsBar {
     /// Makes a bar for `runs` runs, of which `before` are completed.
     #[must_use]
     pub fn new(runs: usize, before: usize, is_shown: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(Some(runs as u64), target(is_shown));
-        let style = ProgressStyle::with_template(
-            "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}",
-        );
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        let template = "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}";
+        let bar = bar(Some(runs as u64), template, is_shown);
         bar.set_position(before as u64);
         bar.reset_eta();
-        Self { bar }
+        Self(bar)
     }
 
     /// Moves the bar to a number of runs, with a text on the parts.
     pub fn show(&self, done: usize, parts: &str) {
-        self.bar.set_position(done as u64);
-        self.bar.set_message(printable(parts).into_owned());
+        self.0.set_position(done as u64);
+        self.0.set_message(printable(parts).into_owned());
     }
 
     /// Prints a line above the bar.
     pub fn print(&self, text: &str) {
-        self.bar.suspend(|| print(text));
-    }
-}
-
-impl Drop for PartsBar {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
+        self.0.suspend(|| print(text));
     }
 }
 
@@ -404,8 +384,8 @@ impl Drop for PartsBar {
 /// if the work lasts longer than two seconds.
 pub struct WorkBar {
     passes: Arc<AtomicU64>,
-    ended: Option<mpsc::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    /// End of the channel by whose loss the thread ends; `None` if the bar is not drawn.
+    drawn: Option<(mpsc::Sender<()>, JoinHandle<()>)>,
 }
 
 impl WorkBar {
@@ -413,22 +393,16 @@ impl WorkBar {
     #[must_use]
     pub fn new(passes: u64, is_shown: bool) -> Self {
         let passes = Arc::new(AtomicU64::new(passes));
-        if !is_shown || !io::stderr().is_terminal() {
-            return Self {
-                passes,
-                ended: None,
-                thread: None,
-            };
-        }
-        let (ended, end) = mpsc::channel();
-        let before = parts_done();
-        let expected = Arc::clone(&passes);
-        let thread = thread::spawn(move || show_work(&expected, before, &end));
-        Self {
-            passes,
-            ended: Some(ended),
-            thread: Some(thread),
-        }
+        let is_shown = is_shown && io::stderr().is_terminal();
+        let drawn = is_shown.then(|| {
+            let (ended, end) = mpsc::channel();
+            let (expected, before) = (Arc::clone(&passes), parts_done());
+            (
+                ended,
+                thread::spawn(move || show_work(&expected, before, &end)),
+            )
+        });
+        Self { passes, drawn }
     }
 
     /// Sets the number of passes, which is known when the recordings have been read.
@@ -439,8 +413,8 @@ impl WorkBar {
 
 impl Drop for WorkBar {
     fn drop(&mut self) {
-        drop(self.ended.take());
-        if let Some(thread) = self.thread.take() {
+        if let Some((ended, thread)) = self.drawn.take() {
+            drop(ended);
             // A bar that panicked does not end the work.
             let _ = thread.join();
         }
@@ -454,21 +428,17 @@ fn show_work(passes: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
         return;
     }
     let parts = || passes.load(Ordering::Relaxed) * PARTS;
-    let bar = ProgressBar::with_draw_target(Some(parts()), ProgressDrawTarget::stderr())
-        .with_elapsed(PATIENCE);
-    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {left} left");
-    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.set_style(style.with_key("left", show_left));
+    let template = "{bar:40} {percent:>3} %  {rest} left";
+    let bar = bar(Some(parts()), template, true).with_elapsed(PATIENCE);
     while !is_over(WORK_PERIOD) {
         bar.set_length(parts());
         bar.set_position((parts_done() - before).min(parts()));
     }
-    bar.finish_and_clear();
 }
 
 /// Writes the remaining time if the rest takes as long as the completed work. Parts of the work differ, so the pace of the latest
 /// one says little.
-fn show_left(state: &ProgressState, output: &mut dyn fmt::Write) {
+fn show_rest(state: &ProgressState, output: &mut dyn fmt::Write) {
     let rest = state.len().unwrap_or(0).saturating_sub(state.pos());
     let left = state.elapsed().as_secs_f64() * rest as f64 / state.pos().max(1) as f64;
     let left = Duration::try_from_secs_f64(left).unwrap_or(Duration::MAX);

@@ -6,6 +6,7 @@ use judge::verdict::Outcome;
 
 /// End of a command, from best to worst in the order that decides between several scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[must_use = "it is the exit code of the program"]
 pub enum Exit {
     /// Everything passed.
     Pass,

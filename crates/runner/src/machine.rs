@@ -4,6 +4,7 @@ use std::time::Duration;
 use std::{env, fs};
 
 use platform::clock::Clock;
+use platform::scheduling::{self, Refused};
 
 /// File in which the kernel reports the resources of the process.
 const STATUS: &str = "/proc/self/status";
@@ -25,6 +26,13 @@ pub fn name() -> String {
     } else {
         named
     }
+}
+
+/// Returns the reason why nodes will run without real-time priority. It is found out on a thread that ends at once, so no other
+/// code runs with the priority.
+pub fn refused_priority() -> Option<Refused> {
+    let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
+    asked.ok().and_then(Result::err)
 }
 
 /// Measures the time since its start.

@@ -5,7 +5,7 @@ use std::path::Path;
 use scenario::Scenario;
 use scenario::rig::nodes::Rig;
 
-use crate::console::print_diagnostic;
+use crate::console::invalid;
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::recorded::{read_played, refuse};
@@ -22,10 +22,6 @@ pub fn named_plan(path: &Path) -> Result<Plan, Exit> {
         let played = read_played(path, catalogue()).map_err(refuse)?;
         return Ok(played.0);
     }
-    let invalid = |error| {
-        print_diagnostic(error);
-        Exit::CannotStart
-    };
     // A path that cannot be read may be the name of a scenario that ships.
     let Ok(text) = rig_text(path) else {
         return load(path, &ValueArgs::default());

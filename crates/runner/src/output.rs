@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use crate::console::{print, print_error};
+use crate::console::{failed, print};
 use crate::exit::Exit;
 use recording::run_folder::{write_output, write_whole};
 
@@ -23,8 +23,10 @@ pub(crate) fn write_with(
 
 fn refuse(place: &Path, error: &io::Error) -> Exit {
     let place = place.display();
-    print_error(&format!("canrig: `{place}` cannot be written: {error}"));
-    Exit::BenchFailed
+    failed(
+        Exit::BenchFailed,
+        format!("`{place}` cannot be written: {error}"),
+    )
 }
 
 /// Writes a page at the user's place, and prints the place.
@@ -32,18 +34,15 @@ fn refuse(place: &Path, error: &io::Error) -> Exit {
 /// # Errors
 /// The page cannot be written; holds the exit code for that.
 pub fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
-    let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
-    printed(place, write_output(place, write))
+    write(place, text.as_bytes())?;
+    print(&place.display().to_string());
+    Ok(())
 }
 
 /// Replaces the page of a run folder, and prints the place.
 pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Exit> {
-    let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
-    printed(place, write_whole(place, write))
-}
-
-fn printed(place: &Path, written: io::Result<()>) -> Result<(), Exit> {
-    written.map_err(|error| refuse(place, &error))?;
+    write_whole(place, |output| output.write_all(text.as_bytes()))
+        .map_err(|error| refuse(place, &error))?;
     print(&place.display().to_string());
     Ok(())
 }

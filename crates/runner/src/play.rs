@@ -8,7 +8,7 @@ use clap::Args;
 use scenario::Override;
 use scenario::rig::shipped;
 
-use crate::console::start_error;
+use crate::console::failed;
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
@@ -210,7 +210,7 @@ pub(crate) trait Testbed {
 pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Listener) -> Exit {
     let paths = match scenario_files(&args.scenarios, is_scenario) {
         Ok(paths) => paths,
-        Err(error) => return start_error(&error),
+        Err(error) => return failed(Exit::CannotStart, error),
     };
     let (mut viewers, refused) = args.viewer.open();
     report_all(listener, refused);
@@ -263,22 +263,16 @@ pub(crate) fn prepared(
 /// # Errors
 /// The nodes that are external by their rig file.
 pub(crate) fn in_virtual_time(plan: Plan, external: &[String]) -> Result<Plan, String> {
-    refuse_external(&plan)?;
+    let names = plan.expected_names();
+    if !names.is_empty() {
+        return Err(format!(
+            "external: {}: an external node keeps its own time; play on its bus, as in `canrig run SCENARIO --bus can0`, or in virtual time on a rig without a real drive",
+            names.join(", ")
+        ));
+    }
     let plan = plan.with_external(external)?;
     plan.loops.iter().try_for_each(ControlLoop::admits_faults)?;
     Ok(plan)
-}
-
-fn refuse_external(plan: &Plan) -> Result<(), String> {
-    let external = plan.expected_names();
-    if external.is_empty() {
-        Ok(())
-    } else {
-        Err(format!(
-            "external: {}: an external node keeps its own time; play on its bus, as in `canrig run SCENARIO --bus can0`, or in virtual time on a rig without a real drive",
-            external.join(", ")
-        ))
-    }
 }
 
 /// Current play, with its listener.

@@ -10,33 +10,35 @@ use jiff::Timestamp;
 use platform::clock::Clock;
 use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use scenario::Override;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::machine;
-use crate::recorded::RecordedError;
+use crate::recorded::{RecordedError, unreadable};
 
 /// Largest file that is read: a command line is shorter.
 const BYTES_MAX: u64 = 4 << 20;
 
 /// Record of a scenario's play.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct PlayRecord {
     /// Begin of the play; for a sweep that was interrupted or merged, the time of its last continuation.
+    #[serde(serialize_with = "as_text", deserialize_with = "from_text")]
     pub at: Timestamp,
     /// Name of the machine; `None` if an older canrig played it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub host: Option<String>,
     /// Values of `--set`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub set: Vec<String>,
 }
 
-/// Form of the record in the file.
-#[derive(Deserialize, Serialize)]
-struct Written {
-    at: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    host: Option<String>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    set: Vec<String>,
+fn as_text<S: Serializer>(time: &Timestamp, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(time)
+}
+
+fn from_text<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Timestamp, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    text.parse().map_err(serde::de::Error::custom)
 }
 
 impl PlayRecord {
@@ -75,12 +77,7 @@ impl PlayRecord {
     /// # Panics
     /// Never: the record is plain data.
     pub fn write(&self, folder: &RunFolder) -> Result<(), WriteError> {
-        let written = Written {
-            at: self.at.to_string(),
-            host: self.host.clone(),
-            set: self.set.clone(),
-        };
-        let text = serde_json::to_string_pretty(&written).expect("plain data");
+        let text = serde_json::to_string_pretty(self).expect("plain data");
         folder.write(file::PLAYED, format!("{text}\n").as_bytes())
     }
 
@@ -89,22 +86,15 @@ impl PlayRecord {
     /// # Errors
     /// The file cannot be read, or is damaged.
     pub fn read(folder: &Path) -> Result<Option<Self>, RecordedError> {
-        let damaged =
-            |reason: &dyn std::error::Error| io::Error::other(format!("it is damaged: {reason}"));
-        let read = || -> io::Result<Self> {
+        let read = || {
             let text = scenario::read_text(&file_in(folder, file::PLAYED)?, BYTES_MAX)?;
-            let Written { at, host, set } =
-                serde_json::from_str(&text).map_err(|error| damaged(&error))?;
-            let at = at.parse().map_err(|error: jiff::Error| damaged(&error))?;
-            Ok(Self { at, host, set })
+            serde_json::from_str(&text)
+                .map_err(|error| io::Error::other(format!("it is damaged: {error}")))
         };
         match read() {
             Ok(record) => Ok(Some(record)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(RecordedError::Read {
-                path: folder.join(file::PLAYED),
-                source,
-            }),
+            Err(error) => Err(unreadable(folder.join(file::PLAYED))(error)),
         }
     }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use scenario::ScenarioError;
 
-use crate::console::{print_diagnostic, print_error};
+use crate::console::{failed, invalid, print_error};
 use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, expected_timing, judge_timing};
@@ -18,7 +18,6 @@ use plan::catalogue::Catalogue;
 use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
-use recording::log::Unread;
 use recording::run_folder::{file, file_in, log_in};
 use recording::session::{FileError, ReadError, read_plan};
 use recording::sources::Sent;
@@ -155,15 +154,11 @@ impl Recorded {
         if is_folder && played.is_none() {
             require_run(path)?;
         }
-        let folder = if is_folder {
-            path
+        let (folder, log_path) = if is_folder {
+            (path, require_inside(path, log_in(path))?)
         } else {
-            path.parent().unwrap_or(Path::new("."))
-        };
-        let log_path = if is_folder {
-            require_inside(path, log_in(path))?
-        } else {
-            path.to_owned()
+            let folder = path.parent().unwrap_or(Path::new("."));
+            (folder, path.to_owned())
         };
         if played.is_none() && !is_folder && !folder.join(file::SCENARIO).exists() {
             return Err(RecordedError::NoScenario {
@@ -185,22 +180,11 @@ impl Recorded {
                 broken: log.unread.broken,
             });
         }
-        let stalls = if is_folder {
-            read_stalls(folder).map_err(|source| RecordedError::Read {
-                path: folder.join(file::STALLS),
-                source,
-            })?
-        } else {
-            Vec::new()
-        };
-        let sent = if is_folder {
-            Sent::read(folder).map_err(|source| RecordedError::Read {
-                path: folder.join(file::SENT),
-                source,
-            })?
-        } else {
-            Sent::default()
-        };
+        let (mut stalls, mut sent) = (Vec::new(), Sent::default());
+        if is_folder {
+            stalls = read_stalls(folder).map_err(unreadable(folder.join(file::STALLS)))?;
+            sent = Sent::read(folder).map_err(unreadable(folder.join(file::SENT)))?;
+        }
         Ok(Self {
             path: path.to_owned(),
             plan,
@@ -337,28 +321,27 @@ pub fn read_played(
 
 /// Returns the path of a file in a folder that may come from elsewhere.
 fn require_inside(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
-    file_in(folder, name).map_err(|source| RecordedError::Read {
-        path: folder.join(name),
-        source,
-    })
+    file_in(folder, name).map_err(unreadable(folder.join(name)))
+}
+
+/// Returns the conversion of an error of the system on reading a file.
+pub(crate) fn unreadable(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> RecordedError {
+    let path = path.into();
+    move |source| RecordedError::Read { path, source }
 }
 
 /// Returns whether a path that exists is a folder.
 fn is_folder(path: &Path) -> Result<bool, RecordedError> {
-    let metadata = path.metadata().map_err(|source| RecordedError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let metadata = path.metadata().map_err(unreadable(path))?;
     Ok(metadata.is_dir())
 }
 
 /// Prints the reason why a recording cannot be used, and returns the exit code for it.
 pub fn refuse(error: RecordedError) -> Exit {
     match error {
-        RecordedError::Scenario(error) => print_diagnostic(*error),
-        error => print_error(&format!("canrig: {error}")),
+        RecordedError::Scenario(error) => invalid(*error),
+        error => failed(Exit::CannotStart, error),
     }
-    Exit::CannotStart
 }
 
 /// Refuses a path that is not a run folder.
@@ -425,19 +408,11 @@ fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, RecordedError>
     match Log::read(path) {
         // The run was killed before there was a log.
         Err(error) if error.kind() == io::ErrorKind::NotFound && is_incomplete => {
-            let unread = Unread {
-                broken: Some("there is none".to_owned()),
-                ..Unread::default()
-            };
-            Ok(Log {
-                unread,
-                ..Log::default()
-            })
+            let mut log = Log::default();
+            log.unread.broken = Some("there is none".to_owned());
+            Ok(log)
         }
-        read => read.map_err(|source| RecordedError::Read {
-            path: path.to_owned(),
-            source,
-        }),
+        read => read.map_err(unreadable(path)),
     }
 }
 
@@ -454,9 +429,6 @@ fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
             .map_err(|error| damaged(&error)),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) if error.kind() == io::ErrorKind::InvalidData => Err(damaged(&error)),
-        Err(source) => Err(RecordedError::Read {
-            path: path.to_owned(),
-            source,
-        }),
+        Err(error) => Err(unreadable(path)(error)),
     }
 }

@@ -48,24 +48,18 @@ pub struct RunPlace<'a> {
 /// Reason why a run left no verdict.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// A file of the run cannot be made or written.
+    /// A report cannot be made or written.
     #[error(transparent)]
     Report(#[from] ReportError),
+    /// A file of the run cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// The database lacks a signal.
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
     /// The program that played the run is unknown.
     #[error(transparent)]
     NoIdentity(#[from] NoIdentity),
-}
-
-impl From<WriteError> for RunError {
-    fn from(error: WriteError) -> Self {
-        Self::Report(error.into())
-    }
-}
-
-impl From<SignalMissing> for RunError {
-    fn from(error: SignalMissing) -> Self {
-        Self::Report(error.into())
-    }
 }
 
 /// Result of a run.
@@ -115,7 +109,9 @@ pub fn run(
         judge::judge_timing(&mut verdict, timing, expected_timing(plan), &host.stalls);
     }
     if is_long {
-        write_signals(&folder, &timelines)?;
+        folder.write_with(file::LONG_SIGNALS, |output| {
+            parquet::write_signals(output, &timelines).map_err(io::Error::other)
+        })?;
     }
     let played = record.place();
     let run = Run {
@@ -147,12 +143,6 @@ pub fn run(
 pub(crate) fn passes_to_files(played: &Played, loops: usize) -> u64 {
     let passes_of_loop = if played.host.is_some() { 3 } else { 2 };
     3 + passes_of_loop * loops as u64
-}
-
-fn write_signals(folder: &RunFolder, timelines: &[Timeline]) -> Result<(), WriteError> {
-    folder.write_with(file::LONG_SIGNALS, |output| {
-        parquet::write_signals(output, timelines).map_err(io::Error::other)
-    })
 }
 
 /// Makes the folder of a run with its input and a verdict "incomplete", which a reader finds if the run breaks off.

@@ -12,7 +12,7 @@ use scenario::rig::nodes::{Rig, controller_in};
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
 use scenario::{Beside, ScenarioError, read_text};
 
-use crate::console::print_diagnostic;
+use crate::console::invalid;
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::shipped::{self, ShippedFile};
@@ -73,12 +73,9 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
-        let help = match meant {
-            Some(meant) => {
-                format!("did you mean `{meant}`? `canrig examples` lists those that ship")
-            }
-            None => "`canrig examples` lists those that ship".to_owned(),
-        };
+        let meant = meant.map(|meant| format!("did you mean `{meant}`? "));
+        let meant = meant.unwrap_or_default();
+        let help = format!("{meant}`canrig examples` lists those that ship");
         let path = path.to_owned();
         return Err(NoScenario::Unknown { path, help });
     }
@@ -179,10 +176,7 @@ fn is_bare_name(path: &Path) -> bool {
 /// # Errors
 /// The exit code for the error.
 pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Exit> {
-    read(path, values).map_err(|error| {
-        print_diagnostic(error);
-        Exit::CannotStart
-    })
+    read(path, values).map_err(invalid)
 }
 
 /// Returns whether a file is a scenario and not a rig file; both may be in one folder.

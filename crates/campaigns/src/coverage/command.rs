@@ -36,7 +36,6 @@ pub struct CoverageArgs {
 }
 
 /// Shows the matrix. The exit code says whether every requirement was tested and met.
-#[must_use]
 pub fn coverage(args: &CoverageArgs) -> Exit {
     let requirements = match gather(args) {
         Ok(requirements) => requirements,

@@ -85,7 +85,6 @@ pub struct SubmitArgs {
 }
 
 /// Runs the command.
-#[must_use]
 pub fn submit(args: &SubmitArgs) -> Exit {
     run(&args.scenario, &args.values, |plan| submitted(args, plan))
 }

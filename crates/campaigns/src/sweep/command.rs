@@ -45,7 +45,6 @@ pub struct SweepArgs {
 }
 
 /// Runs the command.
-#[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
     run(&args.scenario, &args.values, |plan| play(args, plan))
 }

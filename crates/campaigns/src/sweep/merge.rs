@@ -37,7 +37,6 @@ pub struct MergeArgs {
 }
 
 /// Runs the command.
-#[must_use]
 pub fn merge(args: &MergeArgs) -> Exit {
     let [first, ..] = args.shards.as_slice() else {
         return Exit::Usage;
@@ -258,7 +257,7 @@ mod tests {
         ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
-        merge_parts(&parts, cases, plan, &output, Shown::All).unwrap();
+        let _ = merge_parts(&parts, cases, plan, &output, Shown::All).unwrap();
         let entries = std::fs::read_dir(&output)
             .unwrap()
             .map(|entry| entry.unwrap().path());

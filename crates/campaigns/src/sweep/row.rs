@@ -38,7 +38,6 @@ impl Ended {
     }
 
     /// Returns the exit code of a sweep whose worst case ends like this.
-    #[must_use]
     pub fn exit(self) -> Exit {
         match self {
             Self::Pass => Exit::Pass,

@@ -64,7 +64,6 @@ pub struct TortureArgs {
 }
 
 /// Draws and plays the mixes, and prints the invariants that broke.
-#[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
     run(&args.scenario, &ValueArgs::default(), |plan| {
         play(args, plan)

@@ -117,7 +117,6 @@ impl FromStr for KnownChoice {
 }
 
 /// Executes the command.
-#[must_use]
 pub fn identify(args: &IdentifyArgs) -> Exit {
     match run(args) {
         Ok(exit) => exit,

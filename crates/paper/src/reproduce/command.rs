@@ -52,7 +52,6 @@ pub struct ReproduceArgs {
 }
 
 /// Executes the command.
-#[must_use]
 pub fn reproduce(args: &ReproduceArgs) -> Exit {
     let effort = if args.reduced {
         Effort::Reduced

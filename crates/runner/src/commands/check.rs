@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use scenario::rig::nodes::Rig;
 
-use crate::console::{print, print_diagnostic, print_text, start_error};
+use crate::console::{failed, invalid, print, print_text};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, rig_text, scenario_files};
@@ -25,63 +25,41 @@ pub struct CheckArgs {
 }
 
 /// Checks the files and prints for each whether it is valid.
-#[must_use]
 pub fn check(args: &CheckArgs) -> Exit {
     let paths = match scenario_files(&args.scenarios, |_| true) {
         Ok(paths) => paths,
-        Err(error) => return start_error(&error),
+        Err(error) => return failed(Exit::CannotStart, error),
     };
     let mut worst = Exit::Pass;
     for path in paths {
         match checked(&path, &args.values) {
-            Ok(Valid { name, notes, bus }) => {
-                print(&format!("{}: valid ({name})", path.display()));
-                notes
-                    .iter()
-                    .for_each(|note| print(&format!("note: {note}")));
-                bus.iter().for_each(|bus| print_text(&arithmetic(bus)));
-            }
-            Err(error) => {
-                print_diagnostic(error);
-                worst = worst.max(Exit::CannotStart);
-            }
+            Ok(()) => {}
+            Err(error) => worst = worst.max(invalid(error)),
         }
     }
     worst
 }
 
-/// Valid scenario or rig file.
-struct Valid {
-    name: String,
-    /// Remarks on a rig file: allowed entries that may be mistakes.
-    notes: Vec<String>,
-    /// Traffic of a rig file's nodes.
-    bus: Option<BusBudget>,
-}
-
-fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
+/// Checks a file, and prints what there is to say of a valid one.
+fn checked(path: &Path, values: &ValueArgs) -> miette::Result<()> {
+    let print_valid = |name: String| print(&format!("{}: valid ({name})", path.display()));
     let text = rig_text(path).unwrap_or_default();
     if Rig::is_meant(&text) {
         let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
-        let name = format!("rig: {}", rig.name);
-        return Ok(Valid {
-            name,
-            notes: rig.notes(),
-            bus: Some(bus),
-        });
+        print_valid(format!("rig: {}", rig.name));
+        for note in rig.notes() {
+            print(&format!("note: {note}"));
+        }
+        print_text(&arithmetic(&bus));
+        return Ok(());
     }
     let plan = read(path, values)?;
     let Shared { run, sweep, .. } = &plan.shared;
-    let name = &run.name;
-    let name = match sweep {
-        Some(sweep) => format!("{name}, {} runs in a sweep", sweep.runs()),
-        None => name.clone(),
-    };
-    Ok(Valid {
-        name,
-        notes: Vec::new(),
-        bus: None,
-    })
+    print_valid(match sweep {
+        Some(sweep) => format!("{}, {} runs in a sweep", run.name, sweep.runs()),
+        None => run.name.clone(),
+    });
+    Ok(())
 }
 
 /// Describes the traffic in a cycle, and whether it fits.

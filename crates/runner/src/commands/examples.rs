@@ -7,7 +7,7 @@ use clap::Args;
 use scenario::schema::{json_schema, rig_json_schema};
 use toml::Table;
 
-use crate::console::{print, print_bytes, print_error, usage_error};
+use crate::console::{failed, print, print_bytes};
 use crate::exit::Exit;
 use crate::shipped::{ShippedFile, file, files, meant};
 use recording::run_folder::write_new;
@@ -24,13 +24,12 @@ pub struct ExamplesArgs {
 }
 
 /// Lists, shows or copies the files.
-#[must_use]
 pub fn examples(args: &ExamplesArgs) -> Exit {
     let chosen: Result<Vec<ShippedFile>, String> =
         args.names.iter().map(|name| named(name)).collect();
     let chosen = match chosen {
         Ok(chosen) => chosen,
-        Err(reason) => return usage_error(&reason),
+        Err(reason) => return failed(Exit::Usage, reason),
     };
     match (&args.to, chosen.as_slice()) {
         (Some(folder), []) => copied(folder, &files().collect::<Vec<_>>()),
@@ -91,8 +90,10 @@ fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
                 }
                 _ => error.to_string(),
             };
-            print_error(&format!("canrig: `{path}` cannot be written: {why}"));
-            Exit::BenchFailed
+            failed(
+                Exit::BenchFailed,
+                format!("`{path}` cannot be written: {why}"),
+            )
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
-use crate::console::{WorkBar, print_error, print_with, usage_error};
+use crate::console::{WorkBar, failed, print_error, print_with};
 use crate::exit::Exit;
 use crate::output::write_with;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -66,10 +66,9 @@ impl Format {
 }
 
 /// Writes the recording.
-#[must_use]
 pub fn export(args: &ExportArgs) -> Exit {
     if args.message.is_some() && args.format != Format::Frames {
-        return usage_error("--message needs --format frames");
+        return failed(Exit::Usage, "--message needs --format frames");
     }
     let bar = WorkBar::new(args.format.passes(), is_silent(args));
     let recorded = match Recorded::load(&args.recording, None, catalogue()) {

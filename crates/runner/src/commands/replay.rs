@@ -55,7 +55,6 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 /// Judges a recording again; the exit code is that of the verdict.
-#[must_use]
 pub fn replay(args: &ReplayArgs) -> Exit {
     let bar = WorkBar::new(PASSES, true);
     let judged = judged(args, &bar);

@@ -31,7 +31,6 @@ pub struct ReportArgs {
 }
 
 /// Makes the page of each run, and one of all of them at the place of `--output`.
-#[must_use]
 pub fn report(args: &ReportArgs) -> Exit {
     let folders = opened(&args.runs);
     let paths = runs_among(&folders);

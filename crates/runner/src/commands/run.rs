@@ -6,13 +6,13 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 use platform::bus::BusAddress;
 use platform::claim::Claim;
-use platform::scheduling;
 use scenario::fault::{Faults, Group};
 use scenario::node::Part;
 
-use crate::console::{print_error, start_error, usage_error};
+use crate::console::failed;
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
+use crate::machine::refused_priority;
 use crate::observer::observed;
 use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all, prepared};
 use crate::scenarios::{is_scenario, scenario_files};
@@ -65,7 +65,6 @@ pub enum ClockChoice {
 }
 
 /// Plays the scenarios, or makes the pre-flight alone; returns the worst exit of all.
-#[must_use]
 pub fn run(args: &RunArgs) -> Exit {
     let listener = args.play.listener();
     let testbed = match RunTestbed::resolve(args, &*listener) {
@@ -97,10 +96,7 @@ impl<'a> RunTestbed<'a> {
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
         let bus = choose_bus(&args.bus, args.require_vcan);
         let placed = bus.and_then(|bus| claim(&bus).map(|claim| (bus, claim)));
-        let (bus, claim) = placed.map_err(|error| {
-            print_error(&format!("canrig: {error}"));
-            Exit::BenchFailed
-        })?;
+        let (bus, claim) = placed.map_err(|error| failed(Exit::BenchFailed, error))?;
         Ok(Self {
             bus,
             _claim: claim,
@@ -199,10 +195,10 @@ impl<'a> RunTestbed<'a> {
     fn dry_run(&self, args: &RunArgs) -> Exit {
         let paths = match scenario_files(&args.play.scenarios, is_scenario) {
             Ok(paths) => paths,
-            Err(error) => return start_error(&error),
+            Err(error) => return failed(Exit::CannotStart, error),
         };
         let Some(path) = paths.first() else {
-            return usage_error("no scenario is named");
+            return failed(Exit::Usage, "no scenario is named");
         };
         let plan = match prepared(path, &args.play.values, self, self.listener) {
             Ok(plan) => plan,
@@ -210,7 +206,7 @@ impl<'a> RunTestbed<'a> {
         };
         let has_drive = |one: &ControlLoop| one.is_external(Part::Drive);
         if !plan.loops.iter().any(has_drive) {
-            return usage_error(NOTHING_TO_CHECK);
+            return failed(Exit::Usage, NOTHING_TO_CHECK);
         }
         let watch = Watch::default();
         let made = || {
@@ -221,18 +217,9 @@ impl<'a> RunTestbed<'a> {
         match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
             Ok(End::Interrupted) => Exit::Interrupted,
-            Ok(End::ByNode(end)) => {
-                print_error(&format!("canrig: {end}"));
-                Exit::VerdictFailed
-            }
-            Err(error) => {
-                print_error(&format!("canrig: {error}"));
-                if error.is_before_start() {
-                    Exit::CannotStart
-                } else {
-                    Exit::BenchFailed
-                }
-            }
+            Ok(End::ByNode(end)) => failed(Exit::VerdictFailed, end),
+            Err(error) if error.is_before_start() => failed(Exit::CannotStart, error),
+            Err(error) => failed(Exit::BenchFailed, error),
         }
     }
 }
@@ -299,13 +286,4 @@ fn admits(faults: &Faults, bus: &RunBus, clock: ClockChoice) -> Result<(), Strin
     Err(format!(
         "{heading} is possible on the modelled bus only: use `canrig simulate`, or `canrig run --clock lockstep --bus embedded`"
     ))
-}
-
-/// Returns the reason why the nodes will run without real-time priority. It is found out on a thread that ends at once.
-fn refused_priority() -> Option<String> {
-    let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
-    asked
-        .ok()
-        .and_then(Result::err)
-        .map(|refused| refused.to_string())
 }

@@ -118,7 +118,6 @@ fn limit_text(limit: f64) -> String {
 }
 
 /// Lists the signals.
-#[must_use]
 pub fn signals(args: &SignalsArgs) -> Exit {
     let plan = args.source.as_deref().map(load_plan).transpose();
     match plan {

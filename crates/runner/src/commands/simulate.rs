@@ -29,7 +29,6 @@ pub struct SimulateArgs {
 }
 
 /// Plays the scenarios and returns the worst exit of all.
-#[must_use]
 pub fn simulate(args: &SimulateArgs) -> Exit {
     let listener = args.play.listener();
     let where_and_when = "bus: modelled · clock: lock-step, in one process";

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::page::{self, Compared, ComparedRun, LETTERS};
-use crate::console::{WorkBar, print, print_error, print_text};
+use crate::console::{WorkBar, failed, print, print_text};
 use crate::exit::Exit;
 use crate::output::{link, write};
 use crate::play_record::PlayRecord;
@@ -58,7 +58,6 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 }
 
 /// Compares two recordings; the exit code is 0 if they agree, 1 if they diverge.
-#[must_use]
 pub fn compare(args: &CompareArgs) -> Exit {
     let bar = WorkBar::new(2 * PASSES + SIGNAL_PASSES, true);
     let compared = compared(args, &bar);
@@ -106,10 +105,8 @@ impl CompareError {
         match self {
             Self::Recorded(error) => refuse(error),
             Self::NoSuchName(name) => {
-                print_error(&format!(
-                    "canrig: --tolerance: no signal, metric or unit is called `{name}`"
-                ));
-                Exit::Usage
+                let error = format!("--tolerance: no signal, metric or unit is called `{name}`");
+                failed(Exit::Usage, error)
             }
         }
     }
