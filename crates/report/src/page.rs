@@ -91,19 +91,18 @@ pub fn sentence(remark: &str) -> String {
         .split_once(": ")
         .is_some_and(|(name, _)| !name.contains(' '));
     let mut letters = remark.chars();
-    let first = letters.next().map(|first| {
-        if names_node {
-            first.to_string()
-        } else {
-            first.to_uppercase().to_string()
-        }
-    });
+    let first = letters.next().map(String::from).unwrap_or_default();
+    let first = if names_node {
+        first
+    } else {
+        first.to_uppercase()
+    };
     let end = if remark.ends_with(['.', '!', '?']) {
         ""
     } else {
         "."
     };
-    first.into_iter().collect::<String>() + letters.as_str() + end
+    first + letters.as_str() + end
 }
 
 /// Returns the identity of what was played, as part of a list of facts.

@@ -19,10 +19,15 @@ pub fn verdict(verdict: &Verdict) -> Text {
 /// Returns a verdict in one line.
 #[must_use]
 pub fn line(verdict: &Verdict) -> String {
-    let remark = verdict
-        .remark()
-        .map_or_else(String::new, |remark| format!(": {remark}"));
-    format!("{}: {}{remark}", verdict.scenario, verdict.outcome.word())
+    let outcome = outcome_text(verdict.outcome, verdict.remark());
+    format!("{}: {outcome}", verdict.scenario)
+}
+
+fn outcome_text(outcome: Outcome, remark: Option<String>) -> String {
+    match remark {
+        Some(remark) => format!("{}: {remark}", outcome.word()),
+        None => outcome.word().to_owned(),
+    }
 }
 
 fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
@@ -37,8 +42,7 @@ fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
     if let Some(timing) = &verdict.timing {
         add_timing(&mut text, timing);
     }
-    let remark = remark.map_or_else(String::new, |remark| format!(": {remark}"));
-    text.line(format!("{}{remark}", verdict.outcome.word()));
+    text.line(outcome_text(verdict.outcome, remark));
     text
 }
 
@@ -69,17 +73,14 @@ pub fn run(verdict: &Verdict, folder: &Path) -> Text {
 pub fn summary(verdicts: &[Verdict]) -> Text {
     let mut table = Table::new(["scenario", "limits", "result"]);
     for verdict in verdicts {
-        let limited = verdict
-            .metrics
-            .iter()
-            .filter(|metric| metric.limit.is_some());
-        let passed = limited
-            .clone()
-            .filter(|metric| metric.passed == Some(true))
+        let metrics = || verdict.metrics.iter();
+        let limited = metrics().filter(|metric| metric.limit.is_some()).count();
+        let passed = metrics()
+            .filter(|metric| metric.limit.is_some() && metric.passed == Some(true))
             .count();
         table.add([
             Cell::new(&verdict.scenario),
-            Cell::new(format!("{passed} of {} met", limited.count())),
+            Cell::new(format!("{passed} of {limited} met")),
             outcome(verdict.outcome),
         ]);
     }

@@ -16,8 +16,8 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         shared.run.bus.bitrate_kilobits_per_second,
     );
     let loops = run.plan.loops.iter();
-    let timings = loops.map(|one| BusTiming::new(run.frames, end, bitrate, one));
-    let timings = timings.collect::<Result<Vec<_>, _>>()?;
+    let read = loops.map(|one| BusTiming::new(run.frames, end, bitrate, one));
+    let timings = read.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;

@@ -72,11 +72,9 @@ fn metrics(run: &Run<'_>) -> Markup {
     if verdict.metrics.is_empty() {
         return html! { p.soft { "Nothing was judged." } };
     }
-    let prefixes = run
-        .loops()
-        .filter(|one| one.control_loop.loop_name().is_some());
-    let prefixes =
-        Vec::from_iter(prefixes.map(|one| (one.control_loop.name(), one.control_loop.prefix())));
+    let loops = run.plan.loops.iter();
+    let named = loops.filter(|one| one.loop_name().is_some());
+    let prefixes = Vec::from_iter(named.map(|one| (one.name(), one.prefix())));
     let is_in_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
     let shared = verdict.metrics.iter().filter(|metric| {
         !prefixes
@@ -148,9 +146,15 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
 
 /// Returns the law of all loops, or that of each.
 fn laws(run: &Run<'_>) -> String {
-    let laws = run.loops().filter_map(|one| Some((one, law_name(&one)?)));
-    let laws = Vec::from_iter(laws);
-    let text = |(one, law): &(RunLoop<'_>, &str)| match one.control_loop.loop_name() {
+    // The law of another loop may lead a loop's drive.
+    let leading = run
+        .plan
+        .loops
+        .iter()
+        .filter(|one| one.trial.wiring.led_by.is_none());
+    let laws =
+        Vec::from_iter(leading.map(|one| (one.loop_name(), one.trial.controller.law_name())));
+    let text = |(name, law): &(Option<&str>, &str)| match name {
         Some(name) => format!("{law} ({name})"),
         None => (*law).to_owned(),
     };
@@ -162,28 +166,17 @@ fn laws(run: &Run<'_>) -> String {
     }
 }
 
-/// Returns the law of a loop; `None` if the law of another loop leads its drive.
-fn law_name<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
-    let scenario = &run.control_loop.trial;
-    let is_led = scenario.wiring.led_by.is_some();
-    (!is_led).then(|| scenario.controller.law_name())
-}
-
 /// Returns how much of the scenario was recorded.
 fn recorded(run: &Run<'_>) -> String {
     let ends = run.timelines.iter().map(Timeline::end_seconds);
-    let reached = ends.fold(0.0, f64::max);
+    let reached = terminal::rounded(ends.fold(0.0, f64::max));
     let planned = run.plan.shared.run.duration_seconds;
-    let reached = terminal::rounded(reached);
     format!("{reached} s of {planned} s")
 }
 
 /// Returns the cause, unless the verdict's reason contains it.
 fn cause_besides(verdict: &Verdict) -> Option<&str> {
-    let description = verdict
-        .cause
-        .as_ref()
-        .map(|cause| cause.description.as_str())?;
+    let description = verdict.cause.as_ref()?.description.as_str();
     let reason = verdict.reason.as_deref().unwrap_or_default();
     (!reason.contains(description)).then_some(description)
 }
@@ -227,10 +220,8 @@ fn missed(verdict: &Verdict) -> Option<String> {
 /// Returns a remark on the values without a limit, which the verdict does not cover; `None` if no value has a limit, which
 /// another remark says.
 fn without_limit(verdict: &Verdict) -> Option<String> {
-    let free = verdict
-        .metrics
-        .iter()
-        .filter(|metric| metric.limit.is_none());
+    let metrics = verdict.metrics.iter();
+    let free = metrics.filter(|metric| metric.limit.is_none());
     let free = Vec::from_iter(free.map(|metric| metric.name.as_str()));
     let says_something = !free.is_empty() && free.len() < verdict.metrics.len();
     says_something.then(|| format!("Without a limit: {}.", free.join(", ")))

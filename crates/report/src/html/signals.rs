@@ -89,7 +89,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
         plot.patches.extend(disturbances(&run.control_loop.trial));
         plot.patches.extend(faults(run.control_loop));
     }
-    let patches_text = patches_text(run.control_loop);
+    let text = patches_text(run.control_loop);
     html! {
         (super::heading(run, &timeline.measurand.title()))
         div.plots { (in_time[0].render()) }
@@ -98,7 +98,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        @if !patches_text.is_empty() { p.soft { (patches_text) } }
+        @if !text.is_empty() { p.soft { (text) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
@@ -118,8 +118,8 @@ fn patches_text(control_loop: &ControlLoop) -> String {
         ),
         (self::faults(control_loop).is_empty(), faults),
     ];
-    let sentences = sentences.iter().filter(|(is_absent, _)| !is_absent);
-    Vec::from_iter(sentences.map(|(_, sentence)| *sentence)).join(" ")
+    let said = sentences.iter().filter(|(is_absent, _)| !is_absent);
+    Vec::from_iter(said.map(|(_, sentence)| *sentence)).join(" ")
 }
 
 /// Plots a signal of a plant or a custom law by itself.
