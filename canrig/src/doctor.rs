@@ -97,29 +97,29 @@ fn exit(sections: &[Section], is_strict: bool) -> Exit {
 
 /// Makes every check. It locks memory and makes buses for a moment.
 fn examine() -> Vec<Section> {
-    let needed = |heading, checks| Section {
+    let section = |is_needed, heading, checks| Section {
         heading,
-        is_needed: true,
+        is_needed,
         checks,
     };
-    let optional = |heading, checks| Section {
-        is_needed: false,
-        ..needed(heading, checks)
-    };
     vec![
-        needed(
+        section(
+            true,
             "needed, to build canrig and to play scenarios",
             vec![rust(), c_compiler(), embedded_bus(), run_folder()],
         ),
-        optional(
+        section(
+            false,
             "optional, for a CAN bus of the kernel: --bus vcan0, --bus private, --bus can0 with real hardware",
             vec![kernel_can(), private_bus()],
         ),
-        optional(
+        section(
+            false,
             "optional, for limits on latencies in real time: [expect.timing]",
             vec![fifo(), memory(), clock_source(), governor(), isolation()],
         ),
-        optional(
+        section(
+            false,
             "optional, to watch runs and recordings: --viewer",
             vec![viewer()],
         ),
@@ -164,9 +164,9 @@ fn is_at_least(version: &str, least: &str) -> bool {
 
 fn c_compiler() -> MachineCheck {
     let program = env::var("CC").unwrap_or_else(|_| "cc".to_owned());
-    let found = first_line(&program, "--version");
+    let version = first_line(&program, "--version");
+    let found = version.ok_or_else(|| format!("{program} is not in PATH"));
     let fix = "sudo apt-get install gcc libc6-dev   (an installed canrig runs without it)";
-    let found = found.ok_or_else(|| format!("{program} is not in PATH"));
     MachineCheck::new("C compiler", found, fix)
 }
 
@@ -293,8 +293,8 @@ fn viewer() -> MachineCheck {
     let place = env::split_paths(&path)
         .map(|folder| folder.join(VIEWER))
         .find(|program| program.is_file());
-    let found = place.map(|place| place.display().to_string());
-    let found = found.ok_or("not in PATH".to_owned());
+    let shown = place.map(|place| place.display().to_string());
+    let found = shown.ok_or("not in PATH".to_owned());
     MachineCheck::new("viewer", found, "pip install rerun-sdk==0.36.3")
 }
 
@@ -309,9 +309,10 @@ mod tests {
     use super::*;
 
     fn section(is_needed: bool, fix: Result<(), &str>) -> Section {
-        let found = fix.map(|()| "found".to_owned());
-        let found = found.map_err(|_| "absent".to_owned());
-        let fix = fix.err().unwrap_or_default();
+        let (found, fix) = match fix {
+            Ok(()) => (Ok("found".to_owned()), ""),
+            Err(fix) => (Err("absent".to_owned()), fix),
+        };
         Section {
             heading: "for something",
             is_needed,

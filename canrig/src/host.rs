@@ -211,9 +211,9 @@ fn run_on_bus(
         None => node.filters(),
         Some(_) => node.filters_as_configured(),
     };
-    let bus = (args.bus.as_ref()).map(|address| platform::open(address, &filters));
-    let mut bus = bus.transpose().map_err(Failure::on_bus)?;
-    let bus = bus.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
+    let opened = (args.bus.as_ref()).map(|address| platform::open(address, &filters));
+    let mut wire = opened.transpose().map_err(Failure::on_bus)?;
+    let bus = wire.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
     match (args.lockstep, bus) {
         (Some(number), wire) => {
             let channel = inherited_channel(number).map_err(Failure::on_bus)?;

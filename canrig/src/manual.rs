@@ -69,7 +69,7 @@ pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
 }
 
 fn written_into(folder: &Path, written: io::Result<String>) -> Exit {
-    let folder = folder.display();
-    let written = written.map_err(|error| format!("`{folder}` cannot be written: {error}"));
-    ended(written, |_| Exit::BenchFailed)
+    let place = folder.display();
+    let told = written.map_err(|error| format!("`{place}` cannot be written: {error}"));
+    ended(told, |_| Exit::BenchFailed)
 }

@@ -142,15 +142,11 @@ fn library_of_program() -> Result<PathBuf, ExportError> {
 }
 
 fn found(name: String, places: &[PathBuf], advice: &'static str) -> Result<PathBuf, ExportError> {
-    let paths = places.iter().map(|place| place.join(&name));
-    { paths }
-        .find(|path| path.is_file())
-        .ok_or_else(|| ExportError::NoLibrary {
-            name: name.clone(),
-            places: places
-                .first()
-                .map(|place| place.display().to_string())
-                .unwrap_or_default(),
-            advice,
-        })
+    let mut paths = places.iter().map(|place| place.join(&name));
+    let found = paths.find(|path| path.is_file());
+    found.ok_or_else(|| ExportError::NoLibrary {
+        places: places[0].display().to_string(),
+        name: name.clone(),
+        advice,
+    })
 }

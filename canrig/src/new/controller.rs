@@ -79,8 +79,8 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
     let readme = renamed(README).replace("    BUILD\n", &indented(build));
     let command = program.replace(['"', ','], "");
     let readme = readme.replace("TEST", test).replace("COMMAND", &command);
-    let of_language = args.language.files().into_iter();
-    let of_language = of_language.map(|(file, text)| (file.to_owned(), renamed(text)));
+    let skeletons = args.language.files().into_iter();
+    let of_language = skeletons.map(|(file, text)| (file.to_owned(), renamed(text)));
     let scenario = renamed(SCENARIO).replace(PROGRAM, program);
     let shared = [
         (format!("{name}.toml"), scenario),

@@ -17,22 +17,20 @@ pub(super) const MANIFEST_BYTES_MAX: u64 = 1 << 20;
 /// The checkout's manifest cannot be read.
 pub(super) fn release_profile(checkout: &Path) -> Result<String, String> {
     let text = scenario::read_text(&checkout.join("Cargo.toml"), MANIFEST_BYTES_MAX);
-    let manifest: Table = text
+    let mut manifest: Table = text
         .map_err(|error| error.to_string())?
         .parse()
         .map_err(|error: toml::de::Error| error.to_string())?;
-    let Some(release) = table(&manifest, "profile").and_then(|all| table(all, "release")) else {
+    manifest.retain(|key, _| key == "profile");
+    let Some(Value::Table(profiles)) = manifest.get_mut("profile") else {
         return Ok(String::new());
     };
-    let release = release.clone();
-    let profile = Table::from_iter([("release".to_owned(), Value::Table(release))]);
-    let tables = Table::from_iter([("profile".to_owned(), Value::Table(profile))]);
-    let tables = toml::to_string(&tables).map_err(|error| error.to_string())?;
+    profiles.retain(|name, _| name == "release");
+    if profiles.is_empty() {
+        return Ok(String::new());
+    }
+    let tables = toml::to_string(&manifest).map_err(|error| error.to_string())?;
     Ok(format!("{HEAD}{tables}"))
-}
-
-fn table<'a>(parent: &'a Table, key: &str) -> Option<&'a Table> {
-    parent.get(key)?.as_table()
 }
 
 #[cfg(test)]

@@ -441,9 +441,10 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 /// Calls every node on a bus, and returns the table.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
-    let named = sheets.iter().filter(|_| args.names.rig.is_some());
-    let names = named.map(|sheet| (sheet.node_id, sheet.node_name.clone()));
-    let names = names.collect();
+    let mut names = BTreeMap::new();
+    if args.names.rig.is_some() {
+        names.extend((sheets.iter()).map(|sheet| (sheet.node_id, sheet.node_name.clone())));
+    }
     for path in &args.eds {
         // The sheet is used for its identity only; the node-ID is not known yet.
         let sheet = DataSheet::load(path, 127)?;

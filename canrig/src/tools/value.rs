@@ -1,5 +1,7 @@
 //! Values of objects, as text.
 
+use std::collections::BTreeSet;
+
 use canopen::object_dictionary::{DataType, Entry};
 use dbc::{Database, Signal};
 
@@ -45,15 +47,10 @@ pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
         return show_bytes(bytes);
     };
     let data_type = entry.data_type;
-    if data_type
-        .size_bytes()
-        .is_some_and(|size| size != bytes.len())
-    {
-        return format!(
-            "{} (not of type {})",
-            show_bytes(bytes),
-            type_name(data_type)
-        );
+    let size = data_type.size_bytes();
+    if size.is_some_and(|size| size != bytes.len()) {
+        let (shown, name) = (show_bytes(bytes), type_name(data_type));
+        return format!("{shown} (not of type {name})");
     }
     match data_type {
         DataType::Boolean => (bytes != [0]).to_string(),
@@ -117,16 +114,11 @@ pub(crate) fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<S
             .filter(|signal| signal.object == object)
             .map(move |signal| (signal, start))
     });
-    let mut seen = Vec::new();
-    let mut meanings = Vec::new();
-    for (signal, start) in signals {
-        if seen.contains(&&signal.name) {
-            continue;
-        }
-        seen.push(&signal.name);
-        meanings.extend(signal_meaning(signal, start, bytes));
-    }
-    meanings
+    let mut seen = BTreeSet::new();
+    signals
+        .filter(|(signal, _)| seen.insert(&signal.name))
+        .filter_map(|(signal, start)| signal_meaning(signal, start, bytes))
+        .collect()
 }
 
 fn signal_meaning(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {

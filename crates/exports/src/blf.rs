@@ -61,10 +61,10 @@ fn write_containers(
     mut write: impl FnMut(&[u8], Duration) -> io::Result<()>,
 ) -> io::Result<()> {
     let (mut container, mut content) = (Vec::new(), Vec::new());
-    let mut frames = frames.iter().peekable();
-    while let Some(stamped) = frames.next() {
+    let mut rest = frames.iter().peekable();
+    while let Some(stamped) = rest.next() {
         push_frame(&mut content, &stamped, start);
-        if content.len() >= CONTAINER_BYTES_MAX || frames.peek().is_none() {
+        if content.len() >= CONTAINER_BYTES_MAX || rest.peek().is_none() {
             container.clear();
             push_container(&mut container, &mut content);
             write(&container, stamped.time)?;
