@@ -8,17 +8,15 @@ fn main() {
     let folder = env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets it");
     let root = Path::new(&folder).join("../..");
     println!("cargo::rerun-if-changed=build.rs");
-    println!(
-        "cargo::rerun-if-changed={}",
-        root.join("scenarios").display()
-    );
     let scenarios = root.join("scenarios");
+    println!("cargo::rerun-if-changed={}", scenarios.display());
     let mut files = Vec::new();
     find(&scenarios, &mut files);
-    let mut entries: Vec<(PathBuf, PathBuf)> = files
+    let place = |file: &Path| file.strip_prefix(&scenarios).map(Path::to_owned);
+    let entries = files
         .into_iter()
-        .map(|file| (place(&file, &scenarios), file))
-        .collect();
+        .map(|file| (place(&file).expect("it was found there"), file));
+    let mut entries = Vec::from_iter(entries);
     let rig = root.join("docs/examples/rig.toml");
     println!("cargo::rerun-if-changed={}", rig.display());
     entries.push((PathBuf::from("rigs/rig.toml"), rig));
@@ -30,12 +28,6 @@ fn main() {
     let list = format!("&[\n{}]\n", lines.concat());
     let output = env::var_os("OUT_DIR").expect("cargo sets it");
     fs::write(Path::new(&output).join("shipped.rs"), list).expect("cargo's folder takes files");
-}
-
-fn place(file: &Path, folder: &Path) -> PathBuf {
-    file.strip_prefix(folder)
-        .expect("it was found there")
-        .to_owned()
 }
 
 /// Finds the files below a folder that a new user of canrig needs. The schemas are left out, since the program makes them.

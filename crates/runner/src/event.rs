@@ -44,4 +44,9 @@ pub enum RunEvent<'a> {
 /// Receiver of the events.
 pub trait Listener: Sync {
     fn on_event(&self, event: &RunEvent<'_>);
+
+    /// Takes a note on the run.
+    fn on_note(&self, text: String) {
+        self.on_event(&RunEvent::Note(text));
+    }
 }

@@ -22,13 +22,12 @@ pub fn named_plan(path: &Path) -> Result<Plan, Exit> {
         let played = read_played(path, catalogue()).map_err(refuse)?;
         return Ok(played.0);
     }
-    // A path that cannot be read may be the name of a scenario that ships.
-    let Ok(text) = rig_text(path) else {
-        return load(path, &ValueArgs::default());
-    };
-    // A file that is not clearly a scenario is meant as a rig.
-    if Rig::is_meant(&text) || !Scenario::may_be(&text) {
-        return Plan::from_rig(path, &text, catalogue()).map_err(invalid);
+    match rig_text(path) {
+        // A file that is not clearly a scenario is meant as a rig.
+        Ok(text) if Rig::is_meant(&text) || !Scenario::may_be(&text) => {
+            Plan::from_rig(path, &text, catalogue()).map_err(invalid)
+        }
+        // A path that cannot be read may be the name of a scenario that ships.
+        _ => load(path, &ValueArgs::default()),
     }
-    load(path, &ValueArgs::default())
 }

@@ -151,10 +151,8 @@ impl Recorded {
         catalogue: &Catalogue,
     ) -> Result<Self, RecordedError> {
         let is_folder = is_folder(path)?;
-        if is_folder && played.is_none() {
-            require_run(path)?;
-        }
         let (folder, log_path) = if is_folder {
+            require_run(path)?;
             (path, require_inside(path, log_in(path))?)
         } else {
             let folder = path.parent().unwrap_or(Path::new("."));

@@ -184,15 +184,14 @@ pub fn verdict(
             End::ByNode(end) => Some(end.clone()),
         },
     };
-    let host = ended.as_ref().ok().and_then(|played| played.host.as_ref());
+    let host = ended.as_ref().ok().and_then(|played| played.host.clone());
+    let host = host.unwrap_or_default();
     let circumstances = Circumstances {
         unrecorded: unrecorded.clone(),
         ended_early,
-        stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
-        sent: host.map(|host| host.sent.clone()).unwrap_or_default(),
-        reports: host.map_or([None, None], |host| {
-            [host.controller.clone(), host.plant_emulator.clone()]
-        }),
+        stalls: host.stalls,
+        sent: host.sent,
+        reports: [host.controller, host.plant_emulator],
     };
     judge::judge(plan, timelines, &circumstances)
 }

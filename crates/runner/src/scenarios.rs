@@ -73,9 +73,8 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
-        let meant = meant.map(|meant| format!("did you mean `{meant}`? "));
-        let meant = meant.unwrap_or_default();
-        let help = format!("{meant}`canrig examples` lists those that ship");
+        let hint = meant.map_or_else(String::new, |meant| format!("did you mean `{meant}`? "));
+        let help = format!("{hint}`canrig examples` lists those that ship");
         let path = path.to_owned();
         return Err(NoScenario::Unknown { path, help });
     }
@@ -223,17 +222,13 @@ pub(crate) fn scenario_files(
 }
 
 fn find_scenarios(folder: &Path, depth: u32, files: &mut Vec<PathBuf>) -> io::Result<()> {
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
-        .map(|entry| entry.map(|entry| entry.path()))
-        .collect::<Result<_, _>>()?;
+    let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
+    let mut paths = Vec::from_iter(entries.iter().map(fs::DirEntry::path));
     paths.sort();
     for path in paths {
         if path.is_dir() && depth > 0 {
             find_scenarios(&path, depth - 1, files)?;
-        } else if path
-            .extension()
-            .is_some_and(|extension| extension == "toml")
-        {
+        } else if path.extension().is_some_and(|kind| kind == "toml") {
             files.push(path);
         }
     }

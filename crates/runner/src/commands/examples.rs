@@ -7,7 +7,7 @@ use clap::Args;
 use scenario::schema::{json_schema, rig_json_schema};
 use toml::Table;
 
-use crate::console::{failed, print, print_bytes};
+use crate::console::{ended, failed, print, print_bytes};
 use crate::exit::Exit;
 use crate::shipped::{ShippedFile, file, files, meant};
 use recording::run_folder::write_new;
@@ -77,29 +77,12 @@ fn with_what_they_name(chosen: &[ShippedFile]) -> Vec<ShippedFile> {
 }
 
 fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
-    match copy(folder, files) {
-        Ok(()) => {
-            print(&folder.display().to_string());
-            Exit::Pass
-        }
-        Err((path, error)) => {
-            let path = path.display();
-            let why = match error.kind() {
-                io::ErrorKind::AlreadyExists => {
-                    "it exists, and nothing is overwritten; name another folder".to_owned()
-                }
-                _ => error.to_string(),
-            };
-            failed(
-                Exit::BenchFailed,
-                format!("`{path}` cannot be written: {why}"),
-            )
-        }
-    }
+    let copied = copy(folder, files).map(|()| folder.display().to_string());
+    ended(copied, |_| Exit::BenchFailed)
 }
 
 /// Copies files, and next to them the schemas that their first lines name. An existing schema is kept.
-fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)> {
+fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), String> {
     for ShippedFile { place, text } in files {
         // In the repository the rig file lies in another place.
         let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
@@ -109,16 +92,24 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)
         ("schema.json", json_schema()),
         ("rig_schema.json", rig_json_schema()),
     ] {
-        match write(&folder.join(place), &text) {
-            Err((_, error)) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            written => written?,
+        let path = folder.join(place);
+        if path.symlink_metadata().is_err() {
+            write(&path, &text)?;
         }
     }
     Ok(())
 }
 
 /// Writes a file that does not exist yet.
-fn write(path: &Path, text: &str) -> Result<(), (PathBuf, io::Error)> {
+fn write(path: &Path, text: &str) -> Result<(), String> {
     let written = write_new(path, |file| file.write_all(text.as_bytes()));
-    written.map_err(|error| (path.to_owned(), error))
+    written.map_err(|error| {
+        let why = match error.kind() {
+            io::ErrorKind::AlreadyExists => {
+                "it exists, and nothing is overwritten; name another folder".to_owned()
+            }
+            _ => error.to_string(),
+        };
+        format!("`{}` cannot be written: {why}", path.display())
+    })
 }

@@ -108,21 +108,18 @@ impl<'a> RunTestbed<'a> {
         })
     }
 
-    fn note(&self, text: String) {
-        self.listener.on_event(&RunEvent::Note(text));
-    }
-
     /// Prints the bus and the clock of all runs.
     fn announce(&self) {
         let clock = match self.clock {
             ClockChoice::RealTime => "real time",
             ClockChoice::Lockstep => "lock-step",
         };
-        self.note(format!("bus: {} · clock: {clock}", self.bus));
+        self.listener
+            .on_note(format!("bus: {} · clock: {clock}", self.bus));
         if self.clock == ClockChoice::RealTime
             && let Some(refusal) = refused_priority()
         {
-            self.note(format!("note: {refusal}"));
+            self.listener.on_note(format!("note: {refusal}"));
         }
     }
 
@@ -130,12 +127,8 @@ impl<'a> RunTestbed<'a> {
     /// private one, need the address.
     fn announce_address(&self, address: &BusAddress) {
         if matches!(address, BusAddress::Embedded(_) | BusAddress::Private(_)) {
-            self.note(format!("bus address: {address}"));
+            self.listener.on_note(format!("bus address: {address}"));
         }
-    }
-
-    fn on_step(&self, step: &PreflightEvent) {
-        self.listener.on_event(&RunEvent::Preflight(step));
     }
 
     /// Opens the bus, makes the pre-flight of an external drive, and plays the scenario.
@@ -187,7 +180,7 @@ impl<'a> RunTestbed<'a> {
         line: &mut BusConnection,
         watch: &Watch,
     ) -> Result<End, WorldError> {
-        let report = |step: &PreflightEvent| self.on_step(step);
+        let report = |step: &PreflightEvent| self.listener.on_event(&RunEvent::Preflight(step));
         (self.preflight).make(plan, parent, &self.bus, line, watch, &report)
     }
 
@@ -238,7 +231,8 @@ impl Testbed for RunTestbed<'_> {
         let external = plan.expected_names();
         if !external.is_empty() && self.clock == ClockChoice::RealTime {
             let names = external.join(", ");
-            self.note(format!("external: {names} (expected on the bus)"));
+            self.listener
+                .on_note(format!("external: {names} (expected on the bus)"));
         }
         admits(&plan.shared.run.faults, &self.bus, self.clock)?;
         for one in &plan.loops {
@@ -267,7 +261,7 @@ impl Testbed for RunTestbed<'_> {
         match self.clock {
             ClockChoice::RealTime => self.in_real_time(plan, folder, capture),
             ClockChoice::Lockstep => {
-                let announce = |text: &str| self.note(text.to_owned());
+                let announce = |text: &str| self.listener.on_note(text.to_owned());
                 let hosting = self.guests.hosting(folder.path(), &announce);
                 processes::in_lockstep(plan, folder, &hosting, capture, &self.bus)
             }

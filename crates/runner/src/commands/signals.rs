@@ -92,12 +92,8 @@ impl<'a> ListedSignal<'a> {
     /// Returns the smallest and the largest value, or the few values that the signal has, with their names.
     fn range(&self) -> String {
         if (1..=LABELS_SHOWN_MAX).contains(&self.values.len()) {
-            let values: Vec<String> = self
-                .values
-                .iter()
-                .map(|(value, label)| format!("{value} {label}"))
-                .collect();
-            return values.join(", ");
+            let named = |(value, label): &(f64, &str)| format!("{value} {label}");
+            return Vec::from_iter(self.values.iter().map(named)).join(", ");
         }
         match (self.minimum, self.maximum) {
             (Some(minimum), Some(maximum)) => {
@@ -176,11 +172,8 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
 fn table(signals: &[ListedSignal<'_>]) -> Text {
     let has_loops = signals.iter().any(|signal| signal.loop_name.is_some());
     let columns = ["signal", "unit", "sender", "message", "range"];
-    let mut table = if has_loops {
-        Table::new(["loop"].into_iter().chain(columns))
-    } else {
-        Table::new(columns)
-    };
+    let first = has_loops.then_some("loop");
+    let mut table = Table::new(first.into_iter().chain(columns));
     for signal in signals {
         let range = signal.range();
         let sender = signal.sender.unwrap_or("–");

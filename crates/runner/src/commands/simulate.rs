@@ -31,8 +31,7 @@ pub struct SimulateArgs {
 /// Plays the scenarios and returns the worst exit of all.
 pub fn simulate(args: &SimulateArgs) -> Exit {
     let listener = args.play.listener();
-    let where_and_when = "bus: modelled · clock: lock-step, in one process";
-    listener.on_event(&RunEvent::Note(where_and_when.to_owned()));
+    listener.on_note("bus: modelled · clock: lock-step, in one process".to_owned());
     let testbed = OneProcess {
         guests: &args.guests,
         listener: &*listener,
@@ -61,24 +60,23 @@ impl OneProcess<'_> {
     fn compare(&self, plan: &Plan, first: &Capture<'_>) -> Result<(), WorldError> {
         let clock = plan.scenario_clock()?;
         let mut second = Capture::in_memory(clock, first.watch());
-        let announce = |text: &str| self.listener.on_event(&RunEvent::Note(text.to_owned()));
+        let announce = |text: &str| self.listener.on_note(text.to_owned());
         let hosting = Hosting {
             logs: None,
             ..self.guests.hosting(Path::new(""), &announce)
         };
         lockstep::simulate(plan, &hosting, &mut second)?;
         let difference = difference(plan, first, &second);
-        let is_same = difference.is_none();
         let path = plan.shared.beside.scenario().display();
-        self.has_difference
-            .set(self.has_difference.get() || !is_same);
-        self.listener.on_event(&match difference {
-            Some(difference) => RunEvent::Failed(format!("{path}: {difference}")),
-            None => RunEvent::Note(format!(
-                "played twice: the same {} frames",
-                first.frames().len()
-            )),
-        });
+        if let Some(difference) = difference {
+            self.has_difference.set(true);
+            let difference = format!("{path}: {difference}");
+            self.listener.on_event(&RunEvent::Failed(difference));
+        } else {
+            let frames = first.frames().len();
+            let same = format!("played twice: the same {frames} frames");
+            self.listener.on_note(same);
+        }
         Ok(())
     }
 }
@@ -138,7 +136,7 @@ impl Testbed for OneProcess<'_> {
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        let announce = |text: &str| self.listener.on_event(&RunEvent::Note(text.to_owned()));
+        let announce = |text: &str| self.listener.on_note(text.to_owned());
         let hosting = self.guests.hosting(folder.path(), &announce);
         let end = lockstep::simulate(plan, &hosting, capture)?;
         if self.is_twice && !capture.is_interrupted() {

@@ -144,13 +144,9 @@ fn compared<'a>(
         leave_timing_out(&mut comparison);
     }
     for (letter, recorded) in LETTERS.iter().zip([&a, &b]) {
-        let remarks = recorded
-            .log
-            .unread
-            .remarks()
-            .into_iter()
-            .map(|remark| format!("of {letter}, {remark}"));
-        comparison.remarks.extend(remarks);
+        for remark in recorded.log.unread.remarks() {
+            comparison.remarks.push(format!("of {letter}, {remark}"));
+        }
     }
     let page = args.output.as_deref().map(|place| {
         let run = |recorded: &Recorded, verdict| ComparedRun {
