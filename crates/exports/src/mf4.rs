@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use recording::frames::Frames;
 use recording::run_folder::file as run_file;
-use recording::timeline::{self, Series, Timeline};
+use recording::timeline::{self, SignalRows as Signal, Timeline};
 use recording::work::Pass;
 
 /// Address of the header block.
@@ -68,13 +68,6 @@ fn write_file(
     output.write_all(&file.bytes[from..])
 }
 
-/// Signal over time.
-struct Signal<'a> {
-    name: String,
-    unit: &'a str,
-    values: &'a Series<f64>,
-}
-
 /// Returns all signals, of which the first is the time.
 fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
     let time = timelines.first().map(|timeline| Signal {
@@ -82,14 +75,9 @@ fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
         unit: "s",
         values: &timeline.time_seconds,
     });
-    let others = timeline::signals(timelines)
-        .into_iter()
-        .map(|signal| Signal {
-            name: signal.name,
-            unit: signal.unit,
-            values: signal.values,
-        });
-    time.into_iter().chain(others).collect()
+    time.into_iter()
+        .chain(timeline::signals(timelines))
+        .collect()
 }
 
 /// Writes the rows, each with one number of every signal.
@@ -339,6 +327,7 @@ mod tests {
     use super::*;
     use can::CanFrame;
     use recording::log::Stamped;
+    use recording::timeline::Series;
 
     fn number(file: &[u8], at: u64) -> u64 {
         let at = usize::try_from(at).unwrap();
