@@ -1,6 +1,5 @@
 //! `signals.csv`: one row for each cycle.
 
-use std::fmt;
 use std::io::{self, Write};
 
 use recording::cell::heading;
@@ -31,11 +30,11 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     let mut pass = Pass::new(first.cycle.len() as u64);
     for cycle in &first.cycle {
         pass.advance(1);
-        for (cell, (values, before)) in cells.iter_mut().zip(&mut columns) {
+        for (text, (values, before)) in cells.iter_mut().zip(&mut columns) {
             let value = values.next().expect("a value for each cycle");
             // Most values hold for many rows.
             if before.replace(value.to_bits()) != Some(value.to_bits()) {
-                *cell = Cell(value).to_string();
+                *text = cell(value);
             }
         }
         writeln!(output, "{cycle},{}", cells.join(","))?;
@@ -43,21 +42,17 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     Ok(())
 }
 
-/// Number with seven decimals, without trailing zeros; empty without a value.
-struct Cell(f64);
-
-impl fmt::Display for Cell {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0.is_nan() {
-            return Ok(());
-        }
-        let scaled = (self.0 * SCALE).round();
-        // A larger number has no known decimals.
-        let is_exact = scaled.abs() < EXACT_MAX;
-        let shown = if is_exact { scaled / SCALE } else { self.0 };
-        // Adding 0 makes -0 a 0.
-        write!(formatter, "{}", shown + 0.0)
+/// Writes a number with seven decimals, without trailing zeros; empty without a value.
+fn cell(value: f64) -> String {
+    if value.is_nan() {
+        return String::new();
     }
+    let scaled = (value * SCALE).round();
+    // A larger number has no known decimals.
+    let is_exact = scaled.abs() < EXACT_MAX;
+    let shown = if is_exact { scaled / SCALE } else { value };
+    // Adding 0 makes -0 a 0.
+    (shown + 0.0).to_string()
 }
 
 #[cfg(test)]
@@ -66,7 +61,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn number(value: f64) -> String {
-        Cell(value).to_string()
+        cell(value)
     }
 
     #[test]

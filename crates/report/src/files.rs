@@ -6,8 +6,6 @@ use std::thread;
 
 use dbc::SignalMissing;
 
-use judge::verdict::Verdict;
-
 use crate::run::Run;
 use crate::{csv, html, junit};
 use recording::run_folder::{RunFolder, WriteError, file};
@@ -57,7 +55,10 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     })?;
     let junit = junit::to_xml(std::slice::from_ref(run.verdict))
         .map_err(|error| ReportError::made(folder, file::JUNIT, &error))?;
-    let said = write_what_says_the_verdict(folder, &page, &junit, run.verdict);
+    let said = folder
+        .write(file::REPORT, page.as_bytes())
+        .and_then(|()| folder.write(file::JUNIT, junit.as_bytes()))
+        .and_then(|()| folder.write(file::VERDICT, run.verdict.to_json().as_bytes()));
     if said.is_err() {
         // The verdict is "incomplete", and these files may not contradict it. A file that was not written need not be removed.
         for name in [file::REPORT, file::JUNIT] {
@@ -65,17 +66,6 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
         }
     }
     Ok(said?)
-}
-
-fn write_what_says_the_verdict(
-    folder: &RunFolder,
-    page: &str,
-    junit: &str,
-    verdict: &Verdict,
-) -> Result<(), WriteError> {
-    folder.write(file::REPORT, page.as_bytes())?;
-    folder.write(file::JUNIT, junit.as_bytes())?;
-    folder.write(file::VERDICT, verdict.to_json().as_bytes())
 }
 
 fn write_table_and_make_page(run: &Run<'_>, folder: &RunFolder) -> Result<String, ReportError> {

@@ -125,26 +125,22 @@ fn log_loop<'a>(
     };
     let mut recording = Recording::begin(output, control_loop, known)?;
     let mut frames = run.frames.iter();
-    if run.is_long {
-        let rows = timeline.cycle.len();
-        let piece_rows = rows.div_ceil(PIECES_MAX).max(PIECE_ROWS_MIN);
-        for begin in (0..rows.max(1)).step_by(piece_rows) {
-            let end = rows.min(begin + piece_rows);
-            let piece = timeline.piece(begin..end);
-            let end_seconds = if end == rows {
-                f64::INFINITY
-            } else {
-                piece.end_seconds()
-            };
-            // The frames go up to the first one of a later cycle.
-            frames.find(|stamped| bus.observe(stamped) >= end_seconds);
-            recording.log(&piece, &mut bus)?;
-        }
-    } else {
-        frames.for_each(|stamped| {
-            bus.observe(&stamped);
-        });
-        recording.log(timeline, &mut bus)?;
+    let rows = timeline.cycle.len();
+    let piece_rows = match known {
+        Known::Thinned => rows.div_ceil(PIECES_MAX).max(PIECE_ROWS_MIN),
+        _ => rows.max(1),
+    };
+    for begin in (0..rows.max(1)).step_by(piece_rows) {
+        let end = rows.min(begin + piece_rows);
+        let piece = timeline.piece(begin..end);
+        let end_seconds = if end == rows {
+            f64::INFINITY
+        } else {
+            piece.end_seconds()
+        };
+        // The frames go up to the first one of a later cycle.
+        frames.find(|stamped| bus.observe(stamped) >= end_seconds);
+        recording.log(&piece, &mut bus)?;
     }
     recording.end()
 }
