@@ -67,20 +67,14 @@ fn proposed_table(file: &Path, description: &Description) -> String {
 
 /// Returns a name for the plant: the name of the model, in the letters that a table may have.
 fn plant_name(model_name: &str) -> String {
-    let is_part = |character: &char| character.is_ascii_alphanumeric();
-    let word = |character: char| {
-        if is_part(&character) {
-            character.to_ascii_lowercase()
-        } else {
-            '_'
-        }
+    let word = |character: char| match character {
+        'a'..='z' | 'A'..='Z' | '0'..='9' => character.to_ascii_lowercase(),
+        _ => '_',
     };
     let name = String::from_iter(model_name.chars().take(32).map(word));
-    let name = name.trim_matches(|first: char| !first.is_ascii_lowercase());
-    if name.is_empty() {
-        "plant".to_owned()
-    } else {
-        name.to_owned()
+    match name.trim_matches(|first: char| !first.is_ascii_lowercase()) {
+        "" => "plant".to_owned(),
+        name => name.to_owned(),
     }
 }
 

@@ -53,12 +53,7 @@ pub fn print_text(text: &Text) {
 
 /// Prints bytes on standard output: unchanged, except for a terminal.
 pub fn print_bytes(bytes: &[u8]) {
-    let mut stdout = io::stdout();
-    keep_error(if stdout.is_terminal() {
-        stdout.write_all(printable(&String::from_utf8_lossy(bytes)).as_bytes())
-    } else {
-        stdout.write_all(bytes)
-    });
+    print_with(|output| output.write_all(bytes));
 }
 
 /// Prints a text on standard output that is too long for the memory: unchanged, except for a terminal.
@@ -221,9 +216,9 @@ impl BufferedLines {
 }
 
 /// Returns a bar, drawn on a terminal only, that disappears when it is dropped.
-fn bar(total: Option<u64>, template: &str, is_shown: bool) -> ProgressBar {
-    let style = ProgressStyle::with_template(template);
-    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+fn new_bar(total: Option<u64>, template: &str, is_shown: bool) -> ProgressBar {
+    let parsed = ProgressStyle::with_template(template);
+    let style = parsed.unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::with_draw_target(total, target(is_shown))
         .with_style(style.with_key("left", show_eta).with_key("rest", show_rest))
         .with_finish(ProgressFinish::AndClear)
@@ -236,7 +231,7 @@ impl Spinner {
     /// Makes a line without text.
     #[must_use]
     pub fn new(is_shown: bool) -> Self {
-        Self(bar(None, "{spinner} {msg}", is_shown))
+        Self(new_bar(None, "{spinner} {msg}", is_shown))
     }
 
     /// Shows a text on the current work.
@@ -255,7 +250,7 @@ impl ScenarioBar {
     pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
         let duration = micros(Duration::from_secs_f64(duration_seconds));
         let template = "{bar:10} {percent:>3} %  {eta:>4} left  {msg}";
-        Self(bar(Some(duration), template, is_shown))
+        Self(new_bar(Some(duration), template, is_shown))
     }
 
     /// Shows the state of the run.
@@ -319,8 +314,8 @@ impl RunsBar {
     /// Makes a bar at zero; for an unknown total it only counts.
     #[must_use]
     pub fn new(total: Option<usize>, is_shown: bool) -> Self {
-        let total = total.map(|total| total as u64);
-        let bar = bar(total, "{bar:40} {pos} of {len} runs{left}", is_shown);
+        let runs = total.map(|total| total as u64);
+        let bar = new_bar(runs, "{bar:40} {pos} of {len} runs{left}", is_shown);
         Self { bar, before: 0 }
     }
 
@@ -362,7 +357,7 @@ impl PartsBar {
     #[must_use]
     pub fn new(runs: usize, before: usize, is_shown: bool) -> Self {
         let template = "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}";
-        let bar = bar(Some(runs as u64), template, is_shown);
+        let bar = new_bar(Some(runs as u64), template, is_shown);
         bar.set_position(before as u64);
         bar.reset_eta();
         Self(bar)
@@ -429,7 +424,7 @@ fn show_work(passes: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     }
     let parts = || passes.load(Ordering::Relaxed) * PARTS;
     let template = "{bar:40} {percent:>3} %  {rest} left";
-    let bar = bar(Some(parts()), template, true).with_elapsed(PATIENCE);
+    let bar = new_bar(Some(parts()), template, true).with_elapsed(PATIENCE);
     while !is_over(WORK_PERIOD) {
         bar.set_length(parts());
         bar.set_position((parts_done() - before).min(parts()));

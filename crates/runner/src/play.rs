@@ -122,9 +122,8 @@ impl ValueArgs {
     /// Returns the rig file that replaces the scenario's; `None` for one that ships.
     pub(crate) fn rig_file(&self) -> Option<&Path> {
         let rig = self.rig.as_deref()?;
-        let text = |name| shipped::text(name);
-        let ships = rig.to_str().and_then(text).is_some();
-        (!ships).then_some(rig)
+        let shipped = rig.to_str().and_then(shipped::text);
+        shipped.is_none().then_some(rig)
     }
 
     /// Returns all values, including the rig.
@@ -140,9 +139,8 @@ impl ValueArgs {
             }
             None => rig.to_string_lossy().into_owned(),
         });
-        let rig = name
-            .map(|name| format!("rig={name:?}"))
-            .map(|text| text.parse().expect("a key and a value"));
+        let key = |name| format!("rig={name:?}").parse();
+        let rig = name.map(|name: String| key(name).expect("a key and a value"));
         self.overrides.iter().cloned().chain(rig).collect()
     }
 }
@@ -323,18 +321,16 @@ fn play_one(
     stage: &Stage<'_>,
     viewers: &mut Viewers,
 ) -> (Exit, Option<Judged>) {
-    let Stage {
-        watch, listener, ..
-    } = stage;
+    let (watch, listener) = (&stage.watch, stage.listener);
     let (shared, path) = (&plan.shared, plan.shared.beside.scenario());
     if let Some(sweep) = &shared.sweep {
         let (runs, path) = (sweep.runs(), path.display());
-        listener.on_event(&RunEvent::Note(format!(
+        listener.on_note(format!(
             "note: this is the scenario as it stands; `canrig sweep {path}` plays its {runs} runs"
-        )));
+        ));
     }
     for started in started_by(plan) {
-        listener.on_event(&RunEvent::Note(started));
+        listener.on_note(started);
     }
     listener.on_event(&RunEvent::Began {
         duration_seconds: shared.run.duration_seconds,
@@ -355,7 +351,7 @@ fn play_one(
     });
     match judged {
         Ok(judged) => {
-            report_all(*listener, shows.end(&judged.verdict, viewers));
+            report_all(listener, shows.end(&judged.verdict, viewers));
             listener.on_event(&RunEvent::Judged {
                 path,
                 judged: &judged,

@@ -45,7 +45,7 @@ pub(super) fn to_text(comparison: &Comparison) -> Text {
             Cell::number(tolerance(signal.tolerance)),
             Cell::number(from(signal)),
             Cell::number(lag(signal)),
-            result(Standing::signal(signal)),
+            result(signal_standing(signal)),
         ]);
     }
     let mut text = Text::default();
@@ -89,7 +89,7 @@ fn metrics_table(metrics: &[MetricDifference]) -> Table {
             Cell::number(value(metric, metric.a)),
             Cell::number(value(metric, metric.b)),
             Cell::number(terminal::rounded(metric.tolerance)),
-            result(Standing::metric(metric)),
+            result(metric_standing(metric)),
         ]);
     }
     table
@@ -152,66 +152,39 @@ fn lag(signal: &SignalDifference) -> String {
     }
 }
 
-/// Result of the comparison of a signal or a metric.
-#[derive(Clone, Copy)]
-enum Standing {
-    Same,
-    Diverges,
-    DoesNotCount,
-    /// No cycle in which both runs have a value.
-    NoValues,
-    /// One run alone has a value.
-    OnlyIn(&'static str),
-}
+/// Result of the comparison of a signal or a metric: its text, and its class in the style sheet.
+type Standing = (&'static str, &'static str);
 
-impl Standing {
-    fn signal(signal: &SignalDifference) -> Self {
-        match (signal.largest, signal.tolerance) {
-            (None, _) => Self::NoValues,
-            (Some(_), None) => Self::DoesNotCount,
-            (Some(_), Some(_)) if signal.agrees() => Self::Same,
-            (Some(_), Some(_)) => Self::Diverges,
-        }
-    }
+const NO_VALUES: Standing = ("no values", "soft");
+const SAME: Standing = ("same", "pass");
+const DIVERGES: Standing = ("diverges", "fail");
 
-    fn metric(metric: &MetricDifference) -> Self {
-        match (metric.a, metric.b) {
-            (None, None) => Self::NoValues,
-            (Some(_), None) => Self::OnlyIn("A"),
-            (None, Some(_)) => Self::OnlyIn("B"),
-            (Some(_), Some(_)) if metric.agrees => Self::Same,
-            (Some(_), Some(_)) => Self::Diverges,
-        }
-    }
-
-    fn text(self) -> String {
-        match self {
-            Self::Same => "same".to_owned(),
-            Self::Diverges => "diverges".to_owned(),
-            Self::DoesNotCount => "does not count".to_owned(),
-            Self::NoValues => "no values".to_owned(),
-            Self::OnlyIn(run) => format!("only in {run}"),
-        }
-    }
-
-    /// Returns the class in the style sheet.
-    fn class(self) -> &'static str {
-        match self {
-            Self::Same => "pass",
-            Self::Diverges => "fail",
-            Self::DoesNotCount | Self::NoValues => "soft",
-            Self::OnlyIn(_) => "unsure",
-        }
+fn signal_standing(signal: &SignalDifference) -> Standing {
+    match (signal.largest, signal.tolerance) {
+        (None, _) => NO_VALUES,
+        (Some(_), None) => ("does not count", "soft"),
+        (Some(_), Some(_)) if signal.agrees() => SAME,
+        (Some(_), Some(_)) => DIVERGES,
     }
 }
 
-fn result(standing: Standing) -> Cell {
-    let cell = Cell::new(standing.text());
-    match standing {
-        Standing::Same => cell.good(),
-        Standing::Diverges => cell.bad(),
-        Standing::OnlyIn(_) => cell.unsure(),
-        Standing::DoesNotCount | Standing::NoValues => cell,
+fn metric_standing(metric: &MetricDifference) -> Standing {
+    match (metric.a, metric.b) {
+        (None, None) => NO_VALUES,
+        (Some(_), None) => ("only in A", "unsure"),
+        (None, Some(_)) => ("only in B", "unsure"),
+        (Some(_), Some(_)) if metric.agrees => SAME,
+        (Some(_), Some(_)) => DIVERGES,
+    }
+}
+
+fn result((text, class): Standing) -> Cell {
+    let cell = Cell::new(text);
+    match class {
+        "pass" => cell.good(),
+        "fail" => cell.bad(),
+        "unsure" => cell.unsure(),
+        _ => cell,
     }
 }
 
@@ -449,7 +422,7 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
             td.number data-name="A" { (value(metric, metric.a)) }
             td.number data-name="B" { (value(metric, metric.b)) }
             td.number data-name="tolerance" { (terminal::rounded(metric.tolerance)) }
-            td data-name="result" { (word(Standing::metric(metric))) }
+            td data-name="result" { (word(metric_standing(metric))) }
         } } }
     } } }
 }
@@ -474,7 +447,7 @@ fn signals(signals: &[SignalDifference]) -> Markup {
             td.number.none[signal.agrees()] data-name="diverges from (s)" { (time(signal.diverges_at_seconds)) }
             td.number data-name="in % of the cycles" { (terminal::significant(signal.beyond_percent)) }
             td.number.nowrap.none[lag(signal).is_empty()] data-name="B later by" { (lag(signal)) }
-            td data-name="result" { (word(Standing::signal(signal))) }
+            td data-name="result" { (word(signal_standing(signal))) }
         } } }
         } } }
         @if !same.is_empty() { details {
@@ -484,6 +457,6 @@ fn signals(signals: &[SignalDifference]) -> Markup {
     }
 }
 
-fn word(standing: Standing) -> Markup {
-    html! { span.nowrap.(standing.class()) { (standing.text()) } }
+fn word((text, class): Standing) -> Markup {
+    html! { span.nowrap.(class) { (text) } }
 }
