@@ -219,9 +219,20 @@ impl Recorded {
     pub fn judge(&self, timelines: &[Timeline]) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
+        let timing = stored.and_then(|stored| stored.timing.clone());
+        let reports = timing
+            .clone()
+            .map(|timing| [timing.controller, timing.plant_emulator]);
+        let circumstances = Circumstances {
+            unrecorded: self.unrecorded(timelines),
+            ended_early: ended_early.clone().filter(|end| end.by != EndedBy::User),
+            stalls: self.stalls.clone(),
+            sent: self.sent.clone(),
+            reports: reports.unwrap_or_default(),
+        };
         let mut verdict = Verdict {
             identity: stored.and_then(|stored| stored.identity.clone()),
-            ..self.verdict_of_frames(timelines)
+            ..judge::judge(&self.plan, timelines, &circumstances)
         };
         let is_incomplete = |stored: &&Verdict| stored.outcome == Outcome::Incomplete;
         // A drive that is still on fails even a run that the bench ended.
@@ -236,10 +247,10 @@ impl Recorded {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason = Some(reason);
         }
-        if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
-            let timing = timing.again(&self.log.frames, &self.plan)?;
+        if let Some(timing) = timing {
+            let again = timing.again(&self.log.frames, &self.plan)?;
             let expect = expected_timing(&self.plan);
-            judge_timing(&mut verdict, timing, expect, &self.stalls);
+            judge_timing(&mut verdict, again, expect, &self.stalls);
         }
         Ok(verdict)
     }
@@ -254,24 +265,6 @@ impl Recorded {
         } else {
             0
         }
-    }
-
-    /// Returns the verdict by the frames alone.
-    fn verdict_of_frames(&self, timelines: &[Timeline]) -> Verdict {
-        let stored = self.stored.as_ref();
-        let ended_early = stored.and_then(|stored| stored.ended_early.clone());
-        let circumstances = Circumstances {
-            unrecorded: self.unrecorded(timelines),
-            ended_early: ended_early.filter(|end| end.by != EndedBy::User),
-            stalls: self.stalls.clone(),
-            sent: self.sent.clone(),
-            reports: stored
-                .and_then(|stored| stored.timing.clone())
-                .map_or([None, None], |timing| {
-                    [timing.controller, timing.plant_emulator]
-                }),
-        };
-        judge::judge(&self.plan, timelines, &circumstances)
     }
 
     /// Returns the traffic that is not among the frames: the losses that the run noted, and the lines of its log that cannot be

@@ -59,11 +59,8 @@ pub(super) fn to_text(comparison: &Comparison) -> Text {
             rest.len()
         ));
     }
-    let absent = comparison
-        .signals
-        .iter()
-        .filter(|signal| signal.largest.is_none())
-        .count();
+    let is_absent = |signal: &&SignalDifference| signal.largest.is_none();
+    let absent = comparison.signals.iter().filter(is_absent).count();
     let same = comparison.signals.len() - differing.len() - absent;
     let mut counts = format!("{same} signals are exactly the same");
     if absent > 0 {
@@ -73,10 +70,9 @@ pub(super) fn to_text(comparison: &Comparison) -> Text {
     if !comparison.metrics.is_empty() {
         text.table(&metrics_table(&comparison.metrics));
     }
-    comparison
-        .remarks
-        .iter()
-        .for_each(|remark| text.line(remark));
+    for remark in &comparison.remarks {
+        text.line(remark);
+    }
     text.line(summary(comparison));
     text
 }
@@ -108,19 +104,14 @@ fn summary(comparison: &Comparison) -> String {
         .signals
         .iter()
         .filter_map(|signal| Some((signal.diverges_at_seconds?, &signal.name)));
-    match first.min_by(|left, right| left.0.total_cmp(&right.0)) {
-        Some((time, name)) => format!("The runs diverge, first in {name} at {time:.3} s"),
-        None => match diverging_metrics(comparison).as_str() {
-            "" => "The runs diverge".to_owned(),
-            names => format!("The runs diverge in {names}"),
-        },
+    if let Some((time, name)) = first.min_by(|left, right| left.0.total_cmp(&right.0)) {
+        return format!("The runs diverge, first in {name} at {time:.3} s");
     }
-}
-
-fn diverging_metrics(comparison: &Comparison) -> String {
     let diverging = comparison.metrics.iter().filter(|metric| !metric.agrees);
-    let names = Vec::from_iter(diverging.map(|metric| metric.name.as_str()));
-    names.join(", ")
+    match &Vec::from_iter(diverging.map(|metric| metric.name.as_str()))[..] {
+        [] => "The runs diverge".to_owned(),
+        names => format!("The runs diverge in {}", names.join(", ")),
+    }
 }
 
 fn optional(value: Option<f64>) -> String {
