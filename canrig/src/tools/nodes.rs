@@ -5,7 +5,6 @@
 //! too. At last it asks each node for its identity. It uses the second SDO channel if the node's data sheet has one and
 //! the node answers there, else the default channel. It does not ask on a default channel that belongs to a running
 //! controller.
-//! there, else on the default channel, and not at all where that one belongs to a running controller.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
@@ -105,8 +104,8 @@ pub(crate) struct RollCall {
 }
 
 impl RollCall {
-    /// Makes a roll call that listens for a time first. The report shows a node by its name, and lists each named node that is
-    /// missing.
+    /// Makes a roll call that listens for a time first. The report shows a node by its name, and lists each named node
+    /// that is missing.
     fn new(sheets: Vec<DataSheet>, names: BTreeMap<u8, String>, listen: Duration) -> Self {
         Self {
             sheets,
