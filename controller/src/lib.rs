@@ -28,6 +28,7 @@ pub mod reference_filter;
 mod terms;
 #[cfg(test)]
 mod test_rig;
+mod turns;
 mod wired_law;
 
 pub use error::ControllerError;

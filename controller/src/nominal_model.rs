@@ -28,6 +28,9 @@ const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
 /// Share of a branch's span, from either end, within which Eq. (2) is no longer solved for the temperature.
 const SHARE_MIN: f64 = 1e-3;
 
+/// Smallest austenite fraction of the outer loop as a divisor; it keeps results finite.
+const AUSTENITE_MIN: f64 = 1e-9;
+
 /// Smallest martensite fraction that set-points may require; below, hardly any stretch is left to work with.
 pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
 
@@ -108,6 +111,22 @@ pub struct BranchCurve {
     pub floor: f64,
 }
 
+/// Martensite fractions of Eq. (2) at a temperature on the outer loop, which a whole heating and a whole cooling take.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OuterLoop {
+    /// `gh`.
+    pub(crate) heating: f64,
+    /// `gc`.
+    pub(crate) cooling: f64,
+}
+
+impl OuterLoop {
+    /// Returns `A = (1 − gh) / (1 − gc)`.
+    pub(crate) fn ratio(&self) -> f64 {
+        (1.0 - self.heating) / (1.0 - self.cooling).max(AUSTENITE_MIN)
+    }
+}
+
 /// The model at a state and an acceleration: the common part of all jerks and currents there.
 #[derive(Clone, Copy, Debug)]
 pub struct LocalModel<'a> {
@@ -123,12 +142,12 @@ pub struct LocalModel<'a> {
 }
 
 impl LocalModel<'_> {
-    /// Makes the wire transform `factor` times as fast with its temperature.
+    /// Makes the wire transform by these factors as fast with its temperature, when it is heated and when it cools.
     #[must_use]
-    pub fn livelier(self, factor: f64) -> Self {
+    pub fn livelier(self, [heating, cooling]: [f64; 2]) -> Self {
         Self {
-            heating_per_kelvin: factor * self.heating_per_kelvin,
-            cooling_per_kelvin: factor * self.cooling_per_kelvin,
+            heating_per_kelvin: heating * self.heating_per_kelvin,
+            cooling_per_kelvin: cooling * self.cooling_per_kelvin,
             ..self
         }
     }
@@ -252,6 +271,20 @@ impl NominalModel {
     #[must_use]
     pub fn heating_fraction(&self, temperature_celsius: f64) -> f64 {
         1.0 / (1.0 + self.exponential(Branch::Heating, temperature_celsius))
+    }
+
+    /// Returns the outer loop at a temperature.
+    pub(crate) fn outer_loop(&self, temperature_celsius: f64) -> OuterLoop {
+        let cooling = self.exponential(Branch::Cooling, temperature_celsius);
+        OuterLoop {
+            heating: self.heating_fraction(temperature_celsius),
+            cooling: 1.0 / (1.0 + cooling),
+        }
+    }
+
+    /// Returns `aA` and `aM` of Eq. (2) in 1/K.
+    pub(crate) fn steepnesses(&self) -> [f64; 2] {
+        [self.heating_steepness, self.cooling_steepness]
     }
 
     /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).

@@ -1,5 +1,11 @@
 //! Extended Kalman filter on the nominal model: temperature, fraction and unknown heating from the position.
 //!
+//! Nobody tells the observer whether the wire remembers the turns of its temperature. The memory `μ` is the share of a
+//! wire that does, with the slope `sr` of its branch, beside one of Eq. (2), with `sf`: `dξ/dT = (1 − μ) sf + μ sr`. It is a
+//! sixth quantity of the filter, which knows it as little as any share, 0.5 ± 0.5, and learns it in moves. In a hold the
+//! position is one of few steps of the sensor, whose errors are no noise; there the filter only takes its doubt into
+//! account (Schmidt's filter).
+//!
 //! The filter predicts to the instant at which the command of this cycle acts, which accounts for the one cycle of
 //! delay. On the stop the position contains no information on the fraction, so the model runs alone until the load
 //! lifts.
@@ -10,14 +16,16 @@ use nalgebra::{SMatrix, SVector};
 use scenario::controller::Observer as Config;
 
 use crate::mode::Settings;
-use crate::nominal_model::{Branch, NominalModel, State as ModelState, Warming};
+use crate::nominal_model::{Branch, NominalModel, Slope, State as ModelState};
+use crate::turns::Turns;
 
-const STATES: usize = 5;
+const STATES: usize = 6;
 const POSITION: usize = 0;
 const VELOCITY: usize = 1;
 const FRACTION: usize = 2;
 const TEMPERATURE: usize = 3;
 const HEATING: usize = 4;
+const MEMORY: usize = 5;
 
 /// Standard deviation of the sensor in its steps: quantisation (0.29), and the same amount again for noise and because
 /// quantisation is not white noise. A dead zone, or the likelihood of an interval, would model a step exactly, but is
@@ -59,6 +67,16 @@ const WEIGHT_VELOCITY_DEVIATION: f64 = 0.01;
 /// Standard deviation of the unknown heating at the start in K/s.
 const HEATING_DEVIATION_AT_START: f64 = 1.0;
 
+/// Memory at the start, and its standard deviation.
+const MEMORY_AT_START: f64 = 0.5;
+const MEMORY_DEVIATION_AT_START: f64 = 0.5;
+
+/// Smallest `dξ/dT` of Eq. (2) in 1/K as a divisor; it keeps results finite.
+const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
+
+/// Largest slope of a wire that remembers its turns relative to that of Eq. (2).
+const RELATIVE_SLOPE_MAX: f64 = 4.0;
+
 type Matrix = SMatrix<f64, STATES, STATES>;
 type Vector = SVector<f64, STATES>;
 
@@ -77,12 +95,29 @@ pub struct Observer {
 pub struct State {
     /// Estimate for the instant at which the next command acts.
     pub model: ModelState,
+    /// `μ`: share of a wire that remembers the turns of its temperature, from 0 to 1.
+    pub memory: f64,
+    turns: Turns,
+    /// `sr / sf` in heating and in cooling.
+    relative_slopes: [f64; 2],
     covariance: Matrix,
     samples_above_stop: u32,
     /// Distance of the latest position from the expected one.
     innovation_metres: f64,
     /// Number of the latest positions that lie far on the same side of the expected one.
     samples_aside: u8,
+}
+
+impl State {
+    /// Returns how many times as fast as in the model the wire transforms with its temperature, in heating and in cooling.
+    #[must_use]
+    pub fn liveliness(&self, settings: &Settings) -> [f64; 2] {
+        let share = |relative: &f64| settings.liveliness * (1.0 + self.memory * (relative - 1.0));
+        [
+            share(&self.relative_slopes[0]),
+            share(&self.relative_slopes[1]),
+        ]
+    }
 }
 
 impl Observer {
@@ -103,7 +138,10 @@ impl Observer {
         let model = self.model.start();
         State {
             model,
-            covariance: self.branch_doubt(&model),
+            memory: MEMORY_AT_START,
+            turns: Turns::default(),
+            relative_slopes: [1.0; 2],
+            covariance: self.branch_doubt(&model, MEMORY_DEVIATION_AT_START),
             samples_above_stop: 0,
             innovation_metres: 0.0,
             samples_aside: 0,
@@ -120,11 +158,14 @@ impl Observer {
 
     /// Returns the covariance of the model's uncertainty: the transformation temperatures' as one of the temperature,
     /// with the fraction along the branch.
-    fn branch_doubt(&self, model: &ModelState) -> Matrix {
+    fn branch_doubt(&self, model: &ModelState, memory_deviation: f64) -> Matrix {
         let slope = self.model.slope(model, Branch::Heating).per_kelvin;
-        let along_branch = Vector::from([0.0, 0.0, slope, 1.0, 0.0]) * self.temperature_uncertainty;
-        let heating = Vector::from([0.0, 0.0, 0.0, 0.0, HEATING_DEVIATION_AT_START]);
-        along_branch * along_branch.transpose() + heating * heating.transpose()
+        let along_branch =
+            Vector::from([0.0, 0.0, slope, 1.0, 0.0, 0.0]) * self.temperature_uncertainty;
+        let mut doubt = along_branch * along_branch.transpose();
+        doubt[(HEATING, HEATING)] = HEATING_DEVIATION_AT_START * HEATING_DEVIATION_AT_START;
+        doubt[(MEMORY, MEMORY)] = memory_deviation * memory_deviation;
+        doubt
     }
 
     /// Corrects with the position sampled now, then predicts to the next cycle under the current that flows until then.
@@ -178,7 +219,7 @@ impl Observer {
             ELSEWHERE_STEPS * self.sensor_step_metres + ELSEWHERE_METRES_PER_SECOND * seconds;
         if !is_slow(&state.model) || innovation.abs() <= nearest {
             self.weigh(state, settings, before);
-            correct_component(state, POSITION, innovation, self.sensor_deviation());
+            self.update(state, settings, innovation);
         } else if innovation * before > nearest * nearest {
             self.relocate(state, position_metres);
         }
@@ -202,7 +243,7 @@ impl Observer {
         }
         state.samples_aside = 0;
         let covariance = &mut state.covariance;
-        for component in [TEMPERATURE, HEATING] {
+        for component in [TEMPERATURE, HEATING, MEMORY] {
             let variance = covariance[(component, component)];
             covariance.fill_row(component, 0.0);
             covariance.fill_column(component, 0.0);
@@ -239,21 +280,61 @@ impl Observer {
             temperature_celsius: self.model.temperature_on(&curve, martensite_fraction),
             unknown_heating_kelvins_per_second: 0.0,
         };
-        state.covariance = self.branch_doubt(&state.model);
+        let memory_deviation = libm::sqrt(state.covariance[(MEMORY, MEMORY)]);
+        state.covariance = self.branch_doubt(&state.model, memory_deviation);
         let position_doubt = self.sensor_deviation();
         state.covariance[(POSITION, POSITION)] = position_doubt * position_doubt;
         state.covariance[(VELOCITY, VELOCITY)] =
             VELOCITY_DEVIATION_AT_LIFT_OFF * VELOCITY_DEVIATION_AT_LIFT_OFF;
     }
 
+    /// Corrects the state by the distance of the position from the expected one.
+    fn update(&self, state: &mut State, settings: &Settings, innovation: f64) {
+        let column: Vector = state.covariance.column(POSITION).into();
+        let deviation = self.sensor_deviation();
+        let gain = column / (column[POSITION] + deviation * deviation);
+        let memory_variance = state.covariance[(MEMORY, MEMORY)];
+        state.covariance -= gain * column.transpose();
+        let change = gain * innovation;
+        let model = &mut state.model;
+        model.position_metres = (model.position_metres + change[POSITION]).max(0.0);
+        model.velocity_metres_per_second += change[VELOCITY];
+        model.martensite_fraction = (model.martensite_fraction + change[FRACTION]).clamp(0.0, 1.0);
+        model.temperature_celsius += change[TEMPERATURE];
+        model.unknown_heating_kelvins_per_second += change[HEATING];
+        state.turns.shift(change[TEMPERATURE]);
+        if settings.trusts_model {
+            state.covariance[(MEMORY, MEMORY)] = memory_variance;
+        } else {
+            state.memory = (state.memory + change[MEMORY]).clamp(0.0, 1.0);
+        }
+    }
+
     fn predict(&self, state: &mut State, settings: &Settings, squared_current: f64, seconds: f64) {
-        let warming = self
-            .model
-            .warming(&state.model, squared_current, settings.liveliness);
-        let transition = self.transition(&state.model, &warming, seconds);
+        let rate = self.model.temperature_rate(&state.model, squared_current);
+        let branch = NominalModel::branch(rate);
+        state.turns.follow(state.model.temperature_celsius, branch);
+        let place = branch as usize;
+        let warming = self.model.warming(
+            &state.model,
+            squared_current,
+            state.liveliness(settings)[place],
+        );
+        // Of the two slopes only that of Eq. (2) depends on the fraction.
+        let forgetting = self.model.slope(&state.model, branch);
+        let slope = Slope {
+            by_fraction: settings.liveliness * (1.0 - state.memory) * forgetting.by_fraction,
+            ..warming.slope
+        };
+        let by_memory = settings.liveliness
+            * (state.relative_slopes[place] - 1.0)
+            * forgetting.per_kelvin
+            * rate;
+        let transition = self.transition(&state.model, rate, &slope, by_memory, seconds);
         state.model = self
             .model
             .advance_from(&state.model, &warming, squared_current, seconds);
+        state.relative_slopes = self.relative_slopes(state);
         state.covariance = transition.carry(&state.covariance);
         // On the stop the filter learns nothing, so the covariance does not grow either.
         if !self.model.rests_on_stop(&state.model) {
@@ -268,11 +349,31 @@ impl Observer {
         }
     }
 
+    /// Returns `sr / sf` in heating and in cooling.
+    fn relative_slopes(&self, state: &State) -> [f64; 2] {
+        let model = &state.model;
+        let [heating, cooling] = state.turns.slopes(&self.model, model.temperature_celsius);
+        let relative = |remembering: f64, branch| {
+            let forgetting = self.model.slope(model, branch).per_kelvin;
+            (remembering / forgetting.min(-SLOPE_PER_KELVIN_MIN)).min(RELATIVE_SLOPE_MAX)
+        };
+        [
+            relative(heating, Branch::Heating),
+            relative(cooling, Branch::Cooling),
+        ]
+    }
+
     /// Returns the transition to second order in time: the exponential of the model's Jacobian, from Eq. (1), (7) and
     /// (10).
-    fn transition(&self, state: &ModelState, warming: &Warming, seconds: f64) -> Transition {
+    fn transition(
+        &self,
+        state: &ModelState,
+        rate: f64,
+        slope: &Slope,
+        by_memory: f64,
+        seconds: f64,
+    ) -> Transition {
         let (by_position, by_velocity, by_fraction) = self.model.acceleration_gradient(state);
-        let (rate, slope) = (warming.kelvins_per_second, &warming.slope);
         let rate_by_temperature = self.model.temperature_rate_by_temperature();
         let by_temperature = slope.by_temperature * rate + slope.per_kelvin * rate_by_temperature;
         // These are the non-zero elements of the Jacobian times the period. The rows of position and temperature also
@@ -281,6 +382,7 @@ impl Observer {
         let [ff, ft, fh] =
             [slope.by_fraction * rate, by_temperature, slope.per_kelvin].map(|by| by * seconds);
         let tt = rate_by_temperature * seconds;
+        let fm = by_memory * seconds;
         let mut transition = Transition {
             position: [
                 1.0 + 0.5 * (seconds * vx),
@@ -293,11 +395,13 @@ impl Observer {
                 vf + 0.5 * (vv * vf + vf * ff),
                 0.5 * (vf * ft),
                 0.5 * (vf * fh),
+                0.5 * (vf * fm),
             ],
             fraction: [
                 1.0 + ff + 0.5 * (ff * ff),
                 ft + 0.5 * (ff * ft + ft * tt),
                 fh + 0.5 * (ff * fh + ft * seconds),
+                fm + 0.5 * (ff * fm),
             ],
             temperature: [1.0 + tt + 0.5 * (tt * tt), seconds + 0.5 * (tt * seconds)],
         };
@@ -315,12 +419,12 @@ fn is_slow(model: &ModelState) -> bool {
 }
 
 /// A transition matrix `Φ`: the elements of its rows that are not 0, from the diagonal on; the row of the velocity is
-/// complete. The unknown heating is constant.
+/// complete. The unknown heating and the memory are constant.
 #[derive(Clone, Copy, Debug)]
 struct Transition {
     position: [f64; 3],
-    velocity: [f64; 5],
-    fraction: [f64; 3],
+    velocity: [f64; 6],
+    fraction: [f64; 4],
     temperature: [f64; 2],
 }
 
@@ -328,7 +432,7 @@ impl Transition {
     /// Returns `Φ P Φᵀ` of a covariance `P`. It first transforms each column of `P`, then combines the columns of the
     /// result in the same way.
     fn carry(&self, covariance: &Matrix) -> Matrix {
-        let [a, b, c, d, e] = covariance.data.0;
+        let [a, b, c, d, e, f] = covariance.data.0;
         let carried = |column| Vector::from(self.apply(column));
         Matrix::from_columns(&self.apply([
             carried(a),
@@ -336,49 +440,43 @@ impl Transition {
             carried(c),
             carried(d),
             carried(e),
+            carried(f),
         ]))
     }
 
-    /// Returns `Φ` times a column of five numbers or of five vectors.
+    /// Returns `Φ` times a column of six numbers or of six vectors.
     #[inline]
     fn apply<T>(
         &self,
-        [position, velocity, fraction, temperature, heating]: [T; STATES],
+        [position, velocity, fraction, temperature, heating, memory]: [T; STATES],
     ) -> [T; STATES]
     where
         T: Copy + Mul<f64, Output = T> + Add<Output = T>,
     {
         let [xx, xv, xf] = self.position;
-        let [vx, vv, vf, vt, vh] = self.velocity;
-        let [ff, ft, fh] = self.fraction;
+        let [vx, vv, vf, vt, vh, vm] = self.velocity;
+        let [ff, ft, fh, fm] = self.fraction;
         let [tt, th] = self.temperature;
         [
             position * xx + velocity * xv + fraction * xf,
-            position * vx + velocity * vv + fraction * vf + temperature * vt + heating * vh,
-            fraction * ff + temperature * ft + heating * fh,
+            position * vx
+                + velocity * vv
+                + fraction * vf
+                + temperature * vt
+                + heating * vh
+                + memory * vm,
+            fraction * ff + temperature * ft + heating * fh + memory * fm,
             temperature * tt + heating * th,
             heating,
+            memory,
         ]
     }
-}
-
-/// Corrects the state by the measurement of one component with a standard deviation.
-fn correct_component(state: &mut State, component: usize, innovation: f64, deviation: f64) {
-    let column: Vector = state.covariance.column(component).into();
-    let gain = column / (column[component] + deviation * deviation);
-    state.covariance -= gain * column.transpose();
-    let change = gain * innovation;
-    let model = &mut state.model;
-    model.position_metres = (model.position_metres + change[POSITION]).max(0.0);
-    model.velocity_metres_per_second += change[VELOCITY];
-    model.martensite_fraction = (model.martensite_fraction + change[FRACTION]).clamp(0.0, 1.0);
-    model.temperature_celsius += change[TEMPERATURE];
-    model.unknown_heating_kelvins_per_second += change[HEATING];
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::nominal_model::Warming;
     use crate::test_rig::{PERIOD_SECONDS, SENSOR_STEP_METRES, in_hold, in_move, sampled};
     use scenario::controller::NominalModel as ModelConfig;
 
@@ -427,17 +525,18 @@ mod tests {
         assert!((truth.martensite_fraction - estimate.martensite_fraction).abs() < 1e-12);
     }
 
-    fn components(state: &ModelState) -> [f64; STATES] {
+    fn components(state: &ModelState, memory: f64) -> [f64; STATES] {
         [
             state.position_metres,
             state.velocity_metres_per_second,
             state.martensite_fraction,
             state.temperature_celsius,
             state.unknown_heating_kelvins_per_second,
+            memory,
         ]
     }
 
-    fn model_state([x, v, fraction, temperature, heating]: [f64; STATES]) -> ModelState {
+    fn model_state([x, v, fraction, temperature, heating, _]: [f64; STATES]) -> ModelState {
         ModelState {
             position_metres: x,
             velocity_metres_per_second: v,
@@ -450,19 +549,36 @@ mod tests {
     #[test]
     fn the_transition_is_the_derivative_of_a_step_of_the_model() {
         let observer = Observer::new(&Config::default(), nominal());
-        let start = [0.02, 0.05, 0.6, 70.0, 0.5];
+        let start = [0.02, 0.05, 0.6, 70.0, 0.5, 0.0];
+        let relative = 0.3;
         for squared_current in [0.0, 1.0] {
-            let step = |start| {
+            let warming = |start: [f64; STATES]| {
+                let liveliness = 1.0 + start[MEMORY] * (relative - 1.0);
                 let state = model_state(start);
-                let end = observer
-                    .model
-                    .advance(&state, squared_current, PERIOD_SECONDS);
-                Vector::from(components(&end))
+                (observer.model).warming(&state, squared_current, liveliness)
             };
-            let warming = observer
-                .model
-                .warming(&model_state(start), squared_current, 1.0);
-            let transition = observer.transition(&model_state(start), &warming, PERIOD_SECONDS);
+            let step = |start: [f64; STATES]| {
+                let end = observer.model.advance_from(
+                    &model_state(start),
+                    &warming(start),
+                    squared_current,
+                    PERIOD_SECONDS,
+                );
+                Vector::from(components(&end, start[MEMORY]))
+            };
+            let Warming {
+                kelvins_per_second,
+                slope,
+                ..
+            } = warming(start);
+            let by_memory = (relative - 1.0) * slope.per_kelvin * kelvins_per_second;
+            let transition = observer.transition(
+                &model_state(start),
+                kelvins_per_second,
+                &slope,
+                by_memory,
+                PERIOD_SECONDS,
+            );
             for component in 0..STATES {
                 let mut direction = [0.0; STATES];
                 direction[component] = 1.0;
@@ -486,8 +602,8 @@ mod tests {
     fn a_covariance_is_carried_as_by_the_whole_matrix() {
         let transition = Transition {
             position: [1.1, 0.2, -0.3],
-            velocity: [-0.4, 0.9, 0.5, 0.1, 0.7],
-            fraction: [0.8, -0.2, 0.6],
+            velocity: [-0.4, 0.9, 0.5, 0.1, 0.7, -0.6],
+            fraction: [0.8, -0.2, 0.6, 0.4],
             temperature: [0.95, 0.3],
         };
         let columns = Matrix::identity()
@@ -495,9 +611,58 @@ mod tests {
             .0
             .map(|column| Vector::from(transition.apply(column)));
         let whole = Matrix::from_columns(&columns);
-        let covariance = Matrix::from_iterator((1..=25_u32).map(|number| f64::from(number % 7)));
+        let covariance = Matrix::from_iterator((1..=36_u32).map(|number| f64::from(number % 7)));
         let difference = transition.carry(&covariance) - whole * covariance * whole.transpose();
         assert!(difference.amax() < 1e-13, "{difference}");
+    }
+
+    /// Returns the memory that the observer finds on a wire that remembers its turns by this share, in swings.
+    fn memory_found(share: f64) -> f64 {
+        let model = nominal();
+        let observer = Observer::new(&Config::default(), model.clone());
+        let mut state = observer.start();
+        let mut truth = State {
+            memory: share,
+            ..observer.start()
+        };
+        for cycle in 0..4000 {
+            let time = PERIOD_SECONDS * f64::from(cycle);
+            let current = if time < 1.0 {
+                0.62
+            } else {
+                0.58 + 0.1 * libm::sin(9.0 * time)
+            };
+            let squared_current = current * current;
+            let position = sampled(truth.model.position_metres);
+            step(&observer, &mut state, position, squared_current);
+            observer.predict(&mut truth, &in_move(), squared_current, PERIOD_SECONDS);
+        }
+        state.memory
+    }
+
+    #[test]
+    fn memory_of_the_turns_is_found_in_moves_and_no_other_is() {
+        let found = [0.0, 1.0].map(memory_found);
+        assert!(found[0] < 0.1, "{found:?}");
+        assert!(found[1] > 0.9, "{found:?}");
+    }
+
+    #[test]
+    fn a_hold_teaches_nothing_of_the_memory() {
+        let (observer, mut state, squared_current) = holding();
+        let before = state;
+        for _ in 0..2000 {
+            observer.step(
+                &mut state,
+                &in_hold(),
+                sampled(0.02),
+                squared_current,
+                PERIOD_SECONDS,
+            );
+        }
+        let variance = |state: &State| state.covariance[(MEMORY, MEMORY)];
+        assert_eq!(state.memory, before.memory);
+        assert_eq!(variance(&state), variance(&before));
     }
 
     #[test]

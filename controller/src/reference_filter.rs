@@ -12,8 +12,9 @@ const MEMORY_SECONDS: f64 = 0.5;
 /// Time over which lags are averaged.
 const LAG_SECONDS: f64 = 0.005;
 
-/// Excess over 1 of the divisor of the launch's jerk at full caution.
+/// Excesses over 1 of the divisors of the launch's jerk at full caution, and for a wire that remembers its turns.
 const EXCESS_OF_CAUTION: f64 = 0.5;
+const EXCESS_OF_MEMORY: f64 = 0.5;
 
 /// Shortest move that counts, in metres.
 const MOVE_METRES_MIN: f64 = 1e-6;
@@ -129,6 +130,7 @@ pub struct State {
     lag: f64,
     greatest_lag: f64,
     caution: f64,
+    memory: f64,
 }
 
 /// The reference for a cycle: a point and the jerk that continues it.
@@ -173,6 +175,11 @@ impl State {
     /// Updates the caution of the law, from 0 to 1.
     pub fn notice_caution(&mut self, caution: f64) {
         self.caution = caution;
+    }
+
+    /// Updates the share of a wire that remembers its turns, from 0 to 1.
+    pub fn notice_memory(&mut self, memory: f64) {
+        self.memory = memory;
     }
 }
 
@@ -233,7 +240,8 @@ impl ReferenceFilter {
     /// Returns the filter for this cycle. At the start of a move of length `l` its poles are `p₀ = (J / l)^⅓`, so any
     /// move begins with the jerk `J`. Over the remaining distance `d` they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`. A
     /// plant that lags behind by more than `φ` differs from the model, and may brake as slowly. From there on `J` is
-    /// divided by the ratio of the largest lag to `φ`. Caution, from a law that rings, divides it further.
+    /// divided by the ratio of the largest lag to `φ`. Caution, from a law that rings, divides it further, and so does a
+    /// wire that remembers its turns: behind one it hardly brakes, and it does so the less the faster the move is.
     fn filter(&self, state: &mut State, target: f64, seconds: f64) -> CriticallyDamped {
         let left = (target - state.point.position_metres).abs();
         let move_metres = faded(state.move_metres, seconds);
@@ -242,7 +250,9 @@ impl ReferenceFilter {
         let rise = self.landing_ratio * self.landing_ratio - 1.0;
         let slowing = libm::sqrt(1.0 + rise * share * share);
         let lag_excess = (state.greatest_lag / self.lag_max).max(1.0);
-        let excess = lag_excess * (1.0 + EXCESS_OF_CAUTION * state.caution);
+        let of_caution = 1.0 + EXCESS_OF_CAUTION * state.caution;
+        let of_memory = 1.0 + EXCESS_OF_MEMORY * state.memory * state.memory;
+        let excess = lag_excess * of_caution * of_memory;
         let launch_cubed = self.launch_jerk_metres_per_second_cubed / (excess * state.move_metres);
         CriticallyDamped {
             poles_radians_per_second: self.poles(launch_cubed, slowing),

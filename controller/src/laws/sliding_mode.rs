@@ -236,8 +236,9 @@ impl Law for SlidingMode {
         let on_stop = model.rests_on_stop(&estimate);
         let local = model
             .at(&estimate, position.acceleration_metres_per_second_squared)
-            .livelier(settings.liveliness);
+            .livelier(state.observer.liveliness(&settings));
         state.reference.notice_caution(settings.caution);
+        state.reference.notice_memory(state.observer.memory);
         let reference = if on_stop {
             self.reference_on_stop(&mut state.reference, &set_point, period_seconds)
         } else {

@@ -214,7 +214,7 @@ impl Default for Hold {
         Self {
             bandwidth_radians_per_second: 16.0,
             fraction_drift: 0.000_2,
-            heating_drift_kelvins_per_second: 7.0,
+            heating_drift_kelvins_per_second: 7.5,
             calming_seconds: 0.8,
             error_sensor_steps_max: 1.15,
         }
