@@ -1,4 +1,4 @@
-//! Reason why a command on a campaign did not complete, and the frame of such a command.
+//! Reason why a command on a campaign did not complete, and the course that such commands share.
 
 use std::path::{Path, PathBuf};
 

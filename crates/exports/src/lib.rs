@@ -17,7 +17,7 @@ use dbc::{Database, Message, SignalHandle};
 
 /// Bits of the identifier in a raw one, without its flags.
 const ID_BITS: u32 = 0x1FFF_FFFF;
-/// Those bits, and the flag of an extended identifier.
+/// Bits of the identifier in a raw one, and the flag of an extended one.
 const MARKED_ID_BITS: u32 = 0x9FFF_FFFF;
 
 /// Returns the signals of a message, in its order.

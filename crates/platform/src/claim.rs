@@ -29,7 +29,7 @@ pub enum ClaimError {
     Taken {
         /// The interface.
         name: String,
-        /// Process that holds it, if it is visible from this namespace.
+        /// Holder: its process if that is visible from this namespace.
         holder: String,
     },
     /// The system refuses.

@@ -155,7 +155,7 @@ impl Bus for SocketCanBus {
     }
 
     fn count_fd_frames(&mut self) {
-        // An old kernel has none.
+        // A kernel without CAN FD refuses the option; then none are counted.
         let option = libc::CAN_RAW_FD_FRAMES;
         let _ = (self.socket).set_socket_option_int(libc::SOL_CAN_RAW, option, 1);
     }

@@ -104,7 +104,7 @@ impl StopSignal {
     }
 }
 
-/// Thread that works until it is told to end, which the drop does and waits for.
+/// Thread that works until it is told to end; the drop tells it and waits.
 #[derive(Debug)]
 pub(crate) struct StoppedThread {
     stop: OwnedFd,

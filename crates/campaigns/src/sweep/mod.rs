@@ -2,7 +2,7 @@
 //!
 //! A [`sweep_cases::SweepCases`] defines the cases of a sweep. Each is available at once and by itself, so any machine may play
 //! any of them. `store` has the rows of the completed cases on the disk, which is all that a restart or a merge needs. `tables`
-//! and `summary` are made from the store at the end, and `command` puts it all together.
+//! and `summary` are made from the store at the end, and `part` puts it all together.
 
 pub(crate) mod cases;
 pub mod command;

@@ -1,4 +1,4 @@
-//! Plays a part of a campaign: the cases that have no row yet. The rows are the same on every machine, however often they are
+//! Plays a part of a campaign, the cases that have no row yet, and makes the tables and the page if all have one. The rows are the same on every machine, however often they are
 //! played.
 
 use std::env;

@@ -77,7 +77,7 @@ pub(super) struct MetricSpread {
     pub curve: (Vec<f64>, Vec<f64>),
 }
 
-/// The limits that a case missed, each with the value.
+/// Returns the limits that a case missed, each with the value.
 fn missed(row: &SweepRow, limits: &BTreeMap<String, Limit>) -> String {
     let texts = row.missed.iter().map(|name| {
         // An invariant of torture has no limit.

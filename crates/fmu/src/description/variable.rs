@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde::de::value::{Error, StrDeserializer};
 
-/// Returns the value that FMI calls so.
+/// Returns the value of this name in FMI; `None` if there is none.
 pub(super) fn keyword<'a, T: Deserialize<'a>>(text: &'a str) -> Option<T> {
     T::deserialize(StrDeserializer::<Error>::new(text)).ok()
 }

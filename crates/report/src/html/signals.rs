@@ -27,11 +27,12 @@ const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 /// Signal in a plot: its name, its label and its colour.
 type Drawn<'a> = (&'a str, &'a str, Colour);
 
-/// Signals of the SMA actuator, with the controller's estimates of them.
+/// Temperatures of the SMA actuator: the controller's estimate and the true one.
 const TEMPERATURES: [Drawn<'static>; 2] = [
     ("estimated_temperature_celsius", "estimated", Estimated),
     (WIRE_TEMPERATURE, "true", True),
 ];
+/// Martensite fractions of the SMA actuator: the controller's estimate and the true one.
 const FRACTIONS: [Drawn<'static>; 2] = [
     ("estimated_martensite_fraction", "estimated", Estimated),
     ("martensite_fraction", "true", True),
@@ -42,6 +43,7 @@ const SLIDING_VARIABLE: Drawn<'static> = (
     "sliding variable",
     Estimated,
 );
+/// Parts of the squared current that these laws command.
 const PARTS_OF_LAW: [Drawn<'static>; 2] = [
     ("switching_part_amperes_squared", "switching", Measured),
     ("equivalent_part_amperes_squared", "equivalent", Estimated),
