@@ -25,7 +25,7 @@ def test_wires_that_remember_their_turns_come_to_rest(release, tmp_path):
     assert [(row[2], row[4], row[5], row[6]) for row in rows] == [
         (kinetics, noise, "30", "0") for kinetics in ("nested", "preisach") for noise in ("0", "0.03")
     ], table
-    # The median is that of the paper's wire; the slowest take five times as long, which this is not to hide.
+    # The median is that of the paper's wire; the slowest takes up to three times as long, which this is not to hide.
     for row in rows:
-        settling = [float(value) for value in row[8].split(", ")]
-        assert settling[0] <= 0.21 and max(settling) <= 2.0, table
+        median, most, *slowest = [float(value) for value in row[8].split(", ")]
+        assert median <= 0.21 and most <= 0.3 and max(slowest) <= 0.8, table
