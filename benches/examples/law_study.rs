@@ -4,8 +4,8 @@
 //! cargo run --release --package canrig-benches --example law_study -- --plants 250 step
 //! ```
 //!
-//! A run of 15 s takes milliseconds, so that a change of the law is compared on hundreds of wires within seconds. What it finds
-//! is then measured with the program (`benches/compare/unknown_plants`), which differs by the frames' resolution only.
+//! A run of 15 s takes milliseconds, so that a change of the law is compared on hundreds of wires within seconds. Its findings
+//! are then measured with the program (`benches/compare/unknown_plants`), which differs by the frames' resolution only.
 #![allow(
     clippy::print_stdout,
     reason = "a table for the terminal is what it is for"
@@ -18,14 +18,16 @@ use std::thread;
 use clap::{Parser, Subcommand};
 use controller::law::{CurrentRange, Cycle, Law, LoopReads};
 use controller::laws::sliding_mode::SlidingMode;
+use faults::Stream;
+use paper::identify::nominal_model::nominal_model;
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
+use plant_emulator::sensor::PositionSensor;
 use scenario::controller::SlidingMode as Config;
-use scenario::plant::{Kinetics, Sma, StressStrain};
+use scenario::plant::{Kinetics, Sensor, Sma, StressStrain};
 use scenario::reference::SetPoint;
 
 const PERIOD_SECONDS: f64 = 1e-3;
-const SENSOR_STEP_METRES: f64 = 0.06 / 1024.0;
 /// Time of the step or the disturbance, and a part of a limit cycle of the hold before it.
 const AT_SECONDS: f64 = 10.0;
 const PHASE_SECONDS: f64 = 0.037;
@@ -73,7 +75,7 @@ enum Case {
 /// A run to play.
 struct Job {
     plant: Sma,
-    noise_metres: f64,
+    noise_millimetres: f64,
     seed: u64,
     at_seconds: f64,
 }
@@ -88,36 +90,14 @@ struct Outcome {
     hunts: bool,
 }
 
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ (mixed >> 31)
-    }
-
-    /// Returns a number from 0 to 1.
-    fn unit(&mut self) -> f64 {
-        f64::from(u32::try_from(self.next() >> 32).unwrap_or(u32::MAX)) / f64::from(u32::MAX)
-    }
-
-    /// Returns a number that is nearly normal, with a deviation of 1: the sum of twelve uniform ones.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
-    }
-}
-
 /// Draws a wire, uniformly from ranges about the nominal values.
-fn drawn(random: &mut Random, arguments: &Arguments, kinetics: Kinetics) -> Sma {
+fn drawn(random: &mut Stream, arguments: &Arguments, kinetics: Kinetics) -> Sma {
     let mut plant = Sma {
         kinetics,
         ..Sma::default()
     };
     let mut vary = |value: &mut f64, half: f64| {
-        *value += arguments.ranges * half * (2.0 * random.unit() - 1.0);
+        *value += arguments.ranges * half * (2.0 * random.uniform() - 1.0);
     };
     vary(&mut plant.heat.conduction_watts_per_metre_kelvin, 0.0255);
     vary(
@@ -141,19 +121,7 @@ fn drawn(random: &mut Random, arguments: &Arguments, kinetics: Kinetics) -> Sma 
 fn law(plant: &Sma, is_known: bool) -> SlidingMode {
     let mut config = Config::default();
     if is_known {
-        let model = &mut config.nominal_model;
-        let (heat, phase, mechanics) = (&plant.heat, &plant.phase, &plant.mechanics);
-        model.conduction_watts_per_metre_kelvin = heat.conduction_watts_per_metre_kelvin;
-        model.convection_watts_per_square_metre_kelvin =
-            heat.convection_watts_per_square_metre_kelvin;
-        model.resistance_ohms_per_metre = heat.resistance_ohms_per_metre;
-        model.austenite_start_celsius = phase.austenite_start_celsius;
-        model.austenite_finish_celsius = phase.austenite_finish_celsius;
-        model.martensite_start_celsius = phase.martensite_start_celsius;
-        model.martensite_finish_celsius = phase.martensite_finish_celsius;
-        model.austenite_modulus_pascals = mechanics.austenite_modulus_pascals;
-        model.load_kilograms = mechanics.load_kilograms;
-        model.damping_newton_seconds_per_metre = mechanics.damping_newton_seconds_per_metre;
+        config.nominal_model = nominal_model(plant);
     }
     let currents = CurrentRange {
         rated: 1.0,
@@ -196,7 +164,11 @@ fn play(job: &Job, arguments: &Arguments) -> Outcome {
     let ([from, to], inputs) = course(arguments.case);
     let law = law(&job.plant, arguments.known);
     let (mut state, mut plant) = (law.start(), Actuator::new(&job.plant));
-    let mut random = Random(job.seed);
+    let config = Sensor {
+        noise_rms: job.noise_millimetres,
+        ..Sensor::default()
+    };
+    let mut sensor = PositionSensor::new(&config, 1e-3, job.seed);
     let mut writes = vec![0.0; law.ports().outputs.len()];
     let mut outcome = Outcome::default();
     let (mut overshoot, mut deviation) = (f64::NEG_INFINITY, 0.0_f64);
@@ -204,9 +176,8 @@ fn play(job: &Job, arguments: &Arguments) -> Outcome {
     let end = job.at_seconds + AFTER_SECONDS;
     let mut time = 0.0;
     while time < end {
-        let noise = job.noise_metres * random.normal();
-        let steps = ((plant.position_metres() + noise) / SENSOR_STEP_METRES).round();
-        let position = (steps * SENSOR_STEP_METRES).clamp(0.0, 0.06 - SENSOR_STEP_METRES);
+        let counts = sensor.sample(plant.position_metres());
+        let position = sensor.position(counts);
         let since = time - job.at_seconds;
         let reads = LoopReads {
             position,
@@ -290,13 +261,13 @@ fn main() {
     for kinetics in [Kinetics::Paper, Kinetics::Nested, Kinetics::Preisach] {
         for noise_millimetres in [0.0, 0.03] {
             let mut jobs = Vec::new();
-            let mut random = Random(arguments.seed);
+            let mut random = Stream::new(arguments.seed);
             for _ in 0..arguments.plants {
                 let plant = drawn(&mut random, &arguments, kinetics);
-                let seed = random.next();
+                let seed = random.bits();
                 jobs.extend((0..arguments.phases).map(|phase| Job {
                     plant: plant.clone(),
-                    noise_metres: 1e-3 * noise_millimetres,
+                    noise_millimetres,
                     seed,
                     at_seconds: AT_SECONDS + PHASE_SECONDS * f64::from(phase),
                 }));

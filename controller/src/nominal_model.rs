@@ -23,7 +23,7 @@ const TRANSFORMATION_STEEPNESS: f64 = 6.2;
 const AUTHORITY_MIN: f64 = 1e-3;
 
 /// Smallest `dξ/dT` in 1/K as a divisor of a rate; it keeps results finite.
-const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
+pub(crate) const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
 
 /// Share of a branch's span, from either end, within which Eq. (2) is no longer solved for the temperature.
 const SHARE_MIN: f64 = 1e-3;
@@ -98,6 +98,19 @@ pub struct Warming {
     pub slope: Slope,
     /// Rate of the transformation with temperature, relative to the model.
     liveliness: f64,
+}
+
+impl Warming {
+    /// Makes the warming of a wire that transforms `liveliness` times as fast with its temperature as on this slope.
+    #[must_use]
+    #[inline]
+    pub fn new(kelvins_per_second: f64, slope: Slope, liveliness: f64) -> Self {
+        Self {
+            kelvins_per_second,
+            slope: slope.times(liveliness),
+            liveliness,
+        }
+    }
 }
 
 /// A branch of Eq. (2) with the constants `ξ0` and `k` of Eq. (10).
@@ -355,11 +368,7 @@ impl NominalModel {
     pub fn warming(&self, state: &State, squared_current: f64, liveliness: f64) -> Warming {
         let kelvins_per_second = self.temperature_rate(state, squared_current);
         let slope = self.slope(state, Self::branch(kelvins_per_second));
-        Warming {
-            kelvins_per_second,
-            slope: slope.times(liveliness),
-            liveliness,
-        }
+        Warming::new(kelvins_per_second, slope, liveliness)
     }
 
     /// Returns the curve of Eq. (2) that leaves the present state on a branch with a continuous fraction (PAPER E2).

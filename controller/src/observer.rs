@@ -1,6 +1,6 @@
 //! Extended Kalman filter on the nominal model: temperature, fraction and unknown heating from the position.
 //!
-//! Nobody tells the observer whether the wire remembers the turns of its temperature. The memory `μ` is the share of a
+//! The observer is not told whether the wire remembers the turns of its temperature. The memory `μ` is the share of a
 //! wire that does, with the slope `sr` of its branch, beside one of Eq. (2), with `sf`: `dξ/dT = (1 − μ) sf + μ sr`. It is a
 //! sixth quantity of the filter, which knows it as little as any share, 0.5 ± 0.5, and learns it in moves. In a hold the
 //! position is one of few steps of the sensor, whose errors are no noise; there the filter only takes its doubt into
@@ -16,7 +16,9 @@ use nalgebra::{SMatrix, SVector};
 use scenario::controller::Observer as Config;
 
 use crate::mode::Settings;
-use crate::nominal_model::{Branch, NominalModel, Slope, State as ModelState};
+use crate::nominal_model::{
+    Branch, NominalModel, SLOPE_PER_KELVIN_MIN, Slope, State as ModelState, Warming,
+};
 use crate::turns::Turns;
 
 const STATES: usize = 6;
@@ -71,9 +73,6 @@ const HEATING_DEVIATION_AT_START: f64 = 1.0;
 const MEMORY_AT_START: f64 = 0.5;
 const MEMORY_DEVIATION_AT_START: f64 = 0.5;
 
-/// Smallest `dξ/dT` of Eq. (2) in 1/K as a divisor; it keeps results finite.
-const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
-
 /// Largest slope of a wire that remembers its turns relative to that of Eq. (2).
 const RELATIVE_SLOPE_MAX: f64 = 4.0;
 
@@ -112,11 +111,8 @@ impl State {
     /// Returns how many times as fast as in the model the wire transforms with its temperature, in heating and in cooling.
     #[must_use]
     pub fn liveliness(&self, settings: &Settings) -> [f64; 2] {
-        let share = |relative: &f64| settings.liveliness * (1.0 + self.memory * (relative - 1.0));
-        [
-            share(&self.relative_slopes[0]),
-            share(&self.relative_slopes[1]),
-        ]
+        self.relative_slopes
+            .map(|relative| settings.liveliness * (1.0 + self.memory * (relative - 1.0)))
     }
 }
 
@@ -315,13 +311,9 @@ impl Observer {
         let branch = NominalModel::branch(rate);
         state.turns.follow(state.model.temperature_celsius, branch);
         let place = branch as usize;
-        let warming = self.model.warming(
-            &state.model,
-            squared_current,
-            state.liveliness(settings)[place],
-        );
-        // Of the two slopes only that of Eq. (2) depends on the fraction.
         let forgetting = self.model.slope(&state.model, branch);
+        let warming = Warming::new(rate, forgetting, state.liveliness(settings)[place]);
+        // Of the two slopes only that of Eq. (2) depends on the fraction.
         let slope = Slope {
             by_fraction: settings.liveliness * (1.0 - state.memory) * forgetting.by_fraction,
             ..warming.slope
@@ -476,7 +468,6 @@ impl Transition {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nominal_model::Warming;
     use crate::test_rig::{PERIOD_SECONDS, SENSOR_STEP_METRES, in_hold, in_move, sampled};
     use scenario::controller::NominalModel as ModelConfig;
 

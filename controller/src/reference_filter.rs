@@ -241,7 +241,7 @@ impl ReferenceFilter {
     /// move begins with the jerk `J`. Over the remaining distance `d` they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`. A
     /// plant that lags behind by more than `φ` differs from the model, and may brake as slowly. From there on `J` is
     /// divided by the ratio of the largest lag to `φ`. Caution, from a law that rings, divides it further, and so does a
-    /// wire that remembers its turns: behind one it hardly brakes, and it does so the less the faster the move is.
+    /// wire that remembers its turns, since it brakes less: right behind a turn cooling has little effect.
     fn filter(&self, state: &mut State, target: f64, seconds: f64) -> CriticallyDamped {
         let left = (target - state.point.position_metres).abs();
         let move_metres = faded(state.move_metres, seconds);

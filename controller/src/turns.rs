@@ -48,7 +48,7 @@ impl Turns {
         }
     }
 
-    /// Moves the turns with the estimated temperature when it is corrected: what it was off by now, it was at the turns.
+    /// Moves the turns with the estimated temperature when it is corrected: its error was the same at the turns.
     pub(crate) fn shift(&mut self, kelvins: f64) {
         for celsius in &mut self.celsius[..self.count] {
             *celsius += kelvins;
