@@ -49,7 +49,7 @@ fn cycle(held: Box<HeldLaw>) -> Box<HeldLaw> {
     held
 }
 
-#[library_benchmark(config = limit(3500))]
+#[library_benchmark(config = limit(3400))]
 #[bench::hold(sliding_mode())]
 fn sliding_mode_cycle(start: Box<HeldLaw>) -> Box<HeldLaw> {
     cycle(start)
