@@ -56,14 +56,19 @@ const JUMP_STEPS: f64 = 3.5;
 const ELSEWHERE_STEPS: f64 = 5.0;
 const ELSEWHERE_METRES_PER_SECOND: f64 = 0.5;
 
-/// Distance of a load in a hold from its expected position, in sensor steps, that proves another weight if it is found in so
-/// many cycles in a row on one side. 10 g take the load as far within some 8 ms.
-const WEIGHT_STEPS: f64 = 1.5;
-const WEIGHT_SAMPLES: u8 = 3;
+/// Distance of a load in a hold from its expected position, in sensor steps, that is none of its weight; and the sum of the
+/// distances beyond it on one side that proves another weight (Page's cumulative sum). A wire that remembers its turns takes the
+/// second sum more for all of its memory: behind a turn it hardly transforms, and heat on a guess throws the load.
+const WEIGHT_FREE_STEPS: f64 = 0.35;
+const WEIGHT_STEPS: f64 = 5.0;
+const WEIGHT_STEPS_BY_MEMORY: f64 = 12.0;
 
-/// Standard deviations of the effects of another weight: of the fraction that holds the load, and of its velocity in m/s by
-/// the time it is noticed. 10 g on 40 g change the fraction by 0.02 at 25 mm, and by 0.06 at 50 mm.
-const WEIGHT_FRACTION_DEVIATION: f64 = 0.05;
+/// Standard deviation of the acceleration by another weight in m/s², and the time for which it acts until it is noticed.
+const WEIGHT_ACCELERATION_DEVIATION: f64 = 2.0;
+const WEIGHT_SECONDS: f64 = 0.01;
+
+/// Standard deviations of a fraction and a velocity, in m/s, that do not fit this course.
+const WEIGHT_FRACTION_DEVIATION: f64 = 0.015;
 const WEIGHT_VELOCITY_DEVIATION: f64 = 0.01;
 
 /// Standard deviation of the unknown heating at the start in K/s.
@@ -103,8 +108,8 @@ pub struct State {
     samples_above_stop: u32,
     /// Distance of the latest position from the expected one.
     innovation_metres: f64,
-    /// Number of the latest positions that lie far on the same side of the expected one.
-    samples_aside: u8,
+    /// Sums of the distances above and below the expected positions, in sensor steps.
+    aside_steps: [f64; 2],
 }
 
 impl State {
@@ -140,7 +145,7 @@ impl Observer {
             covariance: self.branch_doubt(&model, MEMORY_DEVIATION_AT_START),
             samples_above_stop: 0,
             innovation_metres: 0.0,
-            samples_aside: 0,
+            aside_steps: [0.0; 2],
         }
     }
 
@@ -214,30 +219,28 @@ impl Observer {
         let nearest =
             ELSEWHERE_STEPS * self.sensor_step_metres + ELSEWHERE_METRES_PER_SECOND * seconds;
         if !is_slow(&state.model) || innovation.abs() <= nearest {
-            self.weigh(state, settings, before);
+            self.weigh(state, settings);
             self.update(state, settings, innovation);
         } else if innovation * before > nearest * nearest {
             self.relocate(state, position_metres);
         }
     }
 
-    /// Doubts the fraction if a load in a hold leaves its place: its weight has changed, which to the filter is another
-    /// fraction, Eq. (12). Weight is no heat, so that the temperature does not follow.
-    fn weigh(&self, state: &mut State, settings: &Settings, before: f64) {
-        let innovation = state.innovation_metres;
-        let is_aside = innovation.abs() > WEIGHT_STEPS * self.sensor_step_metres;
-        let leaves = is_aside && settings.trusts_model && is_slow(&state.model);
-        let is_other_side = innovation * before < 0.0;
-        let on_this_side = if is_other_side {
-            0
-        } else {
-            state.samples_aside
-        };
-        state.samples_aside = if leaves { on_this_side + 1 } else { 0 };
-        if state.samples_aside < WEIGHT_SAMPLES {
+    /// Doubts fraction and velocity if a load in a hold leaves its place: its weight has changed, which to the filter is
+    /// another fraction, Eq. (12), by which the load has accelerated. Weight is no heat, so that the temperature does not
+    /// follow.
+    fn weigh(&self, state: &mut State, settings: &Settings) {
+        let steps = state.innovation_metres / self.sensor_step_metres;
+        let is_in_hold = settings.trusts_model && is_slow(&state.model);
+        for (sum, distance) in state.aside_steps.iter_mut().zip([steps, -steps]) {
+            let next = (*sum + distance - WEIGHT_FREE_STEPS).max(0.0);
+            *sum = if is_in_hold { next } else { 0.0 };
+        }
+        let proof = WEIGHT_STEPS + WEIGHT_STEPS_BY_MEMORY * state.memory;
+        if state.aside_steps.iter().all(|sum| *sum <= proof) {
             return;
         }
-        state.samples_aside = 0;
+        state.aside_steps = [0.0; 2];
         let covariance = &mut state.covariance;
         for component in [TEMPERATURE, HEATING, MEMORY] {
             let variance = covariance[(component, component)];
@@ -245,6 +248,15 @@ impl Observer {
             covariance.fill_column(component, 0.0);
             covariance[(component, component)] = variance;
         }
+        let forgetting = (1.0 - 2.0 * state.memory).max(0.0);
+        let acceleration = forgetting * WEIGHT_ACCELERATION_DEVIATION;
+        let velocity = acceleration * WEIGHT_SECONDS;
+        let position = 0.5 * velocity * WEIGHT_SECONDS;
+        let (_, _, by_fraction) = self.model.acceleration_gradient(&state.model);
+        // A wire without stretch moves no load.
+        let fraction = (acceleration / by_fraction).max(-1.0);
+        let course = Vector::from([position, velocity, fraction, 0.0, 0.0, 0.0]);
+        *covariance += course * course.transpose();
         covariance[(FRACTION, FRACTION)] += WEIGHT_FRACTION_DEVIATION * WEIGHT_FRACTION_DEVIATION;
         covariance[(VELOCITY, VELOCITY)] += WEIGHT_VELOCITY_DEVIATION * WEIGHT_VELOCITY_DEVIATION;
     }
