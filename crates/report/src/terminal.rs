@@ -6,6 +6,7 @@ use scenario::expect::Limit;
 use scenario::metrics;
 
 use crate::table::{Cell, Table, Text};
+use crate::viewer::INSTALL;
 use judge::timing::Timing;
 use judge::verdict::{Metric, Outcome, Verdict};
 use recording::run_folder::file;
@@ -61,7 +62,7 @@ pub fn run(verdict: &Verdict, folder: &Path) -> Text {
     }
     if recording.exists() {
         text.line(format!(
-            "in Rerun    rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
+            "in Rerun    rerun {}   (viewer: {INSTALL})",
             recording.display()
         ));
     }

@@ -13,6 +13,7 @@ mod live;
 mod start;
 
 pub use address::ViewerAddress;
+pub(crate) use start::INSTALL;
 
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;

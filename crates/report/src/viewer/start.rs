@@ -11,7 +11,7 @@ use platform::scheduling;
 use super::address::ViewerAddress;
 
 /// Command that installs the viewer.
-const INSTALL: &str = "pip install rerun-sdk==0.36.3";
+pub(crate) const INSTALL: &str = "pip install rerun-sdk==0.36.3";
 /// Largest memory of the viewer and of the server for a run; they drop the oldest data of a longer one. Without a limit they take
 /// three quarters of the memory, which the bench needs, too.
 const MEMORY_MAX: &str = "1GB";
