@@ -129,7 +129,8 @@ impl ControllerNode {
         let loops = plans.into_iter().zip(follows).map(|(plan, follows)| {
             let view = plan.view;
             let limits = plan.limits.map(|limits| {
-                LimitWatch::new(limits, sync_period).in_unit(&view.wiring.sensor.measurand.unit)
+                let unit = &view.wiring.sensor.measurand.unit;
+                LimitWatch::new(limits, sync_period, unit)
             });
             let plausibility = Plausibility::new(&view.wiring);
             ControlLoop {

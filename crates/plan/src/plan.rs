@@ -113,16 +113,13 @@ impl Plan {
         self
     }
 
-    /// Changes each loop.
-    fn map(mut self, change: impl FnMut(ControlLoop) -> ControlLoop) -> Self {
-        self.loops = self.loops.into_iter().map(change).collect();
-        self
-    }
-
     /// Gives the frames another meaning.
     #[must_use]
-    pub fn with_database(self, database: &Arc<Database>) -> Self {
-        self.map(|one| one.with_database(Arc::clone(database)))
+    pub fn with_database(mut self, database: &Arc<Database>) -> Self {
+        for one in &mut self.loops {
+            one.database = Arc::clone(database);
+        }
+        self
     }
 
     /// Makes further nodes external, by name. An external drive publishes no truth.
@@ -392,18 +389,6 @@ impl ControlLoop {
     fn from_recording(trial: Trial, database: &Arc<Database>) -> Self {
         let frames = Frames::from_recording(Arc::clone(database), &trial.wiring);
         Self::with_frames(trial, Arc::new(frames))
-    }
-
-    /// Makes a loop with other values for the same plant and law.
-    fn varied(&self, trial: Trial) -> Self {
-        Self {
-            trial,
-            ..self.clone()
-        }
-    }
-
-    fn with_database(self, database: Arc<Database>) -> Self {
-        Self { database, ..self }
     }
 
     /// Checks whether the node with a part in the loop is external.

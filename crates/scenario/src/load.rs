@@ -136,17 +136,12 @@ impl Trial {
         let beside = Beside::new(Path::new(file_name));
         let text = text.to_owned();
         let (scenario, _) = Scenario::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
-        only(scenario.loops, file_name)
+        let count = scenario.loops.len();
+        only_one(scenario.loops).ok_or_else(|| {
+            let message = format!("its rig has {count} loops, and one is played here");
+            ScenarioError::in_file(file_name, message)
+        })
     }
-}
-
-/// Returns the only loop.
-fn only(loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> {
-    let count = loops.len();
-    only_one(loops).ok_or_else(|| {
-        let message = format!("its rig has {count} loops, and one is played here");
-        ScenarioError::in_file(file_name, message)
-    })
 }
 
 /// Reads the text of a scenario's file.

@@ -22,10 +22,9 @@ impl Supervisor {
     /// Makes a supervisor that has seen no frame.
     #[must_use]
     pub(crate) fn new(drive: &LoadedDrive, sync_period: Duration, unit: &Unit) -> Self {
-        let watch = LimitWatch::new(&drive.real.limits, sync_period);
         Self {
             drive: drive.layout.clone(),
-            watch: watch.in_unit(unit),
+            watch: LimitWatch::new(&drive.real.limits, sync_period, unit),
         }
     }
 

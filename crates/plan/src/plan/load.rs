@@ -132,7 +132,10 @@ impl Plan {
         let beside = self.shared.beside.for_case();
         let scenario = Scenario::parse_case(&beside, text.to_owned(), read_file, object)?;
         let varied = self.loops.iter().zip(scenario.loops);
-        let varied = varied.map(|(base, one)| base.varied(one));
+        let varied = varied.map(|(base, trial)| ControlLoop {
+            trial,
+            ..base.clone()
+        });
         let mut plan = Self::from_loops(scenario.run, varied.collect());
         plan.shared.programs = scenario.programs;
         plan.shared.beside = beside;

@@ -127,6 +127,13 @@ pub enum Drawn {
     Word(&'static str),
 }
 
+impl Key {
+    /// Checks whether its value is the name of a node.
+    pub(super) fn names_node(&self) -> bool {
+        matches!(self.form, Form::Node | Form::Station)
+    }
+}
+
 impl Group {
     /// All groups, in the order of the format.
     pub const ALL: [Self; 5] = [
@@ -187,8 +194,7 @@ impl Kind {
     /// Returns its key that names a node, if it has one.
     #[must_use]
     pub fn node_key(&self) -> Option<&'static Key> {
-        let names_node = |key: &&Key| matches!(key.form, Form::Node | Form::Station);
-        self.keys.iter().find(names_node)
+        self.keys.iter().find(|key| key.names_node())
     }
 
     /// Checks whether it happens to a drive. The drive need not be named if there is only one.

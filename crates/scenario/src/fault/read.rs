@@ -7,7 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::schema::definition;
-use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
+use super::{Fault, Faults, Group, KINDS, Key, Kind, Need, Time, Value};
 use crate::check::outside;
 use crate::document::Document;
 use crate::error::Problem;
@@ -21,6 +21,7 @@ use crate::structure::{self, check_table, number};
 const FAULT: &str = "fault";
 const PLANT: &str = "plant";
 const BENCH: &str = "bench";
+
 /// Returns the node of a rig to which a fault may happen.
 fn node_of(rig: &Rig, name: &str) -> Option<Node> {
     if name == BENCH {
@@ -90,7 +91,7 @@ impl<'text> Reader<'_, 'text> {
             None => self.node(kind, &path, table).map_err(one)?,
         };
         let table = self.in_loop_unit(kind, (entry.span(), table.clone()), node.as_ref())?;
-        let values = kind.keys.iter().filter(|key| !names_node(key));
+        let values = kind.keys.iter().filter(|key| !key.names_node());
         let mut read = BTreeMap::new();
         for key in values {
             match (value(key, &table), key.need) {
@@ -240,10 +241,6 @@ const CURRENT: &str = "{command}_{command_unit}";
 
 fn one(problem: Problem) -> Vec<Problem> {
     vec![problem]
-}
-
-fn names_node(key: &Key) -> bool {
-    matches!(key.form, Form::Node | Form::Station)
 }
 
 /// Returns the value of a key, or its default.

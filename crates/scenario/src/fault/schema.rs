@@ -39,11 +39,16 @@ pub(crate) fn describe(schema: &mut Value) {
         "additionalProperties": false,
     });
     let choices = KINDS.iter().flat_map(|kind| kind.keys).filter_map(|key| {
-        let (definition, words) = choice(key)?;
+        let Form::Word(words) = key.form else {
+            return None;
+        };
         let words = words
             .iter()
             .map(|(word, text)| json!({"const": word, "description": text, "type": "string"}));
-        Some((definition, json!({"oneOf": Vec::from_iter(words)})))
+        Some((
+            capitalised(key.name),
+            json!({"oneOf": Vec::from_iter(words)}),
+        ))
     });
     let all = [("Faults".to_owned(), faults)];
     if let Some(definitions) = schema["definitions"].as_object_mut() {
@@ -70,14 +75,6 @@ fn capitalised(word: &str) -> String {
 
 fn reference_to(definition: &str, text: &str) -> Value {
     json!({"allOf": [reference(definition)], "description": text})
-}
-
-/// Returns the values of a key that is a choice, with the name of their definition.
-fn choice(key: &Key) -> Option<(String, &'static [(&'static str, &'static str)])> {
-    match key.form {
-        Form::Word(words) => Some((capitalised(key.name), words)),
-        _ => None,
-    }
 }
 
 fn kinds_schema(group: Group) -> Value {
@@ -166,10 +163,8 @@ fn key_schema(key: &Key) -> Value {
         Form::Whole(min, max) => {
             json!({"type": "integer", "format": "uint32", "minimum": min, "maximum": max})
         }
-        Form::Word(_) | Form::Node | Form::Station => match choice(key) {
-            Some((definition, _)) => json!({"allOf": [reference(&definition)]}),
-            None => json!({"type": "string"}),
-        },
+        Form::Word(_) => json!({"allOf": [reference(&capitalised(key.name))]}),
+        Form::Node | Form::Station => json!({"type": "string"}),
     };
     schema["description"] = match key.form {
         Form::Station => {

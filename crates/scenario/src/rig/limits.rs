@@ -26,22 +26,15 @@ pub struct LimitWatch {
 }
 
 impl LimitWatch {
-    /// Makes a watch that has seen no sample.
+    /// Makes a watch that has seen no sample; the drive's positions are in `unit`.
     #[must_use]
-    pub fn new(limits: &Limits, sync_period: Duration) -> Self {
+    pub fn new(limits: &Limits, sync_period: Duration, unit: &Unit) -> Self {
         Self {
             limits: *limits,
             window: SPEED_WINDOW.max(2 * sync_period),
             since: None,
-            symbol: Unit::Millimetres.known_symbol(),
+            symbol: unit.known_symbol(),
         }
-    }
-
-    /// Sets the unit of the drive's positions.
-    #[must_use]
-    pub fn in_unit(self, unit: &Unit) -> Self {
-        let symbol = unit.known_symbol();
-        Self { symbol, ..self }
     }
 
     /// Checks a sample of the drive, and describes the violation of a limit.
@@ -100,7 +93,7 @@ mod tests {
             max: 45.0,
             rate_max: 400.0,
         };
-        LimitWatch::new(&limits, Duration::from_millis(5))
+        LimitWatch::new(&limits, Duration::from_millis(5), &Unit::Millimetres)
     }
 
     fn sample(millimetres: f64, amperes: f64) -> Feedback {
