@@ -18,7 +18,7 @@ const DEVIATION: &str = "maximum_deviation_millimetres = { max = 60.0 }\n";
 
 /// Gains that lead the load also in a cycle of 100 ms. Those that ship are for one of 1 ms, and throw it to its end there, where
 /// the controller does not believe its position.
-const LAW: &str = "[controller.sliding_mode]\nbandwidth_radians_per_second = 6.0\n\
+pub(crate) const LAW: &str = "[controller.sliding_mode]\nbandwidth_radians_per_second = 6.0\n\
      switching_gain_metres_per_second_cubed = 9.6\nreference_launch_jerk_metres_per_second_cubed = 2.0\n\
      hold.bandwidth_radians_per_second = 6.0\n";
 
