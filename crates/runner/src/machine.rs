@@ -1,5 +1,6 @@
 //! This machine: its name, and time and memory of work on it.
 
+use std::panic::resume_unwind;
 use std::time::Duration;
 use std::{env, fs};
 
@@ -32,7 +33,7 @@ pub fn name() -> String {
 /// code runs with the priority.
 pub fn refused_priority() -> Option<Refused> {
     let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
-    asked.ok().and_then(Result::err)
+    asked.unwrap_or_else(|panic| resume_unwind(panic)).err()
 }
 
 /// Measures the time since its start.

@@ -202,13 +202,16 @@ fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig)
         let mut nodes = rig.io_with(output);
         nodes.any(|name| node.is_empty() || name == node)
     };
-    let fan = disturbance.fan.first().map(|one| &one.node);
-    let load = disturbance.load.first().map(|one| &one.node);
-    for (kind, node, output) in [("fan", fan, FAN_OUTPUT), ("load", load, LOAD_OUTPUT)] {
-        if node.is_some_and(|node| !has(node, output)) {
-            let message = format!("no io node has a {kind} at this plant");
-            let label = format!("its outputs have no `{output}`");
-            problems.push(document.problem(&format!("disturbance.{kind}.0"), message, label));
+    let fans = Vec::from_iter(disturbance.fan.iter().map(|fan| &fan.node));
+    let loads = Vec::from_iter(disturbance.load.iter().map(|load| &load.node));
+    for (kind, nodes, output) in [("fan", fans, FAN_OUTPUT), ("load", loads, LOAD_OUTPUT)] {
+        for (index, node) in nodes.into_iter().enumerate() {
+            if !has(node, output) {
+                let path = format!("disturbance.{kind}.{index}");
+                let message = format!("no io node has a {kind} at this plant");
+                let label = format!("its outputs have no `{output}`");
+                problems.push(document.problem(&path, message, label));
+            }
         }
     }
     let outputs = rig.node.values().flat_map(|node| &node.outputs);

@@ -578,6 +578,15 @@ fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
             "the one before blows until 3 s",
         ),
         (
+            more(
+                "[[disturbance.fan]]\nfrom_seconds = 1\nuntil_seconds = 2\nconvection_factor = 5\n[[disturbance.fan]]\nnode = \"drive\"\nfrom_seconds = 2\nuntil_seconds = 4\nconvection_factor = 5\n",
+            ),
+            13,
+            1,
+            "no io node has a fan at this plant",
+            "its outputs have no `convection_factor`",
+        ),
+        (
             more("[[disturbance.load]]\nat_seconds = 1\nadded_grams = -40\n"),
             11,
             15,
