@@ -11,6 +11,7 @@ use runner::play::ValueArgs;
 use runner::recorded::RecordedError;
 use runner::scenarios;
 
+use crate::campaign::Interrupted;
 use crate::engine::EngineError;
 use crate::sweep::part::NoPart;
 use crate::sweep::store::StoreError;
@@ -42,6 +43,10 @@ pub(crate) enum CampaignError {
     Machine { case: usize, reason: String },
     #[error("interrupted: {done} of {of} runs are done; give the same command again to continue")]
     Interrupted { done: usize, of: usize },
+    #[error(
+        "{0} before a broken run was made small; the runs are kept: give the same command again"
+    )]
+    Shrinking(#[from] Interrupted),
     #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
     Shrink(String),
     #[error("nothing was submitted from here that could be resumed ({} is not there); submit it with --engine", path.display())]
@@ -82,7 +87,9 @@ impl CampaignError {
     pub(crate) fn exit(&self) -> Exit {
         match self {
             Self::Store(error) => error.exit(),
-            Self::Interrupted { .. } | Self::LeftToEngine { .. } => Exit::Interrupted,
+            Self::Interrupted { .. } | Self::Shrinking(_) | Self::LeftToEngine { .. } => {
+                Exit::Interrupted
+            }
             Self::NoSweep(_)
             | Self::NoPart(_)
             | Self::Record(_)

@@ -192,7 +192,7 @@ impl Cases for TortureCases {
     }
 
     fn show_more(&self, rows: &Rows, output: &Path) -> Result<(), CampaignError> {
-        shrink_all(output, &broken_in(rows)?, self).map_err(CampaignError::Shrink)
+        shrink_all(output, &broken_in(rows)?, self)
     }
 
     fn text(&self, number: usize) -> String {

@@ -101,7 +101,7 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, CampaignError> {
     let (exit, rows, _writer) = part.play(&cases, plan)?;
     let broken = broken_in(&rows)?;
     if part.is_whole() {
-        shrink_all(&args.output, &broken, &cases).map_err(CampaignError::Shrink)?;
+        shrink_all(&args.output, &broken, &cases)?;
     }
     if part.is_whole() || !args.quiet {
         print(&summary(args.seed, rows.len(), &broken));
@@ -143,11 +143,12 @@ pub(super) fn shrink_all(
     output: &Path,
     broken: &Broken,
     cases: &TortureCases,
-) -> Result<(), String> {
+) -> Result<(), CampaignError> {
     for (invariant, first) in broken.0.iter().take(SHRUNK_MAX) {
         print(&format!("run {}: {invariant}: {}", first.case, first.text));
-        let shrunk = cases.case(first.case)?.shrunk(invariant);
-        let folder = keep(&shrunk, output)?;
+        let case = cases.case(first.case).map_err(CampaignError::Shrink)?;
+        let shrunk = case.shrunk(invariant)?;
+        let folder = keep(&shrunk, output).map_err(CampaignError::Shrink)?;
         print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
     Ok(())

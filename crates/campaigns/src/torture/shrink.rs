@@ -8,7 +8,7 @@ use scenario::{Beside, HASH_SUFFIX};
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, FailedRun, Interrupted};
 use crate::sweep::sweep_cases::case_name;
 use worlds::catalogue::catalogue;
 
@@ -95,46 +95,47 @@ impl TortureCase {
     }
 
     /// Returns the invariant that the case breaks; a panic counts as one.
-    pub(super) fn violation(&self) -> Option<BrokenInvariant> {
-        let plan = self.plan().ok()?;
+    ///
+    /// # Errors
+    /// The user stopped it.
+    pub(super) fn violation(&self) -> Result<Option<BrokenInvariant>, Interrupted> {
         let campaign = Campaign {
             threads: 1,
             is_shown: false,
         };
-        match campaign
-            .play(std::iter::once(plan), violation)
-            .ok()?
-            .pop()?
-        {
-            Ok(violation) => violation,
-            Err(fault) => Some(BrokenInvariant {
-                invariant: PANIC,
-                text: fault.reason,
-            }),
-        }
+        let played = campaign.play(self.plan().ok().into_iter(), violation)?;
+        let panic = |fault: FailedRun| BrokenInvariant {
+            invariant: PANIC,
+            text: fault.reason,
+        };
+        let broken = |result: Result<_, _>| result.unwrap_or_else(|fault| Some(panic(fault)));
+        Ok(played.into_iter().find_map(broken))
     }
 
     /// Returns the smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
     /// numbers.
-    pub(super) fn shrunk(&self, invariant: &str) -> Self {
+    ///
+    /// # Errors
+    /// The user stopped it.
+    pub(super) fn shrunk(&self, invariant: &str) -> Result<Self, Interrupted> {
         let mut budget = PLAYS_MAX;
         let mut smallest = self.clone();
         loop {
             let mut has_shrunk = false;
             for candidate in smallest.smaller() {
                 if budget == 0 {
-                    return smallest;
+                    return Ok(smallest);
                 }
                 budget -= 1;
                 let is_same = |violation: BrokenInvariant| violation.invariant == invariant;
-                if candidate.violation().is_some_and(is_same) {
+                if candidate.violation()?.is_some_and(is_same) {
                     smallest = candidate;
                     has_shrunk = true;
                     break;
                 }
             }
             if !has_shrunk {
-                return smallest;
+                return Ok(smallest);
             }
         }
     }
@@ -282,9 +283,12 @@ mod tests {
     #[test]
     fn what_is_not_needed_is_left_out_and_the_rest_still_fails() {
         let case = TortureCase::new(BASE, &BTreeMap::new(), FAULTS.parse().unwrap(), 7).unwrap();
-        assert_eq!(case.violation().unwrap().invariant, "temperature");
-        let shrunk = case.shrunk("temperature");
-        assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
+        assert_eq!(case.violation().unwrap().unwrap().invariant, "temperature");
+        let shrunk = case.shrunk("temperature").unwrap();
+        assert_eq!(
+            shrunk.violation().unwrap().unwrap().invariant,
+            "temperature"
+        );
         let scenario = &shrunk.plan().unwrap().only_loop().unwrap().trial.clone();
         let kinds: Vec<_> = scenario
             .run
@@ -296,7 +300,7 @@ mod tests {
         assert!(scenario.run.duration_seconds < 3.0, "{}", shrunk.text());
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
         // No smaller case fails: the case is a fixed point.
-        assert_eq!(shrunk.shrunk("temperature"), shrunk);
+        assert_eq!(shrunk.shrunk("temperature").unwrap(), shrunk);
     }
 
     /// A case with the scenario's name would count as its latest play, and as one that meets its requirements.
