@@ -474,9 +474,11 @@ fn find_files(
     wrong.extend(named_in_rig.of_plants(rig));
     // The files of a case were found before.
     for (node, program) in programs.iter().filter(|_| reading != Reading::Case) {
-        let (document, named_by, into) = match program.named_in.as_str() {
-            "" => (&files.scenario, SCENARIO, &mut *problems),
-            _ => (rig_document, RIG_FILE, &mut wrong),
+        let path = format!("node.{node}.program");
+        let (document, named_by, into) = if files.scenario.has(&path) {
+            (&files.scenario, SCENARIO, &mut *problems)
+        } else {
+            (rig_document, RIG_FILE, &mut wrong)
         };
         let mut files = NamedFiles {
             document,
@@ -485,7 +487,6 @@ fn find_files(
             is_recorded,
             read_file: &mut *read_file,
         };
-        let path = format!("node.{node}.program");
         into.extend(files.command(&path, &program.command, "a file of the node"));
     }
     (sheets, wrong)
