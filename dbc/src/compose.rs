@@ -391,12 +391,6 @@ impl Composer {
         self
     }
 
-    /// Checks whether a node has this ID already.
-    #[must_use]
-    pub fn has_node(&self, node_id: u8) -> bool {
-        self.nodes.iter().any(|(id, _)| *id == node_id)
-    }
-
     /// Returns the database. Two of its messages may have the same identifier or name: see [`Database::refuse_duplicates`].
     #[must_use]
     pub fn finish(mut self) -> Database {

@@ -4,8 +4,6 @@
 //! The drive at hand has no moving mass: its output is a current, and every ramp to standstill is the step to 0. So in
 //! each state but Operation enabled the current is 0 at once, and the option codes decide only which state follows.
 
-use std::time::Duration;
-
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 
 /// Object 0x6007: reaction to the loss of communication.
@@ -365,17 +363,6 @@ pub fn limit_torque(target: i16, torque_max: u16, current_max: u16) -> (i16, boo
     (limited, limited != target)
 }
 
-/// Returns the interpolation time period 0x60C2: `value` times ten to the power `exponent` seconds; `None` if it is 0, below a
-/// nanosecond or beyond a thousand seconds.
-#[must_use]
-pub fn interpolation_period(value: u8, exponent: i8) -> Option<Duration> {
-    let nanoseconds_exponent = u32::try_from(i32::from(exponent) + 9).ok()?;
-    let unit = 10_u64.checked_pow(nanoseconds_exponent)?;
-    let nanoseconds = u64::from(value).checked_mul(unit)?;
-    let is_usable = (1..=1_000_000_000_000).contains(&nanoseconds);
-    is_usable.then(|| Duration::from_nanos(nanoseconds))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -639,19 +626,6 @@ mod tests {
         assert_eq!(limit_torque(900, 800, 1000), (800, true));
         assert_eq!(limit_torque(-900, 1000, 700), (-700, true));
         assert_eq!(limit_torque(i16::MIN, 65535, 65535), (-i16::MAX, true));
-    }
-
-    #[test]
-    fn interpolation_period_of_0x60c2() {
-        assert_eq!(interpolation_period(1, -3), Some(Duration::from_millis(1)));
-        assert_eq!(
-            interpolation_period(250, -6),
-            Some(Duration::from_micros(250))
-        );
-        assert_eq!(interpolation_period(2, 0), Some(Duration::from_secs(2)));
-        for (value, exponent) in [(0, -3), (1, -10), (1, 127), (255, 9), (1, -128)] {
-            assert_eq!(interpolation_period(value, exponent), None);
-        }
     }
 
     #[test]

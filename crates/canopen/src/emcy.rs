@@ -34,12 +34,8 @@ impl ErrorCode {
     pub const NO_ERROR: Self = Self(0x0000);
     /// Generic error.
     pub const GENERIC: Self = Self(0x1000);
-    /// Continuous over-current on the device's output side.
-    pub const OVER_CURRENT: Self = Self(0x2310);
     /// Load level fault: I²t, thermal state.
     pub const THERMAL_OVERLOAD: Self = Self(0x2350);
-    /// Excess temperature of the device.
-    pub const EXCESS_TEMPERATURE: Self = Self(0x4210);
     /// The device's own hardware.
     pub const HARDWARE: Self = Self(0x5000);
     /// A sensor of the device.
