@@ -146,6 +146,17 @@ fn node(name: &str) -> Eds {
     eds::parse(text, id).unwrap()
 }
 
+/// Returns a number in the section `[DeviceInfo]` of the EDS.
+fn device_number(name: &str, key: &str) -> i128 {
+    let (_, _, text) = NODES.into_iter().find(|node| node.0 == name).unwrap();
+    let line = text.lines().find_map(|line| line.strip_prefix(key));
+    let number = line.unwrap().strip_prefix('=').unwrap();
+    match number.strip_prefix("0x") {
+        Some(digits) => i128::from_str_radix(digits, 16).unwrap(),
+        None => number.parse().unwrap(),
+    }
+}
+
 fn integer(dictionary: &ObjectDictionary, index: u16, sub_index: u8) -> i128 {
     dictionary
         .integer(index, sub_index)
@@ -456,27 +467,20 @@ fn the_controller_talks_to_the_server_channels_of_its_slaves() {
 #[test]
 fn each_eds_agrees_with_itself() {
     for (name, _, _) in NODES {
-        let Eds {
-            dictionary, device, ..
-        } = node(name);
-        let identity = [
-            i128::from(device.vendor_number),
-            i128::from(device.product_number),
-            i128::from(device.revision_number),
-        ];
+        let dictionary = node(name).dictionary;
+        let number = |key| device_number(name, key);
+        let identity = ["VendorNumber", "ProductNumber", "RevisionNumber"].map(number);
         let object = [1, 2, 3].map(|sub_index| integer(&dictionary, 0x1018, sub_index));
         assert_eq!(identity, object, "{name}");
-        let transmitted = pdos(name, &dictionary)
-            .iter()
-            .filter(|pdo| pdo.is_transmitted)
-            .count();
-        assert_eq!(
-            usize::from(device.transmit_pdo_count),
-            transmitted,
-            "{name}"
-        );
-        let received = pdos(name, &dictionary).len() - transmitted;
-        assert_eq!(usize::from(device.receive_pdo_count), received, "{name}");
+        let pdos = pdos(name, &dictionary);
+        let count = |is_transmitted| {
+            let counted = pdos
+                .iter()
+                .filter(|pdo| pdo.is_transmitted == is_transmitted);
+            i128::try_from(counted.count()).unwrap()
+        };
+        assert_eq!(number("NrOfTXPDO"), count(true), "{name}");
+        assert_eq!(number("NrOfRXPDO"), count(false), "{name}");
         for entry in dictionary.entries() {
             let place = format!("{name} {:#06x}:{:02x}", entry.index, entry.sub_index);
             assert!(!entry.name.is_empty(), "{place}");

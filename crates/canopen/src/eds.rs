@@ -17,40 +17,11 @@ pub const MAX_TEXT_BYTES: usize = 4 << 20;
 /// Most sub-objects that a dictionary may have; compact sub-objects let a short text ask for millions.
 pub const MAX_ENTRIES: usize = 32_768;
 
-/// The section `[DeviceInfo]`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct DeviceInfo {
-    /// `VendorName`
-    pub vendor_name: String,
-    /// `VendorNumber`: the vendor-ID of 0x1018:01.
-    pub vendor_number: u32,
-    /// `ProductName`
-    pub product_name: String,
-    /// `ProductNumber`: the product code of 0x1018:02.
-    pub product_number: u32,
-    /// `RevisionNumber`: the revision number of 0x1018:03.
-    pub revision_number: u32,
-    /// `OrderCode`
-    pub order_code: String,
-    /// Bit rates from `BaudRate_…`, ascending, in kbit/s.
-    pub bit_rates_kilobits_per_second: Vec<u16>,
-    /// `NrOfRXPDO`
-    pub receive_pdo_count: u16,
-    /// `NrOfTXPDO`
-    pub transmit_pdo_count: u16,
-    /// `LSS_Supported`
-    pub is_lss_supported: bool,
-}
-
 /// An EDS or DCF, read for one node-ID.
 #[derive(Clone, Debug)]
 pub struct Eds {
     /// The objects, holding their defaults.
     pub dictionary: ObjectDictionary,
-    /// Device and maker.
-    pub device: DeviceInfo,
-    /// Data types (indices 0x0001 to 0x0007) that may be mapped into an RPDO as gaps, from `[DummyUsage]`.
-    pub dummies: Vec<u16>,
     /// Errors that leave no doubt about a value that a PDO or the device's state needs.
     pub warnings: Vec<EdsError>,
 }
@@ -76,7 +47,6 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
         return Err(EdsError::at_line(0, reason));
     }
     let sections = ini::read(text)?;
-    let device = device_info(&sections, node_id)?;
     check_compact_pdos(&sections, node_id)?;
     let mut reader = Reader {
         node_id,
@@ -89,8 +59,6 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
     }
     Ok(Eds {
         dictionary: reader.dictionary,
-        device,
-        dummies: dummies(&sections, node_id)?,
         warnings: reader.warnings,
     })
 }
@@ -397,41 +365,6 @@ fn access(item: &Item<'_>) -> Result<Access, EdsError> {
         .ok_or_else(|| item.error("expected ro, wo, rw, rwr, rww or const"))
 }
 
-/// Reads `[DeviceInfo]`.
-fn device_info(sections: &Sections<'_>, node_id: u8) -> Result<DeviceInfo, EdsError> {
-    let Some(section) = sections.get(&Name("deviceinfo")) else {
-        return Ok(DeviceInfo::default());
-    };
-    let text = |key| {
-        let item = section.get(key);
-        item.map(|item| item.value.to_owned()).unwrap_or_default()
-    };
-    let number = |key: &str| -> Result<u32, EdsError> {
-        Ok(integer_at(section, key, node_id, u32::MAX)?.unwrap_or(0))
-    };
-    let pdo_count = |key: &str| -> Result<u16, EdsError> {
-        Ok(integer_at(section, key, node_id, 512)?.unwrap_or(0))
-    };
-    let mut bit_rates_kilobits_per_second = Vec::new();
-    for rate in [10, 20, 50, 125, 250, 500, 800, 1000] {
-        if number(&format!("baudrate_{rate}"))? != 0 {
-            bit_rates_kilobits_per_second.push(rate);
-        }
-    }
-    Ok(DeviceInfo {
-        vendor_name: text("vendorname"),
-        vendor_number: number("vendornumber")?,
-        product_name: text("productname"),
-        product_number: number("productnumber")?,
-        revision_number: number("revisionnumber")?,
-        order_code: text("ordercode"),
-        bit_rates_kilobits_per_second,
-        receive_pdo_count: pdo_count("nrofrxpdo")?,
-        transmit_pdo_count: pdo_count("nroftxpdo")?,
-        is_lss_supported: number("lss_supported")? != 0,
-    })
-}
-
 /// Refuses an EDS that leaves PDOs undescribed by `CompactPDO`, because their mapping would be a guess.
 fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsError> {
     let Some(section) = sections.get(&Name("deviceinfo")) else {
@@ -450,21 +383,6 @@ fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsErr
         }
     }
     Ok(())
-}
-
-/// Reads `[DummyUsage]`.
-fn dummies(sections: &Sections<'_>, node_id: u8) -> Result<Vec<u16>, EdsError> {
-    let Some(section) = sections.get(&Name("dummyusage")) else {
-        return Ok(Vec::new());
-    };
-    let mut indices = Vec::new();
-    for index in 1..=7_u16 {
-        let is_used = integer_at(section, &format!("dummy{index:04}"), node_id, u8::MAX)?;
-        if is_used.unwrap_or(0) != 0 {
-            indices.push(index);
-        }
-    }
-    Ok(indices)
 }
 
 #[cfg(test)]
@@ -571,27 +489,6 @@ mod tests {
         assert_eq!(value(0x2103), b"canrig drive");
         assert_eq!(value(0x2104), [0x01, 0x02, 0xAB]);
         assert_eq!(value(0x1F50), []);
-    }
-
-    #[test]
-    fn device_info_and_dummies_are_read() {
-        let eds = parse(SAMPLE, 0x10).unwrap();
-        assert_eq!(
-            eds.device,
-            DeviceInfo {
-                vendor_name: "Example Actuators".into(),
-                vendor_number: 0x1A0,
-                product_name: "Wire drive".into(),
-                product_number: 4711,
-                revision_number: 0x0001_0002,
-                order_code: "WD-1".into(),
-                bit_rates_kilobits_per_second: vec![125, 500, 1000],
-                receive_pdo_count: 1,
-                transmit_pdo_count: 1,
-                is_lss_supported: false,
-            }
-        );
-        assert_eq!(eds.dummies, [5, 6]);
     }
 
     #[test]
