@@ -156,8 +156,10 @@ fn cargo_builds_every_program_and_runs_canrig() {
     let workspace = manifest(&root.join("Cargo.toml"))["workspace"].clone();
     let built: BTreeSet<String> = workspace["default-members"].clone().try_into().unwrap();
     let members = members(&root);
-    let is_program =
-        |member: &&String| *member != ALIAS && root.join(member).join("src/main.rs").exists();
+    let is_program = |member: &&String| {
+        let has = |place: &str| root.join(member).join(place).exists();
+        *member != ALIAS && (has("src/main.rs") || has("src/bin"))
+    };
     let programs = members.iter().filter(is_program).cloned();
     let mut expected = programs.collect::<BTreeSet<_>>();
     expected.insert(SHARED_LIBRARY.to_owned());

@@ -1,12 +1,13 @@
-//! `canrig node`: one node as a process of its own.
+//! One node as a process of its own: `canrig node`, which a run starts, and `controller` and `plant-emulator`, which a hand starts.
 
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use can::Node;
-use clap::{Args, ValueEnum};
+use clap::{Args, Command, CommandFactory, FromArgMatches, Parser, ValueEnum};
 use faults::FaultKind;
 use platform::bus::{Bus, BusAddress};
 use platform::hub;
@@ -17,6 +18,8 @@ use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::{ScenarioError, without_colours};
 
+use crate::bench::Bench;
+use crate::cli::Cli;
 use plan::Plan;
 use recording::latency::{NodeReport, Quantiles};
 use runner::console::{print, print_error};
@@ -56,6 +59,51 @@ pub(crate) enum Role {
     Controller,
     /// The rig
     PlantEmulator,
+}
+
+/// Arguments of a node that is started by hand.
+#[derive(Parser)]
+#[command(version)]
+struct HandArgs {
+    /// The bus, such as `can0` or `embedded:/path/to/socket`
+    #[arg(long)]
+    bus: BusAddress,
+    /// The scenario
+    #[arg(long)]
+    scenario: PathBuf,
+    /// The plant that is emulated, where a scenario has several
+    #[arg(long)]
+    plant: Option<String>,
+}
+
+/// Plays the node of this name on a bus until Ctrl-C, for a program that is started by hand or on another machine. Its exit codes
+/// are 0, 2 for a wrong command line, 3 for a node that cannot be set up, 4 for one that ended.
+#[must_use]
+pub fn by_hand(name: &'static str, about: &'static str) -> ExitCode {
+    // The helpers of FMUs and laws are processes of the same program.
+    let is_helper = |word| (Cli::command().find_subcommand(word)).is_some_and(Command::is_hide_set);
+    if std::env::args_os().nth(1).is_some_and(is_helper) {
+        return Bench::new().main();
+    }
+    let command = HandArgs::command().name(name).about(about);
+    let parsed = HandArgs::from_arg_matches(&command.get_matches());
+    let HandArgs {
+        bus,
+        scenario,
+        plant,
+    } = parsed.unwrap_or_else(|error| error.exit());
+    let args = NodeArgs {
+        role: Role::from_str(name, false).expect("the name of a role"),
+        scenario,
+        plant,
+        laws_in: None,
+        bus: None,
+        lockstep: None,
+    };
+    let fifo = scheduling::request_fifo(scheduling::NODE_PRIORITY);
+    let hosted = hosted(&args, &Arc::default());
+    let ended = hosted.and_then(|mut node| run_by_hand(&mut *node, &bus, fifo));
+    exit(ended).into()
 }
 
 /// Reason why a node's process ends early. The exit code tells the bench which part has caused it.
@@ -148,17 +196,42 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
     // enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let late = Arc::default();
-    let hosted = match args.role {
-        Role::Controller => hosted_controller(args, &late),
+    let hosted = hosted(args, &late);
+    exit(hosted.and_then(|mut node| run_node(&mut *node, args, fifo, &late)))
+}
+
+fn hosted(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
+    match args.role {
+        Role::Controller => hosted_controller(args, late),
         Role::PlantEmulator => hosted_emulator(args),
-    };
-    match hosted.and_then(|mut node| run_node(&mut *node, args, fifo, &late)) {
+    }
+}
+
+fn exit(ended: Result<(), Failure>) -> Exit {
+    match ended {
         Ok(()) => Exit::Pass,
         Err(Failure { exit, reason }) => {
             print_error(&reason);
             exit
         }
     }
+}
+
+fn run_by_hand(
+    node: &mut dyn Node,
+    address: &BusAddress,
+    fifo: Result<(), scheduling::Refused>,
+) -> Result<(), Failure> {
+    let stop = StopSignal::from_signals().map_err(Failure::on_bus)?;
+    let mut bus = platform::open(address, &node.filters()).map_err(Failure::on_bus)?;
+    let memory = scheduling::lock_memory();
+    let scheduling = Scheduling { fifo, memory };
+    scheduling
+        .refusals()
+        .for_each(|refused| print_error(&format!("warning: {refused}")));
+    let report = real_time::run(node, &mut *bus, &stop).map_err(Failure::on_bus)?;
+    print_error(&report.to_string());
+    Ok(())
 }
 
 /// Whether the node's thread got its priority; `None` in virtual time.

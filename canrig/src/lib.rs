@@ -22,6 +22,7 @@ mod schema;
 mod tools;
 
 pub use bench::Bench;
+pub use host::by_hand;
 
 /// Returns the command line, for checks of the commands in the book.
 #[doc(hidden)]

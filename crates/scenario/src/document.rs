@@ -109,11 +109,6 @@ impl<'text> Document<'text> {
         }
     }
 
-    /// Removes a top-level key, so that no later check sees it.
-    pub(crate) fn remove(&mut self, key: &str) {
-        self.root.get_mut().remove(key);
-    }
-
     /// Changes the tree; moved and copied values keep their places.
     pub(crate) fn rewrite(&mut self, change: impl FnOnce(&mut DeTable<'text>)) {
         change(self.root.get_mut());

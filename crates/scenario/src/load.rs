@@ -105,8 +105,6 @@ pub(crate) enum Reading {
     Case,
     /// To use the recording of a scenario that was played already.
     Recorded,
-    /// For the controller, without the tables that are hidden from it.
-    View,
 }
 
 /// Finds further problems of a loop.

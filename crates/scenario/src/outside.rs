@@ -25,7 +25,7 @@ impl Outside {
     pub(crate) fn of(reading: Reading, document: &Document<'_>) -> Self {
         match reading {
             Reading::Recorded => Self::recorded(document.root()),
-            Reading::ToPlay | Reading::Case | Reading::View => Self::registered(),
+            Reading::ToPlay | Reading::Case => Self::registered(),
         }
     }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use proptest::prelude::*;
 
-use crate::{Beside, ControllerView, Scenario, ScenarioError, Trial};
+use crate::{ScenarioError, Trial};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
@@ -40,15 +40,6 @@ fn render(error: &ScenarioError) -> String {
 
 fn no_tables(_: &str) -> std::io::Result<String> {
     Err(std::io::Error::other("no such file"))
-}
-
-fn view_of(
-    text: &str,
-    read_file: impl FnMut(&str) -> std::io::Result<String>,
-) -> Result<ControllerView, ScenarioError> {
-    let beside = Beside::new(Path::new("x.toml"));
-    let (scenario, _) = Scenario::parse_view(&beside, text.to_owned(), read_file)?;
-    Ok(scenario.loops[0].controller_view())
 }
 
 /// Returns the smallest valid scenario, with `more` behind it.
@@ -710,9 +701,6 @@ fn a_recorded_current_is_one_column_of_many() {
     let scenario = Trial::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     let open_loop = scenario.controller.open_loop.unwrap();
     assert_eq!(open_loop.profile().at(1.0).position, 0.2);
-    // The controller reads the table, too.
-    let view = view_of(&column, |_| Ok(table.to_owned())).unwrap();
-    assert_eq!(view.controller.open_loop, Some(open_loop));
 }
 
 #[test]
@@ -737,8 +725,6 @@ fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
             .nominal_model,
         model
     );
-    let view = view_of(&text, |_| Ok(file.clone())).unwrap();
-    assert_eq!(view.controller, scenario.controller);
     for (file, message) in [
         (
             "[nominal_model]\nload = 1\n",
@@ -816,23 +802,6 @@ fn files_and_tables_are_read_within_bounds() {
 }
 
 #[test]
-fn the_controller_never_looks_at_the_plant() {
-    let text = with(CLOSED)
-        + "[plant.wire.heat]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n[fault]\nnonsense = 4\n";
-    assert_eq!(
-        Trial::parse(&text, "x.toml", no_tables)
-            .unwrap_err()
-            .problems()
-            .len(),
-        4
-    );
-    let view = view_of(&text, no_tables).unwrap();
-    assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));
-    let text = text.replace("[plant.wire.heat]", "[plants]");
-    assert_eq!(view_of(&text, no_tables).unwrap_err().problems().len(), 1);
-}
-
-#[test]
 fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
     let pid = "[controller.pid]\nset_point_weight = 0.4\nproportional_amperes_per_metre = 20.0\n";
     let text = with(&format!("{pid}\n# Again.\n{pid}\n[plant]\n[bus]\n"));
@@ -903,12 +872,8 @@ fn a_place_in_an_endless_line_is_numbered_instead_of_underlined() {
 fn all_shipped_scenarios_load_and_name_their_schema() {
     assert!(shipped().len() >= 8);
     for path in shipped() {
-        let scenario = Trial::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
+        Trial::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
         let text = fs::read_to_string(&path).unwrap();
-        let beside = crate::Beside::new(&path);
-        let view = view_of(&text, |name| beside.read(name))
-            .unwrap_or_else(|error| panic!("{}", render(&error)));
-        assert_eq!(view, scenario.controller_view());
         assert!(
             text.starts_with("#:schema ./schema.json\n"),
             "{}",
@@ -929,7 +894,6 @@ proptest! {
     #[test]
     fn arbitrary_text_never_panics(text in ".{0,400}") {
         let _ = Trial::parse(&text, "x.toml", no_tables);
-        let _ = view_of(&text, no_tables);
         let _ = parse_table(&text);
     }
 
@@ -950,7 +914,6 @@ proptest! {
             prop_assert!(error.problems().iter().all(|problem| problem.line_and_column().is_some()));
             render(&error);
         }
-        let _ = view_of(&text, no_tables);
     }
 
     #[test]

@@ -20,10 +20,6 @@ pub struct ControllerView {
     pub wiring: Wiring,
 }
 
-/// Tables that the controller's loader removes from the document before it reads any other.
-pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 5] =
-    ["plant", "disturbance", "fault", "expect", "sweep"];
-
 impl Trial {
     /// Returns the part of this loop that the controller may know.
     #[must_use]

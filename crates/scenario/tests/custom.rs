@@ -1,7 +1,6 @@
 //! Tests of tables of plants and laws from outside: they are read, refused, described and written as the shipped ones. They
 //! have a separate binary, since tables are registered once.
 
-use std::path::Path;
 use std::sync::Once;
 
 use scenario::Scenario;
@@ -122,15 +121,6 @@ fn a_table_from_outside_is_read_with_its_defaults() {
     };
     assert_eq!(custom.parameters::<Pendulum>().unwrap(), expected);
     assert!(custom.parameters::<Relay>().is_err());
-}
-
-#[test]
-fn the_controller_sees_its_law_and_no_plant() {
-    register_once();
-    let rig = rig("[plant.pendulum]\nlength_metres = 1.0\n");
-    let beside = Beside::new(Path::new("t.toml"));
-    let (view, _) = Scenario::parse_view(&beside, text(RELAY), |_| Ok(rig.clone())).unwrap();
-    assert_eq!(view.loops[0].controller.law_name(), "relay");
 }
 
 #[test]

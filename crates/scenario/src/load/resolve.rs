@@ -27,7 +27,6 @@ use crate::scenario::{NodeProgram, Scenario};
 use crate::schema;
 use crate::table::ReadTable;
 use crate::trial::{Sections, Trial};
-use crate::view::HIDDEN_FROM_CONTROLLER;
 use crate::wiring::Wiring;
 
 /// Names of both files in messages.
@@ -109,20 +108,6 @@ impl Scenario {
         parse_for(beside, text, read, &asked)
     }
 
-    /// Parses as [`Scenario::parse`], without the tables that are hidden from the controller: disturbances, faults and limits are
-    /// not read.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse`], for the tables that the controller sees.
-    pub fn parse_view(
-        beside: &Beside,
-        text: String,
-        mut read_file: impl FnMut(&str) -> io::Result<String>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        let asked = Asked::new(Reading::View, &|_| Vec::new(), &|_| None);
-        parse_for(beside, text, &mut read_file, &asked)
-    }
-
     /// Makes a scenario in which a rig idles; `name` is the source of its text.
     ///
     /// # Errors
@@ -169,12 +154,7 @@ fn parse_for(
             Ok(text)
         }
     };
-    let mut files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
-    if asked.reading == Reading::View {
-        for key in HIDDEN_FROM_CONTROLLER {
-            files.scenario.remove(key);
-        }
-    }
+    let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
     let scenario = resolve(&files, read_once, asked)?;
     let rig = files.rig;
     // It borrows the text.
@@ -242,7 +222,7 @@ fn resolve(
     }
     let sweep = match reading {
         Reading::ToPlay => read_sweep(document, &rig).map_err(fail)?,
-        Reading::Case | Reading::Recorded | Reading::View => None,
+        Reading::Case | Reading::Recorded => None,
     };
     let scenario = Scenario {
         run,

@@ -130,22 +130,6 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
 }
 
 #[test]
-fn the_controller_sees_of_all_loops_what_it_may_know() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scenario.toml");
-    fs::write(&path, SCENARIO).unwrap();
-    fs::write(folder.path().join("rig.toml"), RIG).unwrap();
-    let beside = Beside::new(&path);
-    let read = |name: &str| beside.read(name);
-    let (views, _) = Scenario::parse_view(&beside, SCENARIO.to_owned(), read).unwrap();
-    let scenarios = load_text(SCENARIO, RIG).unwrap();
-    for (view, one) in views.loops.iter().zip(&scenarios.loops) {
-        assert_eq!(view.controller_view(), one.controller_view());
-        assert!(view.run.faults.is_empty() && view.expect.limits().next().is_none());
-    }
-}
-
-#[test]
 fn what_a_scenario_names_wrongly_is_underlined_once() {
     for (right, wrong, said) in [
         ("loop = \"y\"", "loop = \"z\"", "the rig has no loop `z`"),

@@ -65,12 +65,6 @@ fn load(rig: &str, tables: &str) -> Result<Scenario, ScenarioError> {
     loaded.map(|(loops, _)| loops)
 }
 
-fn view(rig: &str, tables: &str) -> Scenario {
-    let beside = Beside::new(Path::new("s.toml"));
-    let view = Scenario::parse_view(&beside, scenario(rig, tables), read_file);
-    view.unwrap().0
-}
-
 /// Returns the problems of a scenario, each of which is in its text, and their rendering.
 #[track_caller]
 fn refused(rig: &str, tables: &str) -> (Vec<Problem>, String) {
@@ -118,9 +112,6 @@ fn values_take_the_places_of_those_of_the_rig() {
     let timeouts = loops.rig.real_drive("lift").unwrap().timeouts;
     assert_eq!(timeouts.sdo_answer_milliseconds, 900);
     assert!((timeouts.bring_up_seconds - 20.0).abs() < 1e-12);
-    let view = view("rig.toml", tables);
-    assert_eq!(view.rig.node, loops.rig.node);
-    assert_eq!(view.loops[0].controller_view(), axis.controller_view());
 }
 
 #[test]
