@@ -64,15 +64,6 @@ impl Scheduling {
     }
 }
 
-/// Requests [`NODE_PRIORITY`] for this thread and locked memory. Call it on the loop's thread, after the node and the bus are
-/// made and before the loop.
-pub fn request() -> Scheduling {
-    Scheduling {
-        memory: lock_memory(),
-        fifo: request_fifo(NODE_PRIORITY),
-    }
-}
-
 /// Requests a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
 ///
 /// # Errors
