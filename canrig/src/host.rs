@@ -180,12 +180,16 @@ fn is_caused_by_bench(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
 fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
     let plan = load_plan(args)?;
     let names = emulator_names(&plan.loops);
-    // The only plant of a rig has no name of its own.
-    let only = names.first().copied().unwrap_or_default();
-    let plant = args.plant.as_deref().unwrap_or(only);
-    if !names.contains(&plant) {
-        return Err(Failure::in_plan(format!("there is no plant `{plant}`")));
-    }
+    let plant = match (args.plant.as_deref(), &names[..]) {
+        (None, [only]) => only,
+        (Some(named), names) if names.contains(&named) => named,
+        (_, [_]) => return Err(Failure::in_plan("there is one plant: leave out --plant")),
+        (_, names) => {
+            let known = names.join("`, `");
+            let reason = format!("name a plant of the scenario by --plant: `{known}`");
+            return Err(Failure::in_plan(reason));
+        }
+    };
     plant_emulator(&plan, plant).map_err(Failure::in_plan)
 }
 

@@ -6,7 +6,7 @@
 //!
 //! This crate has the tools on a bus (`tools`), the description of an FMU (`fmu`), the check of the machine (`doctor`),
 //! the new crate of a plant or law (`new`), the completions and manual pages (`manual`), and the node as a process of
-//! its own (`host`), which a run starts.
+//! its own (`host`), which a run or a hand starts.
 //!
 //! The crate does not know how a run is played, recorded, judged and reported.
 

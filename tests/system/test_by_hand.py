@@ -1,5 +1,6 @@
 """The nodes as programs that a hand starts, on the embedded bus of a run that starts neither."""
 
+import pathlib
 import signal
 import subprocess
 
@@ -46,3 +47,12 @@ def test_a_wrong_command_line_or_file_or_bus_has_its_exit_code(told, release, tm
         told(scenario, code=2, program=program)
         told("--bus", "embedded:/nowhere", "--scenario", "missing.toml", code=3, program=program)
         told("--bus", "embedded:/nowhere", "--scenario", scenario, code=4, program=program)
+
+
+def test_an_emulator_of_several_plants_asks_which(told, release):
+    scenario = pathlib.Path(__file__).parents[2] / "scenarios" / "four_drives_courses.toml"
+    arguments = ["--bus", "embedded:/nowhere", "--scenario", scenario]
+    program = release / "plant-emulator"
+    for plant in [[], ["--plant", "motor"]]:
+        assert "--plant: `motor_grip`, `motor_x`" in told(*arguments, *plant, code=3, program=program)
+    told(*arguments, "--plant", "motor_x", code=4, program=program)
