@@ -262,6 +262,16 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
     assert!(found.statistics.explains(), "{}", found.statistics.misfit());
 }
 
+#[test]
+fn values_whose_motion_is_no_number_at_coarse_steps_have_no_residual() {
+    let measurements = [excitation().measurement()];
+    let fit = fit(&measurements, "C,h,As,Af,Ms,Mf,c,EA,mL");
+    let heavily_damped = [0.24, 27.0, 76.0, 87.0, 62.0, 50.0, 6.3, 9.3e10, 0.0092];
+    assert!(fit.residual_metres(&heavily_damped).is_some());
+    assert_eq!(fit.coarse().residual_metres(&heavily_damped), None);
+    assert_eq!(fit.coarse().jacobian(&heavily_damped), None);
+}
+
 /// Plays the excitation of another plant, measured with noise.
 fn noisy_excitation(plant: &Sma, seed: u64) -> Recording {
     let noise = "\n[node.drive.sensor]\nnoise_rms = 0.03\n";

@@ -145,17 +145,15 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// Returns the true positions at the times of the measured ones; `None` for an invalid plant.
+    /// Returns the true positions at the times of the measured ones; `None` for an invalid plant, and for one whose motion
+    /// is no number at this accuracy.
     #[must_use]
     pub fn simulated_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
         let plant = self.plant(values);
         sma::check(&plant).ok()?;
-        Some(
-            self.measurements
-                .iter()
-                .flat_map(|measurement| self.simulate(&plant, measurement))
-                .collect(),
-        )
+        let measurements = self.measurements.iter();
+        let positions = measurements.flat_map(|measurement| self.simulate(&plant, measurement));
+        (positions.map(|metres| metres.is_finite().then_some(metres))).collect()
     }
 
     fn step_seconds(&self) -> f64 {
