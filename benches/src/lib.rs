@@ -21,7 +21,6 @@ const PERIOD: Duration = Duration::from_millis(1);
 
 /// Returns a configuration that fails above this many instructions: about a third more than were counted when the limit was set,
 /// unless the benchmark says otherwise.
-#[must_use]
 pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
     let mut callgrind = Callgrind::default();
     callgrind.hard_limits([(EventKind::Ir, instructions)]);
@@ -56,7 +55,6 @@ impl HeldLaw {
 ///
 /// # Panics
 /// If the table holds no law, or the law takes the load to rest on its stop.
-#[must_use]
 pub fn law_in_a_hold(controller: &Controller) -> Box<HeldLaw> {
     let law = catalogue::law(controller, &scenario::wiring::Wiring::default())
         .expect("the table holds one law");

@@ -63,7 +63,6 @@ impl Bench {
 
     /// Executes the command line. A panic ends in exit code 70 and a message, after the stack was unwound. An invalid
     /// plant or law ends in the same way.
-    #[must_use]
     pub fn main(self) -> ExitCode {
         std::panic::set_hook(Box::new(console::print_panic));
         // The remains of the bench after a panic are dropped with it.

@@ -78,7 +78,6 @@ struct HandArgs {
 
 /// Plays the node of this name on a bus until Ctrl-C, for a program that is started by hand or on another machine. Its exit codes
 /// are 0, 2 for a wrong command line, 3 for a node that cannot be set up, 4 for one that ended.
-#[must_use]
 pub fn by_hand(name: &'static str, about: &'static str) -> ExitCode {
     // The helpers of FMUs and laws are processes of the same program.
     let is_helper = |word| (Cli::command().find_subcommand(word)).is_some_and(Command::is_hide_set);

@@ -26,7 +26,6 @@ pub use host::by_hand;
 
 /// Returns the command line, for checks of the commands in the book.
 #[doc(hidden)]
-#[must_use]
 pub fn command() -> clap::Command {
     <cli::Cli as clap::CommandFactory>::command()
 }

@@ -29,7 +29,6 @@ pub struct LawRow {
 
 impl LawRow {
     /// Returns the row of the law `L`.
-    #[must_use]
     pub const fn of<L: Law>() -> Self {
         Self {
             name: L::NAME,
@@ -150,14 +149,12 @@ pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError>
 }
 
 /// Returns the terms that the law of a `[controller]` table publishes for the drive with this wiring.
-#[must_use]
 pub fn terms(controller: &Controller, wiring: &Wiring) -> Vec<LawTerm> {
     law(controller, wiring).map_or_else(|_| Vec::new(), |law| law.terms(wiring))
 }
 
 /// Returns the error of the law of a `[controller]` table: in its parameters, or in its ports at the drive with this
 /// wiring. For a law of all loops only the first loop returns it.
-#[must_use]
 pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
     let law = law(controller, wiring).ok()?;
     let name = controller.law_name();

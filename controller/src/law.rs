@@ -71,7 +71,6 @@ pub trait Law: fmt::Debug + Send + 'static {
 
 /// Returns the ports of a law of one loop: the inputs are [`LoopReads`]; the outputs are a current for each drive that
 /// it leads, and its terms.
-#[must_use]
 pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
     // The amplifier limits the current.
     let any = [f64::NEG_INFINITY, f64::INFINITY];
@@ -95,7 +94,6 @@ pub struct LoopReads {
 
 impl LoopReads {
     /// Makes the inputs from values in the order of [`one_loop`].
-    #[must_use]
     #[inline]
     pub fn of(reads: &[f64]) -> Self {
         let [position, wanted, velocity, acceleration, jerk, exact] =
@@ -113,7 +111,6 @@ impl LoopReads {
     }
 
     /// Returns the values in the order of [`one_loop`].
-    #[must_use]
     #[inline]
     pub fn values(&self) -> [f64; LOOP_INPUTS.len()] {
         let set_point = &self.set_point;
@@ -160,7 +157,6 @@ pub struct AnyLaw {
 
 impl AnyLaw {
     /// Makes a law with these parameters, before its first cycle, for the drive with this wiring.
-    #[must_use]
     pub fn of<L: Law>(config: &L::Config, wiring: &Wiring) -> Self {
         let law = L::new(config, &wiring.currents(L::DRIVES));
         Self {
@@ -176,7 +172,6 @@ impl AnyLaw {
     }
 
     /// Makes a law that a process plays, for the drive with this wiring.
-    #[must_use]
     pub(crate) fn of_process(law: ProcessLaw, wiring: &Wiring) -> Self {
         let (part, ports) = Part::of(law, wiring);
         Self {
@@ -200,19 +195,16 @@ impl AnyLaw {
     }
 
     /// Returns the inputs and outputs.
-    #[must_use]
     pub fn ports(&self) -> &Ports {
         &self.ports
     }
 
     /// Returns the number of drives of its loop that it leads; `None` for a law of all loops.
-    #[must_use]
     pub fn drives(&self) -> Option<usize> {
         self.drives
     }
 
     /// Returns the parameter that makes no physical sense, if there is one, and the reason.
-    #[must_use]
     pub fn objection(&self) -> Option<(&'static str, String)> {
         self.player.objection()
     }
@@ -229,7 +221,6 @@ impl AnyLaw {
     }
 
     /// Returns the terms that it publishes for the loop of a drive.
-    #[must_use]
     pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
         let measurand = &wiring.feedback.measurand;
         match (self.names_loops, wiring.rig_loop()) {
@@ -265,14 +256,12 @@ impl AnyLaw {
     }
 
     /// Returns the reason why it cannot continue, if there is one.
-    #[must_use]
     pub fn failure(&self) -> Option<&str> {
         self.player.failure()
     }
 }
 
 /// Returns the value of a flag: 1 for true, 0 for false.
-#[must_use]
 pub fn flag(is_set: bool) -> f64 {
     f64::from(u8::from(is_set))
 }

@@ -168,7 +168,6 @@ pub struct State {
 
 impl Modes {
     /// Computes the constants.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         let sensor_step_metres = config.observer.sensor_step_millimetres * 1e-3;
         let (observer, hold) = (&config.observer, &config.hold);

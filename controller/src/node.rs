@@ -169,7 +169,6 @@ impl ControllerNode {
     }
 
     /// Returns the counts since the start of the scenario.
-    #[must_use]
     pub fn statistics(&self) -> Statistics {
         self.device.application().statistics
     }

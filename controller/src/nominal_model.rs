@@ -102,7 +102,6 @@ pub struct Warming {
 
 impl Warming {
     /// Makes the warming of a wire that transforms `liveliness` times as fast with its temperature as on this slope.
-    #[must_use]
     #[inline]
     pub fn new(kelvins_per_second: f64, slope: Slope, liveliness: f64) -> Self {
         Self {
@@ -166,14 +165,12 @@ impl LocalModel<'_> {
     }
 
     /// Returns the rate of the fraction in 1/s for a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
-    #[must_use]
     pub fn fraction_rate(&self, jerk: f64) -> f64 {
         (jerk - self.mechanical_jerk) / self.acceleration_by_fraction.min(-AUTHORITY_MIN)
     }
 
     /// Returns `u = i²` in A² for a jerk in m/s³: Eq. (13) and (10) solved for `u`, on the branch of the wanted `dξ/dt`
     /// (PAPER E9).
-    #[must_use]
     pub fn squared_current_for_jerk(&self, jerk: f64) -> f64 {
         let fraction_rate = self.fraction_rate(jerk);
         let per_kelvin = self.per_kelvin(NominalModel::branch(-fraction_rate));
@@ -184,7 +181,6 @@ impl LocalModel<'_> {
     }
 
     /// Returns the jerk in m/s³ at `u = i²` in A², Eq. (13).
-    #[must_use]
     pub fn jerk(&self, squared_current: f64) -> f64 {
         let rate = self.model.temperature_rate(self.state, squared_current);
         let per_kelvin = self.per_kelvin(NominalModel::branch(rate));
@@ -226,7 +222,6 @@ pub struct NominalModel {
 
 impl NominalModel {
     /// Computes the constants.
-    #[must_use]
     pub fn new(config: &Config) -> Self {
         let convection = config.convection_watts_per_square_metre_kelvin
             * config.surface_square_metres_per_metre;
@@ -271,7 +266,6 @@ impl NominalModel {
     }
 
     /// Returns the state before any current: cold, martensite, load on the stop.
-    #[must_use]
     pub fn start(&self) -> State {
         State {
             martensite_fraction: self.heating_fraction(self.rest_temperature),
@@ -281,7 +275,6 @@ impl NominalModel {
     }
 
     /// Returns the martensite fraction on the major heating branch, Eq. (2) with `ξm = 1`.
-    #[must_use]
     pub fn heating_fraction(&self, temperature_celsius: f64) -> f64 {
         1.0 / (1.0 + self.exponential(Branch::Heating, temperature_celsius))
     }
@@ -301,7 +294,6 @@ impl NominalModel {
     }
 
     /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).
-    #[must_use]
     #[inline]
     pub fn temperature_rate(&self, state: &State, squared_current: f64) -> f64 {
         (self.resistance * squared_current
@@ -311,7 +303,6 @@ impl NominalModel {
     }
 
     /// Returns `u = i²` in A² for a heating rate, Eq. (1) solved for `i²`.
-    #[must_use]
     #[inline]
     pub fn squared_current(&self, state: &State, temperature_rate: f64) -> f64 {
         let unforced = self.temperature_rate(state, 0.0);
@@ -319,14 +310,12 @@ impl NominalModel {
     }
 
     /// Returns the derivative of the heating rate with respect to temperature in 1/s, Eq. (1).
-    #[must_use]
     #[inline]
     pub fn temperature_rate_by_temperature(&self) -> f64 {
         self.temperature_rate_by_temperature
     }
 
     /// Returns the branch of a heating rate.
-    #[must_use]
     #[inline]
     pub fn branch(temperature_rate: f64) -> Branch {
         if temperature_rate < 0.0 {
@@ -340,7 +329,6 @@ impl NominalModel {
     ///
     /// Heating: `ξ = ξm / (1 + E)` with `E = exp(aA (T − bA))` has `dξ/dT = −aA ξ E / (1 + E)`.
     /// Cooling: `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))` has `dξ/dT = −aM (1 − ξ) / (1 + e)`.
-    #[must_use]
     #[inline]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
         let fraction = state.martensite_fraction;
@@ -363,7 +351,6 @@ impl NominalModel {
 
     /// Returns the warming at `u = i²` in A² of a wire that transforms `liveliness` times as fast with its temperature,
     /// Eq. (1) and (10).
-    #[must_use]
     #[inline]
     pub fn warming(&self, state: &State, squared_current: f64, liveliness: f64) -> Warming {
         let kelvins_per_second = self.temperature_rate(state, squared_current);
@@ -372,7 +359,6 @@ impl NominalModel {
     }
 
     /// Returns the curve of Eq. (2) that leaves the present state on a branch with a continuous fraction (PAPER E2).
-    #[must_use]
     pub fn curve_through(&self, state: &State, branch: Branch) -> BranchCurve {
         let exponential = self.exponential(branch, state.temperature_celsius);
         let fraction = state.martensite_fraction;
@@ -392,7 +378,6 @@ impl NominalModel {
     }
 
     /// Returns the temperature of a fraction on a curve, Eq. (2) solved for `T` as in the bracket of Eq. (10).
-    #[must_use]
     pub fn temperature_on(&self, curve: &BranchCurve, martensite_fraction: f64) -> f64 {
         let share =
             ((martensite_fraction - curve.floor) / curve.span).clamp(SHARE_MIN, 1.0 - SHARE_MIN);
@@ -415,14 +400,12 @@ impl NominalModel {
     }
 
     /// Returns the stiffness of the wire in N/m, Eq. (9).
-    #[must_use]
     #[inline]
     pub fn stiffness(&self, martensite_fraction: f64) -> f64 {
         self.austenite_stiffness * (1.0 - martensite_fraction)
     }
 
     /// Returns the acceleration in m/s² without the stop, Eq. (7); a wire does not push (PAPER E6).
-    #[must_use]
     #[inline]
     pub fn acceleration(&self, state: &State) -> f64 {
         let stretch = self.elongation - state.position_metres / self.ratio;
@@ -432,7 +415,6 @@ impl NominalModel {
     }
 
     /// Returns the derivatives of the acceleration with respect to position, velocity and fraction, Eq. (7).
-    #[must_use]
     #[inline]
     pub fn acceleration_gradient(&self, state: &State) -> (f64, f64, f64) {
         let stretch = (self.elongation - state.position_metres / self.ratio).max(0.0);
@@ -445,7 +427,6 @@ impl NominalModel {
     }
 
     /// Returns the model at a state with an acceleration in m/s².
-    #[must_use]
     #[inline]
     pub fn at<'a>(&'a self, state: &'a State, acceleration: f64) -> LocalModel<'a> {
         let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
@@ -461,28 +442,24 @@ impl NominalModel {
     }
 
     /// Returns the fraction at which the wire just holds the load at rest, Eq. (12).
-    #[must_use]
     pub fn holding_fraction(&self, position_metres: f64) -> f64 {
         let stretch = self.elongation - position_metres / self.ratio;
         1.0 - self.weight * self.ratio / (self.austenite_stiffness * stretch.max(f64::MIN_POSITIVE))
     }
 
     /// Returns the position at which the wire just holds the load at rest, Eq. (12) solved for `x`.
-    #[must_use]
     pub fn holding_position(&self, martensite_fraction: f64) -> f64 {
         let stretch = self.weight * self.ratio / self.stiffness(martensite_fraction);
         (self.elongation - stretch) * self.ratio
     }
 
     /// Returns the position at which the wire has no stretch left.
-    #[must_use]
     pub fn position_metres_max(&self) -> f64 {
         (self.elongation * self.ratio).max(0.0)
     }
 
     /// Returns the highest position that set-points may require: the load's rest position with the smallest martensite
     /// fraction. It is 0 for a wire that is too soft to lift its load.
-    #[must_use]
     pub fn set_point_metres_max(&self) -> f64 {
         self.holding_position(MARTENSITE_FRACTION_MIN).max(0.0)
     }
@@ -495,7 +472,6 @@ impl NominalModel {
     }
 
     /// Returns whether the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).
-    #[must_use]
     #[inline]
     pub fn rests_on_stop(&self, state: &State) -> bool {
         state.position_metres <= 0.0
@@ -504,14 +480,12 @@ impl NominalModel {
     }
 
     /// Returns the state after a time at constant `u = i²` in A².
-    #[must_use]
     pub fn advance(&self, state: &State, squared_current: f64, seconds: f64) -> State {
         let warming = self.warming(state, squared_current, 1.0);
         self.advance_from(state, &warming, squared_current, seconds)
     }
 
     /// Works as [`NominalModel::advance`], with the warming in this state already computed.
-    #[must_use]
     pub fn advance_from(
         &self,
         state: &State,

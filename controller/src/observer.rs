@@ -114,7 +114,6 @@ pub struct State {
 
 impl State {
     /// Returns how many times as fast as in the model the wire transforms with its temperature, in heating and in cooling.
-    #[must_use]
     pub fn liveliness(&self, settings: &Settings) -> [f64; 2] {
         self.relative_slopes
             .map(|relative| settings.liveliness * (1.0 + self.memory * (relative - 1.0)))
@@ -123,7 +122,6 @@ impl State {
 
 impl Observer {
     /// Computes the constants.
-    #[must_use]
     pub fn new(config: &Config, model: NominalModel) -> Self {
         Self {
             model,
@@ -134,7 +132,6 @@ impl Observer {
     }
 
     /// Returns the state before any current.
-    #[must_use]
     pub fn start(&self) -> State {
         let model = self.model.start();
         State {
@@ -150,7 +147,6 @@ impl Observer {
     }
 
     /// Returns whether a position before its correction shows a jump of the sensor, which no current can have caused.
-    #[must_use]
     pub fn sensor_jumps(&self, state: &State, position_metres: f64) -> bool {
         let innovation = position_metres - state.model.position_metres;
         let jump = (innovation - state.innovation_metres).abs();

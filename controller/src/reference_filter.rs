@@ -35,7 +35,6 @@ pub struct Point {
 
 impl Point {
     /// Returns the point after a time at constant jerk.
-    #[must_use]
     pub fn moved(&self, jerk: f64, seconds: f64) -> Self {
         let acceleration = self.acceleration_metres_per_second_squared;
         let velocity = self.velocity_metres_per_second;
@@ -57,7 +56,6 @@ pub struct CriticallyDamped {
 
 impl CriticallyDamped {
     /// Returns `x⃛d = p³ (r − xd) − 3 p² x′d − 3 p x″d`.
-    #[must_use]
     pub fn jerk(&self, point: &Point, target: f64) -> f64 {
         let p = self.poles_radians_per_second;
         p * p * p * (target - point.position_metres)
@@ -66,7 +64,6 @@ impl CriticallyDamped {
     }
 
     /// Returns the exact solution at a constant target: the error is `(a + b t + c t²) exp(−p t)`.
-    #[must_use]
     pub fn advance(&self, point: &Point, target: f64, seconds: f64) -> Point {
         let p = self.poles_radians_per_second;
         let decay = libm::exp(-p * seconds);
@@ -144,7 +141,6 @@ pub struct Reference {
 
 impl Reference {
     /// Returns a point without a jerk.
-    #[must_use]
     pub fn without_jerk(point: Point) -> Self {
         Self {
             point,
@@ -155,7 +151,6 @@ impl Reference {
 
 impl State {
     /// Returns a filter at rest at a position.
-    #[must_use]
     pub fn at_rest(position_metres: f64) -> Self {
         Self {
             point: Point {
@@ -185,7 +180,6 @@ impl State {
 
 impl ReferenceFilter {
     /// Returns a filter with poles that never change.
-    #[must_use]
     pub fn fixed(poles_radians_per_second: f64, position_metres_max: f64) -> Self {
         Self {
             poles_radians_per_second_max: poles_radians_per_second,
@@ -228,7 +222,6 @@ impl ReferenceFilter {
     }
 
     /// Returns the target of the filter: the set-point within the limits, or the present position if there is none.
-    #[must_use]
     pub fn target(&self, state: &State, set_point: &SetPoint) -> f64 {
         if set_point.position.is_finite() {
             set_point.position.clamp(0.0, self.position_metres_max)

@@ -83,7 +83,6 @@ impl Scale {
 
 impl Coding {
     /// Makes a little-endian integer whose raw value is `units` times the physical one, plus `raw_offset`.
-    #[must_use]
     pub fn integer(
         start_bit: u8,
         length_bits: u8,
@@ -148,19 +147,16 @@ impl Coding {
     }
 
     /// Returns the number of bytes that a payload needs to contain the signal.
-    #[must_use]
     pub fn payload_bytes(&self) -> usize {
         self.end_bit().div_ceil(8)
     }
 
     /// Returns the bits of the signal in a payload's 64 bits, read in the signal's own byte order.
-    #[must_use]
     pub fn mask(&self) -> u64 {
         u64::MAX >> (64 - u32::from(self.length_bits)) << self.shift()
     }
 
     /// Returns the same bits with byte 0 in the lowest 8 bits, whatever the byte order.
-    #[must_use]
     pub fn occupied_bits(&self) -> u64 {
         match self.byte_order {
             ByteOrder::LittleEndian => self.mask(),
@@ -169,7 +165,6 @@ impl Coding {
     }
 
     /// Decodes the physical value in a payload; bytes beyond the signal do not matter.
-    #[must_use]
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,

@@ -121,7 +121,6 @@ pub struct Composer {
 
 impl Composer {
     /// Starts a bus with its controller.
-    #[must_use]
     pub fn new(controller: &str, node_id: u8) -> Self {
         let mut composer = Self {
             controller: controller.to_owned(),
@@ -392,7 +391,6 @@ impl Composer {
     }
 
     /// Returns the database. Two of its messages may have the same identifier or name: see [`Database::refuse_duplicates`].
-    #[must_use]
     pub fn finish(mut self) -> Database {
         let listeners = self.drives.iter().chain(&self.io_nodes).cloned();
         let listeners = Vec::from_iter(listeners.chain([names::BENCH.to_owned()]));

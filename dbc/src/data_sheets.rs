@@ -20,7 +20,6 @@ const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
 const IO_WATCH_MILLISECONDS: i64 = 0xFA;
 
 /// Returns the entry by which an io node watches the heartbeat of its manager.
-#[must_use]
 pub fn io_watch(manager: u8) -> Preset {
     Preset::new(0x1016, 1, i64::from(manager) << 16 | IO_WATCH_MILLISECONDS)
 }
@@ -45,7 +44,6 @@ const OPTIONAL_OBJECTS: &str = "[OptionalObjects]\n";
 ///
 /// # Panics
 /// Never: a test checks the texts that are compiled in.
-#[must_use]
 pub fn controller_sheet(servers: &[u8]) -> String {
     let (before, clients) = CONTROLLER_EDS
         .split_once(FIRST_CLIENT)
@@ -96,7 +94,6 @@ fn with_clients_listed(text: &str, count: usize) -> String {
 }
 
 /// Returns an EDS for one node of a rig, with the node's name and number, and with the values that depend on the rig.
-#[must_use]
 pub fn node_sheet(eds: &str, name: &str, node_id: u8, values: &NodeValues) -> String {
     let NodeValues { presets, unit } = values;
     let mut preset = None;
@@ -171,7 +168,6 @@ const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
 const MANUFACTURER_OBJECTS: &str = "[ManufacturerObjects]";
 
 /// Returns the EDS of an io node with these outputs, from the place of the first one on; outputs before it stay.
-#[must_use]
 pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
     let (Some(first), Some(last)) = (outputs.first(), outputs.last()) else {
         return eds.to_owned();

@@ -59,13 +59,11 @@ pub struct Signal {
 
 impl Message {
     /// Returns a signal by its name.
-    #[must_use]
     pub fn signal(&self, name: &str) -> Option<&Signal> {
         self.signals.iter().find(|signal| signal.name == name)
     }
 
     /// Returns a handle for one of its signals.
-    #[must_use]
     pub fn handle(&self, signal: &Signal) -> SignalHandle {
         let payload_bytes = signal.coding.payload_bytes();
         // A signal that no payload has is longer than any payload.
@@ -85,7 +83,6 @@ impl Message {
 
 impl Signal {
     /// Returns the label of a physical value, if the value table has one.
-    #[must_use]
     pub fn label(&self, value: f64) -> Option<&str> {
         let raw = ((value - self.coding.offset) / self.coding.factor).round();
         let found = self.labels.iter().find(|(number, _)| *number as f64 == raw);
@@ -105,27 +102,23 @@ pub struct SignalHandle {
 
 impl SignalHandle {
     /// Returns the identifier of the message, with the kernel's flag for 29 bits.
-    #[must_use]
     pub fn raw_id(&self) -> u32 {
         self.raw_id
     }
 
     /// Returns the bits of the signal in a payload, byte 0 lowest; the value depends on no others.
-    #[must_use]
     #[inline]
     pub fn mask(&self) -> u64 {
         self.mask
     }
 
     /// Checks whether a frame has the signal: the identifier is right and the payload long enough.
-    #[must_use]
     #[inline]
     pub fn is_in(&self, frame: &CanFrame) -> bool {
         frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes
     }
 
     /// Decodes the physical value; `None` for a frame with another identifier, or too short for the signal.
-    #[must_use]
     #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
         self.is_in(frame)
@@ -133,7 +126,6 @@ impl SignalHandle {
     }
 
     /// Returns the bits that make the value, in their places in the payload; `None` as for [`SignalHandle::decode`].
-    #[must_use]
     #[inline]
     pub fn bits(&self, frame: &CanFrame) -> Option<u64> {
         self.is_in(frame)
@@ -165,7 +157,6 @@ impl MessageBuilder {
     }
 
     /// Returns the frame with the values that were set so far.
-    #[must_use]
     pub fn frame(&self) -> CanFrame {
         CanFrame::from_raw(self.raw_id, self.length_bytes, self.payload)
             .expect("messages longer than 8 bytes are refused when parsed")
@@ -193,7 +184,6 @@ pub struct DecodedSignal<'a> {
 
 impl<'a> Decoded<'a> {
     /// Returns the message.
-    #[must_use]
     pub fn message(&self) -> &'a Message {
         self.message
     }
@@ -220,7 +210,6 @@ impl<'a> Decoded<'a> {
 
 impl Database {
     /// Checks whether any message has a signal of this name.
-    #[must_use]
     pub fn has_signal(&self, name: &str) -> bool {
         let mut signals = self.messages.iter().flat_map(|message| &message.signals);
         signals.any(|signal| signal.name == name)
@@ -233,7 +222,6 @@ impl Database {
     }
 
     /// Labels the target of an NMT command with the names of these nodes, by their node-IDs.
-    #[must_use]
     pub fn with_nodes<'a>(&self, nodes: impl IntoIterator<Item = (u8, &'a str)>) -> Self {
         let nodes = nodes.into_iter();
         let labels = nodes.map(|(node_id, name)| (i64::from(node_id), name.to_owned()));
@@ -256,19 +244,16 @@ impl Database {
     }
 
     /// Returns all messages, by identifier.
-    #[must_use]
     pub fn messages(&self) -> &[Message] {
         &self.messages
     }
 
     /// Returns the message of this name.
-    #[must_use]
     pub fn message(&self, name: &str) -> Option<&Message> {
         self.messages.iter().find(|message| message.name == name)
     }
 
     /// Returns the message that a frame carries.
-    #[must_use]
     pub fn message_of(&self, frame: &CanFrame) -> Option<&Message> {
         let found = self
             .messages
@@ -277,13 +262,11 @@ impl Database {
     }
 
     /// Returns the definition of a signal, by `message.signal`.
-    #[must_use]
     pub fn definition(&self, path: &str) -> Option<&Signal> {
         self.find(path).map(|(_, signal)| signal)
     }
 
     /// Returns a handle for a signal, by `message.signal`.
-    #[must_use]
     pub fn signal(&self, path: &str) -> Option<SignalHandle> {
         self.find(path)
             .map(|(message, signal)| message.handle(signal))
@@ -298,7 +281,6 @@ impl Database {
     }
 
     /// Returns a builder for frames of the message of this name.
-    #[must_use]
     pub fn builder(&self, message: &str) -> Option<MessageBuilder> {
         self.message(message).map(|message| MessageBuilder {
             raw_id: message.raw_id,
@@ -308,7 +290,6 @@ impl Database {
     }
 
     /// Decodes a frame; `None` if its identifier is not in the file.
-    #[must_use]
     pub fn decode(&self, frame: &CanFrame) -> Option<Decoded<'_>> {
         self.message_of(frame).map(|message| Decoded {
             message,

@@ -11,7 +11,6 @@ pub struct SignalMissing {
 
 impl SignalMissing {
     /// Makes the error for the missing signal or message at a path.
-    #[must_use]
     pub fn new(path: &str) -> Self {
         Self {
             path: path.to_owned(),

@@ -52,7 +52,6 @@ pub struct TermObject {
 
 /// Lays out terms in objects, and these in TPDOs of 8 bytes, in their order; `None` if they need more TPDOs than the controller
 /// has.
-#[must_use]
 pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
     let mut objects: Vec<TermObject> = Vec::new();
     let (mut message, mut end, mut shared) = (0, 0, 0);

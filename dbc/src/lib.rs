@@ -98,7 +98,6 @@ impl Database {
     ///
     /// # Panics
     /// Never: a test checks the texts that are compiled in.
-    #[must_use]
     pub fn shipped() -> &'static Self {
         static DATABASE: LazyLock<Database> = LazyLock::new(|| {
             let read = include_bytes!(concat!(env!("OUT_DIR"), "/sma_actuator.postcard"));

@@ -22,7 +22,6 @@ pub struct LoopPlace {
 
 /// Returns the seed of a drive's random numbers: each drive has other noise; that of the shipped rig has the scenario's
 /// seed.
-#[must_use]
 pub fn drive_seed(seed: u64, drive_node_id: u8) -> u64 {
     let distance = u64::from(drive_node_id) ^ u64::from(DRIVE_NODE_ID);
     seed ^ distance.wrapping_mul(GOLDEN_RATIO)
@@ -38,14 +37,12 @@ impl LoopPlace {
 
     /// Returns the cycles in which the controller publishes the terms of the loop, as their remainder by [`TERMS_EVERY_CYCLES`].
     /// Each loop has its own, since all terms at once would fill several cycles and delay commands and SYNC.
-    #[must_use]
     pub fn terms_cycle(&self) -> u8 {
         self.number % TERMS_EVERY_CYCLES
     }
 
     /// Returns the cycles in which the drive publishes the truth, as their remainder by its `truth_every_cycles`. As far as
     /// possible, no other drive publishes in them, and no terms are sent.
-    #[must_use]
     pub fn truth_cycle(&self) -> u8 {
         let every = self.truth_every_cycles.max(1);
         (self.number + (every / 2).min(TERMS_EVERY_CYCLES / 2)) % every
@@ -53,7 +50,6 @@ impl LoopPlace {
 
     /// Returns the values that the drive has in its data sheet: the transmission type (1 to 240 of CiA 301, 7.5.2.37) and the
     /// SYNC start value of its truth. As far as possible, the drives of a bus publish it in different cycles.
-    #[must_use]
     pub fn presets(&self) -> [Preset; 4] {
         let every_cycles = self.truth_every_cycles;
         // SYNCs count from 1; 0 is no start value.

@@ -86,21 +86,18 @@ const SHIPPED: [(&str, &str); 5] = [
 ];
 
 /// Returns the pattern of a name of the shipped DBC; `None` if the name is the same in each loop.
-#[must_use]
 pub fn pattern(shipped: &str) -> Option<&'static str> {
     let mut names = SHIPPED.into_iter();
     names.find_map(|(name, pattern)| (name == shipped).then_some(pattern))
 }
 
 /// Returns the name of a message of a node.
-#[must_use]
 pub fn message(node: &str, service: &str) -> String {
     format!("{node}_{service}")
 }
 
 /// Returns the name of a message with terms of the law of a loop, by its place from 0; the loop's name is empty if it is the only
 /// one.
-#[must_use]
 pub fn terms(controller: &str, loop_name: &str, place: usize) -> String {
     let number = place + 1;
     match loop_name {
@@ -110,7 +107,6 @@ pub fn terms(controller: &str, loop_name: &str, place: usize) -> String {
 }
 
 /// Returns the name of the message with the set-point of a loop; the loop's name is empty if it is the only one.
-#[must_use]
 pub fn set_point(loop_name: &str) -> String {
     match loop_name {
         "" => "bench_set_point".to_owned(),

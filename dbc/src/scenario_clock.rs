@@ -93,13 +93,11 @@ impl ScenarioClock {
     }
 
     /// Returns the start of scenario time, on the clock of the frames.
-    #[must_use]
     pub fn zero(&self) -> Option<Duration> {
         self.zero
     }
 
     /// Returns scenario time at a time of the frames' clock; `None` before it began.
-    #[must_use]
     #[inline]
     pub fn scenario_time(&self, time: Duration) -> Option<Duration> {
         self.zero.map(|zero| time.saturating_sub(zero))

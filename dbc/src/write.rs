@@ -42,7 +42,6 @@ impl Database {
     /// A DBC cannot express the following, which [`Database::parse`] reads otherwise or refuses: a signal without a name, two of
     /// the same name in a message, a range from 0 to 0 (which is none), a number that is not finite, a factor of 0, an identifier
     /// above 0x7FF without the flag for 29 bits, a payload beyond 8 bytes, a text beyond [`Database::TEXT_BYTES_MAX`].
-    #[must_use]
     pub fn to_dbc(&self) -> String {
         File::new(self.messages()).to_string()
     }

@@ -17,7 +17,6 @@ pub struct Amplifier {
 
 impl Amplifier {
     /// Makes an amplifier; commands are in permille of its rated current.
-    #[must_use]
     pub fn new(config: &plant::Amplifier) -> Self {
         let bits = config.resolution_bits.min(RESOLUTION_BITS_MAX);
         Self {
@@ -32,7 +31,6 @@ impl Amplifier {
     }
 
     /// Returns the current of a command, clipped to the range and rounded to the converter's steps.
-    #[must_use]
     pub fn current_amperes(&self, command_permille: i16) -> f64 {
         let CurrentRange { min, max, .. } = self.range;
         let clipped = self.wanted_amperes(command_permille).clamp(min, max);
@@ -45,20 +43,17 @@ impl Amplifier {
     }
 
     /// Returns whether a command is outside the amplifier's range.
-    #[must_use]
     pub fn clips(&self, command_permille: i16) -> bool {
         let CurrentRange { min, max, .. } = self.range;
         !(min..=max).contains(&self.wanted_amperes(command_permille))
     }
 
     /// Returns a current in permille of the rated current, as in 0x6078.
-    #[must_use]
     pub fn permille(&self, current_amperes: f64) -> i16 {
         rounded_i16(current_amperes / self.range.rated * 1e3)
     }
 
     /// Returns the largest tolerated deviation of the current from its command (assumed: a fifth of the rated current).
-    #[must_use]
     pub fn deviation_amperes_max(&self) -> f64 {
         self.range.rated / 5.0
     }

@@ -29,7 +29,6 @@ pub struct PlantRow {
 
 impl PlantRow {
     /// Returns the row of the plant `P`.
-    #[must_use]
     pub const fn of<P: Plant>() -> Self {
         Self {
             name: P::name,
@@ -117,7 +116,6 @@ pub fn check(trial: &Trial) -> Result<(), InvalidEmulator> {
 
 /// Returns the ports of the plant that a scenario chooses. If its parameters are invalid, these are the default ports,
 /// so that the rest of the scenario can be checked. `None` if neither are known.
-#[must_use]
 pub fn ports(trial: &Trial) -> Option<Ports> {
     let row = find_row(trial).ok()?;
     (row.ports)(trial).ok().or_else(row.default_ports)

@@ -63,19 +63,16 @@ impl DisturbanceModule {
     }
 
     /// Returns the factor of the wire's convection, 0 to 32.767.
-    #[must_use]
     pub fn convection_factor(&self) -> f64 {
         self.steps(CONVECTION_FACTOR).max(0.0) / 1e3
     }
 
     /// Returns the mass that is added to the load; it may be negative.
-    #[must_use]
     pub fn added_load_kilograms(&self) -> f64 {
         self.steps(ADDED_LOAD) / 1e4
     }
 
     /// Returns the value of an output, in the units of 0x6411; 0 if there is no such output.
-    #[must_use]
     pub fn steps(&self, place: usize) -> f64 {
         self.values.get(place).copied().map_or(0.0, f64::from)
     }

@@ -147,7 +147,6 @@ impl Drive {
     }
 
     /// Returns the state of the power state machine.
-    #[must_use]
     pub fn state(&self) -> State {
         self.machine.state()
     }

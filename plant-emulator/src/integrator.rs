@@ -2,7 +2,6 @@
 
 /// Takes one step of `duration_seconds` from `state`; `derivative` takes the time since the start of the step and a
 /// state.
-#[must_use]
 pub fn runge_kutta_4<const N: usize>(
     state: [f64; N],
     duration_seconds: f64,
@@ -13,7 +12,6 @@ pub fn runge_kutta_4<const N: usize>(
 }
 
 /// Works as [`runge_kutta_4`], with a derivative at the start that is known already.
-#[must_use]
 #[inline]
 pub fn runge_kutta_4_from<const N: usize>(
     state: [f64; N],

@@ -211,13 +211,11 @@ impl PlantEmulator {
     }
 
     /// Returns the plant, if it is of this type, at the time of its last advance: the latest SYNC or tick, or later.
-    #[must_use]
     pub fn plant<P: Plant>(&self) -> Option<&P> {
         self.in_hand()?.plant()
     }
 
     /// Returns the values of the plant's inputs.
-    #[must_use]
     pub fn inputs(&self) -> &[f64] {
         self.in_hand().map_or(&[], ClockedPlant::inputs)
     }

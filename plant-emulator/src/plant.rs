@@ -24,7 +24,6 @@ pub trait Plant: Any + fmt::Debug + Send {
         Self: Sized;
 
     /// Returns the kinds of `[[fault.plant.…]]` that its condition supports; others are refused.
-    #[must_use]
     fn faults() -> &'static [&'static str]
     where
         Self: Sized,
@@ -99,7 +98,6 @@ const LOAD_RANGE: [f64; 2] = [-3.276_8, 3.276_7];
 const TRAVEL_METRES: [f64; 2] = [0.0, 0.06];
 
 /// Returns the ports of a plant of one axis: [`Inputs`], its position, and these further outputs.
-#[must_use]
 pub fn one_axis(further: impl IntoIterator<Item = Port>) -> Ports {
     let position =
         Port::output("position_metres", TRAVEL_METRES).with_comment("Position of the load.");
@@ -129,7 +127,6 @@ pub struct Inputs {
 
 impl Inputs {
     /// Makes the inputs from values in the order of [`one_axis`].
-    #[must_use]
     #[inline]
     pub fn of(inputs: &[f64]) -> Self {
         let [current_amperes, convection_factor, added_load_kilograms] =
@@ -142,7 +139,6 @@ impl Inputs {
     }
 
     /// Returns the values in the order of [`one_axis`].
-    #[must_use]
     pub fn values(&self) -> [f64; 3] {
         [
             self.current_amperes,
@@ -215,7 +211,6 @@ pub enum InvalidPlant {
 
 impl InvalidPlant {
     /// Returns the parameter that is the cause, if it is one.
-    #[must_use]
     pub fn parameter(&self) -> Option<&'static str> {
         match self {
             Self::OutOfRange { name, .. } => Some(name),

@@ -12,7 +12,6 @@ pub struct Counts(u32);
 
 impl Counts {
     /// Returns the number.
-    #[must_use]
     pub fn value(self) -> u32 {
         self.0
     }
@@ -43,7 +42,6 @@ pub struct PositionSensor {
 impl PositionSensor {
     /// Makes a sensor whose noise follows from `seed` alone. A resolution above [`RESOLUTION_BITS_MAX`] or below 1 is
     /// limited to these. Samples are in the unit of the plant's output; `unit` is one unit of `config` in that.
-    #[must_use]
     pub fn new(config: &plant::Sensor, unit: f64, seed: u64) -> Self {
         let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
         Self {
@@ -82,7 +80,6 @@ impl PositionSensor {
     }
 
     /// Returns the position of a number of counts.
-    #[must_use]
     pub fn position(&self, counts: Counts) -> f64 {
         f64::from(counts.0) * self.count + self.zero
     }

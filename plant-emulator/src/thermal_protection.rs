@@ -24,7 +24,6 @@ pub struct ThermalProtection {
 
 impl ThermalProtection {
     /// Makes a protection without load.
-    #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -47,14 +46,12 @@ impl ThermalProtection {
     }
 
     /// Returns whether the overload is at its limit.
-    #[must_use]
     pub fn is_tripped(&self) -> bool {
         let most = self.limits.overload_square_ampere_seconds;
         most > 0.0 && self.overload_square_ampere_seconds >= most
     }
 
     /// Returns the overload relative to its limit, 0 to 1 (0x2110:03).
-    #[must_use]
     pub fn utilisation(&self) -> f64 {
         let most = self.limits.overload_square_ampere_seconds;
         if most > 0.0 {

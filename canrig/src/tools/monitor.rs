@@ -72,7 +72,6 @@ pub(crate) struct Decoder {
 
 impl Decoder {
     /// Makes a decoder from a DBC and data sheets.
-    #[must_use]
     pub(crate) fn new(database: Database, sheets: Vec<DataSheet>, options: MonitorOptions) -> Self {
         let nodes = sheets
             .iter()

@@ -121,7 +121,6 @@ impl RollCall {
     }
 
     /// Returns the nodes that were found, by node-ID.
-    #[must_use]
     pub(crate) fn nodes(&self) -> BTreeMap<u8, NodeOnBus> {
         let states = self.presence.states();
         let ids = states.keys().chain(&self.called);
@@ -143,7 +142,6 @@ impl RollCall {
     }
 
     /// Returns the sign of a running manager, if one was heard.
-    #[must_use]
     pub(crate) fn manager(&self) -> Option<String> {
         self.presence.manager(&self.sheets)
     }
@@ -459,7 +457,6 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
 }
 
 /// Returns the nodes as a table.
-#[must_use]
 pub(crate) fn report(roll_call: &RollCall) -> String {
     let nodes = roll_call.nodes();
     if nodes.is_empty() {
@@ -516,7 +513,6 @@ pub(crate) fn report(roll_call: &RollCall) -> String {
 }
 
 /// Returns the usual name of a state.
-#[must_use]
 pub(crate) fn state_name(state: NmtState) -> &'static str {
     match state {
         NmtState::Initialising => "booting",

@@ -95,7 +95,6 @@ pub(crate) struct Transfer {
 
 impl Transfer {
     /// Makes a transfer with a node. `sheets` give its channels and the manager.
-    #[must_use]
     pub(crate) fn new(
         node_id: u8,
         place: (u16, u8),

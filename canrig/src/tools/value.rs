@@ -9,7 +9,6 @@ use dbc::{Database, Signal};
 const SHOWN_BYTES_MAX: usize = 64;
 
 /// Returns the name of a type in the standard.
-#[must_use]
 pub(crate) fn type_name(data_type: DataType) -> &'static str {
     match data_type {
         DataType::Boolean => "BOOLEAN",
@@ -41,7 +40,6 @@ pub(crate) fn type_name(data_type: DataType) -> &'static str {
 }
 
 /// Returns bytes as a value of the object's type; for unknown objects as bytes.
-#[must_use]
 pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
     let Some(entry) = entry else {
         return show_bytes(bytes);
@@ -99,7 +97,6 @@ fn show_bytes(bytes: &[u8]) -> String {
 }
 
 /// Returns the meaning of a value by the DBC: number with unit and label of each signal that is made from the object.
-#[must_use]
 pub(crate) fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<String> {
     let object = format!("0x{:04X}:{:02X}", entry.index, entry.sub_index);
     let signals = database.messages().iter().flat_map(|message| {
@@ -134,7 +131,6 @@ fn signal_meaning(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {
 }
 
 /// Returns a signal with its value, unit and label.
-#[must_use]
 pub(crate) fn show_signal(signal: &Signal, value: f64) -> String {
     let number = match signal.label(value) {
         Some(label) => format!("\"{label}\""),
@@ -146,7 +142,6 @@ pub(crate) fn show_signal(signal: &Signal, value: f64) -> String {
 }
 
 /// Returns whether a value carries no information: a flag that is not set, or an unnamed value of a few bits that is 0.
-#[must_use]
 pub(crate) fn is_idle(signal: &Signal, value: f64) -> bool {
     let is_nameless = signal.unit.is_empty() && signal.coding.length_bits < 8;
     value == 0.0
@@ -220,7 +215,6 @@ pub(crate) fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
 
 /// Parses the value of an object of unknown type. Two forms are accepted: `0x` with two digits for each byte, and at
 /// least two bytes separated by blanks. Other texts are ambiguous in size or base.
-#[must_use]
 pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
     match text.strip_prefix("0x") {
         Some(digits) if digits.contains(char::is_whitespace) => None,
@@ -238,7 +232,6 @@ pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
 }
 
 /// Parses bytes, each as two hexadecimal digits.
-#[must_use]
 pub(crate) fn parse_bytes(text: &str) -> Option<Vec<u8>> {
     let digits: String = text
         .chars()

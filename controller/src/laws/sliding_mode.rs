@@ -58,7 +58,6 @@ pub struct WantedJerk {
 impl Surface {
     /// Returns `s = x̃″ + 2λ x̃′ + λ² x̃`, and `x⃛d − 2λ x̃″ − λ² x̃′ − KSM sat(s/φ)` in its two parts, Eq. (14) with
     /// PAPER E4.
-    #[must_use]
     pub fn wanted_jerk(&self, position: &Point, reference: &Reference) -> WantedJerk {
         let lambda = self.bandwidth;
         let error = position.position_metres - reference.point.position_metres;

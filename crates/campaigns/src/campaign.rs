@@ -50,7 +50,6 @@ pub struct CampaignRun<'a> {
 
 impl CampaignRun<'_> {
     /// Returns the signals of the loop, if the plan has only one.
-    #[must_use]
     pub fn only_timeline(&self) -> Option<&Timeline> {
         match self.timelines {
             [only] => Some(only),
@@ -117,7 +116,6 @@ pub enum Stopped<E> {
 
 impl Campaign {
     /// Returns a campaign with as many runs at a time as there are cores.
-    #[must_use]
     pub fn on_all_cores(is_shown: bool) -> Self {
         Self {
             threads: thread::available_parallelism().map_or(1, usize::from),
@@ -201,7 +199,6 @@ impl Campaign {
 }
 
 /// Returns the plan of a scenario of one drive.
-#[must_use]
 pub fn one_loop_plan(scenario: Trial) -> Plan {
     Plan::new(scenario, catalogue())
 }

@@ -1,17 +1,14 @@
 //! Distributions of the values of many runs, from the sorted values.
 
 /// Returns the least value that `percent` per cent of the sorted ones do not exceed; `None` if there are no values.
-#[must_use]
 pub fn quantile(sorted: &[f64], percent: usize) -> Option<f64> {
     let rank = (percent * sorted.len()).div_ceil(100).max(1);
     sorted.get(rank - 1).copied()
 }
 
 /// Returns the percentage of values up to each of them, as a staircase that rises at each value.
-#[must_use]
 pub fn staircase(sorted: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let count = sorted.len().max(1);
-    #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
     let percent = |number: usize| 100.0 * number as f64 / count as f64;
     let x = sorted.iter().flat_map(|value| [*value; 2]);
     let y = (0..sorted.len()).flat_map(|number| [percent(number), percent(number + 1)]);

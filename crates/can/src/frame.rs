@@ -25,7 +25,6 @@ impl CanFrame {
     ///
     /// # Panics
     /// `id` exceeds 0x7FF, or `data` is longer than 8 bytes: both are the caller's constants.
-    #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
     pub fn new(id: u16, data: &[u8]) -> Self {
         assert!(id <= 0x7FF, "identifier {id:#x} exceeds 11 bits");
@@ -41,7 +40,6 @@ impl CanFrame {
 
     /// Makes a frame from the fields of the kernel's `struct can_frame`; `None` if `length` exceeds 8. An error message has no
     /// other flag, and a remote frame no payload: further bits of a socket are dropped, so that a recording holds all of a frame.
-    #[must_use]
     pub fn from_raw(id: u32, length: u8, data: [u8; 8]) -> Option<Self> {
         let (id, data) = match id & (ERROR_FLAG | REMOTE_FLAG) {
             0 => (id, data),
@@ -52,49 +50,42 @@ impl CanFrame {
     }
 
     /// Returns the identifier with the kernel's flags.
-    #[must_use]
     #[inline]
     pub fn raw_id(&self) -> u32 {
         self.id
     }
 
     /// Returns the 11-bit identifier of a data frame; `None` for extended, remote and error frames.
-    #[must_use]
     #[inline]
     pub fn standard_id(&self) -> Option<u16> {
         u16::try_from(self.id).ok().filter(|id| *id <= 0x7FF)
     }
 
     /// Checks whether it is a remote frame.
-    #[must_use]
     #[inline]
     pub fn is_remote(&self) -> bool {
         self.id & REMOTE_FLAG != 0
     }
 
     /// Checks whether it has a 29-bit identifier.
-    #[must_use]
     #[inline]
     pub fn is_extended(&self) -> bool {
         self.id & EXTENDED_FLAG != 0
     }
 
     /// Checks whether it is the kernel's error message.
-    #[must_use]
     #[inline]
     pub fn is_error(&self) -> bool {
         self.id & ERROR_FLAG != 0
     }
 
     /// Returns the payload (0 to 8 bytes); for a remote frame, zeros in the number that it asks for.
-    #[must_use]
     #[inline]
     pub fn data(&self) -> &[u8] {
         &self.data[..usize::from(self.length)]
     }
 
     /// Returns the length of the payload.
-    #[must_use]
     pub fn length(&self) -> u8 {
         self.length
     }
@@ -122,7 +113,6 @@ impl CanFrame {
     }
 
     /// Returns all 8 bytes of the payload's buffer; those beyond the length are as they came.
-    #[must_use]
     #[inline]
     pub fn buffer(&self) -> [u8; 8] {
         self.data
@@ -187,7 +177,6 @@ impl Filter {
     };
 
     /// Accepts frames whose 11-bit identifier equals `id` in the bits of `mask`.
-    #[must_use]
     pub fn block(id: u16, mask: u16) -> Self {
         Self {
             id: u32::from(id),
@@ -196,7 +185,6 @@ impl Filter {
     }
 
     /// Accepts data frames with this 11-bit identifier only.
-    #[must_use]
     pub fn exact(id: u16) -> Self {
         Self {
             id: u32::from(id),
@@ -205,7 +193,6 @@ impl Filter {
     }
 
     /// Checks whether the frame passes.
-    #[must_use]
     #[inline]
     pub fn accepts(&self, frame: &CanFrame) -> bool {
         if frame.is_error() {
@@ -227,7 +214,6 @@ impl FilterSet {
     const WORDS: usize = 0x800 / 64;
 
     /// Makes a set that accepts the frames of each of these sets.
-    #[must_use]
     pub fn union<'a>(sets: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::from(Vec::new());
         for set in sets {
@@ -245,13 +231,11 @@ impl FilterSet {
     }
 
     /// Returns the filters.
-    #[must_use]
     pub fn filters(&self) -> &[Filter] {
         &self.filters
     }
 
     /// Checks whether the frame passes one of the filters.
-    #[must_use]
     #[inline]
     pub fn accepts(&self, frame: &CanFrame) -> bool {
         match frame.standard_id() {

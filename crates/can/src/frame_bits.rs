@@ -16,7 +16,6 @@ const CRC_BITS: u32 = 15;
 const UNSTUFFED_TAIL_BITS: u32 = 1 + 2 + 7;
 
 /// Returns the bits of a frame on the wire from start to end of frame, with the stuff bits that its payload causes.
-#[must_use]
 pub fn frame_bits(frame: &CanFrame) -> u32 {
     // Header, data and checksum. The data begin with a whole byte, so fill bits come before the start of frame, and one after the
     // checksum.
@@ -40,7 +39,6 @@ pub fn frame_bits(frame: &CanFrame) -> u32 {
 }
 
 /// Returns the bits that a frame takes from the bus: its own and the pause after it.
-#[must_use]
 pub fn occupied_bits(frame: &CanFrame) -> u32 {
     // A driver's message about the bus is no frame of it.
     if frame.is_error() {
@@ -51,7 +49,6 @@ pub fn occupied_bits(frame: &CanFrame) -> u32 {
 
 /// Returns the largest number of bits that a data frame with an identifier of 11 bits takes from the bus, whatever its payload: a
 /// stuff bit after every fourth bit from the start of frame to the checksum.
-#[must_use]
 pub fn occupied_bits_max(length_bytes: u8) -> u32 {
     let data_bits = 8 * u32::from(length_bytes);
     let stuffed = HEADER_BITS + data_bits + CRC_BITS;
@@ -179,7 +176,6 @@ const fn crc_table() -> [[u16; 256]; 16] {
 }
 
 /// Returns the bits that arbitration compares; the lowest value wins.
-#[must_use]
 #[inline]
 pub fn arbitration_key(frame: &CanFrame) -> u32 {
     let id = frame.raw_id();

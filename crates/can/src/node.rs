@@ -5,14 +5,12 @@ use std::time::Duration;
 use crate::frame::{CanFrame, Filter};
 
 /// Returns the earliest of some deadlines; `None` if there is none.
-#[must_use]
 #[inline]
 pub fn earliest(deadlines: impl IntoIterator<Item = Option<Duration>>) -> Option<Duration> {
     deadlines.into_iter().fold(None, earlier)
 }
 
 /// Returns the earlier of two deadlines; `None` if there is none.
-#[must_use]
 #[inline]
 pub fn earlier(left: Option<Duration>, right: Option<Duration>) -> Option<Duration> {
     // This is called after every event of every node, and most services have no deadline: then there is no comparison.

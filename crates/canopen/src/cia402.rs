@@ -62,7 +62,6 @@ impl State {
     }
 
     /// Returns the state in a statusword; `None` for a pattern that the standard does not know.
-    #[must_use]
     pub fn from_statusword(statusword: u16) -> Option<Self> {
         Some(match (statusword & 0x4F, statusword & 0x20 != 0) {
             (0x00, _) => Self::NotReadyToSwitchOn,
@@ -79,7 +78,6 @@ impl State {
 
     /// Returns the controlword that brings a drive in this state one step nearer to Operation enabled. It resets a fault, which
     /// takes a rising edge of bit 7.
-    #[must_use]
     pub fn controlword_towards_operation(self) -> u16 {
         match self {
             Self::NotReadyToSwitchOn | Self::FaultReactionActive | Self::QuickStopActive => 0x00,
@@ -106,7 +104,6 @@ pub enum Command {
 
 impl Command {
     /// Returns the command in bits 0 to 3; fault reset is an edge, which [`StateMachine::on_controlword`] finds.
-    #[must_use]
     pub fn decode(controlword: u16) -> Self {
         match controlword & 0x0F {
             bits if bits & 0b0010 == 0 => Self::DisableVoltage,
@@ -118,7 +115,6 @@ impl Command {
     }
 
     /// Returns the controlword that gives the command.
-    #[must_use]
     pub fn controlword(self) -> u16 {
         match self {
             Self::Shutdown => 0x06,
@@ -154,7 +150,6 @@ impl Default for OptionCodes {
 
 impl OptionCodes {
     /// Reads the codes of a dictionary; the standard's defaults if it has none.
-    #[must_use]
     pub fn read(dictionary: &ObjectDictionary) -> Self {
         let get = |index, default| {
             let value = dictionary.integer(index, 0).map(i16::try_from);
@@ -238,7 +233,6 @@ impl Default for StateMachine {
 
 impl StateMachine {
     /// Makes a machine after transitions 0 and 1: self-test and initialisation need no time here.
-    #[must_use]
     pub fn new() -> Self {
         Self {
             state: State::SwitchOnDisabled,
@@ -247,13 +241,11 @@ impl StateMachine {
     }
 
     /// Returns the state.
-    #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
     /// Checks whether the drive may follow its target: Operation enabled and no halt.
-    #[must_use]
     pub fn is_current_allowed(&self) -> bool {
         self.state == State::OperationEnabled && self.controlword & HALT_BIT == 0
     }
@@ -308,7 +300,6 @@ impl StateMachine {
     }
 
     /// Returns the statusword 0x6041.
-    #[must_use]
     pub fn statusword(&self, status: &Status) -> u16 {
         let follows_target = status.mode == CYCLIC_SYNCHRONOUS_TORQUE && self.is_current_allowed();
         let bit = |number: u16, is_set: bool| u16::from(is_set) << number;
@@ -356,7 +347,6 @@ fn stays(codes: &OptionCodes) -> bool {
 
 /// Limits a target torque by 0x6072 maximum torque and 0x6073 maximum current, all in permille of the rated values (0x6075,
 /// 0x6076). The flag is true if the limit cuts.
-#[must_use]
 pub fn limit_torque(target: i16, torque_max: u16, current_max: u16) -> (i16, bool) {
     let limit = i16::try_from(torque_max.min(current_max)).unwrap_or(i16::MAX);
     let limited = target.clamp(-limit, limit);

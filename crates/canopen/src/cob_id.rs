@@ -79,7 +79,6 @@ fn is_in_use(index: u16, cob_id: CobId) -> bool {
 }
 
 /// Checks whether an identifier is restricted: no configurable service may use it (CiA 301, table 42).
-#[must_use]
 pub fn is_restricted(id: u16) -> bool {
     matches!(id, 0x000..=0x07F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..)
 }

@@ -60,25 +60,21 @@ impl<A: Application> Device<A> {
     }
 
     /// Returns the application.
-    #[must_use]
     pub fn application(&self) -> &A {
         &self.application
     }
 
     /// Returns the application for changes by the owner of the node.
-    #[must_use]
     pub fn application_mut(&mut self) -> &mut A {
         &mut self.application
     }
 
     /// Returns the services and the dictionary.
-    #[must_use]
     pub fn services(&self) -> &Services {
         &self.services
     }
 
     /// Returns the services and the dictionary for changes by the owner of the node.
-    #[must_use]
     pub fn services_mut(&mut self) -> &mut Services {
         &mut self.services
     }
@@ -107,7 +103,6 @@ impl<A: Application> Device<A> {
     /// Checks whether the device, as it is configured now, sends nothing before its next SYNC or deadline after a PDO with this
     /// identifier: no RPDO listens to it, or only RPDOs that wait for the SYNC, and no TPDO goes by events (a waiting controlword
     /// may change the statusword on arrival).
-    #[must_use]
     pub fn takes_silently(&self, pdo_id: u16) -> bool {
         let mut listening = self
             .services
@@ -119,7 +114,6 @@ impl<A: Application> Device<A> {
 
     /// Checks whether a data frame of this identifier has an effect on the device, as it is configured now: PDOs and SDOs without
     /// a listener are dropped, all other frames are handled.
-    #[must_use]
     pub fn reads(&self, id: u16) -> bool {
         let services = &self.services;
         !PDOS_AND_SDOS.contains(&id)
@@ -129,7 +123,6 @@ impl<A: Application> Device<A> {
     }
 
     /// Checks whether the device watches the heartbeat of a node, as it is configured now (0x1016). The application hears all.
-    #[must_use]
     pub fn watches(&self, node_id: NodeId) -> bool {
         self.services.monitors.watches(node_id)
     }

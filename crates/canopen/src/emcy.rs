@@ -60,7 +60,6 @@ impl ErrorCode {
     pub const RPDO_TIMEOUT: Self = Self(0x8250);
 
     /// Returns the bits in the error register 0x1001 (CiA 301, table 46); bit 0 is set with any error.
-    #[must_use]
     pub fn register_bits(self) -> u8 {
         const GENERIC: u8 = 1;
         GENERIC
@@ -91,7 +90,6 @@ pub struct EmergencyMessage {
 
 impl EmergencyMessage {
     /// Encodes the eight bytes, little-endian (CiA 301, figure 44).
-    #[must_use]
     pub fn encode(&self) -> [u8; 8] {
         let [low, high] = self.code.0.to_le_bytes();
         let [a, b, c, d, e] = self.manufacturer;
@@ -99,7 +97,6 @@ impl EmergencyMessage {
     }
 
     /// Decodes the message in a payload; `None` if it has not eight bytes.
-    #[must_use]
     pub fn decode(data: &[u8]) -> Option<Self> {
         let [low, high, register, a, b, c, d, e] = *data else {
             return None;

@@ -41,7 +41,6 @@ pub(crate) fn check_write(
 }
 
 /// Decodes the heartbeat of a node.
-#[must_use]
 pub(crate) fn decode(id: u16, data: &[u8]) -> Option<(NodeId, NmtState)> {
     let node_id = NodeId::new(u8::try_from(id.checked_sub(ERROR_CONTROL_ID)?).ok()?)?;
     let [state] = *data else { return None };

@@ -16,7 +16,6 @@ pub struct NodeId(u8);
 
 impl NodeId {
     /// Makes a node-ID; `None` if the number is not in 1 to 127.
-    #[must_use]
     pub const fn new(number: u8) -> Option<Self> {
         match number {
             1..=127 => Some(Self(number)),
@@ -25,13 +24,11 @@ impl NodeId {
     }
 
     /// Returns the number.
-    #[must_use]
     pub const fn get(self) -> u8 {
         self.0
     }
 
     /// Returns the identifier of a default connection: function code plus node-ID.
-    #[must_use]
     pub(crate) fn with(self, function: u16) -> u16 {
         function + u16::from(self.0)
     }
@@ -58,7 +55,6 @@ pub enum NmtState {
 
 impl NmtState {
     /// Returns the number in a heartbeat.
-    #[must_use]
     pub fn number(self) -> u8 {
         match self {
             Self::Initialising => 0,
@@ -69,7 +65,6 @@ impl NmtState {
     }
 
     /// Returns the state with this number in a heartbeat.
-    #[must_use]
     pub fn from_number(number: u8) -> Option<Self> {
         match number {
             0 => Some(Self::Initialising),
@@ -81,7 +76,6 @@ impl NmtState {
     }
 
     /// Checks whether SDO, SYNC and EMCY work (CiA 301, table 38).
-    #[must_use]
     pub fn allows_sdo(self) -> bool {
         matches!(self, Self::PreOperational | Self::Operational)
     }
@@ -104,7 +98,6 @@ pub enum NmtCommand {
 
 impl NmtCommand {
     /// Returns the command specifier.
-    #[must_use]
     pub fn specifier(self) -> u8 {
         match self {
             Self::Start => 1,
@@ -116,7 +109,6 @@ impl NmtCommand {
     }
 
     /// Returns the command with this specifier.
-    #[must_use]
     pub fn from_specifier(specifier: u8) -> Option<Self> {
         match specifier {
             1 => Some(Self::Start),
@@ -129,13 +121,11 @@ impl NmtCommand {
     }
 
     /// Returns the frame with this order for one node, or for all nodes if `target` is `None`.
-    #[must_use]
     pub fn frame(self, target: Option<NodeId>) -> CanFrame {
         CanFrame::new(0, &[self.specifier(), target.map_or(0, NodeId::get)])
     }
 
     /// Decodes the command in the payload of a frame with identifier 0, if it is for this node or for all.
-    #[must_use]
     pub(crate) fn decode(data: &[u8], node_id: NodeId) -> Option<Self> {
         match *data {
             [specifier, target] if target == 0 || target == node_id.get() => {
@@ -146,7 +136,6 @@ impl NmtCommand {
     }
 
     /// Returns the state to which the command leads; `None` for the resets.
-    #[must_use]
     pub(crate) fn target_state(self) -> Option<NmtState> {
         match self {
             Self::Start => Some(NmtState::Operational),
@@ -158,7 +147,6 @@ impl NmtCommand {
 }
 
 /// Returns the boot-up message (CiA 301, 7.2.8.3.3).
-#[must_use]
 pub fn boot_up_frame(node_id: NodeId) -> CanFrame {
     CanFrame::new(
         node_id.with(ERROR_CONTROL_ID),

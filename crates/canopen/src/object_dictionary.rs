@@ -14,7 +14,6 @@ macro_rules! abort_codes {
             $(#[doc = $text] pub const $name: Self = Self($code);)*
 
             /// Returns the standard's text for the code.
-            #[must_use]
             pub fn text(self) -> &'static str {
                 match self.0 { $($code => $text,)* _ => "unknown abort code" }
             }
@@ -105,7 +104,6 @@ pub enum DataType {
 
 impl DataType {
     /// Returns the type with this CiA 301 number.
-    #[must_use]
     pub fn from_number(number: u32) -> Option<Self> {
         Some(match number {
             0x01 => Self::Boolean,
@@ -138,7 +136,6 @@ impl DataType {
     }
 
     /// Returns the length in bytes; `None` if it varies.
-    #[must_use]
     pub fn size_bytes(self) -> Option<usize> {
         match self {
             Self::Boolean | Self::Integer8 | Self::Unsigned8 => Some(1),
@@ -155,7 +152,6 @@ impl DataType {
     }
 
     /// Checks whether it is a signed integer.
-    #[must_use]
     pub fn is_signed(self) -> bool {
         matches!(
             self,
@@ -171,7 +167,6 @@ impl DataType {
     }
 
     /// Checks whether it is a floating-point type.
-    #[must_use]
     pub fn is_real(self) -> bool {
         matches!(self, Self::Real32 | Self::Real64)
     }
@@ -188,7 +183,6 @@ impl DataType {
 
     /// Returns the rank of a value among the values of its type, for comparison with limits: the integer itself, and for reals a
     /// number that grows with the value (-0 below +0, NaN outside the infinities). 0 for types without an order.
-    #[must_use]
     pub fn rank(self, bytes: &[u8]) -> i128 {
         if !self.is_real() {
             return integer_from_le(self, bytes);
@@ -226,13 +220,11 @@ pub enum Access {
 
 impl Access {
     /// Checks whether SDO may read it.
-    #[must_use]
     pub fn is_readable(self) -> bool {
         self != Self::WriteOnly
     }
 
     /// Checks whether SDO may write it.
-    #[must_use]
     pub fn is_writable(self) -> bool {
         !matches!(self, Self::ReadOnly | Self::Constant)
     }
@@ -259,7 +251,6 @@ pub struct Preset {
 
 impl Preset {
     /// Makes a value within the limits of the data sheet.
-    #[must_use]
     pub const fn new(index: u16, sub_index: u8, value: i64) -> Self {
         Self {
             index,
@@ -298,7 +289,6 @@ pub struct Entry {
 
 impl Entry {
     /// Makes a sub-object that holds its default.
-    #[must_use]
     pub fn new(
         index: u16,
         sub_index: u8,
@@ -325,21 +315,18 @@ impl Entry {
     }
 
     /// Returns the value, little-endian.
-    #[must_use]
     #[inline]
     pub fn value(&self) -> &[u8] {
         &self.value
     }
 
     /// Returns the value as an integer; 0 for types that are not integers.
-    #[must_use]
     #[inline]
     pub fn as_integer(&self) -> i128 {
         integer_from_le(self.data_type, &self.value)
     }
 
     /// Decodes bytes as an integer of this object's type; 0 for types that are not integers.
-    #[must_use]
     #[inline]
     pub fn decode_integer(&self, bytes: &[u8]) -> i128 {
         integer_from_le(self.data_type, bytes)
@@ -347,7 +334,6 @@ impl Entry {
 
     /// Returns the limit that a value of the type's length exceeds, little-endian in the first bytes; `None` if it is within the
     /// limits.
-    #[must_use]
     pub(crate) fn limit_beyond(&self, bytes: &[u8]) -> Option<[u8; 16]> {
         let rank = self.data_type.rank(bytes);
         let above = self.high_limit.filter(|limit| rank > *limit);
@@ -423,7 +409,6 @@ pub struct ObjectDictionary {
 
 impl ObjectDictionary {
     /// Makes an empty dictionary.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
@@ -483,14 +468,12 @@ impl ObjectDictionary {
     }
 
     /// Returns the sub-object at a handle.
-    #[must_use]
     #[inline]
     pub fn entry(&self, handle: Handle) -> &Entry {
         &self.entries[handle.0]
     }
 
     /// Returns all sub-objects in order.
-    #[must_use]
     pub fn entries(&self) -> &[Entry] {
         &self.entries
     }
@@ -516,7 +499,6 @@ impl ObjectDictionary {
     }
 
     /// Returns the integer at index and sub-index; `None` if there is no such object.
-    #[must_use]
     pub fn integer(&self, index: u16, sub_index: u8) -> Option<i128> {
         self.find(index, sub_index)
             .ok()
@@ -544,7 +526,6 @@ impl ObjectDictionary {
     }
 
     /// Returns the integer at index and sub-index if it exists and fits 32 bits without sign.
-    #[must_use]
     pub fn unsigned(&self, index: u16, sub_index: u8) -> Option<u32> {
         self.integer(index, sub_index)
             .and_then(|value| u32::try_from(value).ok())

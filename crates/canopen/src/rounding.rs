@@ -2,7 +2,6 @@
 
 /// Returns a value whose whole part, to which a cast cuts it, is the nearest integer; halves go away from zero. It takes a
 /// quarter of the time of `round`, and differs from that only for the largest value below a half.
-#[must_use]
 #[inline]
 pub fn add_half(value: f64) -> f64 {
     value + 0.5_f64.copysign(value)

@@ -137,7 +137,6 @@ pub struct SdoClient {
 
 impl SdoClient {
     /// Makes a client on the default channel of the server `node_id`.
-    #[must_use]
     pub fn new(node_id: u8) -> Self {
         Self {
             node_id,
@@ -169,19 +168,16 @@ impl SdoClient {
     }
 
     /// Returns the node-ID of the server.
-    #[must_use]
     pub fn node_id(&self) -> u8 {
         self.node_id
     }
 
     /// Returns the COB-ID of answers.
-    #[must_use]
     pub fn response_id(&self) -> u16 {
         self.response_id
     }
 
     /// Checks whether a transfer is under way.
-    #[must_use]
     pub fn is_busy(&self) -> bool {
         !matches!(self.state, State::Idle)
     }
@@ -301,7 +297,6 @@ impl SdoClient {
     }
 
     /// Returns the time at which [`SdoClient::on_tick`] is due; `None` between transfers.
-    #[must_use]
     pub fn next_deadline(&self) -> Option<Duration> {
         self.deadline
     }

@@ -141,7 +141,6 @@ pub struct SdoServer {
 
 impl SdoServer {
     /// Makes a server that hears requests on one COB-ID and answers on another; the low 11 bits count.
-    #[must_use]
     pub fn new(request_id: u16, response_id: u16) -> Self {
         Self {
             request_id: request_id & 0x7FF,
@@ -156,7 +155,6 @@ impl SdoServer {
     }
 
     /// Makes a server on the default channel of a node: requests on 0x600 + node-ID, answers on 0x580 + node-ID.
-    #[must_use]
     pub fn for_node(node_id: u8) -> Self {
         let node_id = u16::from(node_id);
         Self::new(DEFAULT_REQUEST_ID + node_id, DEFAULT_RESPONSE_ID + node_id)
@@ -170,19 +168,16 @@ impl SdoServer {
     }
 
     /// Returns the COB-ID of requests.
-    #[must_use]
     pub fn request_id(&self) -> u16 {
         self.request_id
     }
 
     /// Returns the COB-ID of answers.
-    #[must_use]
     pub fn response_id(&self) -> u16 {
         self.response_id
     }
 
     /// Checks whether a transfer is under way.
-    #[must_use]
     pub fn is_busy(&self) -> bool {
         !matches!(self.state, State::Idle)
     }
@@ -224,7 +219,6 @@ impl SdoServer {
     }
 
     /// Returns the time at which [`SdoServer::on_tick`] is due; `None` between transfers.
-    #[must_use]
     pub fn next_deadline(&self) -> Option<Duration> {
         self.deadline
     }

@@ -82,32 +82,27 @@ impl Services {
     }
 
     /// Returns the time of the present call, since the node's start.
-    #[must_use]
     pub fn now(&self) -> Duration {
         self.now
     }
 
     /// Returns the node-ID.
-    #[must_use]
     pub fn node_id(&self) -> NodeId {
         self.node_id
     }
 
     /// Returns the node's own NMT state.
-    #[must_use]
     pub fn nmt_state(&self) -> NmtState {
         self.state
     }
 
     /// Returns the dictionary.
-    #[must_use]
     pub fn dictionary(&self) -> &ObjectDictionary {
         &self.dictionary
     }
 
     /// Returns the dictionary for the application's own values. Objects of the services are written with [`Services::write`], so
     /// that the services notice; none may be inserted.
-    #[must_use]
     pub fn dictionary_mut(&mut self) -> &mut ObjectDictionary {
         &mut self.dictionary
     }
@@ -158,7 +153,6 @@ impl Services {
     }
 
     /// Checks whether an RPDO's latest data held a value beyond the limits of its object, which got the limit instead.
-    #[must_use]
     pub fn is_rpdo_cut(&self, number: u16) -> bool {
         let mut rpdos = self.rpdos.iter();
         rpdos.any(|rpdo| rpdo.number() == number && rpdo.is_cut())
@@ -196,19 +190,16 @@ impl Services {
     }
 
     /// Returns the time at which the next SYNC is due that this node produces.
-    #[must_use]
     pub fn next_sync(&self) -> Option<Duration> {
         self.sync_producer.next_deadline()
     }
 
     /// Returns the number of SYNC deadlines that this producer let pass.
-    #[must_use]
     pub fn sync_overruns(&self) -> u64 {
         self.sync_producer.overruns()
     }
 
     /// Returns the number of frames that were dropped because the output was not drained.
-    #[must_use]
     pub fn dropped_frames(&self) -> u64 {
         self.dropped_frames
     }

@@ -78,13 +78,11 @@ impl<N: Node> Faulty<N> {
     }
 
     /// Returns the node itself.
-    #[must_use]
     pub fn node(&self) -> &N {
         &self.node
     }
 
     /// Returns the node itself.
-    #[must_use]
     pub fn node_mut(&mut self) -> &mut N {
         &mut self.node
     }
@@ -96,13 +94,11 @@ impl<N: Node> Faulty<N> {
     }
 
     /// Returns the start of the scenario.
-    #[must_use]
     pub fn scenario_zero(&self) -> Option<Duration> {
         self.scenario.zero()
     }
 
     /// Returns the output of a dead node; `None` while it lives.
-    #[must_use]
     pub fn dead_output(&self) -> Option<Output> {
         match self.condition {
             Condition::Dead(output) => Some(output),
@@ -111,13 +107,11 @@ impl<N: Node> Faulty<N> {
     }
 
     /// Returns how far the node's clock is ahead of the true time, and how far behind.
-    #[must_use]
     pub fn clock_error(&self) -> (Duration, Duration) {
         self.clock_error_at(self.now)
     }
 
     /// Returns the clock's error at a time, if no fault begins or ends before it.
-    #[must_use]
     pub fn clock_error_at(&self, now: Duration) -> (Duration, Duration) {
         let node = self.clock.node_time(now);
         (node.saturating_sub(now), now.saturating_sub(node))

@@ -66,7 +66,6 @@ impl PlannedFault {
     }
 
     /// Returns whether it acts at a scenario time.
-    #[must_use]
     pub fn acts_at(&self, time: Duration) -> bool {
         (self.from..self.until).contains(&time)
     }
@@ -85,7 +84,6 @@ pub struct FaultPlan {
 
 impl FaultPlan {
     /// Returns the faults of the node with the node-ID `number`.
-    #[must_use]
     pub fn new(faults: &Faults, number: u8) -> Self {
         let boots = faults.of("late_boot");
         let late_boot = boots

@@ -10,19 +10,16 @@ pub struct Stream(Pcg64Mcg);
 
 impl Stream {
     /// Makes the stream of a seed.
-    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(Pcg64Mcg::seed_from_u64(seed))
     }
 
     /// Makes the stream of one fault of a scenario, independent of other faults.
-    #[must_use]
     pub fn for_fault(seed: u64, fault: &Fault) -> Self {
         Self::named(seed, &fault.path())
     }
 
     /// Makes the stream of a name.
-    #[must_use]
     pub fn named(seed: u64, name: &str) -> Self {
         // FNV-1a; any hash is suitable that differs between names and never changes.
         let hash = name.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {

@@ -23,7 +23,6 @@ pub use fmu;
 use parameters::Parameters;
 
 /// Returns the plants that ship: `sma`, `dc_motor` and `sma_pair`.
-#[must_use]
 pub fn shipped() -> Vec<Box<dyn Exported>> {
     vec![
         Box::new(Of::<Actuator> {
@@ -43,7 +42,6 @@ pub fn shipped() -> Vec<Box<dyn Exported>> {
 }
 
 /// Returns the model of a custom plant.
-#[must_use]
 pub fn plant<P: Plant>() -> Box<dyn Exported> {
     Box::new(Of::<P>::new())
 }

@@ -96,7 +96,6 @@ impl Archive {
 
 impl Unpacked {
     /// Returns the folder of the unpacked files.
-    #[must_use]
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }

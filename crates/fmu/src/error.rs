@@ -139,7 +139,6 @@ impl Fault {
     }
 
     /// Returns whether the FMU failed during the run. Every other error is found before motion begins.
-    #[must_use]
     pub fn is_of_run(&self) -> bool {
         match self {
             Self::NotFinite { .. } | Self::Terminated { .. } => true,

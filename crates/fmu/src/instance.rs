@@ -282,7 +282,6 @@ impl Instance {
     }
 
     /// Returns the time in the FMU.
-    #[must_use]
     pub fn time_seconds(&self) -> f64 {
         self.time_seconds
     }

@@ -129,7 +129,6 @@ fn start_values(
         let at_value = || Misfit::at(format!("start.{variable}"));
         let value = match value {
             Value::Float(number) => StartValue::Number(*number),
-            #[expect(clippy::cast_precision_loss, reason = "a table's number")]
             Value::Integer(number) => StartValue::Number(*number as f64),
             Value::Boolean(truth) => StartValue::Truth(*truth),
             Value::String(text) => StartValue::Text(text.clone()),
@@ -175,7 +174,6 @@ fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result
 
 /// Returns a table for an FMU, to be edited: its inputs and outputs as ports, its parameters as start values, with
 /// comments.
-#[must_use]
 pub fn proposed(name: &str, file: &str, description: &Description) -> String {
     let mut text = format!("[plant.{name}.fmu]\nfile = {}\n", quoted(file));
     let of = |wanted: fn(&Variable) -> bool| {

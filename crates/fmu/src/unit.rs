@@ -36,7 +36,6 @@ impl Conversion {
     };
 
     /// Returns the converted value. The identity keeps every bit.
-    #[must_use]
     pub fn of(self, value: f64) -> f64 {
         if self == Self::NONE {
             value
@@ -46,7 +45,6 @@ impl Conversion {
     }
 
     /// Returns the value whose conversion is `value`.
-    #[must_use]
     pub fn back(self, value: f64) -> f64 {
         if self == Self::NONE {
             value
@@ -58,7 +56,6 @@ impl Conversion {
 
 impl Base {
     /// Returns the conversion to another unit of the same quantity; `None` if the quantities differ.
-    #[must_use]
     pub fn to(&self, target: &Self) -> Option<Conversion> {
         if self.exponents != target.exponents {
             return None;
@@ -166,7 +163,6 @@ pub const KNOWN: [Known; 53] = [
 ];
 
 /// Returns the unit at the end of a port's name, the longest that fits; `None` for a number without a unit.
-#[must_use]
 pub fn unit_in_name(name: &str) -> Option<&'static Known> {
     let fits = |known: &&Known| {
         let head = name.strip_suffix(known.word);
@@ -179,7 +175,6 @@ pub fn unit_in_name(name: &str) -> Option<&'static Known> {
 }
 
 /// Returns the unit of a symbol, in the spellings of different tools.
-#[must_use]
 pub fn unit_by_symbol(symbol: &str) -> Option<&'static Known> {
     let symbol = match symbol {
         "°C" | "Celsius" => "degC",
@@ -195,7 +190,6 @@ pub fn unit_by_symbol(symbol: &str) -> Option<&'static Known> {
 }
 
 /// Returns the unit that equals this one, else one of the same quantity; `None` for a number without a unit.
-#[must_use]
 pub fn unit_by_base(base: &Base) -> Option<&'static Known> {
     let same = KNOWN.iter().find(|known| known.base == *base);
     let alike =

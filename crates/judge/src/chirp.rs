@@ -33,7 +33,6 @@ pub struct FrequencyPoint {
 }
 
 /// Returns the response to each chirp of the scenario. Points at which the drive was silent are missing.
-#[must_use]
 pub fn frequency_responses(
     timeline: &Timeline,
     control_loop: &ControlLoop,

@@ -42,7 +42,6 @@ const LOAD_PERCENT_MAX: f64 = 101.0;
 type Decision = (Outcome, Option<String>, Option<NamedCause>);
 
 /// Judges a run by the timelines of its loops. Takes as long as one pass over the frames.
-#[must_use]
 pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances) -> Verdict {
     let loops = Vec::from_iter(plan.loops.iter().zip(timelines));
     let mut pass = Pass::new(loops.len() as u64);

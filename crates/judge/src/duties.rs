@@ -116,7 +116,6 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
         }
         periods.push_back(interval);
         if periods.len() == PERIODS {
-            #[expect(clippy::cast_precision_loss, reason = "a small number")]
             let mean = periods.iter().sum::<f64>() / PERIODS as f64;
             let percent = 100.0 * (mean - 1.0).abs();
             if largest.is_none_or(|(largest, _)| percent > largest) {

@@ -77,7 +77,6 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
 
 /// Returns the distance between the highest and the lowest short mean of positions, each with its time in seconds, from a time on;
 /// `None` without a position.
-#[must_use]
 pub fn swing(positions: &[(f64, f64)], from_seconds: f64) -> Option<f64> {
     let part = |(time, _): &(f64, f64)| {
         libm::floor((time - from_seconds + TIME_TOLERANCE_SECONDS) / MEAN_SECONDS)

@@ -11,7 +11,6 @@ use crate::verdict::{Outcome, Verdict};
 
 /// Returns the name that a row of one loop has in the whole verdict. Rows of several loops begin with the loop's name; rows that
 /// all loops share appear once.
-#[must_use]
 pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
     let is_timing = one.trial.expect.timing.rows().any(|name| name == row);
     if is_timing || is_bus_metric(row) {
@@ -22,7 +21,6 @@ pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
 }
 
 /// Returns the rows of a verdict that have limits, in their order, except for those on timing.
-#[must_use]
 pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
     let loop_limits = plan.loops.iter().flat_map(|one| {
         let limits = metrics::limits(&one.trial).into_iter();
@@ -38,7 +36,6 @@ pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
 }
 
 /// Returns the expectations on timing, which all loops share.
-#[must_use]
 pub fn expected_timing(plan: &Plan) -> Option<&Expect> {
     let mut expected = plan.loops.iter().map(|one| &one.trial.expect);
     expected.find(|expect| !expect.timing.is_empty())
@@ -60,7 +57,6 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
 ///
 /// # Panics
 /// There is no loop.
-#[must_use]
 fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let outcome = loops.iter().map(|(_, verdict)| verdict.outcome).max();
     let first = first_cause(&loops, outcome);

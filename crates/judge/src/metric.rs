@@ -29,7 +29,6 @@ pub struct Metric {
 
 impl Metric {
     /// Checks a value against its limit. Without a value a limit is not met.
-    #[must_use]
     pub fn new(name: impl Into<String>, value: Result<f64, String>, limit: Option<Limit>) -> Self {
         let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
         let (value, remark) = match value {
@@ -48,7 +47,6 @@ impl Metric {
     }
 
     /// Returns a metric that no node on this bus sends: its limit is neither met nor missed.
-    #[must_use]
     pub fn not_judged(name: impl Into<String>, reason: String, limit: Option<Limit>) -> Self {
         Self {
             passed: None,

@@ -67,7 +67,6 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 /// Returns the rows of a scenario's verdict that have a limit, in their order, without those of `[expect.timing]`.
-#[must_use]
 pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
         let limit = metric.limit(&trial.expect)?;

@@ -56,7 +56,6 @@ pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<(String, NamedCause
 }
 
 /// The reason of a verdict on a recording with missing frames.
-#[must_use]
 pub fn lost_frames(lost: u64) -> String {
     format!("the recorder lost {lost} frames")
 }

@@ -94,7 +94,6 @@ impl Timing {
         let (latency, quantile) = path.split_once('.').unwrap_or((path, ""));
         let reports = self.loops().map(|(_, report)| report);
         let quantiles = match latency {
-            #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
             "frames_delayed" => {
                 let delayed = reports.map(|report| report.frames_delayed);
                 return delayed.reduce(u64::add).map(|frames| frames as f64);
@@ -112,7 +111,6 @@ impl Timing {
     }
 
     /// Returns the distributions with their names.
-    #[must_use]
     pub fn rows(&self) -> Vec<(String, Quantiles)> {
         let lateness = self.loops().map(|(name, report)| {
             let quantiles = report.wake_up_lateness_microseconds;
@@ -128,7 +126,6 @@ impl Timing {
     }
 
     /// Describes the losses of each loop.
-    #[must_use]
     pub fn losses(&self) -> String {
         let losses = self.loops().map(|(name, report)| {
             let (overruns, dropped) = (report.overruns, report.frames_dropped);
@@ -147,7 +144,6 @@ impl Timing {
     }
 
     /// Checks the values against the limits that are given. External nodes report no value.
-    #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
         let named = limits.rows().zip(limits.limits());
         let metrics = named.map(|(row, (path, limit))| match self.value(&path) {

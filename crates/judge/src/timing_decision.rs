@@ -135,7 +135,6 @@ mod tests {
         }
     }
 
-    #[expect(clippy::unnecessary_wraps, reason = "as a limit is given")]
     fn max(max: f64) -> Option<Limit> {
         let limit = Limit {
             min: None,

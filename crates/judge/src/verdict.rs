@@ -28,7 +28,6 @@ pub enum Outcome {
 
 impl Outcome {
     /// Returns the word for the outcome in messages and reports.
-    #[must_use]
     pub fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -96,7 +95,6 @@ pub struct Verdict {
 
 impl Verdict {
     /// Returns the verdict before a run, which a reader finds if the run breaks off.
-    #[must_use]
     pub fn incomplete(scenario: &str, seed: u64, reason: &str) -> Self {
         Self {
             schema: 1,
@@ -109,7 +107,6 @@ impl Verdict {
     }
 
     /// Returns the same as [`Verdict::incomplete`], for a plan with its requirements and external nodes.
-    #[must_use]
     pub fn incomplete_run(plan: &Plan, reason: &str) -> Self {
         let shared = &plan.shared;
         Self {
@@ -120,13 +117,11 @@ impl Verdict {
     }
 
     /// Returns whether the run passed although nothing was limited.
-    #[must_use]
     pub fn judged_nothing(&self) -> bool {
         self.outcome == Outcome::Pass && self.metrics.iter().all(|metric| metric.limit.is_none())
     }
 
     /// Returns the text that belongs next to the outcome: its reason, or a warning on a run that passed.
-    #[must_use]
     pub fn remark(&self) -> Option<String> {
         let nothing = "nothing was limited, so nothing was judged";
         let is_distrusted = |timing: &Timing| !timing.distrust.is_empty();
@@ -154,7 +149,6 @@ impl Verdict {
     ///
     /// # Panics
     /// Never: the verdict has no map with keys other than strings.
-    #[must_use]
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self).expect("plain data");
         text.push('\n');
@@ -162,10 +156,6 @@ impl Verdict {
     }
 }
 
-#[expect(
-    clippy::trivially_copy_pass_by_ref,
-    reason = "serde passes a reference"
-)]
 fn is_none(frames: &u64) -> bool {
     *frames == 0
 }

@@ -76,7 +76,6 @@ impl BusShare {
 
 impl BusBudget {
     /// Makes the budget of a plan.
-    #[must_use]
     pub fn new(plan: &Plan) -> Self {
         let (database, controller) = (plan.database(), &plan.controller().name);
         let sync = share(controller, "SYNC", database.message(names::SYNC), EACH);
@@ -105,13 +104,11 @@ impl BusBudget {
     }
 
     /// Returns the bits between two SYNCs.
-    #[must_use]
     pub fn available_bits(&self) -> f64 {
         self.period_milliseconds * self.bitrate_kilobits_per_second
     }
 
     /// Returns the bits of the fullest cycle.
-    #[must_use]
     pub fn needed_bits(&self) -> f64 {
         self.fullest().map(|share| share.bits).sum()
     }
@@ -141,7 +138,6 @@ impl BusBudget {
     }
 
     /// Returns the bits of each node in the fullest cycle, in the order of the shares: `hand 860, left 345`.
-    #[must_use]
     pub fn fullest_cycle(&self) -> String {
         let mut nodes: Vec<(&str, f64)> = Vec::new();
         for BusShare { node, bits, .. } in self.fullest() {
@@ -155,7 +151,6 @@ impl BusBudget {
     }
 
     /// Returns the share of the bus that all frames occupy on average.
-    #[must_use]
     pub fn load_percent(&self) -> f64 {
         let [per_cycle, per_millisecond] = self.mean_bits();
         let bits = per_cycle + self.period_milliseconds * per_millisecond;
@@ -175,13 +170,11 @@ impl BusBudget {
     }
 
     /// Checks whether the traffic fits.
-    #[must_use]
     pub fn fits(&self) -> bool {
         self.needed_bits() <= self.available_bits() && self.load_percent() <= 100.0
     }
 
     /// Returns the shortest period that would fit; `None` if the traffic by the clock alone exceeds the bit rate.
-    #[must_use]
     pub fn period_milliseconds_min(&self) -> Option<f64> {
         let bitrate = self.bitrate_kilobits_per_second;
         let [per_cycle, per_millisecond] = self.mean_bits();

@@ -52,7 +52,6 @@ pub(crate) struct Published {
 impl Catalogue {
     /// Makes a catalogue of the SMA actuator under the sliding-mode law, by the shipped DBC: enough to read recordings without
     /// any plant's code.
-    #[must_use]
     pub fn shipped() -> Self {
         Self {
             plant_objection: |_| None,
@@ -65,7 +64,6 @@ impl Catalogue {
 
     /// Makes a catalogue of plants, by their ports and by a function that finds a plant without physical sense. All laws publish
     /// the terms of the shipped DBC.
-    #[must_use]
     pub fn new(find_ports: FindPorts, plant_objection: FindObjection) -> Self {
         Self {
             find_ports: Some(find_ports),
@@ -85,7 +83,6 @@ impl Catalogue {
     }
 
     /// Returns the frames of a scenario's loop alone on its bus.
-    #[must_use]
     pub fn frames(&self, trial: &Trial) -> Arc<Frames> {
         let published = Published {
             signals: match self.find_ports {
@@ -118,7 +115,6 @@ impl Catalogue {
     }
 
     /// Returns the ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` if they are not known here.
-    #[must_use]
     pub fn ports(&self, trial: &Trial) -> Option<Ports> {
         let plants = trial.on_each_plant();
         let plant_ports = plants.iter().map(|one| {
@@ -167,7 +163,6 @@ impl Catalogue {
 
     /// Returns the objections that only a bench can make to a scenario: to names of signals, and to a plant without physical
     /// sense. The known names are collected only if the scenario has some.
-    #[must_use]
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
         let frames = self.frames(trial);
         let plants = trial.on_each_plant();
@@ -229,7 +224,6 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
 }
 
 /// Returns a name that two columns of a loop would have.
-#[must_use]
 pub fn ambiguous_name(database: &Database, wiring: &Wiring) -> Option<String> {
     let mut seen = BTreeSet::new();
     let signals = columns(database, wiring).flat_map(|message| message.signals);

@@ -41,7 +41,6 @@ pub struct DataSheet {
 ///
 /// # Panics
 /// Never: tests read the files that are compiled in.
-#[must_use]
 pub fn rig_data_sheets() -> Vec<DataSheet> {
     data_sheets_led_by(CONTROLLER_NODE_ID)
 }
@@ -50,7 +49,6 @@ pub fn rig_data_sheets() -> Vec<DataSheet> {
 ///
 /// # Panics
 /// Never, as [`rig_data_sheets`].
-#[must_use]
 pub fn data_sheets_led_by(controller: u8) -> Vec<DataSheet> {
     let shipped = [
         ("controller", controller, dbc::CONTROLLER_EDS),
@@ -114,7 +112,6 @@ impl DataSheet {
     }
 
     /// Returns the request and answer identifiers of the second SDO channel, if the data sheet has one.
-    #[must_use]
     pub fn second_channel(&self) -> Option<(u16, u16)> {
         let id = |sub_index| {
             let cob_id = self.dictionary.unsigned(SECOND_CHANNEL, sub_index)?;
@@ -125,14 +122,12 @@ impl DataSheet {
     }
 
     /// Checks whether it describes an NMT manager.
-    #[must_use]
     pub fn is_manager(&self) -> bool {
         let startup = self.dictionary.unsigned(NMT_STARTUP, 0);
         startup.is_some_and(|startup| startup & 1 == 1)
     }
 
     /// Checks whether it describes a device with this type, vendor and product.
-    #[must_use]
     pub fn describes(&self, device_type: u32, vendor: u32, product: u32) -> bool {
         let expected = |index, sub_index| self.dictionary.unsigned(index, sub_index);
         expected(0x1000, 0) == Some(device_type)
@@ -141,7 +136,6 @@ impl DataSheet {
     }
 
     /// Returns the sub-object at a place.
-    #[must_use]
     pub fn entry(&self, index: u16, sub_index: u8) -> Option<&Entry> {
         let handle = self.dictionary.find(index, sub_index).ok()?;
         Some(self.dictionary.entry(handle))

@@ -69,7 +69,6 @@ pub struct ErrorMessage {
 }
 
 /// Reads an error message; `None` if the frame is an ordinary one.
-#[must_use]
 #[inline]
 pub fn read(frame: &CanFrame) -> Option<ErrorMessage> {
     frame.is_error().then(|| describe(frame))

@@ -11,13 +11,11 @@ pub struct External(BTreeMap<u8, bool>);
 
 impl External {
     /// Checks whether a node is external.
-    #[must_use]
     pub fn has(&self, node: &Node) -> bool {
         self.0.contains_key(&node.id)
     }
 
     /// Checks whether a node is a program that canrig starts.
-    #[must_use]
     pub fn is_program(&self, node: &Node) -> bool {
         self.0.get(&node.id) == Some(&true)
     }
@@ -28,14 +26,12 @@ impl External {
     }
 
     /// Checks whether canrig plays all nodes.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 }
 
 /// Describes the problem of an external node that a run does not have.
-#[must_use]
 pub fn no_such_node(name: &str, known: &[&str]) -> String {
     let meant = meant_or_known(name, known);
     format!("--external {name}: there is no such node; {meant}")

@@ -22,14 +22,12 @@ pub struct NodeSheet {
 
 impl NodeSheet {
     /// Returns the name of its file.
-    #[must_use]
     pub fn file_name(&self) -> String {
         format!("{}.eds", self.name)
     }
 }
 
 /// Returns the EDS of each node of a plan, in the order of the node-IDs.
-#[must_use]
 pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
     let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(loop_sheets));
     let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
@@ -96,7 +94,6 @@ pub struct NamedNodes {
 
 impl NamedNodes {
     /// Returns the nodes of the shipped rig.
-    #[must_use]
     pub fn shipped() -> Self {
         Self {
             sheets: rig_data_sheets(),

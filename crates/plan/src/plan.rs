@@ -82,7 +82,6 @@ pub struct ControlLoop {
 
 impl Plan {
     /// Makes the plan of the scenario of a rig with one loop.
-    #[must_use]
     pub fn new(trial: Trial, catalogue: &Catalogue) -> Self {
         let frames = catalogue.frames(&trial);
         let run = Arc::clone(&trial.run);
@@ -193,7 +192,6 @@ impl Plan {
     }
 
     /// Returns the names of the external nodes, each once: the drives of a loop before its controller and its io node.
-    #[must_use]
     pub fn external_names(&self) -> Vec<String> {
         let external = self.loops.iter().flat_map(|one| {
             let nodes = [&one.nodes.drive, &one.nodes.controller].into_iter();
@@ -204,7 +202,6 @@ impl Plan {
     }
 
     /// Returns the nodes that are programs, each once: drives before their io nodes, the controller last.
-    #[must_use]
     pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
         let program = |node: &Node| self.shared.programs.get(&node.name);
         let programs = self.nodes().filter_map(|node| Some((node, program(node)?)));
@@ -214,7 +211,6 @@ impl Plan {
     }
 
     /// Returns the names of the external nodes that are expected on the bus.
-    #[must_use]
     pub fn expected_names(&self) -> Vec<String> {
         let programs = self.programs();
         let is_started = |name: &String| programs.iter().any(|(node, _)| node.name == *name);
@@ -224,7 +220,6 @@ impl Plan {
     }
 
     /// Names the leader of the loops: the law, or the command of a program.
-    #[must_use]
     pub fn leader(&self) -> String {
         let program = self.shared.programs.get(&self.controller().name);
         match program {
@@ -237,25 +232,21 @@ impl Plan {
     }
 
     /// Checks whether a node is external.
-    #[must_use]
     pub fn is_external(&self, node: &Node) -> bool {
         self.loops.iter().any(|one| one.external.has(node))
     }
 
     /// Returns the meaning of all frames on the bus, as a run folder stores it.
-    #[must_use]
     pub fn database(&self) -> &Arc<Database> {
         &self.loops[0].database
     }
 
     /// Returns the controller, which leads all loops.
-    #[must_use]
     pub fn controller(&self) -> &Node {
         &self.loops[0].nodes.controller
     }
 
     /// Returns the loop of a rig with one loop.
-    #[must_use]
     pub fn only_loop(&self) -> Option<&ControlLoop> {
         match &self.loops[..] {
             [only] => Some(only),
@@ -264,7 +255,6 @@ impl Plan {
     }
 
     /// Returns the number of cycles from one sending of the set-points to the next; `None` if the bench does not send them.
-    #[must_use]
     pub fn set_points_every_cycles(&self) -> Option<u8> {
         let planned = self.shared.run.bus.set_points_every_cycles;
         let every = planned.unwrap_or_else(|| self.is_external(self.controller()).into());
@@ -280,32 +270,27 @@ impl Plan {
     }
 
     /// Returns the length of the run.
-    #[must_use]
     pub fn duration(&self) -> Duration {
         Duration::from_secs_f64(self.shared.run.duration_seconds)
     }
 
     /// Returns the time between two SYNCs.
-    #[must_use]
     pub fn sync_period(&self) -> Duration {
         self.shared.run.bus.sync_period()
     }
 
     /// Checks whether the scenario has faults.
-    #[must_use]
     pub fn has_faults(&self) -> bool {
         !self.shared.run.faults.is_empty()
     }
 }
 
 /// Joins names in a row, each once.
-#[must_use]
 pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     each_once(names).join(", ")
 }
 
 /// Returns things in their order, each once.
-#[must_use]
 pub fn each_once<T: PartialEq>(things: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut once = Vec::new();
     for thing in things {
@@ -363,7 +348,6 @@ fn belongs_to(node: &Node, services: &[&str], message: &str) -> bool {
 }
 
 /// Returns the beginning of the names of a loop's signals and metrics, by the loop's name.
-#[must_use]
 pub fn loop_prefix(loop_name: &str) -> String {
     match loop_name {
         "" => String::new(),
@@ -392,14 +376,12 @@ impl ControlLoop {
     }
 
     /// Checks whether the node with a part in the loop is external.
-    #[must_use]
     pub fn is_external(&self, part: Part) -> bool {
         let node = self.nodes.of(part);
         node.is_some_and(|node| self.external.has(node))
     }
 
     /// Checks whether canrig plays the node with a part in the loop.
-    #[must_use]
     pub fn is_ours(&self, part: Part) -> bool {
         !self.is_external(part)
     }
@@ -445,19 +427,16 @@ impl ControlLoop {
     }
 
     /// Returns the name of one of several loops; empty for the only one.
-    #[must_use]
     pub fn name(&self) -> &str {
         self.trial.wiring.loop_among_several()
     }
 
     /// Returns the name of one of several loops; `None` for the only one.
-    #[must_use]
     pub fn loop_name(&self) -> Option<&str> {
         Some(self.name()).filter(|name| !name.is_empty())
     }
 
     /// Returns the beginning of the names of its signals and metrics: empty for an only loop.
-    #[must_use]
     pub fn prefix(&self) -> String {
         loop_prefix(self.name())
     }
@@ -482,7 +461,6 @@ impl ControlLoop {
     }
 
     /// Checks whether it gets a set-point of its own.
-    #[must_use]
     pub fn has_set_point(&self) -> bool {
         self.trial.wiring.led_by.is_none() && !self.trial.reference.is_empty()
     }
@@ -531,7 +509,6 @@ impl ControlLoop {
     }
 
     /// Returns the name, in the loop, of a signal of one of its messages.
-    #[must_use]
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
         if belongs_to(&self.nodes.drive, &names::DRIVE_SERVICES, &message.name) {
             name_in_loop(signal, &self.trial.wiring)
@@ -550,7 +527,6 @@ impl ControlLoop {
     }
 
     /// Checks whether a message belongs to its drive, its io node or its law.
-    #[must_use]
     pub fn owns(&self, message: &str) -> bool {
         let LoopNodes {
             controller,
@@ -568,7 +544,6 @@ impl ControlLoop {
     }
 
     /// Checks whether a signal, as `message.signal`, is one that only an emulated drive publishes.
-    #[must_use]
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();
         let truth = [names::TPDO2, names::TPDO3, names::TRUTH];
@@ -586,7 +561,6 @@ impl ControlLoop {
     }
 
     /// Returns the outputs of an io node other than fan and load; none for a recording.
-    #[must_use]
     pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
         let mut nodes = self.trial.wiring.io.iter();
         let place = nodes.position(|io| io.node == *node);
@@ -595,7 +569,6 @@ impl ControlLoop {
     }
 
     /// Returns all names of all signals.
-    #[must_use]
     pub fn names(&self) -> &SignalNames {
         self.frames.names()
     }

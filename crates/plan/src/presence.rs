@@ -42,13 +42,11 @@ impl Presence {
     }
 
     /// Returns the nodes with a heartbeat, each with the state that it reported last.
-    #[must_use]
     pub fn states(&self) -> &BTreeMap<u8, NmtState> {
         &self.states
     }
 
     /// Returns the sign of a running manager, if there is one.
-    #[must_use]
     pub fn manager(&self, sheets: &[DataSheet]) -> Option<String> {
         let is_manager = |node_id: &u8| {
             let mut sheets = sheets.iter();
@@ -61,7 +59,6 @@ impl Presence {
     }
 
     /// Returns the reason why a guest must not use the default SDO channel of a node. No other node uses a manager's own channel.
-    #[must_use]
     pub fn why_not_default_channel(&self, node_id: u8, sheets: &[DataSheet]) -> Option<String> {
         let is_manager = sheets
             .iter()

@@ -31,7 +31,6 @@ pub struct SignalNames {
 
 impl SignalNames {
     /// Collects the names of the signals of a loop's nodes and its law, with those of the objects behind them.
-    #[must_use]
     pub fn new(database: &Database, wiring: &Wiring) -> Self {
         let nodes = &wiring.nodes;
         let sheets = data_sheet::rig_data_sheets();
@@ -145,7 +144,6 @@ impl SignalNames {
 
     /// Returns objections to the names of signals in a scenario. `names` returns those of its bus; it is called only if the
     /// scenario has some.
-    #[must_use]
     pub fn objections<'a>(trial: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {

@@ -17,7 +17,6 @@ pub struct Clock {
 
 impl Clock {
     /// Starts a clock.
-    #[must_use]
     pub fn start() -> Self {
         Self {
             start: monotonic(),
@@ -26,19 +25,16 @@ impl Clock {
     }
 
     /// Returns the time since the start; it never decreases.
-    #[must_use]
     pub fn now(&self) -> Duration {
         monotonic().saturating_sub(self.start)
     }
 
     /// Returns the wall-clock time of the start, since 1970.
-    #[must_use]
     pub fn wall_epoch(&self) -> Duration {
         self.wall_at_start
     }
 
     /// Converts a wall-clock time to this clock, as if the wall clock had not been stepped since the start.
-    #[must_use]
     pub fn from_wall(&self, wall: Duration) -> Duration {
         wall.saturating_sub(self.wall_at_start)
     }
@@ -54,14 +50,12 @@ impl Clock {
 
     /// Returns the difference that the wall clock has gained on the monotonic clock since the start, without its sign. More than
     /// a few milliseconds mean that it was stepped, and wall-clock receive stamps are not to be trusted.
-    #[must_use]
     pub fn wall_clock_step(&self) -> Duration {
         let expected = self.wall_at_start + self.now();
         wall().abs_diff(expected)
     }
 
     /// Converts a time of the system's monotonic clock to this clock; zero before its start.
-    #[must_use]
     pub fn from_monotonic(&self, time: Duration) -> Duration {
         time.saturating_sub(self.start)
     }

@@ -15,7 +15,6 @@ thread_local! {
 }
 
 /// Returns the number of allocations and reallocations by this thread so far; always 0 with another allocator.
-#[must_use]
 pub fn allocations() -> u64 {
     COUNT.get()
 }

@@ -59,7 +59,6 @@ pub struct HubReport {
 }
 
 /// Returns the buses of this user's hubs that are running on this machine, without disturbing them.
-#[must_use]
 pub fn running() -> Vec<BusAddress> {
     let sockets = place::running_in(&place::candidates());
     sockets.into_iter().map(BusAddress::Embedded).collect()
@@ -112,13 +111,11 @@ impl Hub {
     }
 
     /// Returns the address of the bus.
-    #[must_use]
     pub fn address(&self) -> BusAddress {
         BusAddress::Embedded(self.place.socket())
     }
 
     /// Returns the counters as they are now.
-    #[must_use]
     pub fn report(&self) -> HubReport {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         HubReport {
@@ -130,7 +127,6 @@ impl Hub {
     }
 
     /// Returns why the hub's thread has no real-time priority; `None` if it has.
-    #[must_use]
     pub fn refusal(&self) -> Option<&Refused> {
         self.real_time.as_ref().err()
     }

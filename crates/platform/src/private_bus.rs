@@ -95,7 +95,6 @@ impl PrivateBus {
     }
 
     /// Returns the process whose namespaces the nodes [`enter`].
-    #[must_use]
     pub fn process(&self) -> u32 {
         self.helper.id()
     }

@@ -140,7 +140,6 @@ pub(crate) fn stat(process: Pid, field: usize) -> Option<u32> {
 }
 
 /// Returns whether a process killed by this signal crashed by itself: no other process sends these signals.
-#[must_use]
 pub fn is_crash(signal: i32) -> bool {
     [
         libc::SIGSEGV,

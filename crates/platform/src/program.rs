@@ -130,7 +130,6 @@ impl Program {
     }
 
     /// Takes the channel to the program, for a caller with another protocol.
-    #[must_use]
     pub fn take_channel(&mut self) -> Option<OwnedFd> {
         self.channel.take()
     }
@@ -153,7 +152,6 @@ impl Program {
     }
 
     /// Returns the number of the keeper's process.
-    #[must_use]
     pub fn keeper(&self) -> u32 {
         self.keeper.id()
     }
@@ -363,7 +361,6 @@ impl Listener {
     }
 
     /// Returns the path of the socket.
-    #[must_use]
     pub fn path(&self) -> PathBuf {
         self.folder.path().join("socket")
     }

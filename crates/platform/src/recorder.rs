@@ -96,13 +96,11 @@ impl Recorder {
     }
 
     /// Number of frames that were not recorded. Final after [`Recorder::stop`].
-    #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }
 
     /// Number of CAN FD frames on the interface; they are counted and not recorded.
-    #[must_use]
     pub fn fd_frames(&self) -> u64 {
         self.fd_frames.load(Ordering::Relaxed)
     }

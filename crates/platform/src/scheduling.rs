@@ -129,7 +129,6 @@ pub struct OneProcessor {
 
 impl OneProcessor {
     /// Pins this thread from now on.
-    #[must_use]
     pub fn stay() -> Self {
         let before = sched_getaffinity(None).ok();
         let mut here = CpuSet::new();

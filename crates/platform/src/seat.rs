@@ -64,7 +64,6 @@ pub struct Header {
 
 impl Header {
     /// Makes a header of this kind.
-    #[must_use]
     pub fn of(kind: Kind) -> Self {
         Self {
             kind: kind as u8,

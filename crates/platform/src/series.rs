@@ -90,7 +90,6 @@ impl<T: Pod> Default for SeriesWriter<T> {
 
 impl<T: Pod> SeriesWriter<T> {
     /// Makes an empty series that keeps at most `kept_max` values in memory.
-    #[must_use]
     pub fn keeping(kept_max: usize) -> Self {
         let values = Values {
             file: None,
@@ -110,18 +109,15 @@ impl<T: Pod> SeriesWriter<T> {
         self.values.kept.reserve(values.min(self.kept_max));
     }
 
-    #[must_use]
     pub fn len(&self) -> usize {
         self.values.len()
     }
 
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Returns the latest value.
-    #[must_use]
     pub fn last(&self) -> Option<&T> {
         self.values.kept.last()
     }
@@ -167,7 +163,6 @@ impl<T: Pod> SeriesWriter<T> {
     }
 
     /// Returns the whole series.
-    #[must_use]
     pub fn finish(mut self) -> Series<T> {
         if self.values.filed > 0 {
             self.file_first(self.values.kept.len());
@@ -214,20 +209,17 @@ pub struct Series<T> {
 
 impl<T: Pod> Series<T> {
     #[inline]
-    #[must_use]
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
     #[inline]
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }
 
     /// Iterates over the values.
     #[inline]
-    #[must_use]
     pub fn iter(&self) -> Iter<'_, T> {
         self.range(0..self.len())
     }
@@ -237,7 +229,6 @@ impl<T: Pod> Series<T> {
     /// # Panics
     /// If the series has no such values.
     #[inline]
-    #[must_use]
     pub fn range(&self, places: Range<usize>) -> Iter<'_, T> {
         let Range { start, end } = self.places_in(&places);
         let filed = self.values.filed;
@@ -261,7 +252,6 @@ impl<T: Pod> Series<T> {
     ///
     /// # Panics
     /// If the series has no such values.
-    #[must_use]
     pub fn part(&self, places: Range<usize>) -> Self {
         Self {
             values: Arc::clone(&self.values),
@@ -278,7 +268,6 @@ impl<T: Pod> Series<T> {
 
     /// Returns a value by its place.
     #[inline]
-    #[must_use]
     pub fn get(&self, place: usize) -> Option<T> {
         if place >= self.len() {
             return None;
@@ -290,12 +279,10 @@ impl<T: Pod> Series<T> {
         }
     }
 
-    #[must_use]
     pub fn first(&self) -> Option<T> {
         self.get(0)
     }
 
-    #[must_use]
     pub fn last(&self) -> Option<T> {
         self.get(self.len().checked_sub(1)?)
     }
@@ -316,7 +303,6 @@ impl<T: Pod> Series<T> {
     }
 
     /// Returns how many values at the begin satisfy a condition that no later value satisfies.
-    #[must_use]
     pub fn partition_point(&self, is_before: impl Fn(T) -> bool) -> usize {
         let (mut low, mut high) = (0, self.len());
         while low < high {
@@ -331,7 +317,6 @@ impl<T: Pod> Series<T> {
     }
 
     /// Returns the values in memory.
-    #[must_use]
     pub fn to_vec(&self) -> Vec<T> {
         self.iter().collect()
     }

@@ -90,7 +90,6 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
     }
 
     /// Stops the watch; returns the stalls in the order of their ends.
-    #[must_use]
     pub fn stop(self) -> Vec<SeenStall<T>> {
         drop(self.orders);
         self.is_over.store(true, Ordering::Relaxed);

@@ -86,7 +86,6 @@ impl StopSignal {
     }
 
     /// Returns whether it is time to stop. Never waits.
-    #[must_use]
     pub fn is_raised(&self) -> bool {
         self.event.is_some_and(is_readable) || self.pipe_fd().is_some_and(has_ended)
     }
@@ -240,7 +239,6 @@ pub(crate) fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
 }
 
 /// Returns whether this process ignores a signal, as its parent may have arranged (nohup).
-#[must_use]
 pub fn is_ignored(signal: libc::c_int) -> bool {
     has_handler(signal, libc::SIG_IGN)
 }

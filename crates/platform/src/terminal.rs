@@ -4,7 +4,6 @@ use std::borrow::Cow;
 
 /// Returns the text with each control character and each invisible character written as `\u001b`, as in JSON. New lines and tabs
 /// stay.
-#[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(steers) {
         return Cow::Borrowed(text);

@@ -30,7 +30,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    #[must_use]
     pub fn progress(&self) -> RunProgress {
         let progress = self.progress.lock();
         progress.unwrap_or_else(PoisonError::into_inner).clone()
@@ -46,7 +45,6 @@ impl Watch {
     }
 
     /// Returns whether the run was asked to end.
-    #[must_use]
     pub fn is_interrupted(&self) -> bool {
         self.is_interrupted.load(Ordering::Relaxed)
     }
@@ -73,7 +71,6 @@ pub struct Capture<'a> {
 impl<'a> Capture<'a> {
     /// Makes an empty capture of a run with a folder. It writes to `log`, shows the run's progress to `watch` and passes the
     /// frames on to `observers`.
-    #[must_use]
     pub fn new(
         log: BusLog,
         progress: ProgressReader,
@@ -91,7 +88,6 @@ impl<'a> Capture<'a> {
     }
 
     /// Makes an empty capture of a run without a folder.
-    #[must_use]
     pub fn in_memory(clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
             frames: Vec::new(),
@@ -119,7 +115,6 @@ impl<'a> Capture<'a> {
     }
 
     /// Returns scenario time of the last frame; `None` before the scenario began.
-    #[must_use]
     pub fn scenario_time(&self) -> Option<Duration> {
         self.frames
             .last()
@@ -127,7 +122,6 @@ impl<'a> Capture<'a> {
     }
 
     /// Returns the start of the scenario on the clock of the frames; `None` before it.
-    #[must_use]
     pub fn zero(&self) -> Option<Duration> {
         self.clock.zero()
     }
@@ -139,25 +133,21 @@ impl<'a> Capture<'a> {
     }
 
     /// Returns the latest frames up to the point where the run broke off.
-    #[must_use]
     pub fn frames_of_run(&self) -> &[Stamped] {
         let is_of_run = |stamped: &Stamped| self.broke_off.is_none_or(|end| stamped.time <= end);
         &self.frames[..self.frames.partition_point(is_of_run)]
     }
 
     /// Returns whether the user wants the run to end.
-    #[must_use]
     pub fn is_interrupted(&self) -> bool {
         self.watch.is_interrupted()
     }
 
-    #[must_use]
     pub fn watch(&self) -> &'a Watch {
         self.watch
     }
 
     /// Returns the latest frames; the last one of each identifier is among them.
-    #[must_use]
     pub fn frames(&self) -> &[Stamped] {
         &self.frames
     }

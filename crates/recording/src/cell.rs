@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 /// Returns a text that no spreadsheet takes for a formula: with an apostrophe before it if it could be one.
-#[must_use]
 pub fn inert(text: &str) -> Cow<'_, str> {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
         format!("'{text}").into()
@@ -13,7 +12,6 @@ pub fn inert(text: &str) -> Cow<'_, str> {
 }
 
 /// Returns the text as a cell of a CSV table, in quotes if a character would be taken for the table's own.
-#[must_use]
 pub fn cell(text: &str) -> Cow<'_, str> {
     let text = inert(text);
     if text.contains([',', '"', '\r', '\n']) {
@@ -24,7 +22,6 @@ pub fn cell(text: &str) -> Cow<'_, str> {
 }
 
 /// Returns the names of a table's columns as its first line.
-#[must_use]
 pub fn heading<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     let cells = names.into_iter().map(cell);
     Vec::from_iter(cells).join(",")

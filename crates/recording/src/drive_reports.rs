@@ -24,7 +24,6 @@ const SYNC_PERIODS: u32 = 3;
 const WATCH_MAX: Duration = Duration::from_secs(1);
 
 /// Returns the time after which a drive without a controller is off by itself: its watches for heartbeat and SYNC have run out.
-#[must_use]
 pub fn watch(one: &ControlLoop) -> Duration {
     let real = one.real_drive.as_ref();
     let timeouts = real.map_or_else(Timeouts::default, |drive| drive.real.timeouts);
@@ -34,7 +33,6 @@ pub fn watch(one: &ControlLoop) -> Duration {
 }
 
 /// Returns the requests for a drive's power state and for its current, if it measures that.
-#[must_use]
 pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
     let drive = one.nodes.drive.id;
     let request = |object: ObjectAddress| {

@@ -35,7 +35,6 @@ pub struct EarlyEnd {
 
 impl EarlyEnd {
     /// Makes an end by the bench or the user.
-    #[must_use]
     pub fn without_node(by: EndedBy, what: impl Into<String>) -> Self {
         Self {
             by,

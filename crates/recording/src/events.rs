@@ -40,7 +40,6 @@ pub struct Event {
 
 impl Event {
     /// Makes an event. Its text cannot steer a terminal, even if it holds labels of a foreign DBC.
-    #[must_use]
     pub fn new(level: Level, text: &str) -> Self {
         Self {
             level,

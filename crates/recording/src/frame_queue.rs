@@ -33,7 +33,6 @@ pub enum WhenFull {
 pub struct DroppedFrames(Arc<AtomicU64>);
 
 impl DroppedFrames {
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
@@ -49,7 +48,6 @@ pub struct FrameQueue {
 
 impl FrameQueue {
     /// Makes a queue; returns the run's end, the observer's end, and the count of the frames that did not fit.
-    #[must_use]
     pub fn new(when_full: WhenFull) -> (Self, Consumer<Stamped>, DroppedFrames) {
         let (ring, observer) = RingBuffer::new(CAPACITY);
         let dropped = DroppedFrames::default();

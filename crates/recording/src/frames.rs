@@ -33,7 +33,6 @@ pub struct Frames {
 
 impl Frames {
     /// Returns the first `count` frames of a log that was read to its end before.
-    #[must_use]
     pub(crate) fn in_log(log: OpenLog, count: usize) -> Self {
         Self {
             kept: Vec::new(),
@@ -42,7 +41,6 @@ impl Frames {
     }
 
     /// Returns all of them in memory.
-    #[must_use]
     pub fn into_vec(self) -> Vec<Stamped> {
         match self.log {
             None => self.kept,
@@ -50,20 +48,17 @@ impl Frames {
         }
     }
 
-    #[must_use]
     pub fn len(&self) -> usize {
         self.log
             .as_ref()
             .map_or(self.kept.len(), |(_, count)| *count)
     }
 
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Returns the clock of the frames' times; `None` without frames.
-    #[must_use]
     pub fn clock(&self) -> Option<Clock> {
         self.iter().next().map(|first| match first.time {
             time if time < WALL_CLOCK_FROM => Clock::Virtual,
@@ -75,7 +70,6 @@ impl Frames {
     ///
     /// # Panics
     /// With [`LogChanged`], if the log was changed since it was read before.
-    #[must_use]
     pub fn iter(&self) -> FrameIter<'_> {
         match &self.log {
             None => FrameIter::Kept(self.kept.iter()),

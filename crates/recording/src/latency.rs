@@ -32,9 +32,7 @@ pub struct Quantiles {
 
 impl Quantiles {
     /// Returns the quantiles of a histogram with `per_microsecond` units in a microsecond.
-    #[must_use]
     pub fn new(histogram: &Histogram<u64>, per_microsecond: u32) -> Self {
-        #[expect(clippy::cast_precision_loss, reason = "values stay far below 2^52")]
         let at =
             |quantile| histogram.value_at_quantile(quantile) as f64 / f64::from(per_microsecond);
         Self {
@@ -46,7 +44,6 @@ impl Quantiles {
     }
 
     /// Returns the quantile of this name.
-    #[must_use]
     pub fn named(&self, name: &str) -> Option<f64> {
         match name {
             "median" => Some(self.median),
@@ -96,7 +93,6 @@ pub struct NodeReport {
     pub late: Vec<[u64; 2]>,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
 fn is_none(number: &u64) -> bool {
     *number == 0
 }

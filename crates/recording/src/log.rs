@@ -40,13 +40,11 @@ pub struct Stamped {
 
 impl Stamped {
     /// Makes a frame with its time cut to the log's resolution, so that a log read back judges the same.
-    #[must_use]
     pub fn new(time: Duration, frame: CanFrame) -> Self {
         Self::counted(time, frame, occupied_bits(&frame))
     }
 
     /// As [`Stamped::new`], with the [`occupied_bits`] that the caller has counted already.
-    #[must_use]
     pub fn counted(time: Duration, frame: CanFrame, occupied_bits: u32) -> Self {
         Self {
             time: Duration::new(time.as_secs(), time.subsec_micros() * 1000),
@@ -188,7 +186,6 @@ impl fmt::Display for UnreadableLine {
 
 impl Unread {
     /// Describes the unreadable lines between the first frame and `end`, for the user.
-    #[must_use]
     pub fn unreadable_until(&self, end: Duration) -> Option<String> {
         let is_within = |line: &&UnreadableLine| line.before.is_some_and(|before| before < end);
         let mut lines = self.unreadable.iter().filter(is_within);
@@ -203,7 +200,6 @@ impl Unread {
     }
 
     /// Describes the unreadable parts of the log, for the user.
-    #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         let unreadable = self.unreadable_until(Duration::MAX);
         let broken = (self.broken.as_ref()).map(|broken| format!("the log breaks off ({broken})"));

@@ -40,12 +40,10 @@ pub struct Occurrences<T> {
 }
 
 impl<T> Occurrences<T> {
-    #[must_use]
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -55,12 +53,10 @@ impl<T> Occurrences<T> {
         self.rows.iter().map(|row| self.occurrence(row))
     }
 
-    #[must_use]
     pub fn first(&self) -> Option<Occurrence<'_, T>> {
         self.rows.first().map(|row| self.occurrence(row))
     }
 
-    #[must_use]
     pub fn last(&self) -> Option<Occurrence<'_, T>> {
         self.rows.last().map(|row| self.occurrence(row))
     }
@@ -75,7 +71,6 @@ impl<T> Occurrences<T> {
 
 impl<T: Clone> Occurrences<T> {
     /// Returns the occurrences at times that `is_wanted` accepts.
-    #[must_use]
     pub fn at_times(&self, is_wanted: impl Fn(f64) -> bool) -> Self {
         let rows = self.rows.iter();
         Self {

@@ -89,7 +89,6 @@ impl ProgressReader {
     }
 
     /// Returns the state after these frames, the latest of the run; `None` before scenario time 0 or without frames.
-    #[must_use]
     pub fn read(&self, frames: &[Stamped], clock: &ScenarioClock) -> Option<RunProgress> {
         let time = clock.scenario_time(frames.last()?.time)?;
         let syncs = frames

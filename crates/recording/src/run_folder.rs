@@ -72,7 +72,6 @@ impl RunFolder {
     }
 
     /// Returns the path of the folder `<parent>/<name>-<id>`, whether or not it exists.
-    #[must_use]
     pub fn lasting_path(parent: &Path, name: &str, id: &str) -> PathBuf {
         parent.join(format!("{}-{id}", slug(name)))
     }
@@ -88,12 +87,10 @@ impl RunFolder {
     }
 
     /// Returns the scenario's copy in the folder.
-    #[must_use]
     pub fn scenario(&self) -> PathBuf {
         self.path.join(file::SCENARIO)
     }
 
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -232,7 +229,6 @@ pub(crate) fn parse_rows<T, const COLUMNS: usize>(
 
 /// Returns the name of the log in a run folder. A plain log next to that of a long run is a decompressed copy, perhaps a partial
 /// one.
-#[must_use]
 pub fn log_in(folder: &Path) -> &'static str {
     // A dangling link counts, too: its reader refuses it.
     match folder.join(file::LONG_BUS_LOG).symlink_metadata() {

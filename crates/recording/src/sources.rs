@@ -72,7 +72,6 @@ impl Sent {
     }
 
     /// Returns the text of `sent.csv`.
-    #[must_use]
     pub fn to_csv(&self) -> String {
         let row = |sent: &SentFrames| {
             format!("{},0x{:03X},{}\n", sent.node, sent.identifier, sent.frames)
@@ -237,13 +236,11 @@ impl Watched {
 
 impl Sources {
     /// Returns the scenario times at which an external controller stopped the drive by NMT.
-    #[must_use]
     pub fn stops_seconds(&self) -> &[f64] {
         &self.stops_seconds
     }
 
     /// Returns the number of positions beyond one for each SYNC, if they are too many, and the time of the first.
-    #[must_use]
     pub fn positions_too_many(&self) -> Option<(u64, f64)> {
         let position = self.of(POSITION)?;
         let frames = position.too_many_by_rate(self.count(SYNC), 0);
@@ -264,7 +261,6 @@ impl Sources {
     }
 
     /// Returns the frames of foreign senders, the first ones first.
-    #[must_use]
     pub fn found(&self, sent: &Sent) -> Vec<SecondSource> {
         if self.is_bus_faulty || self.is_order_lost {
             return Vec::new();
@@ -345,7 +341,6 @@ pub struct SourceReader {
 
 impl SourceReader {
     /// Makes a reader that has seen no frame.
-    #[must_use]
     pub fn new(one: &ControlLoop) -> Self {
         let scenario = &one.trial;
         let is_changing = |fault: &Fault| ["clock_drift", "slow_cycle"].contains(&fault.kind.name);
@@ -395,7 +390,6 @@ impl SourceReader {
     }
 
     /// Returns the counts so far.
-    #[must_use]
     pub fn sources(&self) -> &Sources {
         &self.sources
     }

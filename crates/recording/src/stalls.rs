@@ -34,7 +34,6 @@ impl Who {
     ];
 
     /// Returns its name in the file.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Machine => "machine",
@@ -80,7 +79,6 @@ pub struct Stall {
 
 impl Stall {
     /// Makes a stall, with times cut to the microseconds of the file, so that a replay sees the same.
-    #[must_use]
     pub fn new(from: Duration, until: Duration, who: Who, what: What) -> Self {
         let cut = |time: Duration| Duration::new(time.as_secs(), time.subsec_micros() * 1000);
         Self {
@@ -92,7 +90,6 @@ impl Stall {
     }
 
     /// Returns the length of the stall.
-    #[must_use]
     pub fn length(&self) -> Duration {
         self.until.saturating_sub(self.from)
     }
@@ -112,7 +109,6 @@ impl fmt::Display for Stall {
 }
 
 /// Returns the text of `stalls.csv`.
-#[must_use]
 pub fn to_csv(stalls: &[Stall]) -> String {
     let row = |stall: &Stall| {
         let seconds = |time: Duration| format!("{}.{:06}", time.as_secs(), time.subsec_micros());

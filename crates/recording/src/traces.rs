@@ -123,7 +123,6 @@ impl TraceReader {
 }
 
 /// Returns the longest time between two messages of a kind; without a cycle time of their own they follow the SYNC.
-#[must_use]
 pub fn silence_seconds_max(message: &str, sync_period: Duration, database: &Database) -> f64 {
     let cycle_time = cycle_time(message, database).unwrap_or_default();
     (PERIODS_MAX * cycle_time.max(sync_period)).as_secs_f64()

@@ -10,7 +10,6 @@ pub const PARTS: u64 = 1_000_000;
 static DONE: AtomicU64 = AtomicU64::new(0);
 
 /// Returns the number of parts that the process has done so far, for all recordings together.
-#[must_use]
 pub fn parts_done() -> u64 {
     DONE.load(Ordering::Relaxed)
 }
@@ -25,7 +24,6 @@ pub struct Pass {
 
 impl Pass {
     /// Makes a pass of `length` steps, none of which is done.
-    #[must_use]
     pub fn new(length: u64) -> Self {
         Self {
             length: length.max(1),

@@ -169,12 +169,10 @@ impl LoadCounter {
             self.bits.pop();
         }
         let seconds = self.stretch.as_secs_f64();
-        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let middles = (0..self.bits.len())
             .map(|place| (place as f64 + 0.5) * seconds)
             .collect();
         let capacity = self.bitrate_kilobits_per_second * 1e3 * seconds;
-        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let percent = self
             .bits
             .iter()
@@ -185,10 +183,6 @@ impl LoadCounter {
 }
 
 /// Returns a histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
-#[expect(
-    clippy::cast_precision_loss,
-    reason = "microseconds stay far below 2^52"
-)]
 pub(super) fn histogram(durations: &Durations) -> (Vec<f64>, Vec<f64>) {
     const BINS: u32 = 60;
     let Some(spread) = DurationSpread::new(durations) else {

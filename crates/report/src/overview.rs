@@ -83,7 +83,6 @@ fn is_key(name: &str) -> bool {
 }
 
 /// Returns the page.
-#[must_use]
 pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let passed = runs
         .iter()

@@ -32,7 +32,6 @@ path { fill: none; stroke-width: 1.5px; stroke-linejoin: round; stroke-linecap: 
 ";
 
 /// Returns a picture with the plots, one below the other.
-#[must_use]
 pub fn to_svg(plots: &[Plot<'_>]) -> String {
     let tops = || (0..).map(|number| f64::from(number) * PLOT_HEIGHT);
     let height = tops().nth(plots.len()).unwrap_or_default();

@@ -19,7 +19,6 @@ pub struct Cell(comfy_table::Cell);
 
 impl Cell {
     /// Makes a cell from a text, in which a sequence that would control the terminal is escaped.
-    #[must_use]
     pub fn new(text: impl AsRef<str>) -> Self {
         Self(comfy_table::Cell::new_owned(
             printable(text.as_ref()).into_owned(),
@@ -27,7 +26,6 @@ impl Cell {
     }
 
     /// Makes a cell with a number, which is aligned to the right.
-    #[must_use]
     pub fn number(text: impl AsRef<str>) -> Self {
         Self(Self::new(text).0.set_alignment(CellAlignment::Right))
     }
@@ -72,7 +70,6 @@ pub struct Table {
 
 impl Table {
     /// Makes a table without rows.
-    #[must_use]
     pub fn new<T: Into<Cell>>(heads: impl IntoIterator<Item = T>) -> Self {
         Self {
             heads: heads.into_iter().map(Into::into).collect(),

@@ -12,13 +12,11 @@ use judge::verdict::{Metric, Outcome, Verdict};
 use recording::run_folder::file;
 
 /// Returns the text of a verdict: name, table, outcome and reason.
-#[must_use]
 pub fn verdict(verdict: &Verdict) -> Text {
     with_outcome(verdict, verdict.remark())
 }
 
 /// Returns a verdict in one line.
-#[must_use]
 pub fn line(verdict: &Verdict) -> String {
     let outcome = outcome_text(verdict.outcome, verdict.remark());
     format!("{}: {outcome}", verdict.scenario)
@@ -48,7 +46,6 @@ fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
 }
 
 /// Returns the text of a run: name, table, outcome, and the folder.
-#[must_use]
 pub fn run(verdict: &Verdict, folder: &Path) -> Text {
     // The reason of a run that broke off was printed as an error already.
     let remark = verdict
@@ -70,7 +67,6 @@ pub fn run(verdict: &Verdict, folder: &Path) -> Text {
 }
 
 /// Returns one line for each of several runs.
-#[must_use]
 pub fn summary(verdicts: &[Verdict]) -> Text {
     let mut table = Table::new(["scenario", "limits", "result"]);
     for verdict in verdicts {
@@ -92,7 +88,6 @@ pub fn summary(verdicts: &[Verdict]) -> Text {
 }
 
 /// Returns the cell of an outcome.
-#[must_use]
 pub fn outcome(outcome: Outcome) -> Cell {
     let cell = Cell::new(outcome.word());
     match outcome {
@@ -137,7 +132,6 @@ fn add_timing(text: &mut Text, timing: &Timing) {
 }
 
 /// Returns the value of a metric, or the reason why there is none, and its time.
-#[must_use]
 pub fn measured(metric: &Metric) -> String {
     let measured = match (metric.value, &metric.remark) {
         (Some(measured), _) => value(&metric.name, measured),
@@ -157,19 +151,16 @@ pub(crate) fn missed(metric: &Metric) -> String {
 }
 
 /// Returns a value with its limit: `2.500 (limit ≤ 2.4)`.
-#[must_use]
 pub fn with_limit(value: &str, limit: &str) -> String {
     format!("{value} (limit {limit})")
 }
 
 /// Returns the value of a metric in a run of a sweep, in which it may have none although it is limited.
-#[must_use]
 pub fn reached(name: &str, reached: Option<f64>) -> String {
     reached.map_or_else(|| "never".to_owned(), |reached| value(name, reached))
 }
 
 /// Returns the value of a metric as a text: a number, or yes or no.
-#[must_use]
 pub fn value(name: &str, value: f64) -> String {
     answer(name, value).map_or_else(|| significant(value), str::to_owned)
 }
@@ -181,7 +172,6 @@ pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
 }
 
 /// Writes a number with four digits; with a power of ten if it would be long otherwise, or have no digits but zeros.
-#[must_use]
 pub fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -204,7 +194,6 @@ pub fn significant(value: f64) -> String {
 }
 
 /// Writes a number with at most four digits, for a round number such as a tolerance: `0.25`.
-#[must_use]
 pub fn rounded(value: f64) -> String {
     let text = significant(value);
     if text.contains('.') && !text.contains('e') {
@@ -215,7 +204,6 @@ pub fn rounded(value: f64) -> String {
 }
 
 /// Returns a number with a minus sign, which is wider than a hyphen.
-#[must_use]
 pub fn with_minus(number: String) -> String {
     match number.strip_prefix('-') {
         Some(rest) => format!("−{rest}"),
@@ -235,7 +223,6 @@ fn power_of_ten(value: f64) -> String {
 }
 
 /// Writes a number as a file has it, with a power of ten if it is long.
-#[must_use]
 pub fn as_written(value: f64) -> String {
     if value.abs() >= LONG_FROM && value.is_finite() {
         format!("{value:e}")
@@ -245,7 +232,6 @@ pub fn as_written(value: f64) -> String {
 }
 
 /// Returns the limit of a metric as a text; empty without a limit.
-#[must_use]
 pub fn limit(name: &str, limit: Option<Limit>) -> String {
     let Some(limit) = limit else {
         return String::new();
@@ -263,7 +249,6 @@ pub fn limit(name: &str, limit: Option<Limit>) -> String {
 }
 
 /// Returns the cell that says whether a limit was met.
-#[must_use]
 pub fn result(metric: &Metric, outcome: Outcome) -> Cell {
     match (metric.passed, outcome) {
         (None, _) if metric.limit.is_some() => Cell::new("not judged").unsure(),

@@ -3,7 +3,6 @@
 use dbc::Signal;
 
 /// Returns a unit of the DBC in the form for readers.
-#[must_use]
 pub fn shown_unit(unit: &str) -> &str {
     match unit {
         "degC" => "°C",

@@ -27,7 +27,6 @@ static UNPRINTED: OnceLock<String> = OnceLock::new();
 
 /// Returns the reason why a text was not printed on standard output. A reader that has gone needs no more of it, and is no
 /// reason.
-#[must_use]
 pub fn unprinted() -> Option<&'static str> {
     keep_error(io::stdout().flush());
     UNPRINTED.get().map(String::as_str)
@@ -209,7 +208,6 @@ impl BufferedLines {
     }
 
     /// Returns whether the reader has gone.
-    #[must_use]
     pub fn is_closed(&self) -> bool {
         self.is_closed
     }
@@ -229,7 +227,6 @@ pub struct Spinner(ProgressBar);
 
 impl Spinner {
     /// Makes a line without text.
-    #[must_use]
     pub fn new(is_shown: bool) -> Self {
         Self(new_bar(None, "{spinner} {msg}", is_shown))
     }
@@ -246,7 +243,6 @@ pub struct ScenarioBar(ProgressBar);
 
 impl ScenarioBar {
     /// Makes a bar at zero.
-    #[must_use]
     pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
         let duration = micros(Duration::from_secs_f64(duration_seconds));
         let template = "{bar:10} {percent:>3} %  {eta:>4} left  {msg}";
@@ -312,7 +308,6 @@ pub struct RunsBar {
 
 impl RunsBar {
     /// Makes a bar at zero; for an unknown total it only counts.
-    #[must_use]
     pub fn new(total: Option<usize>, is_shown: bool) -> Self {
         let runs = total.map(|total| total as u64);
         let bar = new_bar(runs, "{bar:40} {pos} of {len} runs{left}", is_shown);
@@ -354,7 +349,6 @@ pub struct PartsBar(ProgressBar);
 
 impl PartsBar {
     /// Makes a bar for `runs` runs, of which `before` are completed.
-    #[must_use]
     pub fn new(runs: usize, before: usize, is_shown: bool) -> Self {
         let template = "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}";
         let bar = new_bar(Some(runs as u64), template, is_shown);
@@ -385,7 +379,6 @@ pub struct WorkBar {
 
 impl WorkBar {
     /// Makes the bar of work with this number of passes over the recordings.
-    #[must_use]
     pub fn new(passes: u64, is_shown: bool) -> Self {
         let passes = Arc::new(AtomicU64::new(passes));
         let is_shown = is_shown && io::stderr().is_terminal();

@@ -28,7 +28,6 @@ pub enum Exit {
 
 impl Exit {
     /// Returns the exit code of the process.
-    #[must_use]
     pub fn code(self) -> u8 {
         match self {
             Self::Pass => 0,

@@ -15,7 +15,6 @@ const NAME_VARIABLES: [&str; 2] = ["CANRIG_NODE", "SLURMD_NODENAME"];
 const KERNEL_NAME: &str = "/proc/sys/kernel/hostname";
 
 /// Returns the name of this machine; `unknown` if the system has none.
-#[must_use]
 pub fn name() -> String {
     let named = NAME_VARIABLES.iter().find_map(|name| env::var(name).ok());
     let named = named
@@ -41,20 +40,17 @@ pub struct Stopwatch(Clock);
 
 impl Stopwatch {
     /// Starts a stopwatch.
-    #[must_use]
     pub fn start() -> Self {
         Self(Clock::start())
     }
 
     /// Returns the time since the start.
-    #[must_use]
     pub fn elapsed(&self) -> Duration {
         self.0.now()
     }
 }
 
 /// Returns the largest memory that this process has had, in bytes; `None` if the kernel does not report it.
-#[must_use]
 pub fn memory_bytes_max() -> Option<u64> {
     let text = fs::read_to_string(STATUS).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

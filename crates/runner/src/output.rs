@@ -48,7 +48,6 @@ pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Exit> {
 }
 
 /// Returns the relative link from one file to another; `None` if there is none.
-#[must_use]
 pub fn link(from: &Path, to: &Path) -> Option<String> {
     let from = match from.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,

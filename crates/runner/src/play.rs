@@ -130,7 +130,6 @@ impl ValueArgs {
     ///
     /// # Panics
     /// Never: any text can be a value.
-    #[must_use]
     pub fn all(&self) -> Vec<Override> {
         let name = self.rig.as_deref().map(|rig| match self.rig_file() {
             Some(file) => {
@@ -170,7 +169,6 @@ pub struct ViewerArgs {
 
 impl ViewerArgs {
     /// Opens or finds the viewers, and returns the reasons why some are missing.
-    #[must_use]
     pub fn open(&self) -> (Viewers, Vec<String>) {
         Viewers::open(self.viewer, self.rerun_connect.as_ref())
     }

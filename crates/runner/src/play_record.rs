@@ -43,7 +43,6 @@ fn from_text<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Timestamp, D:
 
 impl PlayRecord {
     /// Returns the record of a play that begins now.
-    #[must_use]
     pub fn now(overrides: &[Override]) -> Self {
         let since_1970 = Clock::start().wall_epoch();
         Self {
@@ -54,13 +53,11 @@ impl PlayRecord {
     }
 
     /// Returns the date as a text, to the minute.
-    #[must_use]
     pub fn date(&self) -> String {
         self.at.strftime("%Y-%m-%d %H:%M UTC").to_string()
     }
 
     /// Returns date and host as a text.
-    #[must_use]
     pub fn place(&self) -> String {
         let date = self.date();
         match &self.host {

@@ -257,7 +257,6 @@ impl Recorded {
 
     /// Returns the number of further passes over the frames in [`Recorded::judge`]: for the times of each loop, if the run has
     /// any.
-    #[must_use]
     pub fn passes_for_timing(&self) -> u64 {
         let stored = self.stored.as_ref();
         if stored.is_some_and(|stored| stored.timing.is_some()) {
@@ -351,14 +350,12 @@ pub fn require_run(path: &Path) -> Result<(), RecordedError> {
 }
 
 /// Returns whether a folder is that of a campaign, or of a part of one.
-#[must_use]
 pub fn holds_many_runs(folder: &Path) -> bool {
     let mut names = [file::ROWS, file::ENGINE].iter();
     names.any(|name| folder.join(name).exists())
 }
 
 /// Returns the folders of runs and campaigns: a folder that is none, but contains some, is replaced by these.
-#[must_use]
 pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
     let is_one = |path: &Path| path.join(file::SCENARIO).exists() || holds_many_runs(path);
     let opened = folders.iter().flat_map(|folder| {

@@ -166,7 +166,6 @@ fn create_folder(
 }
 
 /// Returns the verdict of a run, however its world ended.
-#[must_use]
 pub fn verdict(
     ended: &Result<Played, WorldError>,
     timelines: &[Timeline],

@@ -24,7 +24,6 @@ pub struct Beside {
 
 impl Beside {
     /// Returns the files in the folder of a scenario.
-    #[must_use]
     pub fn new(scenario: &Path) -> Self {
         Self {
             scenario: scenario.to_owned(),
@@ -67,7 +66,6 @@ impl Beside {
     }
 
     /// Checks whether a file, or the hash of a file, belongs to the program of the command line.
-    #[must_use]
     pub fn is_in_program(&self, name: &str) -> bool {
         let file = name.strip_suffix(HASH_SUFFIX).unwrap_or(name);
         self.program.contains_key(file)
@@ -75,7 +73,6 @@ impl Beside {
 
     /// Returns the command that starts a program, and the folder in which it starts; `named_in` is the file that names the
     /// program.
-    #[must_use]
     pub fn command(&self, words: &[String], named_in: &str) -> (Vec<String>, PathBuf) {
         let file = |word: &String| self.program.get(word);
         let placed = words.iter().map(|word| match file(word) {
@@ -97,7 +94,6 @@ impl Beside {
     }
 
     /// Returns the files of another scenario in the same folder.
-    #[must_use]
     pub fn for_case(&self) -> Self {
         let scenario = self.scenario.with_file_name("case");
         Self {
@@ -107,13 +103,11 @@ impl Beside {
     }
 
     /// Returns the path of the scenario.
-    #[must_use]
     pub fn scenario(&self) -> &Path {
         &self.scenario
     }
 
     /// Returns the path of a file.
-    #[must_use]
     pub fn place(&self, name: &str) -> PathBuf {
         let (folder, name) = self.folder_of(name);
         folder.join(name)

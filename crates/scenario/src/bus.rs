@@ -33,7 +33,6 @@ impl Default for Bus {
 
 impl Bus {
     /// Returns the time between two SYNCs.
-    #[must_use]
     pub fn sync_period(&self) -> Duration {
         // The schema admits multiples of 0.1 ms; rounding removes the error of the decimal fraction.
         let tenths = libm::round(self.sync_period_milliseconds * 10.0).clamp(1.0, 1000.0);

@@ -26,13 +26,11 @@ pub struct SweptPhase {
 
 impl SweptPhase {
     /// Returns the phase within one turn, which keeps its accuracy in long runs.
-    #[must_use]
     pub fn radians(&self) -> f64 {
         TAU * (self.turns - libm::floor(self.turns))
     }
 
     /// Returns the frequency.
-    #[must_use]
     pub fn hertz(&self) -> f64 {
         self.derivatives[0] / TAU
     }
@@ -40,7 +38,6 @@ impl SweptPhase {
 
 impl FrequencySweep {
     /// Returns the phase after a time.
-    #[must_use]
     pub fn at(&self, elapsed_seconds: f64) -> SweptPhase {
         let (from, until) = (self.from_hertz, self.until_hertz);
         if self.is_logarithmic {
@@ -61,7 +58,6 @@ impl FrequencySweep {
     }
 
     /// Returns the time after which the sine has made a number of turns.
-    #[must_use]
     pub fn seconds_at(&self, turns: f64) -> f64 {
         let (from, until) = (self.from_hertz, self.until_hertz);
         if self.is_logarithmic {
@@ -75,7 +71,6 @@ impl FrequencySweep {
     }
 
     /// Returns the number of all turns.
-    #[must_use]
     pub fn turns(&self) -> f64 {
         self.at(self.duration_seconds).turns
     }

@@ -40,7 +40,6 @@ pub struct Contour {
 
 impl Contour {
     /// Returns the rows of the verdict with their limits: the longest distance from the path, and its RMS.
-    #[must_use]
     pub fn rows(&self) -> [(String, Option<Limit>); 2] {
         let name = self.loops.join("_");
         let measurand = Measurand::position(self.unit.clone());

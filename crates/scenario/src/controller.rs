@@ -45,7 +45,6 @@ impl Controller {
     }
 
     /// Returns the name of the law's table.
-    #[must_use]
     pub fn law_name(&self) -> &str {
         self.law_names().next().unwrap_or("none")
     }
@@ -72,7 +71,6 @@ impl Controller {
     }
 
     /// Returns the law if it runs in a separate process.
-    #[must_use]
     pub fn process_law(&self) -> Option<ProcessLaw> {
         let program = self.program.as_ref().map(ProcessLaw::from);
         let library = self.library.as_ref().map(ProcessLaw::from);
@@ -350,14 +348,12 @@ const LAWS: [(&str, Option<usize>); 8] = [
 ];
 
 /// Checks whether the format has the table of a law; tables from outside are registered.
-#[must_use]
 pub fn is_built_in(law: &str) -> bool {
     LAWS.iter().any(|(name, _)| *name == law)
 }
 
 /// Returns the number of drives that a law leads, by the name of its table; `None` if it is not known, or if the law's ports tell
 /// it.
-#[must_use]
 pub fn drives_led_by(law: &str) -> Option<usize> {
     let built_in = LAWS.iter().find(|(name, _)| *name == law);
     match built_in {

@@ -30,19 +30,16 @@ impl Default for CurrentRange {
 
 impl CurrentRange {
     /// Returns the counts of a command for one ampere.
-    #[must_use]
     pub fn counts_per_ampere(&self) -> f64 {
         COUNTS / self.rated
     }
 
     /// Returns the largest current in either direction.
-    #[must_use]
     pub fn largest(&self) -> f64 {
         self.max.max(-self.min)
     }
 
     /// Returns a current as the bus carries it: within the range, and in whole counts. A value that is no number becomes 0.
-    #[must_use]
     #[inline]
     pub fn limited(&self, current_amperes: f64) -> f64 {
         if current_amperes.is_nan() {
@@ -58,7 +55,6 @@ impl CurrentRange {
     }
 
     /// Checks whether a current is the largest in its direction.
-    #[must_use]
     pub fn is_at_end(&self, current_amperes: f64) -> bool {
         current_amperes >= self.max || (self.min < 0.0 && current_amperes <= self.min)
     }

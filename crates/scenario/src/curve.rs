@@ -82,7 +82,6 @@ impl Trajectory {
     /// assert_eq!(trajectory.at(9.999).position, 0.0);
     /// assert_eq!(trajectory.at(10.0).position, 35.0);
     /// ```
-    #[must_use]
     pub fn at(&self, time_seconds: f64) -> SetPoint {
         let started = self
             .segments
@@ -107,7 +106,6 @@ impl Trajectory {
 
     /// Returns rows `(seconds, value)` until a time, with straight lines between them; two rows at one time are a jump. A piece
     /// that is not a straight line has a row in each spacing.
-    #[must_use]
     pub fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
         let mut rows = vec![(0.0, self.at(0.0).position)];
         let starts = self.segments.iter().map(|segment| segment.start_seconds);

@@ -103,7 +103,6 @@ pub struct CustomTable {
 
 impl CustomTable {
     /// Makes the table `name`, which holds these parameters.
-    #[must_use]
     pub fn new<P: Parameters>(name: &'static str) -> Self {
         Self {
             name,
@@ -128,7 +127,6 @@ impl CustomTable {
 }
 
 /// Returns the JSON Schema of parameters. It has no definitions, since their names might be taken.
-#[must_use]
 pub fn schema<P: Parameters>() -> Value {
     let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);
     settings.inline_subschemas = true;
@@ -140,7 +138,6 @@ pub fn schema<P: Parameters>() -> Value {
 }
 
 /// Checks whether a text can be the name of a table: small letters, digits and underscores, a letter first.
-#[must_use]
 pub fn is_name(text: &str) -> bool {
     let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
     text.len() <= NAME_CHARACTERS_MAX
@@ -216,7 +213,6 @@ impl Custom {
     }
 
     /// Returns the name of the plant or the law.
-    #[must_use]
     pub fn name(&self) -> &str {
         self.0.keys().next().map_or("", String::as_str)
     }

@@ -44,7 +44,6 @@ impl ScenarioError {
     }
 
     /// Makes the error of a scenario that does not exist or cannot be read.
-    #[must_use]
     pub fn unreadable(path: &Path, error: &io::Error) -> Self {
         let message = match error.kind() {
             io::ErrorKind::NotFound => "there is no such file".to_owned(),
@@ -68,7 +67,6 @@ impl ScenarioError {
     }
 
     /// Returns the problems in the order of the file; at least one, at most 50.
-    #[must_use]
     pub fn problems(&self) -> &[Problem] {
         &self.problems
     }
@@ -134,7 +132,6 @@ impl Diagnostic for ScenarioError {
 ///
 /// # Panics
 /// Never: writing to memory does not fail.
-#[must_use]
 pub fn without_colours(error: &dyn Diagnostic) -> String {
     let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor())
         .with_wrap_lines(false);
@@ -184,13 +181,11 @@ impl Problem {
     }
 
     /// Returns the name of the file with the problem: the scenario, or a table that it names.
-    #[must_use]
     pub fn file_name(&self) -> &str {
         self.source_text.name()
     }
 
     /// Returns line and column of the underlined place, counted from 1 in characters; `None` if the file could not be read.
-    #[must_use]
     pub fn line_and_column(&self) -> Option<(usize, usize)> {
         let before = self.source_text.inner().get(..self.offset?)?;
         let line = before.rsplit('\n').next().unwrap_or(before);

@@ -79,7 +79,6 @@ pub struct DisturbanceCommand {
 
 impl Trial {
     /// Returns the end of the time that the metrics of the loop judge.
-    #[must_use]
     pub fn judged_end_seconds(&self) -> f64 {
         let earlier = self.expect.judged_until_seconds;
         earlier.unwrap_or(self.run.duration_seconds)
@@ -87,7 +86,6 @@ impl Trial {
 
     /// Returns the deviation within which the position counts as recovered, in the unit of the loop: four steps of a 10-bit
     /// converter over 60 mm, and in another unit the same share of the sensor's range.
-    #[must_use]
     pub fn recovery_band(&self) -> f64 {
         let [min, max] = self.wiring.feedback.range();
         let usual = match self.wiring.feedback.measurand.unit {
@@ -98,7 +96,6 @@ impl Trial {
     }
 
     /// Returns the steps that the metrics judge, in the order of time.
-    #[must_use]
     pub fn judged_steps(&self) -> Vec<JudgedStep> {
         let trajectory = self.reference.trajectory();
         let starts = self.starts_in_order();
@@ -127,7 +124,6 @@ impl Trial {
 
     /// Returns for each sine its last three whole periods, before the next piece or the end of the judgement. Sines of which
     /// fewer than four periods fit are left out.
-    #[must_use]
     pub fn judged_sines(&self) -> Vec<JudgedSine> {
         let end_of_piece = self.piece_ends();
         let judged = self.reference.sine.iter().filter_map(|sine| {
@@ -146,7 +142,6 @@ impl Trial {
 
     /// Returns the chirps that the metrics judge, in the order of the file. Chirps of which fewer than four turns fit are left
     /// out.
-    #[must_use]
     pub fn judged_chirps(&self) -> Vec<JudgedChirp> {
         let end_of_piece = self.piece_ends();
         let judged = self.reference.chirp.iter().filter_map(|chirp| {
@@ -166,7 +161,6 @@ impl Trial {
     }
 
     /// Returns the disturbances, in the order of time.
-    #[must_use]
     pub fn disturbance_windows(&self) -> Vec<DisturbanceWindow> {
         let fans = self.disturbance.fan.iter().map(|fan| DisturbanceWindow {
             window: Window::new(fan.from_seconds, fan.until_seconds),
@@ -192,7 +186,6 @@ impl Trial {
     }
 
     /// Returns the starts and ends of the loop's disturbances and faults, in no order.
-    #[must_use]
     pub fn edges_seconds(&self) -> Vec<f64> {
         let disturbances = self.disturbance_ends().map(Some);
         let faults = self
@@ -209,7 +202,6 @@ impl Trial {
 
     /// Returns the steps, disturbances and faults for plots, in the order of time; `loop_name` is that of the loop,
     /// where there are several.
-    #[must_use]
     pub fn events(&self, loop_name: Option<&str>) -> Vec<Event> {
         let event = |at_seconds, text| Event {
             at_seconds,
@@ -275,7 +267,6 @@ impl Trial {
 
 impl Disturbance {
     /// Returns the disturbances that one io node is commanded, of several loops.
-    #[must_use]
     pub fn at_node<'a>(node: &str, plants: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::default();
         for plant in plants {
@@ -289,7 +280,6 @@ impl Disturbance {
 
     /// Returns the commands to the disturbance node, in the order of time, one for each instant; there is none before the first
     /// entry.
-    #[must_use]
     pub fn commands(&self) -> Vec<DisturbanceCommand> {
         let fans = self
             .fan
@@ -312,7 +302,6 @@ impl Disturbance {
     }
 
     /// Returns the factor on the convection coefficient at one time; 1 while no fan blows.
-    #[must_use]
     pub fn convection_factor_at(&self, time_seconds: f64) -> f64 {
         let blows = |fan: &&crate::disturbance::Fan| {
             (fan.from_seconds..fan.until_seconds).contains(&time_seconds)
@@ -324,7 +313,6 @@ impl Disturbance {
     }
 
     /// Returns the value of an output at one time: that of the latest change in force; `None` at rest.
-    #[must_use]
     pub fn output_at(&self, name: &str, time_seconds: f64) -> Option<f64> {
         let lasts = |output: &&crate::disturbance::Output| {
             let end = output.until_seconds.unwrap_or(f64::INFINITY);
@@ -336,7 +324,6 @@ impl Disturbance {
     }
 
     /// Returns the added load in grams at one time; 0 before the first change.
-    #[must_use]
     pub fn added_grams_at(&self, time_seconds: f64) -> f64 {
         let started = self
             .load

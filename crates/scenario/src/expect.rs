@@ -68,19 +68,16 @@ pub struct Expect {
 
 impl Expect {
     /// Returns the expectation of a metric.
-    #[must_use]
     pub fn of(&self, metric: &str) -> Option<&Expectation> {
         self.metrics.get(metric)
     }
 
     /// Returns the two-sided limit of a metric.
-    #[must_use]
     pub fn limit(&self, metric: &str) -> Option<Limit> {
         Metric::named(metric)?.limit(self)
     }
 
     /// Returns the texts that a metric lists.
-    #[must_use]
     pub fn listed(&self, metric: &str) -> &[String] {
         match self.of(metric) {
             Some(Expectation::List(texts)) => texts,
@@ -119,7 +116,6 @@ impl Expect {
     }
 
     /// Returns the rows of the verdict that test requirements, each with its requirements.
-    #[must_use]
     pub fn row_requirements(&self) -> BTreeMap<String, Requirements> {
         let limits = self.requirements.clone();
         let checks = self.signal.iter().flat_map(|check| {

@@ -35,7 +35,6 @@ pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
 }
 
 /// Returns the hash in such a line.
-#[must_use]
 pub fn hash_in(line: &str) -> &str {
     line.split_whitespace().next().unwrap_or_default()
 }
@@ -57,7 +56,6 @@ pub fn file_hash(mut file: File) -> io::Result<String> {
 }
 
 /// Returns two hexadecimal digits for each byte, as in hashes.
-#[must_use]
 pub fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
     let bytes = bytes.as_ref().iter();
     bytes.map(|byte| format!("{byte:02x}")).collect()

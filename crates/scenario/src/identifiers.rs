@@ -53,7 +53,6 @@ impl Default for Identifiers {
 
 impl Identifiers {
     /// Returns the preferred identifiers of a drive with this node-ID, in a loop with this number, led by this controller.
-    #[must_use]
     pub const fn new(controller: u8, drive: u8, number: u8) -> Self {
         let number = number as u16;
         let offset = LOOP_OFFSET * (number % LOOPS_IN_A_FUNCTION)

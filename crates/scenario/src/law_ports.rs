@@ -34,7 +34,6 @@ pub const LOOP_INPUTS: [(&str, Quantity); 6] = [
 ];
 
 /// Returns the name of the output of a law of one loop that commands the drive at this place of the loop, counted from 0.
-#[must_use]
 pub fn loop_output(place: usize) -> String {
     match place {
         0 => format!("{CURRENT}{AMPERES}"),

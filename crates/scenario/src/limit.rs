@@ -20,7 +20,6 @@ pub struct Limit {
 
 impl Limit {
     /// Checks whether a value is within both sides.
-    #[must_use]
     pub fn admits(&self, value: f64) -> bool {
         self.min.is_none_or(|min| value >= min) && self.max.is_none_or(|max| value <= max)
     }

@@ -323,13 +323,11 @@ const fn of(subject: Subject) -> Metric {
 
 impl Metric {
     /// Returns the metric of a name.
-    #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         METRICS.iter().find(|metric| metric.name == name)
     }
 
     /// Returns the limit of the metric; `None` if it has no expectation.
-    #[must_use]
     pub fn limit(&self, expect: &Expect) -> Option<Limit> {
         Some(match expect.of(self.name)? {
             Expectation::Limit(limit) => *limit,
@@ -344,13 +342,11 @@ impl Metric {
     }
 
     /// Checks whether it measures the traffic on the bus. Such a metric has a value of a run that broke off, too.
-    #[must_use]
     pub fn is_traffic_metric(&self) -> bool {
         matches!(self.subject, Subject::Cycles | Subject::Bus)
     }
 
     /// Checks whether it is in the unit of what its loop measures.
-    #[must_use]
     pub fn is_in_unit_of_loop(&self) -> bool {
         self.unit == UNIT
     }
@@ -361,7 +357,6 @@ impl Metric {
     }
 
     /// Returns the table of the file that the metric needs and the scenario lacks; a fault is not considered.
-    #[must_use]
     pub fn missing_in(&self, trial: &Trial) -> Option<&'static str> {
         let end_seconds = trial.judged_end_seconds();
         let has_set_point = !trial.reference.is_empty();
@@ -411,20 +406,17 @@ fn exactly(value: f64) -> Limit {
 }
 
 /// Checks whether a row of a verdict is a metric of the bus, which all loops share.
-#[must_use]
 pub fn is_bus_metric(row: &str) -> bool {
     Metric::named(row).is_some_and(|metric| metric.subject == Subject::Bus)
 }
 
 /// Checks whether a row of a verdict is a metric of the traffic.
-#[must_use]
 pub fn is_traffic_metric(row: &str) -> bool {
     Metric::named(row).is_some_and(Metric::is_traffic_metric)
 }
 
 /// Returns the answer of a metric that is not a number: the bench is safe, none of the events happened, every emergency came.
 /// `None` for metrics that are numbers. `name` may begin with the name of a loop.
-#[must_use]
 pub fn answer(name: &str, value: f64) -> Option<bool> {
     match Metric::named(name.rsplit('.').next()?)?.form {
         Answer => Some(value == 1.0),

@@ -37,7 +37,6 @@ fn in_unit_of_ports(word: &str) -> (f64, &str) {
 }
 
 /// Returns advice on an unknown name: the known name that was probably meant, else all known names.
-#[must_use]
 pub fn meant_or_known(name: &str, known: &[&str]) -> String {
     match nearest(name, known.iter().copied()) {
         Some(nearest) => suggestion(name, nearest),

@@ -30,7 +30,6 @@ pub enum Part {
 
 impl Part {
     /// Returns its word in rig files: `kind = "drive"`.
-    #[must_use]
     pub fn word(self) -> &'static str {
         match self {
             Self::Controller => "controller",
@@ -43,7 +42,6 @@ impl Part {
 
 impl Node {
     /// Makes a node.
-    #[must_use]
     pub fn new(name: &str, id: u8, part: Part) -> Self {
         Self {
             name: name.to_owned(),
@@ -53,7 +51,6 @@ impl Node {
     }
 
     /// Returns its name within a sentence: `the drive` for a node with the name of its part, else the name.
-    #[must_use]
     pub fn in_sentence(&self) -> Cow<'_, str> {
         if self.name == self.part.word() {
             format!("the {}", self.name).into()
@@ -83,7 +80,6 @@ impl LoopNodes {
     }
 
     /// Returns the node with a part in the loop.
-    #[must_use]
     pub fn of(&self, part: Part) -> Option<&Node> {
         self.all().find(|node| node.part == part)
     }

@@ -57,13 +57,11 @@ pub struct Port {
 
 impl Port {
     /// Makes an input with this range, which is 0 while no node drives it. Its unit is the end of its name.
-    #[must_use]
     pub fn input(name: &str, range: [f64; 2]) -> Self {
         Self::output(name, range)
     }
 
     /// Makes an output with this range. Its unit is the end of its name.
-    #[must_use]
     pub fn output(name: &str, range: [f64; 2]) -> Self {
         let unit = unit_in(name);
         Self {
@@ -81,13 +79,11 @@ impl Port {
     }
 
     /// Makes a term of a law: an output that is recorded, in 32 bits. Its unit is the end of its name.
-    #[must_use]
     pub fn term(name: &str) -> Self {
         Self::output(name, [-REAL_MAX, REAL_MAX])
     }
 
     /// Makes a term of a law that is 0 or 1, in one bit.
-    #[must_use]
     pub fn flag(name: &str) -> Self {
         Self::output(name, [0.0, 1.0]).counted(Width::Unsigned(1), 1.0)
     }
@@ -95,7 +91,6 @@ impl Port {
     /// Makes a term of a law that is a position of its loop, or a derivative of one. The law writes it in the unit in which it
     /// reads the position. The name is a pattern with the loop's unit, as `reference_{signal}_{unit}` or
     /// `reference_velocity_{unit}_per_second`.
-    #[must_use]
     pub fn position_term(name: &str) -> Self {
         let mut port = Self::output(name, POSITION_RANGE);
         port.is_position = true;
@@ -144,7 +139,6 @@ impl Port {
     }
 
     /// Returns its name without that of its plant.
-    #[must_use]
     pub fn local_name(&self) -> &str {
         local_name(&self.name)
     }
@@ -178,7 +172,6 @@ impl Port {
     }
 
     /// Checks whether its range is valid: two finite numbers, the lower one first.
-    #[must_use]
     pub fn has_range(&self) -> bool {
         let [min, max] = self.range;
         min.is_finite() && max.is_finite() && min < max
@@ -196,7 +189,6 @@ pub struct Ports {
 
 impl Ports {
     /// Joins the ports of plants that are emulated together, each as `PLANT.PORT`, in the order of these plants.
-    #[must_use]
     pub fn joined<'a>(plants: impl IntoIterator<Item = (&'a str, Self)>) -> Self {
         let mut all = Self::default();
         for (plant, mut ports) in plants {
@@ -210,13 +202,11 @@ impl Ports {
     }
 
     /// Returns the index of an input.
-    #[must_use]
     pub fn input(&self, name: &str) -> Option<usize> {
         self.inputs.iter().position(|port| port.name == name)
     }
 
     /// Returns the first port that a plant cannot have, with the reason as the end of a sentence.
-    #[must_use]
     pub fn flaw(&self) -> Option<(&Port, &'static str)> {
         let all = Vec::from_iter(self.inputs.iter().chain(&self.outputs));
         all.iter().enumerate().find_map(|(place, port)| {
@@ -227,20 +217,17 @@ impl Ports {
     }
 
     /// Returns the index of an output.
-    #[must_use]
     pub fn output(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|port| port.name == name)
     }
 }
 
 /// Returns the plant of a port with a name `PLANT.PORT`.
-#[must_use]
 pub fn plant_of_port(port: &str) -> Option<&str> {
     port.split_once('.').map(|(plant, _)| plant)
 }
 
 /// Returns the name of a port without that of its plant.
-#[must_use]
 pub fn local_name(port: &str) -> &str {
     port.split_once('.').map_or(port, |(_, name)| name)
 }
@@ -319,7 +306,6 @@ fn find(word: &str) -> Option<&'static Known> {
 }
 
 /// Returns the unit at the end of a name; empty if there is none.
-#[must_use]
 pub fn unit_in(name: &str) -> &str {
     let is_end = |word: &&str| {
         let before = name.strip_suffix(word);
@@ -330,7 +316,6 @@ pub fn unit_in(name: &str) -> &str {
 }
 
 /// Returns the singular of a unit, in words.
-#[must_use]
 pub fn singular(word: &str) -> String {
     let (of, per) = word.split_at(word.find("_per_").unwrap_or(word.len()));
     let one = match of {
@@ -341,14 +326,12 @@ pub fn singular(word: &str) -> String {
 }
 
 /// Returns a unit as the DBC writes it; the word itself if it has no other form.
-#[must_use]
 pub fn symbol_of(word: &str) -> &str {
     find(word).map_or(word, |(_, symbol, ..)| symbol)
 }
 
 /// Returns the factor from the unit `from` to the unit `to`; `None` if they are of different quantities. A number without a unit
 /// is a share, or has a unit that only its user knows.
-#[must_use]
 pub fn conversion(from: &str, to: &str) -> Option<f64> {
     if from == to {
         return Some(1.0);
@@ -388,14 +371,12 @@ impl Unit {
     pub(crate) const NAMED: [Self; 3] = [Self::Millimetres, Self::Degrees, Self::Revolutions];
 
     /// Returns the unit of a word.
-    #[must_use]
     pub fn from_word(word: &str) -> Self {
         let named = Self::NAMED.into_iter().find(|unit| unit.word() == word);
         named.unwrap_or_else(|| Self::Other(word.to_owned()))
     }
 
     /// Returns the word of the unit.
-    #[must_use]
     pub fn word(&self) -> &str {
         match self {
             Self::Millimetres => "millimetres",
@@ -406,7 +387,6 @@ impl Unit {
     }
 
     /// Returns the word of the unit in which a law of one loop reads: metres in a loop in millimetres.
-    #[must_use]
     pub fn law_word(&self) -> &str {
         match self {
             Self::Millimetres => "metres",
@@ -415,19 +395,16 @@ impl Unit {
     }
 
     /// Returns the unit as plots and the DBC write it.
-    #[must_use]
     pub fn symbol(&self) -> &str {
         symbol_of(self.word())
     }
 
     /// Returns the symbol as [`Unit::symbol`] if the unit is known, else an empty text.
-    #[must_use]
     pub fn known_symbol(&self) -> &'static str {
         find(self.word()).map_or("", |(_, symbol, ..)| symbol)
     }
 
     /// Returns the units in which a port of this unit can be measured, the best known first.
-    #[must_use]
     pub fn fitting_port(port_unit: &str) -> Vec<Self> {
         let fits = |unit: &Self| conversion(port_unit, unit.word()).is_some();
         let mut fitting = Vec::from_iter(Self::NAMED.into_iter().filter(fits));
@@ -440,7 +417,6 @@ impl Unit {
 
     /// Returns the counts of the drive's position object (0x6064) for one unit: micrometres, thousandths of a degree, millionths
     /// of a revolution.
-    #[must_use]
     pub fn counts(&self) -> f64 {
         match self {
             Self::Revolutions => 1e6,
@@ -449,7 +425,6 @@ impl Unit {
     }
 
     /// Returns the SI unit of the drive's positions (0x60A8, CiA 303-2): prefix and unit; 0 for a unit without a code.
-    #[must_use]
     pub fn si_position(&self) -> u32 {
         let (prefix, unit): (u32, u32) = match self {
             Self::Millimetres => (0xFA, 0x01),
@@ -499,7 +474,6 @@ impl Command {
     pub(crate) const ALL: [Self; 4] = [Self::Current, Self::Voltage, Self::Torque, Self::Force];
 
     /// Returns the name of the signal.
-    #[must_use]
     pub fn signal(self) -> &'static str {
         match self {
             Self::Current => "current",
@@ -510,7 +484,6 @@ impl Command {
     }
 
     /// Returns the word of its unit.
-    #[must_use]
     pub fn word(self) -> &'static str {
         match self {
             Self::Current => "amperes",
@@ -521,19 +494,16 @@ impl Command {
     }
 
     /// Returns its unit as the DBC writes it.
-    #[must_use]
     pub fn symbol(self) -> &'static str {
         find(self.word()).map_or("", |(_, symbol, ..)| symbol)
     }
 
     /// Returns the signal as the title of a plot.
-    #[must_use]
     pub fn title(self) -> String {
         title(self.signal())
     }
 
     /// Returns the output quantity of an amplifier that drives a port in this unit; `None` if no amplifier can.
-    #[must_use]
     pub fn in_port_unit(unit: &str) -> Option<Self> {
         let mut all = Self::ALL.into_iter();
         all.find(|command| conversion(command.word(), unit).is_some())
@@ -559,7 +529,6 @@ impl Default for Measurand {
 
 impl Measurand {
     /// Makes a position in a unit.
-    #[must_use]
     pub fn position(unit: Unit) -> Self {
         Self {
             signal: POSITION.to_owned(),
@@ -577,7 +546,6 @@ impl Measurand {
     /// Fills the places of a pattern, or of a text with patterns: `{signal}_{unit}` becomes `speed_revolutions_per_minute`, and
     /// `{command}_{command_unit}` becomes `voltage_volts`. In names of gains, `{gain}` is one unit of the command by one of the
     /// position as laws read it, as `amperes_per_metre`, and `{gain_seconds}` the same times a second.
-    #[must_use]
     pub fn name(&self, pattern: &str) -> String {
         if !is_pattern(pattern) {
             return pattern.to_owned();
@@ -609,7 +577,6 @@ impl Measurand {
     }
 
     /// Returns name and symbol of a term of a law in this loop.
-    #[must_use]
     pub fn term(&self, name: &str, port: &Port) -> (String, String) {
         let symbol = match name.split_once(UNIT) {
             Some((_, "_per_second")) => format!("{}/s", self.unit.symbol()),
@@ -620,14 +587,12 @@ impl Measurand {
     }
 
     /// Returns the signal in words, as the title of a plot.
-    #[must_use]
     pub fn title(&self) -> String {
         title(&self.signal)
     }
 }
 
 /// Checks whether a name has places for the quantities of a loop.
-#[must_use]
 pub fn is_pattern(name: &str) -> bool {
     name.contains('{')
 }

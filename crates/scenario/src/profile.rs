@@ -6,7 +6,6 @@ use crate::curve::{Piece, Trajectory};
 impl OpenLoop {
     /// Prepares the profile for a look-up in every cycle: its positions are the currents in amperes. The piece that started last
     /// acts, 0 A before the first.
-    #[must_use]
     pub fn profile(&self) -> Trajectory {
         let steps = self.step.iter().map(|step| {
             let value = step.current;

@@ -126,7 +126,6 @@ pub struct Chirp {
 
 impl Chirp {
     /// Returns the move of its frequency.
-    #[must_use]
     pub fn sweep(&self) -> FrequencySweep {
         FrequencySweep {
             from_hertz: self.from_hertz,
@@ -168,13 +167,11 @@ pub struct SetPoint {
 
 impl Reference {
     /// Checks whether there is no piece.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.starts_seconds().next().is_none()
     }
 
     /// Prepares the set-point for a look-up in every cycle.
-    #[must_use]
     pub fn trajectory(&self) -> Trajectory {
         let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
         let holds = (self.hold.iter()).map(|hold| constant(hold.at_seconds, hold.position));

@@ -12,7 +12,6 @@ pub struct InvalidRegistration(String);
 
 impl InvalidRegistration {
     /// Makes the error of a second registration, or of one after a scenario was read.
-    #[must_use]
     pub fn again() -> Self {
         Self("the plants and laws of a bench are registered once".to_owned())
     }

@@ -44,7 +44,6 @@ pub struct NodeProgram {
 
 impl Scenario {
     /// Checks whether a text may be meant as a scenario: it has a key that no rig file has, or is not even TOML.
-    #[must_use]
     pub fn may_be(text: &str) -> bool {
         match Document::parse(Source::new("", text), text) {
             Ok(document) => is_scenario(&document),

@@ -69,13 +69,11 @@ pub(crate) fn is_key(table: &str, key: &str) -> bool {
 }
 
 /// Returns the JSON Schema of scenario files, as committed in `scenarios/schema.json`.
-#[must_use]
 pub fn json_schema() -> String {
     format!("{:#}\n", loops::scenario_schema())
 }
 
 /// Returns the JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
-#[must_use]
 pub fn rig_json_schema() -> String {
     let mut schema = RIG.clone();
     let defaults = RIG["definitions"]["DriveDefaults"]["properties"].as_object();

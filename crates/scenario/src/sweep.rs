@@ -184,7 +184,6 @@ pub enum Distribution {
 
 impl Range {
     /// Returns the values; none if neither `count` nor `step` is given.
-    #[must_use]
     pub fn values(&self) -> Vec<f64> {
         let last = self.last();
         let value = |place: u32| match (self.spacing, self.step) {
@@ -233,7 +232,6 @@ fn rounded(value: f64) -> f64 {
 
 impl Sweep {
     /// Returns the keys of the grid, lists before ranges.
-    #[must_use]
     pub fn axes(&self) -> Vec<Axis> {
         let lists = self.list.iter().map(|list| Axis {
             key: list.key.clone(),
@@ -247,7 +245,6 @@ impl Sweep {
     }
 
     /// Returns the keys that are drawn.
-    #[must_use]
     pub fn distributions(&self) -> Vec<(&str, Distribution)> {
         let uniform = self.uniform.iter().map(|one| {
             let (from, to) = (one.from, one.to);
@@ -268,7 +265,6 @@ impl Sweep {
     }
 
     /// Returns the number of runs: points of the grid times draws.
-    #[must_use]
     pub fn runs(&self) -> u64 {
         let lists = self.list.iter().map(|list| list.values.len() as u64);
         let ranges = self.range.iter().map(Range::values_total);

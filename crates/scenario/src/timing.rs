@@ -79,7 +79,6 @@ impl TimingLimits {
     }
 
     /// Checks whether no limit is given.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.limits().next().is_none()
     }

@@ -92,7 +92,6 @@ impl Trial {
     }
 
     /// Checks whether one of the plants that are emulated together is an FMU.
-    #[must_use]
     pub fn has_fmu(&self) -> bool {
         self.plants().any(|plant| plant.fmu.is_some())
     }
@@ -114,7 +113,6 @@ impl Trial {
     }
 
     /// Returns the faults of its drive, and of the plant that the drive moves.
-    #[must_use]
     pub fn drive_faults(&self) -> Faults {
         let Wiring { nodes, plant, .. } = &self.wiring;
         self.run.faults.at_drive(nodes.drive.id, plant)
@@ -122,7 +120,6 @@ impl Trial {
 
     /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's
     /// currents and protection, and identifiers that differ from the usual ones.
-    #[must_use]
     pub fn presets(&self) -> Vec<Preset> {
         let amplifier = self.amplifier.presets();
         let unit = self.wiring.sensor.measurand.unit.presets();
@@ -145,7 +142,6 @@ impl Trial {
     }
 
     /// Checks whether a fault of the run belongs to its loop.
-    #[must_use]
     pub fn has_loop_faults(&self) -> bool {
         self.loop_faults().next().is_some()
     }

@@ -22,7 +22,6 @@ pub struct ControllerView {
 
 impl Trial {
     /// Returns the part of this loop that the controller may know.
-    #[must_use]
     pub fn controller_view(&self) -> ControllerView {
         ControllerView {
             bus: self.run.bus.clone(),

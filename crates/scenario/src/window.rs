@@ -11,7 +11,6 @@ pub struct Window {
 
 impl Window {
     /// Makes the span between two instants.
-    #[must_use]
     pub fn new(from_seconds: f64, until_seconds: f64) -> Self {
         Self {
             from_seconds,

@@ -48,27 +48,23 @@ impl Measured {
     }
 
     /// Returns the lowest and the highest value, within which set-points lie.
-    #[must_use]
     pub fn range(&self) -> [f64; 2] {
         [self.min, self.max.unwrap_or(TRAVEL_MILLIMETRES)]
     }
 
     /// Returns the counts (0x6064) for one unit.
-    #[must_use]
     pub fn counts_per_unit(&self) -> f64 {
         let resolution = self.increment.map(|increment| 1.0 / increment);
         resolution.unwrap_or_else(|| self.measurand.unit.counts())
     }
 
     /// Checks whether 32 bits do not hold a true value in the range in millionths of the unit: then it is a float.
-    #[must_use]
     pub fn is_true_float(&self) -> bool {
         let ends = self.range().map(|end| end.abs() * TRUE_STEPS_PER_UNIT);
         ends.into_iter().any(|end| end > f64::from(i32::MAX))
     }
 
     /// Checks whether set-points have another range or another unit than 0 to 60 mm.
-    #[must_use]
     pub fn is_other_travel(&self) -> bool {
         self.measurand.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
     }
@@ -166,7 +162,6 @@ impl Default for Wiring {
 
 impl Wiring {
     /// Returns the name of its loop among several; empty for an only loop.
-    #[must_use]
     pub fn loop_among_several(&self) -> &str {
         match self.loops.len() {
             0 | 1 => "",
@@ -175,13 +170,11 @@ impl Wiring {
     }
 
     /// Returns the facts of its loop; `None` without a rig file.
-    #[must_use]
     pub fn rig_loop(&self) -> Option<&LoopFacts> {
         self.loops.iter().find(|one| one.name == self.loop_name)
     }
 
     /// Returns its loop, followed by those of the further drives that its law leads, in their order.
-    #[must_use]
     pub fn led_loops(&self) -> Vec<LoopFacts> {
         let place = |one: &LoopFacts| match one.led_by {
             Some(by) if by.first == self.nodes.drive.id => Some(by.place),
@@ -194,14 +187,12 @@ impl Wiring {
     }
 
     /// Returns the range of commands to the amplifier of its drive.
-    #[must_use]
     pub fn current(&self) -> CurrentRange {
         self.rig_loop().map(|one| one.current).unwrap_or_default()
     }
 
     /// Returns the ranges of commands to the amplifiers of the drives that its law leads, from its own on; with `None` those of
     /// all loops.
-    #[must_use]
     pub fn currents(&self, drives: Option<usize>) -> Vec<CurrentRange> {
         let Some(drives) = drives else {
             return self.loops.iter().map(|one| one.current).collect();
@@ -214,7 +205,6 @@ impl Wiring {
 
     /// Returns the name, in its loop, of a signal that its own drive measures: with the name of the drive if the loop follows
     /// another one.
-    #[must_use]
     pub fn name_in_loop(&self, measured: &str) -> String {
         if self.follows_itself() {
             measured.to_owned()
@@ -224,13 +214,11 @@ impl Wiring {
     }
 
     /// Checks whether its loop follows its own sensor.
-    #[must_use]
     pub fn follows_itself(&self) -> bool {
         self.nodes.followed.id == self.nodes.drive.id
     }
 
     /// Returns the index of the output that the sensor reads.
-    #[must_use]
     pub fn measured(&self, ports: &Ports) -> Option<usize> {
         match self.output.as_str() {
             "" => Some(0).filter(|_| !ports.outputs.is_empty()),
@@ -239,7 +227,6 @@ impl Wiring {
     }
 
     /// Returns the index of the input that the amplifier drives.
-    #[must_use]
     pub fn driven(&self, ports: &Ports) -> Option<usize> {
         match self.input.as_str() {
             "" => Some(0).filter(|_| !ports.inputs.is_empty()),
@@ -270,7 +257,6 @@ impl Wiring {
 
     /// Returns the name of a port that the drive publishes: the plant's name for it, after the name of the plant if that is
     /// another one.
-    #[must_use]
     pub fn recorded_name(&self, port: &Port) -> String {
         match plant_of_port(&port.name) {
             Some(plant) if plant != self.plant => port.name.replace('.', "_"),
@@ -313,7 +299,6 @@ pub struct IoWiring {
 
 impl IoWiring {
     /// Returns the first place of the other outputs: behind fan and load, if there is one of them.
-    #[must_use]
     pub fn first_output(&self) -> usize {
         if self.fan.is_some() || self.load.is_some() {
             FAN_AND_LOAD
@@ -323,7 +308,6 @@ impl IoWiring {
     }
 
     /// Returns the other outputs in the order of their places, without those that fit no port.
-    #[must_use]
     pub fn others(&self, ports: &Ports) -> Vec<IoOutput> {
         let places = self.first_output()..;
         let outputs = self.outputs.iter().zip(places);
@@ -375,7 +359,6 @@ impl IoOutput {
     }
 
     /// Returns the value while no node commands it in steps, cut to 16 bits.
-    #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
         reason = "`as` cuts to the ends of the type, which is what is wanted"

@@ -136,7 +136,6 @@ impl<'a> Seen<'a> {
     /// Returns scenario time, to the microsecond of the recording; `None` before the scenario began.
     fn seconds(&self, time: Duration) -> Option<f64> {
         let since = time.checked_sub(self.zero?)?;
-        #[expect(clippy::cast_precision_loss, reason = "microseconds of one run")]
         let micros = since.as_micros() as f64;
         Some(micros / 1e6)
     }

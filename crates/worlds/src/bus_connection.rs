@@ -62,7 +62,6 @@ impl BusConnection {
     }
 
     /// Returns the address at which other programs find the bus.
-    #[must_use]
     pub fn address(&self) -> &BusAddress {
         &self.address
     }

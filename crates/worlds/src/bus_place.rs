@@ -163,7 +163,6 @@ impl Vigil {
     }
 
     /// Returns whether it ended by itself; [`Vigil::end`] gives the reason.
-    #[must_use]
     pub fn is_broken(&self) -> bool {
         let kept = self.kept.as_ref();
         kept.is_some_and(|(_, thread)| thread.is_finished())

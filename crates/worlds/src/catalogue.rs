@@ -13,7 +13,6 @@ use crate::fmu_plant::{self, FmuPlant};
 use crate::law_worker;
 
 /// Returns every plant and every law that a scenario may choose. Custom plants and laws must be registered before the first call.
-#[must_use]
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
         plants::register_fmu(PlantRow::of::<FmuPlant>());

@@ -128,7 +128,6 @@ pub(crate) struct Coordinator<'a> {
 impl<'a> Coordinator<'a> {
     /// Makes an idle bus at time 0 with these participants, which are named by their index afterwards, also by the faults of the
     /// bus, and asked in this order.
-    #[must_use]
     pub(crate) fn new(
         bitrate_kilobits_per_second: u32,
         participants: Vec<&'a mut dyn Participant>,
@@ -153,7 +152,6 @@ impl<'a> Coordinator<'a> {
     }
 
     /// Returns the virtual time.
-    #[must_use]
     pub(crate) fn now(&self) -> Duration {
         self.now
     }
@@ -247,7 +245,6 @@ impl<'a> Coordinator<'a> {
     }
 
     /// Returns whether a participant has reached its safe state and all its frames have passed.
-    #[must_use]
     pub(crate) fn is_stopped(&self, index: usize) -> bool {
         let slot = &self.slots[index];
         let is_sending = self

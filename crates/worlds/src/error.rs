@@ -154,7 +154,6 @@ impl WorldError {
     }
 
     /// Returns whether the run never began: a program or a plant cannot be started, or a check before the run failed.
-    #[must_use]
     pub fn is_before_start(&self) -> bool {
         match self {
             Self::Node { .. }

@@ -54,7 +54,6 @@ pub struct LawPlace {
 
 impl LawPlace {
     /// Makes the place of a plan in virtual time.
-    #[must_use]
     pub fn of(plan: &Plan) -> Self {
         Self {
             controller: plan.controller().name.clone(),
@@ -131,7 +130,6 @@ impl LawPlace {
 }
 
 /// Returns the folder of a plan's scenario.
-#[must_use]
 pub fn scenario_folder(plan: &Plan) -> PathBuf {
     let folder = plan.shared.beside.scenario().parent();
     let folder = folder.filter(|folder| *folder != Path::new(""));
@@ -149,7 +147,6 @@ pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
 }
 
 /// Returns the programs, libraries and FMUs that are started for a plan, one line each.
-#[must_use]
 pub fn started_by(plan: &Plan) -> Vec<String> {
     let programs = plan.programs().into_iter().map(|(node, program)| {
         let beside = &plan.shared.beside;

@@ -13,14 +13,12 @@ pub(crate) fn played_emulators(plan: &Plan) -> Vec<&str> {
 }
 
 /// Returns the names of the participants that emulate the plants of these loops, each once.
-#[must_use]
 pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> Vec<&'a str> {
     each_once(loops.into_iter().map(emulator_name))
 }
 
 /// Returns the name of the participant that emulates a loop's plant. With several loops it is the name of the first plant that
 /// the participant emulates.
-#[must_use]
 pub fn emulator_name(one: &ControlLoop) -> &str {
     match one.loop_name() {
         Some(_) => &one.trial.wiring.emulated_with,

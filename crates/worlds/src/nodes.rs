@@ -50,7 +50,6 @@ fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
 type LoopView = (ControllerView, Option<Arc<LoadedDrive>>);
 
 /// Returns the parts of a plan that the controller may know.
-#[must_use]
 pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
     let loops = plan.loops.iter();
     loops

@@ -20,7 +20,6 @@ pub(crate) struct Supervisor {
 
 impl Supervisor {
     /// Makes a supervisor that has seen no frame.
-    #[must_use]
     pub(crate) fn new(drive: &LoadedDrive, sync_period: Duration, unit: &Unit) -> Self {
         Self {
             drive: drive.layout.clone(),

@@ -70,7 +70,6 @@ impl Requirement {
     }
 
     /// Returns the worst outcome of the tests; `None` if there are no tests.
-    #[must_use]
     pub(super) fn outcome(&self) -> Option<Outcome> {
         let outcomes = self.tests.iter().map(|test| test.outcome);
         outcomes.max_by_key(|outcome| severity(*outcome))

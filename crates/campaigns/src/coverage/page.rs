@@ -14,7 +14,6 @@ use report::{page, terminal};
 const NEVER_TESTED: &str = "never tested";
 
 /// Returns one line for each requirement and scenario, then the number of each kind.
-#[must_use]
 pub(super) fn to_text(requirements: &[Requirement]) -> Text {
     let mut table = Table::new(["requirement", "scenario", "tested by", "played", "result"]);
     for requirement in requirements {
@@ -43,7 +42,6 @@ pub(super) fn to_text(requirements: &[Requirement]) -> Text {
 }
 
 /// Returns the page. `page_of` gives the path to the page of a run.
-#[must_use]
 pub(super) fn to_html(
     requirements: &[Requirement],
     page_of: impl Fn(&Path) -> Option<String>,

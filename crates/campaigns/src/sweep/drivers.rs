@@ -226,7 +226,6 @@ fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
             .iter()
             .take_while(|place| values[**place] == values[*first]);
         let count = equal.count().max(1);
-        #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
         let rank = before as f64 + (count as f64 - 1.0) / 2.0;
         for place in &rest[..count] {
             ranks[*place] = rank;
@@ -239,7 +238,6 @@ fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
 
 /// Returns Pearson's correlation; 0 if one of them does not vary.
 fn correlation(one: &[f64], other: &[f64]) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
     let count = one.len().max(1) as f64;
     let mean = |values: &[f64]| values.iter().sum::<f64>() / count;
     let (mean_one, mean_other) = (mean(one), mean(other));

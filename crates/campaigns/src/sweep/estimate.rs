@@ -75,7 +75,6 @@ impl Estimate {
             Ok(())
         };
         observed(|| watch.interrupt(), || {}, work)?;
-        #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
         let (count, bytes) = (probed as f64, bytes as f64);
         Ok(Self {
             runs,
@@ -103,7 +102,6 @@ impl Estimate {
     }
 
     fn seconds(&self) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "at most a million")]
         let runs = self.runs as f64;
         runs * self.seconds_per_run
     }
@@ -116,7 +114,6 @@ impl Estimate {
 
     /// Returns the time limit to request for a task.
     fn task_minutes(&self) -> usize {
-        #[expect(clippy::cast_precision_loss, reason = "at most a million")]
         let parts = (self.parts() * usize::from(self.cores)) as f64;
         whole(SLOWNESS * self.seconds() / parts / 60.0 + START_MINUTES)
     }
@@ -144,7 +141,6 @@ impl Estimate {
 
 impl fmt::Display for Estimate {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        #[expect(clippy::cast_precision_loss, reason = "at most a million")]
         let disk = COPIES * self.bytes_per_row * self.runs as f64;
         writeln!(
             formatter,

@@ -33,7 +33,6 @@ const WORST_NAMED: usize = 3;
 const OUTLIERS_FROM: f64 = 4.0;
 
 /// Returns the metrics with their limits, then the number of cases for each way to end.
-#[must_use]
 pub(super) fn to_text(summary: &Summary<'_>) -> Text {
     let mut table = Table::new(HEADS);
     for spread in &summary.spreads {
@@ -64,7 +63,6 @@ pub(super) fn to_text(summary: &Summary<'_>) -> Text {
 }
 
 /// Returns the page of a campaign.
-#[must_use]
 pub(super) fn to_html(summary: &Summary<'_>, identity: &Identity) -> String {
     let (worst, cases) = (summary.worst(), summary.cases);
     let body = html! {

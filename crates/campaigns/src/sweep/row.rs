@@ -25,7 +25,6 @@ pub enum Ended {
 
 impl Ended {
     /// Returns the name of the end in tables.
-    #[must_use]
     pub fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -85,7 +84,6 @@ pub struct SweepRow {
 
 impl SweepRow {
     /// Returns the row of a verdict.
-    #[must_use]
     pub fn from_verdict(case: usize, id: &str, verdict: &Verdict) -> Self {
         let missed = verdict
             .metrics
@@ -112,7 +110,6 @@ impl SweepRow {
     }
 
     /// Returns the row of a case without a verdict.
-    #[must_use]
     pub fn without_verdict(case: usize, id: &str, ended: Ended, reason: String) -> Self {
         Self {
             case,
@@ -127,7 +124,6 @@ impl SweepRow {
     }
 
     /// Returns a metric's value.
-    #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
         let metric = self.metrics.iter().find(|(known, _)| known == name);
         metric.map(|(_, value)| *value)

@@ -157,14 +157,12 @@ impl<'a> Summary<'a> {
     }
 
     /// Returns the worst way in which a case ended.
-    #[must_use]
     pub(super) fn worst(&self) -> Ended {
         let worst = self.ended.keys().max_by_key(|ended| ended.exit());
         worst.copied().unwrap_or(Ended::Pass)
     }
 
     /// Returns the number of cases that do not pass.
-    #[must_use]
     pub(super) fn failing_total(&self) -> usize {
         self.runs - self.ended.get(&Ended::Pass).copied().unwrap_or_default()
     }
@@ -222,7 +220,6 @@ impl MetricSpread {
     }
 
     /// Returns whether the metric has different values, so that there is something to draw.
-    #[must_use]
     pub(super) fn varies(&self) -> bool {
         self.quantiles[0] < self.quantiles[3]
     }

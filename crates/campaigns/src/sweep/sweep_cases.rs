@@ -114,7 +114,6 @@ impl SweepCases {
     ///
     /// # Panics
     /// Never: the loader has checked the keys.
-    #[must_use]
     pub fn case(&self, number: usize) -> SweepCase<'_> {
         let mut document = self.document.clone();
         for (key, value) in self.keys().into_iter().zip(self.values(number)) {
@@ -399,9 +398,7 @@ mod tests {
         let columns: [Vec<f64>; 3] = [0, 1, 2].map(column);
         let share = |values: &[f64], is_counted: &dyn Fn(f64) -> bool| {
             let counted = values.iter().filter(|value| is_counted(**value)).count();
-            #[expect(clippy::cast_precision_loss, reason = "at most 4000")]
-            let share = counted as f64 / values.len() as f64;
-            share
+            counted as f64 / values.len() as f64
         };
         for whole in [1.0, 2.0, 3.0, 4.0] {
             let share = share(&columns[0], &|value| value == whole);

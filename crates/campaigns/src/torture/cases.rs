@@ -171,9 +171,7 @@ impl Cases for TortureCases {
         let count = |key: &String| {
             let (group, kind) = key.split_once('.').unwrap_or_default();
             let all = mix.get(group).and_then(|kinds| kinds.get(kind)?.as_array());
-            #[expect(clippy::cast_precision_loss, reason = "a mix has a few faults")]
-            let count = all.map_or(0, Vec::len) as f64;
-            count
+            all.map_or(0, Vec::len) as f64
         };
         self.keys.iter().map(count).collect()
     }

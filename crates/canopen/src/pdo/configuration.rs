@@ -283,7 +283,6 @@ impl Mapping {
     }
 
     /// Returns the number of bytes on the wire.
-    #[must_use]
     pub fn length(&self) -> usize {
         usize::from(self.length)
     }

@@ -17,7 +17,6 @@ pub struct WaitingPdo {
 
 impl WaitingPdo {
     /// Returns the integer that an object will get; `None` if it is not mapped here.
-    #[must_use]
     pub fn integer(&self, dictionary: &ObjectDictionary, wanted: Handle) -> Option<i128> {
         let (range, handle) = self
             .mapping

@@ -33,7 +33,6 @@ pub enum Version {
 
 impl Version {
     /// Returns the version number.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Two => "2.0",
@@ -42,7 +41,6 @@ impl Version {
     }
 
     /// Returns the folder below `binaries` with this machine's libraries.
-    #[must_use]
     pub fn platform(self) -> &'static str {
         match self {
             Self::Two => PLATFORMS[0],
@@ -150,7 +148,6 @@ impl Description {
     }
 
     /// Returns a variable's unit in terms of the base units, by the FMU's definition, else by the symbol of the unit.
-    #[must_use]
     pub fn base_unit(&self, variable: &Variable) -> Option<Base> {
         let unit = variable.unit.as_deref()?;
         let defined = self.units.get(unit).copied().flatten();
@@ -158,7 +155,6 @@ impl Description {
     }
 
     /// Returns the features that the FMU needs and that are not supported, as texts.
-    #[must_use]
     pub fn not_served(&self) -> Vec<String> {
         let mut needs = Vec::new();
         if let Err(fault) = self.served() {

@@ -41,13 +41,11 @@ impl Kind {
     }
 
     /// Returns whether the values are floating-point numbers.
-    #[must_use]
     pub fn is_float(self) -> bool {
         matches!(self, Self::Float32 | Self::Float64)
     }
 
     /// Returns whether a port can carry the values, as numbers.
-    #[must_use]
     pub fn is_number(self) -> bool {
         !matches!(self, Self::String | Self::Binary | Self::Clock)
     }
@@ -89,7 +87,6 @@ pub enum Causality {
 
 impl Causality {
     /// Returns a text that follows the word "is".
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Parameter => "a parameter",
@@ -156,7 +153,6 @@ pub struct Variable {
 
 impl Variable {
     /// Returns whether a start value can be set.
-    #[must_use]
     pub fn takes_start(&self) -> bool {
         let is_set_before = matches!(self.initial, Some(Initial::Exact | Initial::Approx));
         let is_served = !self.is_array && !matches!(self.kind, Kind::Binary | Kind::Clock);
@@ -170,7 +166,6 @@ impl Variable {
     }
 
     /// Returns whether the variable can be set at each step.
-    #[must_use]
     pub fn is_input(&self) -> bool {
         self.is_port_shaped()
             && (self.causality == Causality::Input
@@ -179,7 +174,6 @@ impl Variable {
     }
 
     /// Returns whether the value is a single number.
-    #[must_use]
     pub fn is_port_shaped(&self) -> bool {
         self.kind.is_number() && !self.is_array
     }

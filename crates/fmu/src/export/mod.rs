@@ -99,7 +99,6 @@ pub enum Role {
 
 impl Role {
     /// Returns the default value of a parameter; `None` for other variables.
-    #[must_use]
     pub fn start(&self) -> Option<StartValue> {
         match self {
             Self::Number { start, .. } => Some(StartValue::Number(*start)),
@@ -112,7 +111,6 @@ impl Role {
 impl Model {
     /// Returns the token by which a library recognises its own description. It changes with every property of the
     /// variables in the description.
-    #[must_use]
     pub fn token(&self) -> String {
         let mut hasher = DefaultHasher::new();
         format!("{self:?}").hash(&mut hasher);
@@ -120,7 +118,6 @@ impl Model {
     }
 
     /// Returns the `modelDescription.xml`.
-    #[must_use]
     pub fn description_xml(&self, version: Version) -> String {
         describe::xml(self, version)
     }

@@ -204,10 +204,5 @@ fn whole<T: TryFrom<i64> + Default>(value: f64) -> T {
 
 /// Converts an integer to a float; above 2^53 to the nearest one.
 fn nearest_float(value: i64) -> f64 {
-    #[expect(
-        clippy::cast_precision_loss,
-        reason = "the nearest is what a port carries"
-    )]
-    let value = value as f64;
-    value
+    value as f64
 }

@@ -371,7 +371,6 @@ impl Totals {
     }
 
     fn share_percent(&self, count: usize) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let (due, count) = (self.due as f64, count as f64);
         if self.due == 0 {
             0.0

@@ -53,10 +53,6 @@ impl Stretch {
 /// Returns the stalls of a run in the time of its timeline.
 pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
     // Both times are whole microseconds since 1970. Seconds in an f64 would lose them.
-    #[expect(
-        clippy::cast_precision_loss,
-        reason = "microseconds since 1970 stay below 2^52"
-    )]
     let since_origin =
         |time: Duration| (time.as_micros() as f64 - (1e6 * timeline.origin_seconds).round()) / 1e6;
     let stretch = |stall: &Stall| Stretch {

@@ -27,7 +27,6 @@ pub struct SignalDifference {
 
 impl SignalDifference {
     /// Returns whether the signal stays within its tolerance.
-    #[must_use]
     pub fn agrees(&self) -> bool {
         self.diverges_at_seconds.is_none()
     }

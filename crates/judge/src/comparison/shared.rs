@@ -46,7 +46,6 @@ impl Shared {
     }
 
     pub(super) fn remarks(&self, a: &Timeline, b: &Timeline) -> Vec<String> {
-        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let percent =
             100.0 * self.rows.len() as f64 / a.cycle.len().max(b.cycle.len()).max(1) as f64;
         if percent >= SHARED_PERCENT_MIN {
@@ -64,7 +63,6 @@ impl Shared {
 }
 
 /// Returns the number of rows before and after that count as the same time.
-#[must_use]
 pub fn reach(time_seconds: f64, period_seconds: f64) -> usize {
     let rows = libm::floor(time_seconds / period_seconds + 1e-6).clamp(0.0, 100_000.0);
     #[expect(
@@ -118,7 +116,6 @@ impl SignalDeviation {
             }
         }
         // The best shift may lie beyond the last one that was tried: then it is unknown.
-        #[expect(clippy::cast_precision_loss, reason = "at most 500 rows")]
         let is_inside = least.1.abs() < reach as f64;
         let shift = if is_inside { least.1 } else { 0.0 };
         Some(Self {

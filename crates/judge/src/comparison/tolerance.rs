@@ -76,7 +76,6 @@ pub struct Scale {
 
 impl Scale {
     /// Returns the scale of a loop.
-    #[must_use]
     pub fn of(one: &ControlLoop) -> Self {
         let wiring = &one.trial.wiring;
         let [min, max] = wiring.feedback.range();
@@ -106,7 +105,6 @@ pub struct Tolerances<'a> {
 
 impl Tolerances<'_> {
     /// Returns the first name that neither run has, since it is mistyped.
-    #[must_use]
     pub fn unknown_name(&self, timelines: &[Timeline], verdicts: [&Verdict; 2]) -> Option<String> {
         let has_signal = |timeline: &Timeline, name: &str| {
             let in_loop = name.strip_prefix(&timeline.prefix()).unwrap_or(name);

@@ -313,7 +313,6 @@ impl IdentificationData {
                 current_amperes,
                 ..disturbances.at(row)
             };
-            #[expect(clippy::cast_precision_loss, reason = "a few cycles")]
             let cycles = (cycle - before) as f64;
             let is_sampled = cycle.is_multiple_of(grid) && !position.is_nan();
             let sample = is_sampled.then_some(measurement.positions_metres.len());
@@ -343,7 +342,6 @@ impl IdentificationData {
     }
 
     /// Returns one step of the sensor's converter.
-    #[must_use]
     pub fn sensor_step_metres(&self) -> f64 {
         sensor_step_millimetres(&self.sensor) * 1e-3
     }

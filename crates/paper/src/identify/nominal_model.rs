@@ -4,7 +4,6 @@ use scenario::controller::NominalModel;
 use scenario::plant::Sma;
 
 /// Returns the model with the plant's numbers. Its equations are those of the plant's simpler law of stress and strain.
-#[must_use]
 pub fn nominal_model(plant: &Sma) -> NominalModel {
     let Sma {
         heat,

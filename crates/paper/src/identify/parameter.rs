@@ -22,7 +22,6 @@ pub struct Parameter {
 
 impl Parameter {
     /// Returns its value in a plant.
-    #[must_use]
     pub fn get(&self, plant: &Sma) -> f64 {
         // The accessor needs `&mut`; a plant is a hundred numbers, and this is not called in loops.
         *(self.field)(&mut plant.clone())
@@ -34,13 +33,11 @@ impl Parameter {
     }
 
     /// Returns the width of its range.
-    #[must_use]
     pub fn range(&self) -> f64 {
         self.upper - self.lower
     }
 
     /// Returns the key in its table.
-    #[must_use]
     pub fn key(&self) -> &'static str {
         self.path.split_once('.').map_or(self.path, |(_, key)| key)
     }
@@ -194,7 +191,6 @@ pub struct Inequality {
 
 /// Returns the order of the transformation temperatures, `As < Af` and `Mf < Ms`. A temperature that is not among the
 /// parameters has its value in `plant`.
-#[must_use]
 pub fn ordering(parameters: &[&Parameter], plant: &Sma) -> Vec<Inequality> {
     ORDERED
         .iter()

@@ -28,7 +28,6 @@ const SHIFT_NAMED: f64 = 1e-3;
 const AT_BOUND: f64 = 1e-6;
 
 /// Returns the whole report.
-#[must_use]
 pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
     let mut text = String::from("# Identification\n\n");
     for measurement in fit.measurements {
@@ -69,7 +68,6 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
 }
 
 /// Returns the summary for the terminal.
-#[must_use]
 pub fn summary(fit: &Fit<'_>, found: &Solution) -> String {
     let mut lines = search(fit, found);
     lines.push(explanation(fit, found));

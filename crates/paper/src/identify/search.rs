@@ -92,14 +92,12 @@ pub struct Solution {
 
 impl Solution {
     /// Returns the largest distance of the two optima in standard errors.
-    #[must_use]
     pub fn disagreement(&self) -> Option<f64> {
         let check = self.check.as_ref()?;
         Some(distance(&self.statistics, &check.optimum.values))
     }
 
     /// Returns whether two searches found the same values, each by itself.
-    #[must_use]
     pub fn is_confirmed(&self, fit: &Fit<'_>) -> bool {
         let check = self.check.as_ref();
         check.is_some_and(|check| agrees(fit, &self.statistics, &check.optimum.values))
@@ -177,10 +175,6 @@ pub fn search(
 
 /// Returns whether an optimum lies lower than another one by more than a part of one sample.
 fn is_lower(fit: &Fit<'_>, optimum: &Optimum, than: &Optimum) -> bool {
-    #[expect(
-        clippy::cast_precision_loss,
-        reason = "sample counts stay far below 2^52"
-    )]
     let worth = LOWER_SAMPLES / fit.sample_count().max(1) as f64;
     optimum.mean_square < than.mean_square * (1.0 - worth)
 }

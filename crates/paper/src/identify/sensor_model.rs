@@ -13,7 +13,6 @@ pub struct SensorModel {
 
 impl SensorModel {
     /// Returns the model of a sensor.
-    #[must_use]
     pub fn new(sensor: &Sensor) -> Self {
         let counts = f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24));
         let span = sensor.span * 1e-3;
@@ -25,7 +24,6 @@ impl SensorModel {
 
     /// Returns the mean reading for a true position. At an end of the span noise is cut off on one side, so the mean
     /// lies inside: on the stop, noise of one step reads as 0.4 steps.
-    #[must_use]
     pub fn expected_metres(&self, position_metres: f64) -> f64 {
         let sigma = self.noise_metres_rms;
         if sigma <= 0.0 {

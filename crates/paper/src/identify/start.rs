@@ -100,7 +100,6 @@ impl Start {
 
 /// Returns whether the load of the simulated plant leaves its stop. If it does not, all derivatives are zero and show
 /// no direction.
-#[must_use]
 pub fn lifts(fit: &Fit<'_>, values: &[f64]) -> bool {
     let positions = fit.simulated_metres(values).unwrap_or_default();
     positions.iter().any(|position| *position > LIFT_METRES_MIN)
@@ -108,7 +107,6 @@ pub fn lifts(fit: &Fit<'_>, values: &[f64]) -> bool {
 
 /// Returns the admissible point with the smallest residual among points spread evenly over the bounds (Halton's
 /// sequence).
-#[must_use]
 pub fn scan(fit: &Fit<'_>) -> Option<Vec<f64>> {
     let coarse = fit.coarse();
     let points = (1..)

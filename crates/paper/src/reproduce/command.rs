@@ -23,7 +23,6 @@ const NUMBERS: &str = "reproduction.json";
 const SEED: u64 = 0;
 
 /// Returns every experiment, in the order of the page.
-#[must_use]
 pub fn experiments(effort: Effort) -> Vec<Experiment> {
     let mut experiments = material::experiments(effort);
     experiments.extend(cooling::experiments());

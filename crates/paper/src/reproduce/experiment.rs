@@ -165,7 +165,6 @@ impl ComparedLaw {
     pub const ALL: [Self; 3] = [Self::SlidingMode, Self::SlidingModePaper, Self::Pid];
 
     /// Returns the name of its table in a scenario.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::SlidingMode => "sliding_mode",
@@ -175,7 +174,6 @@ impl ComparedLaw {
     }
 
     /// Returns the label of the same law on a plant that is not its model.
-    #[must_use]
     pub fn on_twin(self) -> String {
         format!("{}, another plant", self.name())
     }
@@ -201,7 +199,6 @@ impl ComparedLaw {
 
     /// Returns the scenario under this law. The limits are meant for `sliding_mode`; those of other laws are only
     /// reported.
-    #[must_use]
     pub fn plays(self, base: &Trial) -> Trial {
         let mut scenario = Trial {
             controller: self.controller(),
@@ -215,7 +212,6 @@ impl ComparedLaw {
     }
 
     /// Returns the colour of the law in plots.
-    #[must_use]
     pub fn colour(self) -> Colour {
         match self {
             Self::SlidingMode => Colour::Measured,
@@ -227,7 +223,6 @@ impl ComparedLaw {
 
 impl PlannedRun {
     /// Makes a run of a scenario without a change.
-    #[must_use]
     pub fn new(label: impl Into<String>, scenario: Trial, keep: Keep) -> Self {
         Self {
             label: label.into(),
@@ -237,7 +232,6 @@ impl PlannedRun {
     }
 
     /// Returns one run for each law.
-    #[must_use]
     pub fn for_laws(base: &Trial, laws: &[ComparedLaw], keep: Keep) -> Vec<Self> {
         let run = |law: &ComparedLaw| Self::new(law.name(), law.plays(base), keep);
         laws.iter().map(run).collect()
@@ -245,7 +239,6 @@ impl PlannedRun {
 
     /// Returns the runs of [`PlannedRun::for_laws`] for all laws, and one of `sliding_mode` on another plant, without
     /// limits.
-    #[must_use]
     pub fn with_twin(base: &Trial, keep: Keep) -> Vec<Self> {
         let mut runs = Self::for_laws(base, &ComparedLaw::ALL, keep);
         let law = ComparedLaw::SlidingMode;
@@ -260,7 +253,6 @@ impl PlannedRun {
     }
 
     /// Keeps the data of a recording that the experiment needs.
-    #[must_use]
     pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
         let window = match self.keep {
             Keep::Verdict | Keep::Swings => None,
@@ -333,7 +325,6 @@ fn swings_millimetres(times: &Series<f64>, positions: &Series<f64>) -> Option<[f
 
 impl Kept {
     /// Returns the relation of the law's model to the plant; `None` for laws without a model.
-    #[must_use]
     pub fn model(&self) -> Option<Model> {
         let controller = &self.scenario.controller;
         let shipped = controller
@@ -354,7 +345,6 @@ impl Kept {
     }
 
     /// Returns these metrics of the verdict, with the relation of the law's model to the plant.
-    #[must_use]
     pub fn numbers(&self, metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
         let numbers = Quantity::from_verdict(&self.label, &self.verdict, metrics, paper);
         let with_model = |number: Quantity| number.with_model(self.model());
@@ -362,7 +352,6 @@ impl Kept {
     }
 
     /// Returns a metric of the verdict.
-    #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
         let metric = self
             .verdict
@@ -375,7 +364,6 @@ impl Kept {
 
 impl Figure {
     /// Makes a plot without curves.
-    #[must_use]
     pub fn new(title: impl Into<String>, y_unit: &'static str, x_label: &'static str) -> Self {
         Self {
             title: title.into(),
@@ -388,7 +376,6 @@ impl Figure {
     }
 
     /// Makes a plot of the positions of these runs over time, the first on top, and of its set-point.
-    #[must_use]
     pub fn positions(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
         let mut figure = Self::new(title, "mm", "time (s)");
         if let Some((run, _)) = runs.first() {
@@ -409,13 +396,11 @@ impl Figure {
     }
 
     /// Makes a plot of the currents of these runs over time, the first on top.
-    #[must_use]
     pub fn currents(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
         Self::new(title, "A", "time (s)").with_runs(runs, |signals| &signals.current_amperes)
     }
 
     /// Makes a plot of the temperatures of the wire in these runs over time, the first on top.
-    #[must_use]
     pub fn temperatures(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
         Self::new(title, "°C", "time (s)").with_runs(runs, |signals| &signals.temperature_celsius)
     }

@@ -8,7 +8,6 @@ use scenario::plant::Sensor;
 const PERIODS_MIN: f64 = 10.0;
 
 /// Changes the last sine of the scenario to another frequency, for ten periods.
-#[must_use]
 pub fn at_frequency(base: &Trial, hertz: f64) -> Trial {
     let mut scenario = base.clone();
     scenario.run_mut().name = format!("sine of {hertz} Hz");
@@ -20,7 +19,6 @@ pub fn at_frequency(base: &Trial, hertz: f64) -> Trial {
 }
 
 /// Changes the time between two SYNCs.
-#[must_use]
 pub fn with_cycle(base: &Trial, milliseconds: f64) -> Trial {
     let mut scenario = base.clone();
     scenario.run_mut().name += &format!(", cycle of {milliseconds} ms");
@@ -30,7 +28,6 @@ pub fn with_cycle(base: &Trial, milliseconds: f64) -> Trial {
 
 /// Changes the converter of the position sensor. Its resolution is in the sensor's data sheet, so the observer knows it
 /// too.
-#[must_use]
 pub fn with_resolution(base: &Trial, bits: u32) -> Trial {
     let mut scenario = base.clone();
     scenario.run_mut().name += &format!(", {bits} bit");
@@ -44,7 +41,6 @@ pub fn with_resolution(base: &Trial, bits: u32) -> Trial {
 }
 
 /// Adds normal noise to the position sensor, in steps of its converter.
-#[must_use]
 pub fn with_noise(base: &Trial, steps: f64) -> Trial {
     let mut scenario = base.clone();
     scenario.run_mut().name += &format!(", noise of {steps} steps");
@@ -54,7 +50,6 @@ pub fn with_noise(base: &Trial, steps: f64) -> Trial {
 }
 
 /// Changes the jerk at the start of a move of `sliding_mode`.
-#[must_use]
 pub fn with_launch_jerk(base: &Trial, jerk_metres_per_second_cubed: f64) -> Trial {
     let mut scenario = base.clone();
     scenario.run_mut().name += &format!(", launch with {jerk_metres_per_second_cubed} m/s³");
@@ -70,7 +65,6 @@ fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
 }
 
 /// Appends `times` repetitions of the last two ramps of the current.
-#[must_use]
 pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
     let mut scenario = base.clone();
     let Some(open_loop) = &mut scenario.controller.open_loop else {
@@ -83,7 +77,6 @@ pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
     let turns = [first.clone(), second.clone()];
     let period = second.until_seconds - first.from_seconds;
     for number in 1..=times {
-        #[expect(clippy::cast_precision_loss, reason = "a few dozen")]
         let later = number as f64 * period;
         ramps.extend(turns.clone().map(|ramp| CurrentRamp {
             from_seconds: ramp.from_seconds + later,
@@ -91,7 +84,6 @@ pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
             ..ramp
         }));
     }
-    #[expect(clippy::cast_precision_loss, reason = "a few dozen")]
     let added_seconds = times as f64 * period;
     scenario.run_mut().duration_seconds += added_seconds;
     scenario

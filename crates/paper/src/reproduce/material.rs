@@ -67,7 +67,6 @@ fn loops(run: &Kept) -> Evaluation {
         .map(|pair| largest_difference(pair[0], pair[1]))
         .collect();
     let closed_after = gaps.iter().position(|gap| *gap <= CLOSED);
-    #[expect(clippy::cast_precision_loss, reason = "a few dozen")]
     let closed_after = closed_after.map(|place| (place + 1) as f64);
     let numbers = vec![
         Quantity::derived(

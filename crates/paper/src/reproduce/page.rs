@@ -20,7 +20,6 @@ const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on 
     stands our law on another plant, drawn at random, of which it knows nothing.";
 
 /// Returns the page.
-#[must_use]
 pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
     let numbers = || results.iter().flat_map(|result| &result.evaluation.numbers);
     let judged = numbers()
@@ -57,7 +56,6 @@ pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
 }
 
 /// Returns the numbers of a reproduction that have a value in the paper or a target.
-#[must_use]
 pub(crate) fn to_text(results: &[ExperimentResult]) -> Text {
     let header = [
         "experiment",

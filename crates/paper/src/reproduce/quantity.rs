@@ -32,7 +32,6 @@ pub enum Model {
 
 impl Model {
     /// Returns the text for a table.
-    #[must_use]
     pub fn word(self) -> &'static str {
         match self {
             Self::EqualsThePlant => "=\u{a0}plant",
@@ -46,7 +45,6 @@ pub type Paper = [(&'static str, &'static str)];
 
 impl Quantity {
     /// Makes a number that is computed from several runs.
-    #[must_use]
     pub fn derived(
         name: &'static str,
         of: impl Into<String>,
@@ -78,7 +76,6 @@ impl Quantity {
 
     /// Returns these metrics of a verdict, in this order; metrics that the run lacks are left out. In a run without a
     /// decision no limit is met.
-    #[must_use]
     pub fn from_verdict(of: &str, verdict: &Verdict, metrics: &[&str], paper: &Paper) -> Vec<Self> {
         let find = |name: &&str| verdict.metrics.iter().find(|metric| metric.name == *name);
         let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
@@ -97,26 +94,22 @@ impl Quantity {
     }
 
     /// Returns the name of the quantity, which has its unit.
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.metric.name
     }
 
     /// Returns whether the number has a value in the paper or a target.
-    #[must_use]
     pub fn is_compared(&self) -> bool {
         self.paper.is_some() || self.metric.limit.is_some()
     }
 
     /// Returns whether no target is missed.
-    #[must_use]
     pub fn holds(&self) -> bool {
         self.metric.passed != Some(false)
     }
 }
 
 /// Returns an upper limit.
-#[must_use]
 pub fn at_most(max: f64) -> Option<Limit> {
     Some(Limit {
         min: None,
@@ -125,7 +118,6 @@ pub fn at_most(max: f64) -> Option<Limit> {
 }
 
 /// Returns a lower limit.
-#[must_use]
 pub fn at_least(min: f64) -> Option<Limit> {
     Some(Limit {
         min: Some(min),
@@ -134,7 +126,6 @@ pub fn at_least(min: f64) -> Option<Limit> {
 }
 
 /// Returns limits on both sides of a value, at a relative distance.
-#[must_use]
 pub fn within(value: f64, part: f64) -> Option<Limit> {
     // Metrics have six decimals as well.
     let rounded = |value: f64| (value * 1e6).round() / 1e6;

@@ -13,13 +13,11 @@ pub(crate) struct ExperimentResult {
 
 impl ExperimentResult {
     /// Returns whether no target is missed.
-    #[must_use]
     pub(crate) fn holds(&self) -> bool {
         self.evaluation.numbers.iter().all(Quantity::holds)
     }
 
     /// Returns the quantities that have a value in the paper or a target, for every law and plant.
-    #[must_use]
     pub(crate) fn headline(&self) -> Vec<&Quantity> {
         let numbers = &self.evaluation.numbers;
         let is_compared = |name: &str| {

@@ -136,7 +136,6 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         };
         let times = sorted("settling_time_seconds");
         let peaks = sorted("overshoot_percent");
-        #[expect(clippy::cast_precision_loss, reason = "at most some hundred")]
         let count =
             |is_one: fn(&Kept) -> bool| kept.iter().filter(|run| is_one(run)).count() as f64;
         let of = format!("{}, {} plants", contestant.label, kept.len());

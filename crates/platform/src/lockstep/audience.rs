@@ -30,13 +30,11 @@ impl Default for Audience {
 
 impl Audience {
     /// Returns whether a participant may queue a frame because of this one.
-    #[must_use]
     pub fn may_answer(&self, frame: &CanFrame) -> bool {
         self.accepted.accepts(frame) && !self.silent.accepts(frame)
     }
 
     /// Returns the frames that no participant answers, as blocks of identifiers: the largest ones, if there are too many.
-    #[must_use]
     pub fn quiet(&self) -> Vec<Filter> {
         let is_quiet = |id: u16| !self.may_answer(&CanFrame::new(id, &[]));
         let mut blocks = Vec::new();

@@ -51,7 +51,6 @@ pub enum LockstepError {
 
 impl LockstepError {
     /// Returns the participant's name.
-    #[must_use]
     pub fn name(&self) -> &str {
         match self {
             Self::NoAnswer { name, .. }

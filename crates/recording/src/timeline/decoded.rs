@@ -43,7 +43,6 @@ const OF_SOME_LAWS: [&str; 5] = [
 
 impl Column {
     /// Returns whether a node computes it.
-    #[must_use]
     pub fn is_used(&self) -> bool {
         let is_of_some_laws = OF_SOME_LAWS
             .iter()
@@ -113,38 +112,32 @@ pub struct Timeline {
 
 impl Timeline {
     /// Returns the prefix of the names of its signals; empty if it is the only loop.
-    #[must_use]
     pub fn prefix(&self) -> String {
         loop_prefix(&self.loop_name)
     }
 
     /// Returns a column by its signal's name; or by the pattern of that name.
-    #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
         by(name).or_else(|| by(&self.measurand.name(name)))
     }
 
     /// Returns the measured position that the loop follows, in its unit.
-    #[must_use]
     pub fn position(&self) -> &Series<f64> {
         &self.columns[self.position].values
     }
 
     /// Returns the quantity that the drive of the loop measures itself; the same as [`Self::position`] if the loop follows it.
-    #[must_use]
     pub fn measured_position(&self) -> &Series<f64> {
         &self.columns[self.measured_position].values
     }
 
     /// Returns the measured current in amperes.
-    #[must_use]
     pub fn current(&self) -> &Series<f64> {
         &self.columns[self.current].values
     }
 
     /// Returns scenario time at the end of the last cycle.
-    #[must_use]
     pub fn end_seconds(&self) -> f64 {
         self.time_seconds
             .last()
@@ -152,7 +145,6 @@ impl Timeline {
     }
 
     /// Converts a time to the recording's clock.
-    #[must_use]
     pub fn recorded_time(&self, seconds: f64) -> Duration {
         let since = Duration::try_from_secs_f64(self.origin_seconds + seconds);
         since.unwrap_or_default()
@@ -160,7 +152,6 @@ impl Timeline {
 
     /// Returns some of the rows with the events of their time, as a timeline of its own. The first and the last piece also have
     /// the events before and after all rows. The bus load is that of the whole recording.
-    #[must_use]
     pub fn piece(&self, rows: Range<usize>) -> Self {
         let part = |values: &Series<f64>| values.part(rows.clone());
         let begins = |row: usize| self.time_seconds.get(row);
@@ -196,7 +187,6 @@ impl Timeline {
     }
 
     /// Returns the number of cycles in a time, at least one.
-    #[must_use]
     pub fn cycles_in(&self, seconds: f64) -> u64 {
         let cycles = (seconds / self.period_seconds).round().clamp(1.0, 1e6);
         #[expect(
@@ -209,14 +199,12 @@ impl Timeline {
     }
 
     /// Returns the percentage of due cycles that never began or in which the drive was silent.
-    #[must_use]
     pub fn missed_cycles_percent(&self) -> f64 {
         if self.cycles_due == 0 {
             return 0.0;
         }
         let is_served = |position: &f64| !position.is_nan();
         let served = self.measured_position().iter().filter(is_served).count();
-        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let (due, served) = (self.cycles_due as f64, served as f64);
         100.0 * (due - served) / due
     }
@@ -234,7 +222,6 @@ pub struct SignalRows<'a> {
 }
 
 /// Returns the signals of loops that were played at once: for each loop its set-point, then the signals on the bus.
-#[must_use]
 pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     let mut all = Vec::new();
     for timeline in timelines {
@@ -253,7 +240,6 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
 }
 
 /// Returns the events of loops that were played at once, in the order of time; events that several of them saw appear once.
-#[must_use]
 pub fn all_events(timelines: &[Timeline]) -> Events {
     let each = timelines.iter().map(|timeline| timeline.events.clone());
     let all = each.reduce(Events::merged).unwrap_or_default();
@@ -270,8 +256,6 @@ pub fn all_events(timelines: &[Timeline]) -> Events {
 }
 
 /// Returns scenario time at which a cycle begins.
-#[expect(clippy::cast_precision_loss, reason = "numbers stay far below 2^52")]
-#[must_use]
 pub fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
     cycle as f64 * period_seconds
 }

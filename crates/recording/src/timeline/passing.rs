@@ -105,7 +105,6 @@ impl Traffic {
 
     /// Returns NaN before there are two frames from the first SYNC on.
     pub(super) fn load_percent(&self, bitrate_kilobits_per_second: u32) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "bit counts stay far below 2^52")]
         let milliseconds = self.bits as f64 / f64::from(bitrate_kilobits_per_second);
         let first = self.first_sync.unwrap_or(self.latest);
         let recorded = 1e3 * self.latest.saturating_sub(first).as_secs_f64();

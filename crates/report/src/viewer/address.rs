@@ -17,7 +17,6 @@ pub struct ViewerAddress {
 
 impl ViewerAddress {
     /// Returns a port of this machine, which other machines cannot reach.
-    #[must_use]
     pub fn loopback(port: u16) -> Self {
         Self {
             host: "127.0.0.1".to_owned(),
@@ -26,13 +25,11 @@ impl ViewerAddress {
     }
 
     /// Returns the port.
-    #[must_use]
     pub fn port(&self) -> u16 {
         self.port
     }
 
     /// Returns the address as the viewer itself writes it.
-    #[must_use]
     pub fn url(&self) -> String {
         format!("rerun+http://{self}/proxy")
     }

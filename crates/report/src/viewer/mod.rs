@@ -34,7 +34,6 @@ pub struct Viewers {
 impl Viewers {
     /// Opens a viewer, finds the one at an address, or both. Also returns the reasons why one is missing. The run continues
     /// without missing ones.
-    #[must_use]
     pub fn open(opens_one: bool, connect: Option<&ViewerAddress>) -> (Self, Vec<String>) {
         let mut viewers = Self::default();
         let mut refused = Vec::new();
@@ -55,13 +54,11 @@ impl Viewers {
     }
 
     /// Returns whether there is no viewer.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.addresses.is_empty()
     }
 
     /// Begins to show a run with all its loops in each viewer. Returns the queues for its frames, and the handle to end with.
-    #[must_use]
     #[cfg(feature = "rerun")]
     pub fn show(&self, plan: &Plan, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         let started = self
@@ -73,7 +70,6 @@ impl Viewers {
     }
 
     /// Returns nothing, since there are no viewers without the SDK.
-    #[must_use]
     #[cfg(not(feature = "rerun"))]
     pub fn show(&self, _plan: &Plan, _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         (Vec::new(), Shows::default())
@@ -87,7 +83,6 @@ pub struct Shows(Vec<Show>);
 impl Shows {
     /// Shows the verdict and waits for the viewers until the patience ends. Returns texts on the data that viewers missed. A
     /// viewer that no longer takes data is not shown further runs.
-    #[must_use]
     pub fn end(self, verdict: &Verdict, viewers: &mut Viewers) -> Vec<String> {
         for show in &self.0 {
             // A listener that has ended needs no verdict.

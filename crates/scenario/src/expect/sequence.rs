@@ -57,7 +57,6 @@ pub struct Expected {
 
 impl Sequence {
     /// Returns the window in which events count, in a run of this duration.
-    #[must_use]
     pub fn window(&self, duration_seconds: f64) -> Window {
         Window::new(
             self.from_seconds,
@@ -66,7 +65,6 @@ impl Sequence {
     }
 
     /// Returns the name of an event's row in the verdict.
-    #[must_use]
     pub fn row_name(&self, place: usize) -> String {
         let (name, number) = (&self.name, place + 1);
         let event = &self.event[place];

@@ -72,7 +72,6 @@ pub enum Demand<'a> {
 
 impl Demand<'_> {
     /// Returns the key of the format that makes the demand.
-    #[must_use]
     pub fn key(&self) -> &'static str {
         match self {
             Self::Stays(_) => "stays",
@@ -85,13 +84,11 @@ impl Demand<'_> {
 
 impl Course {
     /// Returns the value at a scenario time: straight lines through the rows, constant outside.
-    #[must_use]
     pub fn at(&self, time_seconds: f64) -> f64 {
         curve::interpolate(&self.rows, time_seconds).position
     }
 
     /// Returns the time from the first row to the last.
-    #[must_use]
     pub fn span(&self) -> Option<Window> {
         let (first, last) = (self.rows.first()?, self.rows.last()?);
         // A window ends before its last instant, but the last row counts.
@@ -118,7 +115,6 @@ impl SignalCheck {
     }
 
     /// Returns the window of a demand, in a run of this duration.
-    #[must_use]
     pub fn window(&self, demand: &Demand<'_>, duration_seconds: f64) -> Window {
         let whole = Window::new(0.0, duration_seconds);
         let natural = match demand {
@@ -132,7 +128,6 @@ impl SignalCheck {
 
     /// Returns the name of a demand's row in the verdict. A value in another unit than the signal's has that unit at the end of
     /// the name.
-    #[must_use]
     pub fn row_name(&self, demand: &Demand<'_>) -> String {
         let (name, window) = (&self.name, self.window_text());
         match demand {

@@ -145,7 +145,6 @@ impl Group {
     ];
 
     /// Returns its key in `[fault]`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Bus => "bus",
@@ -186,25 +185,21 @@ impl PartialEq for Kind {
 
 impl Kind {
     /// Returns the kind of this name.
-    #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.name == name)
     }
 
     /// Returns its key that names a node, if it has one.
-    #[must_use]
     pub fn node_key(&self) -> Option<&'static Key> {
         self.keys.iter().find(|key| key.names_node())
     }
 
     /// Checks whether it happens to a drive. The drive need not be named if there is only one.
-    #[must_use]
     pub fn is_drive_fault(&self) -> bool {
         self.group != Group::Bus && self.node_key().is_none()
     }
 
     /// Returns the heading of its table.
-    #[must_use]
     pub fn heading(&self) -> String {
         format!("[[fault.{}.{}]]", self.group.name(), self.name)
     }

@@ -45,7 +45,6 @@ pub struct Fault {
 
 impl Fault {
     /// Returns its path in the document, which also names its stream of random numbers.
-    #[must_use]
     pub fn path(&self) -> String {
         let Kind { group, name, .. } = self.kind;
         format!("fault.{}.{name}.{}", group.name(), self.index)
@@ -55,14 +54,12 @@ impl Fault {
     ///
     /// # Panics
     /// The kind has no such number, or the number has no default and is not given.
-    #[must_use]
     pub fn number(&self, key: &str) -> f64 {
         let number = self.optional(key);
         number.unwrap_or_else(|| panic!("{} has no number `{key}`", self.kind.heading()))
     }
 
     /// Returns the number at an optional key.
-    #[must_use]
     pub fn optional(&self, key: &str) -> Option<f64> {
         match self.values.get(key)? {
             Value::Number(number) => Some(*number),
@@ -71,7 +68,6 @@ impl Fault {
     }
 
     /// Returns the whole number at an optional key.
-    #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -82,20 +78,17 @@ impl Fault {
     }
 
     /// Checks whether a key has this word.
-    #[must_use]
     pub fn says(&self, key: &str, word: &str) -> bool {
         matches!(self.values.get(key), Some(Value::Word(said)) if said == word)
     }
 
     /// Checks whether the fault acts at a scenario time.
-    #[must_use]
     pub fn acts_at(&self, time_seconds: f64) -> bool {
         self.from_seconds.is_some_and(|from| time_seconds >= from)
             && self.until_seconds.is_none_or(|end| time_seconds < end)
     }
 
     /// Checks whether it happens to the controller or a part of it.
-    #[must_use]
     pub fn is_at_controller(&self) -> bool {
         self.is_at(Part::Controller)
     }
@@ -105,7 +98,6 @@ impl Fault {
     }
 
     /// Checks whether it happens to the drive with this node-ID, or to the plant that the drive moves.
-    #[must_use]
     pub fn is_at_drive(&self, node_id: u8, plant: &str) -> bool {
         match &self.node {
             Some(node) => node.part == Part::Drive && node.id == node_id,
@@ -114,14 +106,12 @@ impl Fault {
     }
 
     /// Checks whether it belongs to the loop of this drive: it happens to this drive, or to no drive or plant in particular.
-    #[must_use]
     pub fn is_in_loop(&self, drive_node_id: u8, plant: &str) -> bool {
         let is_elsewhere = self.is_at(Part::Drive) || self.plant.is_some();
         !is_elsewhere || self.is_at_drive(drive_node_id, plant)
     }
 
     /// Describes the fault; `are_drives_named` adds the name of the drive.
-    #[must_use]
     pub fn text(&self, are_drives_named: bool) -> String {
         let (group, name) = (self.kind.group, self.kind.name.replace('_', " "));
         let whose = match (&self.node, &self.plant) {
@@ -150,7 +140,6 @@ impl Faults {
     }
 
     /// Checks whether there are no faults.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -166,13 +155,11 @@ impl Faults {
     }
 
     /// Returns the faults of the node with this node-ID.
-    #[must_use]
     pub fn at_node(&self, node_id: u8) -> Self {
         self.only(|fault| fault.node.as_ref().is_some_and(|node| node.id == node_id))
     }
 
     /// Returns the faults of the drive with this node-ID, and of the plant that it moves.
-    #[must_use]
     pub fn at_drive(&self, node_id: u8, plant: &str) -> Self {
         self.only(|fault| fault.is_at_drive(node_id, plant))
     }
@@ -182,7 +169,6 @@ impl Faults {
     }
 
     /// Checks whether a fault of a kind acts at a scenario time.
-    #[must_use]
     pub fn any_acts(&self, kind: &str, time_seconds: f64) -> bool {
         self.of(kind).any(|fault| fault.acts_at(time_seconds))
     }

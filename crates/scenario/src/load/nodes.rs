@@ -55,7 +55,6 @@ fn an_input(output: &str) -> &'static str {
 
 impl Rig {
     /// Checks whether a text is meant as a rig file.
-    #[must_use]
     pub fn is_meant(text: &str) -> bool {
         let document = Document::parse(Source::new("", text), text);
         document.is_ok_and(|document| kind::is_rig(&document))

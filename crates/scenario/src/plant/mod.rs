@@ -35,7 +35,6 @@ pub const FMU: &str = "fmu";
 pub(crate) const MODELS: [&str; 4] = [SMA, DC_MOTOR, SMA_PAIR, FMU];
 
 /// Checks whether the format has the table of a plant; tables from outside are registered.
-#[must_use]
 pub fn is_built_in(plant: &str) -> bool {
     plant == SMA_ACTUATOR || MODELS.contains(&plant)
 }
@@ -68,7 +67,6 @@ impl PlantModel {
     }
 
     /// Makes the actuator with these parameters.
-    #[must_use]
     pub fn from_sma(sma: Sma) -> Self {
         let sma = Some(sma);
         Self {
@@ -78,7 +76,6 @@ impl PlantModel {
     }
 
     /// Returns the parameters of the actuator; `None` for another model.
-    #[must_use]
     pub fn actuator(&self) -> Option<Sma> {
         let is_actuator = self.custom.is_none() && self.table().name == SMA_ACTUATOR;
         is_actuator.then(|| self.sma.clone().unwrap_or_default())
@@ -93,14 +90,12 @@ impl PlantModel {
     }
 
     /// Returns the name of the plant; the actuator's if there is no table.
-    #[must_use]
     pub fn name(&self) -> &str {
         let custom = self.custom.as_ref();
         custom.map_or_else(|| self.table().name, Custom::name)
     }
 
     /// Returns the faults of `[[fault.plant.…]]` that have a meaning for the plant.
-    #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
         match &self.custom {
             Some(custom) => custom::plant_faults(custom.name()),
@@ -109,7 +104,6 @@ impl PlantModel {
     }
 
     /// Returns the mass that hangs on the plant, without that of disturbances; `None` for a plant that knows it by itself.
-    #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
         match &self.dc_motor {
             Some(motor) => Some(motor.load_kilograms),

@@ -36,7 +36,6 @@ pub enum Kinetics {
 
 impl Kinetics {
     /// Checks whether inner turns are remembered until the temperature passes them.
-    #[must_use]
     pub fn remembers_turns(self) -> bool {
         self != Self::Paper
     }

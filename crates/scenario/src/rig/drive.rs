@@ -61,13 +61,11 @@ impl Pdo {
     }
 
     /// Returns the 11-bit identifier below the flags.
-    #[must_use]
     pub fn id(&self) -> u16 {
         (self.cob_id & 0x7FF) as u16
     }
 
     /// Returns the total length of the mapped objects.
-    #[must_use]
     pub fn length_bytes(&self) -> usize {
         bytes_of(&self.entries)
     }
@@ -201,9 +199,7 @@ impl Field {
     /// Returns the largest value.
     fn max(self) -> f64 {
         let bits = 8 * self.length_bytes - usize::from(self.is_signed);
-        #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
-        let max = ((1_i64 << bits) - 1) as f64;
-        max
+        ((1_i64 << bits) - 1) as f64
     }
 }
 
@@ -219,7 +215,6 @@ pub struct Scaled {
 }
 
 impl Scaled {
-    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
     fn steps_from_zero(&self, data: u64) -> f64 {
         self.field.read(data) as f64 - self.offset
     }
@@ -341,7 +336,6 @@ impl DriveLayout {
     }
 
     /// Decodes TPDO1; `None` for other frames, and for one that is too short.
-    #[must_use]
     #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
         if frame.standard_id() != Some(self.feedback.id())
@@ -358,7 +352,6 @@ impl DriveLayout {
     }
 
     /// Decodes the commanded current in RPDO1; `None` for other frames, and for one that is too short.
-    #[must_use]
     pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
         let is_command = frame.standard_id() == Some(self.command.id())
             && frame.data().len() >= self.target.field.end_byte();
@@ -366,7 +359,6 @@ impl DriveLayout {
     }
 
     /// Encodes RPDO1; the current is limited to the one that the drive may be given and its object can hold.
-    #[must_use]
     #[inline]
     pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
         let max = self.target_max;

@@ -27,7 +27,6 @@ pub struct LimitWatch {
 
 impl LimitWatch {
     /// Makes a watch that has seen no sample; the drive's positions are in `unit`.
-    #[must_use]
     pub fn new(limits: &Limits, sync_period: Duration, unit: &Unit) -> Self {
         Self {
             limits: *limits,
@@ -57,7 +56,6 @@ impl LimitWatch {
     }
 
     /// Checks a command to the drive, and describes the violation of a limit.
-    #[must_use]
     pub fn check_command(&self, amperes: f64) -> Option<String> {
         let limit = self.limits.current_amperes;
         let is_beyond = amperes.abs() > limit + COMMAND_TOLERANCE_AMPERES;

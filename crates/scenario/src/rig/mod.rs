@@ -30,7 +30,6 @@ pub struct RealDrive {
 
 impl RealDrive {
     /// Makes a drive with these limits; all else is as for the emulated drive.
-    #[must_use]
     pub fn new(drive: RigDrive, limits: Limits) -> Self {
         Self {
             drive,
@@ -230,7 +229,6 @@ impl Default for Preflight {
 
 impl Timeouts {
     /// Returns the time within which the drive must be found and configured.
-    #[must_use]
     pub fn bring_up(&self) -> Duration {
         Duration::from_secs_f64(self.bring_up_seconds.clamp(0.0, 600.0))
     }

@@ -54,7 +54,6 @@ pub struct Rig {
 
 impl Rig {
     /// Returns the plant that a drive moves.
-    #[must_use]
     pub fn plant_of(&self, drive: &str) -> Option<&str> {
         let amplifier = self.node.get(drive)?.amplifier.as_ref()?;
         plant_of_port(amplifier.port.as_deref()?)
@@ -116,7 +115,6 @@ impl Rig {
     }
 
     /// Returns the drive that a loop leads; empty if the rig has no such loop.
-    #[must_use]
     pub fn drive_of_loop(&self, name: &str) -> &str {
         let drive = self.loops.get(name).and_then(|one| one.drives.first());
         drive.map_or("", String::as_str)
@@ -179,7 +177,6 @@ impl Rig {
 
     /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
     /// the io node acts. If no drive moves these, it is the first one with which they are emulated.
-    #[must_use]
     pub fn drive_of_io(&self, io: &str) -> Option<&str> {
         let plants = self.node.get(io)?.plants();
         self.first_drive(|drive| {
@@ -207,7 +204,6 @@ impl Rig {
     }
 
     /// Returns the wiring of a drive.
-    #[must_use]
     pub fn wiring_of(&self, drive: &str) -> Wiring {
         let Some(node) = self.node.get(drive) else {
             return Wiring::default();
@@ -307,7 +303,6 @@ impl Rig {
     }
 
     /// Returns the controller with its name.
-    #[must_use]
     pub fn controller(&self) -> Option<(&str, &RigNode)> {
         self.of_kind(NodeKind::Controller).next()
     }
@@ -319,14 +314,12 @@ impl Rig {
     }
 
     /// Checks whether a program plays the controller.
-    #[must_use]
     pub fn is_led_by_program(&self) -> bool {
         let controller = self.controller();
         controller.is_some_and(|(_, node)| node.program.is_some())
     }
 
     /// Returns the facts about an external drive; `None` for a drive that canrig emulates.
-    #[must_use]
     pub fn real_drive(&self, drive: &str) -> Option<RealDrive> {
         let node = self.node.get(drive).filter(|node| !node.is_ours())?;
         let emulated = RigDrive::default();
@@ -346,7 +339,6 @@ impl Rig {
     }
 
     /// Makes a rig of one real drive and external io nodes.
-    #[must_use]
     pub fn with_one_drive<'a>(
         &self,
         drive: &str,
@@ -391,7 +383,6 @@ impl Rig {
     }
 
     /// Returns notes on values that are allowed and may be mistakes.
-    #[must_use]
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for (name, node) in self.node.iter().filter(|(_, node)| node.is_ours()) {
@@ -419,7 +410,6 @@ impl Rig {
     ///
     /// # Panics
     /// Never: every value has a form in TOML.
-    #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("tables of plain data")
     }
@@ -454,7 +444,6 @@ impl Rig {
 }
 
 /// Returns the name of the controller in the text of a rig file, if the text can be read.
-#[must_use]
 pub fn controller_in(text: &str) -> Option<String> {
     let rig: toml::Table = text.parse().ok()?;
     let mut nodes = rig.get("node")?.as_table()?.iter();
@@ -565,13 +554,11 @@ pub struct RigNode {
 
 impl RigNode {
     /// Checks whether canrig itself plays the node.
-    #[must_use]
     pub fn is_ours(&self) -> bool {
         !self.external && self.program.is_none()
     }
 
     /// Returns the signal that its sensor measures, and the quantity that its amplifier commands.
-    #[must_use]
     pub fn measurand(&self) -> Measurand {
         let sensor = self.sensor.as_ref();
         let measurand = sensor.map(Sensor::measurand).unwrap_or_default();

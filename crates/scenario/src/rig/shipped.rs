@@ -29,14 +29,12 @@ const RIGS: [(&str, &str); 6] = [
 ];
 
 /// Returns the text of the rig of a name.
-#[must_use]
 pub fn text(name: &str) -> Option<&'static str> {
     let mut rigs = RIGS.iter();
     rigs.find(|(rig, _)| *rig == name).map(|(_, text)| *text)
 }
 
 /// Returns the names.
-#[must_use]
 pub fn names() -> [&'static str; 6] {
     RIGS.map(|(name, _)| name)
 }
@@ -45,7 +43,6 @@ pub fn names() -> [&'static str; 6] {
 pub const FOLDER: &str = "rig";
 
 /// Returns the name, in a run folder, of the copy of a shipped rig, or of a rig file that replaced it.
-#[must_use]
 pub fn copied_name(name: &str) -> String {
     if name.ends_with(".toml") {
         format!("{FOLDER}/{name}")

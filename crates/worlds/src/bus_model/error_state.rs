@@ -45,7 +45,6 @@ pub(crate) struct ErrorState {
 
 impl ErrorState {
     /// Returns the station's activity.
-    #[must_use]
     pub(crate) fn activity(&self) -> Activity {
         if self.recovery.is_some() {
             Activity::Off
@@ -92,7 +91,6 @@ impl ErrorState {
     }
 
     /// Returns the time at which bus-off ends if the bus stays idle.
-    #[must_use]
     pub(crate) fn recovers_at(&self, sequence: Duration) -> Option<Duration> {
         let (sequences, counted_to) = self.recovery?;
         Some(counted_to + sequence * RECOVERY_SEQUENCES.saturating_sub(sequences))
@@ -105,7 +103,6 @@ impl ErrorState {
 
     /// Returns the message of the station's CAN driver on its state, as in `linux/can/error.h`: the class, the controller's
     /// state, in data[5] the node's number, the counters in data[6] and data[7].
-    #[must_use]
     pub(crate) fn message(&self, node: u8, has_recovered: bool) -> CanFrame {
         let (class, controller) = match self.activity() {
             Activity::Off => (BUS_OFF, 0),

@@ -291,7 +291,6 @@ impl BusFaults {
     }
 
     /// Returns the time at which a foreign node next wants to send, if the bus is free from `free_at` on.
-    #[must_use]
     pub(crate) fn next_foreign(&self, free_at: Duration) -> Option<Duration> {
         let zero = self.clock.zero()?;
         let free_at = free_at.saturating_sub(zero);
@@ -315,14 +314,12 @@ impl BusFaults {
     }
 
     /// Returns whether no participant may go ahead: errors on the wire may reach it at the end of any frame.
-    #[must_use]
     pub(crate) fn forbids_look_ahead(&self) -> bool {
         let mut kinds = self.hitting.iter().map(|one| one.fault.kind.name);
         kinds.any(|kind| kind == "bit_error")
     }
 
     /// Returns the number of a participant's node, for its error messages.
-    #[must_use]
     pub(crate) fn node_number(&self, index: usize) -> u8 {
         self.seats[index]
     }
@@ -330,7 +327,6 @@ impl BusFaults {
 
 /// Returns whether a frame is a report of the emulated plant. Its CAN controller has no faults, since the report must tell the
 /// true effect of faults on the wire.
-#[must_use]
 pub(crate) fn is_truth(frame: &CanFrame) -> bool {
     let id = frame.standard_id();
     id.is_some_and(|id| TRUTH_COB_IDS.contains(&id))

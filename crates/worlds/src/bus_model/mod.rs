@@ -31,7 +31,6 @@ pub(crate) struct BusModel {
 
 impl BusModel {
     /// Makes an idle bus.
-    #[must_use]
     pub(crate) fn new(bitrate_kilobits_per_second: u32) -> Self {
         let nanoseconds_per_bit = 1e6 / f64::from(bitrate_kilobits_per_second);
         let mut frame_times = [Duration::ZERO; FRAME_BITS_END];
@@ -46,7 +45,6 @@ impl BusModel {
     }
 
     /// Returns the time at which the next frame may start.
-    #[must_use]
     pub(crate) fn free_at(&self) -> Duration {
         self.free_at
     }
@@ -73,7 +71,6 @@ impl BusModel {
     }
 
     /// Returns the duration of a number of bits.
-    #[must_use]
     pub(crate) fn bit_time(&self, bits: u32) -> Duration {
         let known = self.frame_times.get(bits as usize);
         known.map_or_else(|| bit_time(bits, self.nanoseconds_per_bit), |time| *time)

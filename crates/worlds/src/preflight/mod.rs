@@ -76,7 +76,6 @@ pub struct Preflight {
 
 impl Preflight {
     /// Makes a pre-flight that may or may not heat the wire.
-    #[must_use]
     pub fn new(may_heat: bool) -> Self {
         Self {
             may_heat,
@@ -86,7 +85,6 @@ impl Preflight {
     }
 
     /// Returns whether a check failed, or could not be made; then no further scenario may be played.
-    #[must_use]
     pub fn has_failed(&self) -> bool {
         self.has_failed.get()
     }

@@ -27,7 +27,6 @@ pub struct DcMotor {
 
 impl DcMotor {
     /// Makes a motor with these parameters, at rest on the stop, without current and as warm as the air.
-    #[must_use]
     pub fn with(config: &scenario::plant::DcMotor) -> Self {
         Self {
             heat: Heat::new(config),
@@ -37,7 +36,6 @@ impl DcMotor {
     }
 
     /// Works as [`DcMotor::with`], for a motor that is lifted to a height and released there.
-    #[must_use]
     pub fn let_go_at(config: &scenario::plant::DcMotor, position_metres: f64) -> Self {
         let mut motor = Self::with(config);
         motor.motion.lift_to(position_metres);
@@ -61,43 +59,36 @@ impl DcMotor {
     }
 
     /// Returns the height of the load above its stop.
-    #[must_use]
     pub fn position_metres(&self) -> f64 {
         self.motion.position_metres()
     }
 
     /// Returns the speed of the load, upwards.
-    #[must_use]
     pub fn velocity_metres_per_second(&self) -> f64 {
         self.motion.velocity_metres_per_second()
     }
 
     /// Returns the speed of the motor's shaft.
-    #[must_use]
     pub fn speed_revolutions_per_minute(&self) -> f64 {
         self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU
     }
 
     /// Returns the angle of the pinion since the load left its stop.
-    #[must_use]
     pub fn pinion_angle_degrees(&self) -> f64 {
         self.motion.pinion_angle_radians().to_degrees()
     }
 
     /// Returns the force of the spring, downwards.
-    #[must_use]
     pub fn spring_newtons(&self) -> f64 {
         self.motion.spring_newtons()
     }
 
     /// Returns the temperature of the winding.
-    #[must_use]
     pub fn winding_celsius(&self) -> f64 {
         self.heat.winding_celsius()
     }
 
     /// Returns the temperature of the housing.
-    #[must_use]
     pub fn housing_celsius(&self) -> f64 {
         self.heat.housing_celsius()
     }

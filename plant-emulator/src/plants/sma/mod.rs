@@ -63,7 +63,6 @@ pub struct Actuator {
 impl Actuator {
     /// Makes the start state: at rest on the stop, without current, at the equilibrium of cooling element and air, all
     /// martensite.
-    #[must_use]
     pub fn new(plant: &scenario::plant::Sma) -> Self {
         let heat = HeatBalance::new(&plant.heat);
         let phase = Transformation::new(&plant.phase, plant.kinetics);
@@ -85,7 +84,6 @@ impl Actuator {
     }
 
     /// Returns the same state with another longest integration step.
-    #[must_use]
     pub fn continued_with_step(&self, step_seconds_max: f64) -> Self {
         Self {
             step_seconds_max,
@@ -248,50 +246,42 @@ impl Actuator {
     }
 
     /// Returns `T`, the temperature of the wire.
-    #[must_use]
     pub fn temperature_celsius(&self) -> f64 {
         self.state.temperature_celsius
     }
 
     /// Returns `ξ`, from 0 (austenite) to 1 (martensite).
-    #[must_use]
     pub fn martensite_fraction(&self) -> f64 {
         self.state.martensite_fraction
     }
 
     /// Returns the number of turns of the temperature that did not fit into the memory of the kinetics.
-    #[must_use]
     pub fn turns_not_remembered(&self) -> u16 {
         self.phase.turns_not_remembered()
     }
 
     /// Returns `x`, the height of the load above its stop.
-    #[must_use]
     pub fn position_metres(&self) -> f64 {
         self.state.position_metres
     }
 
     /// Returns `ẋ`, upwards.
-    #[must_use]
     pub fn velocity_metres_per_second(&self) -> f64 {
         self.state.velocity_metres_per_second
     }
 
     /// Returns `T2`, the tension of a sound wire; never negative.
-    #[must_use]
     pub fn tension_newtons(&self) -> f64 {
         self.mechanics
             .tension_newtons(self.martensite_fraction(), self.state.position_metres, 1.0)
     }
 
     /// Returns the present branch of the hysteresis.
-    #[must_use]
     pub fn branch(&self) -> Branch {
         self.phase.branch()
     }
 
     /// Returns the equilibrium temperature of the wire under these inputs.
-    #[must_use]
     pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
         self.heat.equilibrium_celsius(
             self.condition.heating_amperes(inputs),

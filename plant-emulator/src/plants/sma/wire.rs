@@ -143,7 +143,6 @@ impl Mechanics {
 }
 
 /// Returns the stress `σ` in Pa at a strain `ε`, by Eq. (3)-(5) or by Eq. (9).
-#[must_use]
 pub fn stress_pascals(config: &plant::Mechanics, martensite_fraction: f64, strain: f64) -> f64 {
     Mechanics::new(config).stress_pascals(martensite_fraction, strain)
 }

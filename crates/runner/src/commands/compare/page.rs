@@ -24,7 +24,6 @@ const PLOTS_MAX: usize = 12;
 const MARKED_MAX: usize = 200;
 
 /// Returns the comparison as a text for the terminal.
-#[must_use]
 pub(super) fn to_text(comparison: &Comparison) -> Text {
     let mut signals = Table::new([
         "signal",
@@ -205,7 +204,6 @@ pub(super) struct ComparedRun<'a> {
 }
 
 /// Returns the comparison as a page.
-#[must_use]
 pub(super) fn to_html(compared: &Compared<'_>) -> String {
     let comparison = compared.comparison;
     let class = if comparison.agrees { "pass" } else { "fail" };
