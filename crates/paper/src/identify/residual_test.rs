@@ -13,6 +13,16 @@ use super::fit::rms;
 /// Spans over which the residual is averaged; the first is shorter than the distance of two positions.
 const SPANS_SECONDS: [f64; 3] = [0.0, 0.25, 1.0];
 
+/// RMS of the averages of a residual over each span.
+pub type Sizes = [f64; SPANS_SECONDS.len()];
+
+/// Returns the sizes of a residual of all recordings, one after the other.
+pub fn sizes_of(measurements: &[IdentificationData], residual: &[f64]) -> Sizes {
+    let times = measurements.iter().map(|one| &one.times_seconds[..]);
+    let times = Vec::from_iter(times);
+    SPANS_SECONDS.map(|seconds| rms(&averages(&times, residual, seconds)))
+}
+
 /// Size of the residual at one length of averages, and that of the sensor alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ResidualTest {
@@ -25,31 +35,17 @@ pub struct ResidualTest {
 }
 
 impl ResidualTest {
-    /// Tests a residual of all recordings, one after the other, at every length. `sensor` has the residual that each of
-    /// the emulated measurements leaves after a fit.
-    #[must_use]
-    pub fn all(
-        measurements: &[IdentificationData],
-        residual: &[f64],
-        sensor: &[Vec<f64>],
-    ) -> Vec<Self> {
-        let times: Vec<&[f64]> = measurements
-            .iter()
-            .map(|measurement| &measurement.times_seconds[..])
-            .collect();
-        let test = |averaged_seconds: f64| {
-            let size = |values: &[f64]| rms(&averages(&times, values, averaged_seconds));
-            Self {
-                averaged_seconds,
-                residual_metres_rms: size(residual),
-                sensor_metres_rms_max: sensor.iter().map(|one| size(one)).fold(0.0, f64::max),
-            }
+    /// Compares the sizes of the residual with the largest ones that the sensor alone leaves.
+    pub fn all(residual: Sizes, sensor_max: Sizes) -> Vec<Self> {
+        let test = |place: usize| Self {
+            averaged_seconds: SPANS_SECONDS[place],
+            residual_metres_rms: residual[place],
+            sensor_metres_rms_max: sensor_max[place],
         };
-        SPANS_SECONDS.map(test).to_vec()
+        (0..SPANS_SECONDS.len()).map(test).collect()
     }
 
     /// Returns the ratio of the residual to the sensor's largest.
-    #[must_use]
     pub fn excess(&self) -> f64 {
         self.residual_metres_rms / self.sensor_metres_rms_max
     }
@@ -69,7 +65,6 @@ fn averages(times: &[&[f64]], values: &[f64], span_seconds: f64) -> Vec<f64> {
                 .partition_point(|time| *time < start + span_seconds)
                 .max(1);
             let (mean, later) = left.split_at(count);
-            #[expect(clippy::cast_precision_loss, reason = "some hundred positions")]
             averages.push(mean.iter().sum::<f64>() / count as f64);
             (left, times) = (later, &times[count..]);
         }

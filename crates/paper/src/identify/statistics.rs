@@ -8,13 +8,13 @@ use serde::Serialize;
 use super::data::IdentificationData;
 use super::fit::{Derivatives, Fit, rms};
 use super::optimiser::to_matrix;
-use super::residual_test::ResidualTest;
+use super::residual_test::{ResidualTest, Sizes, sizes_of};
 use super::sensor_model::SensorModel;
 
 /// Longest time between residuals that are treated as dependent.
 const CORRELATION_SECONDS: f64 = 1.0;
 /// Number of emulated measurements that give the sensor's part in the errors.
-pub const REPLICAS: u32 = 99;
+pub const REPLICAS: u32 = 999;
 /// Largest ratio to the largest singular value of one that counts as zero.
 const RANK_TOLERANCE: f64 = 1e-12;
 
@@ -59,7 +59,6 @@ pub struct FitStatistics {
 
 impl FitStatistics {
     /// Returns the statistics of an estimate; `None` if the model has no derivative.
-    #[must_use]
     pub fn new(fit: &Fit<'_>, values: &[f64]) -> Option<Self> {
         let columns = fit.jacobian(values)?;
         let residual = fit.residual_metres(values)?;
@@ -80,7 +79,8 @@ impl FitStatistics {
             .zip(&replicas.shift)
             .map(|(value, shift)| value - shift)
             .collect();
-        let residual_tests = ResidualTest::all(fit.measurements, &residual, &replicas.residuals);
+        let residual_tests =
+            ResidualTest::all(sizes_of(fit.measurements, &residual), replicas.sizes_max);
         let is_corrected = !is_noisy(fit) && is_passed(&residual_tests) && fit.admits(&corrected);
         let estimates = values.iter().enumerate().map(|(place, value)| {
             let spread = replicas.spread[place];
@@ -114,7 +114,6 @@ impl FitStatistics {
     }
 
     /// Returns the values of the estimates.
-    #[must_use]
     pub fn values(&self) -> Vec<f64> {
         self.estimates
             .iter()
@@ -123,19 +122,16 @@ impl FitStatistics {
     }
 
     /// Returns the ratio of the residual to the sensor's. It is well above 1 if the model is not the plant's.
-    #[must_use]
     pub fn misfit(&self) -> f64 {
         self.residual_metres_rms / self.sensor_metres_rms
     }
 
     /// Returns whether the sensor explains the residual.
-    #[must_use]
     pub fn explains(&self) -> bool {
         is_passed(&self.residual_tests)
     }
 
     /// Returns the test that the residual exceeds most, if it exceeds one.
-    #[must_use]
     pub fn worst_test(&self) -> Option<&ResidualTest> {
         let failed = self
             .residual_tests
@@ -151,10 +147,6 @@ fn is_passed(tests: &[ResidualTest]) -> bool {
 
 /// Returns `Σ r² / (samples − parameters)`.
 fn degrees_of_freedom_scaled(residual: &[f64], parameters: usize) -> f64 {
-    #[expect(
-        clippy::cast_precision_loss,
-        reason = "sample counts stay far below 2^52"
-    )]
     let freedom = residual.len().saturating_sub(parameters).max(1) as f64;
     residual.iter().map(|value| value * value).sum::<f64>() / freedom
 }
@@ -258,10 +250,6 @@ impl Linear {
     }
 
     fn singular_values_metres(&self) -> Vec<f64> {
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "sample counts stay far below 2^52"
-        )]
         let root = libm::sqrt(self.jacobian.nrows() as f64);
         self.order()
             .into_iter()
@@ -297,7 +285,6 @@ fn long_run_spread(scores: &DMatrix<f64>, lags: usize) -> DMatrix<f64> {
     let rows = scores.nrows();
     let mut spread = scores.tr_mul(scores);
     for lag in 1..=lags.min(rows.saturating_sub(1)) {
-        #[expect(clippy::cast_precision_loss, reason = "some hundred lags")]
         let weight = 1.0 - lag as f64 / (lags as f64 + 1.0);
         let product = scores
             .rows(0, rows - lag)
@@ -327,16 +314,22 @@ struct Replicas {
     shift: Vec<f64>,
     spread: Vec<f64>,
     sensor_metres_rms: f64,
-    /// Residuals after a fit to each emulated measurement.
-    residuals: Vec<Vec<f64>>,
+    /// Largest sizes of the residuals after a fit to each emulated measurement.
+    sizes_max: Sizes,
 }
 
 impl Replicas {
     fn new(fit: &Fit<'_>, true_metres: &[f64], linear: &Linear) -> Self {
-        let errors: Vec<Vec<f64>> = (1..=REPLICAS)
-            .map(|replica| sensor_errors(fit, true_metres, replica))
-            .collect();
-        let shifts: Vec<Vec<f64>> = errors.iter().map(|error| linear.shift(error)).collect();
+        let mut sizes_max = Sizes::default();
+        let mut shifts = Vec::new();
+        for replica in 1..=REPLICAS {
+            let error = sensor_errors(fit, true_metres, replica);
+            let sizes = sizes_of(fit.measurements, &linear.left_over(&error));
+            for (max, size) in sizes_max.iter_mut().zip(sizes) {
+                *max = max.max(size);
+            }
+            shifts.push(linear.shift(&error));
+        }
         let exact = sensor_errors(fit, true_metres, 0);
         let mean = |place: usize| {
             shifts.iter().map(|shift| shift[place]).sum::<f64>() / f64::from(REPLICAS)
@@ -356,7 +349,7 @@ impl Replicas {
             },
             spread: places.map(spread).collect(),
             sensor_metres_rms: rms(&exact),
-            residuals: errors.iter().map(|error| linear.left_over(error)).collect(),
+            sizes_max,
         }
     }
 }
@@ -368,7 +361,6 @@ fn is_noisy(fit: &Fit<'_>) -> bool {
 }
 
 /// Returns the RMS of the residual that the sensor alone would leave for this motion.
-#[must_use]
 pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
     rms(&sensor_errors(fit, true_metres, 0))
 }
