@@ -3,6 +3,7 @@
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
 //! ([`plan::presence`]), so a guest asks on the second channel where the node's data sheet has one.
 
+mod guest;
 pub(crate) mod monitor;
 pub(crate) mod nodes;
 pub(crate) mod sdo;
@@ -14,13 +15,11 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use can::{Filter, Node};
+use can::Filter;
 use canopen::sdo_client::SdoError;
 use dbc::DbcError;
 use platform::bus::{BadAddress, Bus, BusAddress, BusError};
 use platform::hub;
-use platform::real_time::{self, RunError};
-use platform::stop::StopSignal;
 
 use plan::data_sheet::DataSheetError;
 use plan::named_nodes::NamedNodes;
@@ -136,9 +135,6 @@ pub(crate) enum ToolError {
     /// The bus does not work.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The loop does not work, or the tool gave up.
-    #[error("{}", error_text(.0))]
-    Run(RunError),
     /// Ctrl-C cannot be handled.
     #[error("signals cannot be handled: {0}")]
     Signals(io::Error),
@@ -148,6 +144,9 @@ pub(crate) enum ToolError {
     /// The tool would disturb a running controller.
     #[error("{0}")]
     Refused(String),
+    /// Ctrl-C, or the end of what asked for it.
+    #[error("interrupted")]
+    Interrupted,
 }
 
 impl ToolError {
@@ -166,14 +165,6 @@ impl ToolError {
 fn addresses(buses: &[BusAddress]) -> String {
     let options: Vec<String> = buses.iter().map(|bus| format!("--bus {bus}")).collect();
     options.join(", ")
-}
-
-/// Returns the text of an error. The text of a node that gave up is complete in itself.
-fn error_text(error: &RunError) -> String {
-    match error {
-        RunError::Node(text) => text.clone(),
-        other => other.to_string(),
-    }
 }
 
 /// Returns the address of the bus that the user means.
@@ -200,15 +191,6 @@ fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
         print_error(&format!("canrig: on the bus of your run, {address}"));
     }
     Ok(platform::open(&address, filters)?)
-}
-
-/// Moves a tool's node on the bus until it has finished or the user stops it.
-fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
-    let mut bus = open(bus, &node.filters())?;
-    let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
-    real_time::run(node, &mut *bus, &stop)
-        .map(|_| ())
-        .map_err(ToolError::Run)
 }
 
 /// Prints the result of a tool, or its error.

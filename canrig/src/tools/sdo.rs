@@ -5,19 +5,18 @@
 //! speaks on it, and no SYNC and no manager's heartbeat comes. A write that would take the drive away from a running
 //! controller (its controlword, or a mapping of PDOs) needs the same silence, or `--force`.
 
-use std::collections::VecDeque;
 use std::io::{self, IsTerminal};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use can::{CanFrame, Filter, Node, Progress};
 use canopen::cia402::CONTROLWORD;
 use canopen::object_dictionary::Entry;
-use canopen::sdo_client::{SdoClient, SdoFailure};
+use canopen::sdo_client::SdoFailure;
 use clap::{Args, Subcommand};
 use dbc::Database;
 
+use super::guest::{Guest, second_channel};
 use super::{NamesArgs, ToolBus, ToolBusArgs, ToolError, address, ended, value};
 use plan::data_sheet::{self, DataSheet};
 use plan::presence::Presence;
@@ -25,9 +24,7 @@ use runner::console::print_error;
 use runner::exit::Exit;
 
 /// Time for which the tool listens before it uses the default channel: longer than usual heartbeat periods.
-pub(crate) const LISTEN_TIME: Duration = Duration::from_secs(1);
-/// Time for each answer.
-pub(crate) const ANSWER_TIME: Duration = Duration::from_secs(1);
+const LISTEN_TIME: Duration = Duration::from_secs(1);
 
 /// Help on the format of numbers.
 const NUMBERS: &str = "\
@@ -65,220 +62,96 @@ impl Request {
     }
 }
 
+/// Object of a node that a guest reads or writes.
 #[derive(Debug)]
-enum Phase {
-    Start,
-    Transfer {
-        is_second_channel: bool,
-    },
-    /// Listens before a transfer on the default channel, or before a write that needs silence.
-    Listening {
-        until: Duration,
-    },
-    Done,
-}
-
-/// One transfer, with its choice of a channel; a node without node-ID.
-#[derive(Debug)]
-pub(crate) struct Transfer {
+struct Target {
     node_id: u8,
     place: (u16, u8),
     request: Request,
+    /// Data sheets of the nodes on the bus.
     sheets: Vec<DataSheet>,
-    second_channel: Option<(u16, u16)>,
-    client: SdoClient,
-    presence: Presence,
-    phase: Phase,
-    output: VecDeque<CanFrame>,
-    result: Option<Result<Vec<u8>, ToolError>>,
 }
 
-impl Transfer {
-    /// Makes a transfer with a node. `sheets` give its channels and the manager.
-    pub(crate) fn new(
-        node_id: u8,
-        place: (u16, u8),
-        request: Request,
-        sheets: Vec<DataSheet>,
-    ) -> Self {
-        let mut sheets_of_node = sheets.iter().filter(|sheet| sheet.node_id == node_id);
-        let second_channel = sheets_of_node.find_map(DataSheet::second_channel);
-        Self {
-            node_id,
-            place,
-            request,
-            sheets,
-            second_channel,
-            client: SdoClient::new(node_id).with_timeout(ANSWER_TIME),
-            presence: Presence::default(),
-            phase: Phase::Start,
-            output: VecDeque::new(),
-            result: None,
-        }
+impl Target {
+    fn second_channel(&self) -> Option<(u16, u16)> {
+        second_channel(self.node_id, &self.sheets)
     }
 
-    /// Returns the value that was read, or no bytes after a write.
-    ///
-    /// # Errors
-    /// The transfer failed, or was not made because the channel belongs to the controller.
-    pub(crate) fn into_result(self) -> Result<Vec<u8>, ToolError> {
-        let interrupted = || Err(ToolError::Refused("interrupted".to_owned()));
-        self.result.unwrap_or_else(interrupted)
+    fn needs_silence(&self) -> bool {
+        self.request.needs_silence(self.place.0)
     }
 
-    fn begin(&mut self, now: Duration) {
-        match self.second_channel {
-            Some(channel) if !self.request.needs_silence(self.place.0) => {
-                self.use_second_channel(now, channel);
-            }
-            _ => {
-                self.phase = Phase::Listening {
-                    until: now + LISTEN_TIME,
-                };
-            }
-        }
+    /// Returns why the default channel is not free.
+    fn why_not_default(&self, presence: &Presence) -> Option<String> {
+        presence.why_not_default_channel(self.node_id, &self.sheets)
     }
 
-    fn use_second_channel(&mut self, now: Duration, (request, response): (u16, u16)) {
-        let client = SdoClient::new(self.node_id).with_channel(request, response);
-        self.client = client.with_timeout(ANSWER_TIME);
-        self.transfer(now, true);
-    }
-
-    /// Ends listening: makes the transfer, or refuses it if a controller was heard.
-    fn end_listening(&mut self, now: Duration) {
+    /// Checks that nobody who was heard is in the way of the request.
+    fn may_ask(&self, presence: &Presence) -> Result<(), ToolError> {
+        let has_channel =
+            self.second_channel().is_some() || self.why_not_default(presence).is_none();
+        let manager = presence.manager(&self.sheets);
         let (index, sub_index) = self.place;
-        let taken = self
-            .presence
-            .why_not_default_channel(self.node_id, &self.sheets);
-        let has_channel = self.second_channel.is_some() || taken.is_none();
-        let needs_silence = has_channel && self.request.needs_silence(index);
-        let manager = self.presence.manager(&self.sheets);
-        match (manager.filter(|_| needs_silence), self.second_channel) {
-            (Some(heard), _) => self.refuse(format!(
+        match manager.filter(|_| has_channel && self.needs_silence()) {
+            None => Ok(()),
+            Some(heard) => Err(ToolError::Refused(format!(
                 "0x{index:04X}:{sub_index:02X} of node {} was not written: a controller is running ({heard} was heard), \
                  and this object is the controller's while it runs; write it when the controller has ended, or with --force",
                 self.node_id
-            )),
-            (None, Some(channel)) => self.use_second_channel(now, channel),
-            (None, None) => self.use_default_channel(now),
+            ))),
         }
     }
 
-    fn refuse(&mut self, reason: String) {
-        self.finish(Err(ToolError::Refused(reason)));
-    }
-
-    fn transfer(&mut self, now: Duration, is_second_channel: bool) {
-        let (index, sub_index) = self.place;
-        let started = match &self.request {
-            Request::Read => self.client.start_upload(now, index, sub_index),
-            Request::Write { bytes, .. } => {
-                self.client.start_download(now, index, sub_index, bytes)
-            }
+    /// Checks that the default channel is free. With a second one, the node does not answer there.
+    fn may_ask_on_default(&self, presence: &Presence) -> Result<(), ToolError> {
+        let Some(reason) = self.why_not_default(presence) else {
+            return Ok(());
         };
-        self.phase = Phase::Transfer { is_second_channel };
-        if let Err(error) = started {
-            self.finish(Err(error.into()));
-        }
-        self.drain();
-    }
-
-    fn use_default_channel(&mut self, now: Duration) {
-        let refusal = self
-            .presence
-            .why_not_default_channel(self.node_id, &self.sheets);
-        let Some(reason) = refusal else {
-            self.client = SdoClient::new(self.node_id).with_timeout(ANSWER_TIME);
-            self.transfer(now, false);
-            return;
-        };
-        let why_default = match self.second_channel {
+        let why_default = match self.second_channel() {
             Some((request, _)) => format!(
                 "node {} does not answer on its second SDO channel (0x{request:03X}), and ",
                 self.node_id
             ),
             None => String::new(),
         };
-        self.refuse(format!(
+        Err(ToolError::Refused(format!(
             "{why_default}{reason}; try again when it has ended"
-        ));
+        )))
     }
 
-    fn advance(&mut self, now: Duration) {
-        self.drain();
-        let Some(result) = self.client.take_result() else {
-            return;
-        };
-        let is_silent =
-            matches!(&result, Err(error) if matches!(error.failure, SdoFailure::TimedOut(_)));
-        match self.phase {
-            // The node has no second channel after all. The tool has listened in the meantime.
-            Phase::Transfer {
-                is_second_channel: true,
-            } if is_silent => self.use_default_channel(now),
-            _ => self.finish(result.map_err(ToolError::from)),
+    /// Reads or writes the object, and returns the bytes that were read.
+    fn transfer(&self, guest: &mut Guest) -> Result<Vec<u8>, ToolError> {
+        let mut presence = Presence::default();
+        let channel = self.second_channel();
+        if channel.is_none() || self.needs_silence() {
+            guest.hear(LISTEN_TIME, |frame| presence.on_frame(frame))?;
+            self.may_ask(&presence)?;
         }
-        self.drain();
-    }
-
-    fn finish(&mut self, result: Result<Vec<u8>, ToolError>) {
-        self.result = Some(result);
-        self.phase = Phase::Done;
-    }
-
-    fn drain(&mut self) {
-        while let Some(frame) = self.client.next_frame() {
-            self.output.push_back(frame);
-        }
-    }
-}
-
-impl Node for Transfer {
-    fn filters(&self) -> Vec<Filter> {
-        vec![Filter::ALL]
-    }
-
-    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.presence.on_frame(frame);
-        self.client.on_frame(now, frame);
-        self.advance(now);
-    }
-
-    fn on_tick(&mut self, now: Duration) {
-        match self.phase {
-            Phase::Start => self.begin(now),
-            Phase::Listening { until } if now >= until => self.end_listening(now),
-            Phase::Transfer { .. } => {
-                self.client.on_tick(now);
-                self.advance(now);
+        if channel.is_some() {
+            match self.ask(guest, channel, &mut presence) {
+                // The node has no second channel after all. The guest has listened in the meantime.
+                Err(ToolError::Sdo(error)) if matches!(error.failure, SdoFailure::TimedOut(_)) => {}
+                result => return result,
             }
-            _ => {}
         }
+        self.may_ask_on_default(&presence)?;
+        self.ask(guest, None, &mut presence)
     }
 
-    fn on_stop(&mut self, _now: Duration) {
-        self.phase = Phase::Done;
-    }
-
-    fn next_frame(&mut self) -> Option<CanFrame> {
-        self.output.pop_front()
-    }
-
-    fn next_deadline(&self) -> Option<Duration> {
-        match self.phase {
-            Phase::Start => Some(Duration::ZERO),
-            Phase::Listening { until } => Some(until),
-            Phase::Transfer { .. } => self.client.next_deadline(),
-            Phase::Done => None,
-        }
-    }
-
-    fn progress(&self) -> Progress {
-        match self.phase {
-            Phase::Done => Progress::Stopped,
-            _ => Progress::Running,
-        }
+    fn ask(
+        &self,
+        guest: &mut Guest,
+        channel: Option<(u16, u16)>,
+        presence: &mut Presence,
+    ) -> Result<Vec<u8>, ToolError> {
+        let written = match &self.request {
+            Request::Read => None,
+            Request::Write { bytes, .. } => Some(&bytes[..]),
+        };
+        let mut client = Guest::client(self.node_id, channel);
+        guest.transfer(&mut client, self.place, written, |frame| {
+            presence.on_frame(frame)
+        })
     }
 }
 
@@ -407,12 +280,16 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
         },
         _ => Request::Read,
     };
-    let mut transfer = Transfer::new(node_id, place, request, sheets);
     if written.is_some() && target.bus.bus.is_none() {
         confirm(&target.node, place)?;
     }
-    super::run(&mut transfer, &target.bus.chosen())?;
-    let read = transfer.into_result()?;
+    let asked = Target {
+        node_id,
+        place,
+        request,
+        sheets,
+    };
+    let read = asked.transfer(&mut Guest::join(&target.bus.chosen())?)?;
     let bytes = written.as_ref().unwrap_or(&read);
     let name = entry.as_ref().map_or_else(String::new, |entry| {
         format!("  {} ({})", entry.name, value::type_name(entry.data_type))
@@ -437,69 +314,66 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use can::CanFrame;
     use plan::data_sheet::rig_data_sheets;
+
+    use super::*;
 
     const HEARTBEAT_OF_THE_CONTROLLER: (u16, &[u8]) = (0x701, &[5]);
     const SYNC: (u16, &[u8]) = (0x080, &[1]);
 
-    /// Writes an object after the given frames were heard; returns the first frame sent, and the error at the end.
-    fn written(
-        node_id: u8,
-        index: u16,
-        is_forced: bool,
-        heard: &[(u16, &[u8])],
-    ) -> (Option<CanFrame>, String) {
+    /// Returns why a write is refused after these frames were heard.
+    fn refusal(node_id: u8, index: u16, is_forced: bool, heard: &[(u16, &[u8])]) -> Option<String> {
         let bytes = vec![0x0F, 0];
-        let request = Request::Write { bytes, is_forced };
-        let mut transfer = Transfer::new(node_id, (index, 0), request, rig_data_sheets());
-        transfer.on_tick(Duration::ZERO);
+        let target = Target {
+            node_id,
+            place: (index, 0),
+            request: Request::Write { bytes, is_forced },
+            sheets: rig_data_sheets(),
+        };
+        let mut presence = Presence::default();
         for (id, data) in heard {
-            transfer.on_frame(Duration::ZERO, &CanFrame::new(*id, data));
+            presence.on_frame(&CanFrame::new(*id, data));
         }
-        let first = transfer.next_frame();
-        transfer.on_tick(LISTEN_TIME);
-        let first = first.or_else(|| transfer.next_frame());
-        let text = transfer.into_result().unwrap_err();
-        assert_eq!(text.exit(), Exit::BenchFailed);
-        (first, text.to_string())
+        let channel = target.second_channel();
+        assert!(channel.is_none_or(|channel| channel == (0x690, 0x6D0)));
+        let on_default = || target.may_ask_on_default(&presence);
+        let asked =
+            (target.may_ask(&presence)).and_then(|()| channel.map_or_else(on_default, |_| Ok(())));
+        let error = asked.err()?;
+        assert_eq!(error.exit(), Exit::BenchFailed);
+        Some(error.to_string())
     }
 
     #[test]
     fn what_is_the_running_controllers_is_written_by_force_only() {
         for index in [0x6040, 0x1400, 0x17FF, 0x1800, 0x1BFF] {
             for heard in [HEARTBEAT_OF_THE_CONTROLLER, SYNC] {
-                let (sent, text) = written(0x10, index, false, &[heard]);
-                assert_eq!(sent, None, "0x{index:04X}");
+                let text = refusal(0x10, index, false, &[heard]).unwrap();
                 let place = format!("0x{index:04X}:00 of node 16 was not written");
                 assert!(text.contains(&place) && text.contains("--force"), "{text}");
-                let (sent, _) = written(0x10, index, true, &[heard]);
-                assert_eq!(sent.unwrap().standard_id(), Some(0x690));
+                assert_eq!(refusal(0x10, index, true, &[heard]), None);
             }
-            let (sent, _) = written(0x10, index, false, &[(0x710, &[5])]);
-            let sent = sent.map(|frame| frame.standard_id());
-            assert_eq!(sent, Some(Some(0x690)), "no controller runs");
+            let no_controller = refusal(0x10, index, false, &[(0x710, &[5])]);
+            assert_eq!(no_controller, None);
         }
     }
 
     #[test]
     fn other_objects_are_written_beside_a_controller() {
         for index in [0x1017, 0x13FF, 0x1C00, 0x6060, 0x6071] {
-            let (sent, _) = written(0x10, index, false, &[SYNC]);
-            assert_eq!(sent.unwrap().standard_id(), Some(0x690), "0x{index:04X}");
+            assert_eq!(refusal(0x10, index, false, &[SYNC]), None, "0x{index:04X}");
         }
     }
 
     #[test]
     fn force_does_not_take_the_controllers_sdo_channel() {
         for is_forced in [false, true] {
-            let (sent, text) = written(0x11, 0x1400, is_forced, &[SYNC]);
-            assert_eq!(sent, None);
+            let text = refusal(0x11, 0x1400, is_forced, &[SYNC]).unwrap();
             assert!(text.contains("default SDO channel") && !text.contains("--force"));
         }
         // No manager leads the controller, so its channel is free; its PDOs are still guarded.
-        let (sent, text) = written(0x01, 0x1800, false, &[SYNC]);
-        assert_eq!(sent, None);
+        let text = refusal(0x01, 0x1800, false, &[SYNC]).unwrap();
         assert!(text.contains("--force"), "{text}");
     }
 }
