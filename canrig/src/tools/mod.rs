@@ -144,7 +144,7 @@ pub(crate) enum ToolError {
     /// The tool would disturb a running controller.
     #[error("{0}")]
     Refused(String),
-    /// Ctrl-C, or the end of what asked for it.
+    /// Ctrl-C or SIGTERM came before the end.
     #[error("interrupted")]
     Interrupted,
 }

@@ -167,7 +167,7 @@ impl RollCall {
         let Some(sheet) = found else {
             return "none".to_owned();
         };
-        let expected = sheet.dictionary.unsigned(0x1018, 3);
+        let expected = sheet.dictionary.unsigned(IDENTITY, 3);
         match identity.identity[2] {
             revision if revision == expected => sheet.name.clone(),
             Some(revision) => format!("{}, but revision 0x{revision:08X}", sheet.name),

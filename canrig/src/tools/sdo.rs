@@ -51,17 +51,6 @@ pub(crate) enum Request {
     },
 }
 
-impl Request {
-    /// Returns whether a write must not happen while a controller runs.
-    fn needs_silence(&self, index: u16) -> bool {
-        let is_guarded = index == CONTROLWORD || PDO_TABLES.contains(&index);
-        match self {
-            Self::Write { is_forced, .. } => is_guarded && !is_forced,
-            Self::Read => false,
-        }
-    }
-}
-
 /// Object of a node that a guest reads or writes.
 #[derive(Debug)]
 struct Target {
@@ -77,8 +66,14 @@ impl Target {
         second_channel(self.node_id, &self.sheets)
     }
 
+    /// Returns whether a write must not happen while a controller runs.
     fn needs_silence(&self) -> bool {
-        self.request.needs_silence(self.place.0)
+        let (index, _) = self.place;
+        let is_guarded = index == CONTROLWORD || PDO_TABLES.contains(&index);
+        match self.request {
+            Request::Write { is_forced, .. } => is_guarded && !is_forced,
+            Request::Read => false,
+        }
     }
 
     /// Returns why the default channel is not free.
