@@ -4,9 +4,6 @@ use std::cmp::Ordering;
 
 use serde::{Deserialize, Serialize};
 
-/// Number of a bit that no payload has.
-const BEYOND_PAYLOAD: u8 = 64;
-
 /// Order of the bytes (DBC `@1` and `@0`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ByteOrder {
@@ -107,12 +104,6 @@ impl Coding {
     #[must_use]
     pub fn starting_at(self, start_bit: u8) -> Self {
         Self { start_bit, ..self }
-    }
-
-    /// Moves the signal to a place that no payload has.
-    #[must_use]
-    pub fn absent(self) -> Self {
-        self.starting_at(BEYOND_PAYLOAD)
     }
 
     /// Checks that the signal fits a payload of this many bytes, and that its numbers make sense.

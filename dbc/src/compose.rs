@@ -100,10 +100,10 @@ pub struct ExternalFrames<'a> {
     pub identifiers: [u16; 2],
     /// Lengths of feedback and command; `None` for the lengths of the emulated drive.
     pub lengths_bytes: [Option<u8>; 2],
-    /// Returns the coding of a signal of the feedback.
-    pub feedback: &'a dyn Fn(&Signal) -> Coding,
+    /// Returns the coding of a signal of the feedback; `None` if the drive does not send it.
+    pub feedback: &'a dyn Fn(&Signal) -> Option<Coding>,
     /// Returns the coding of a signal of the command.
-    pub command: &'a dyn Fn(&Signal) -> Coding,
+    pub command: &'a dyn Fn(&Signal) -> Option<Coding>,
     /// Time between two heartbeats.
     pub heartbeat_milliseconds: u64,
 }
@@ -252,9 +252,11 @@ impl Composer {
             };
             message.raw_id = layout.identifiers[place].into();
             message.length_bytes = layout.lengths_bytes[place].unwrap_or(message.length_bytes);
-            for signal in &mut message.signals {
-                signal.coding = coding(signal);
-            }
+            message.signals.retain_mut(|signal| {
+                let coding = coding(signal);
+                signal.coding = coding.unwrap_or(signal.coding);
+                coding.is_some()
+            });
         }
     }
 

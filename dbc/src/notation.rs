@@ -6,12 +6,6 @@ pub(crate) const LONG_NAME: &str = "SystemSignalLongSymbol";
 pub(crate) const OBJECT: &str = "CanopenObject";
 /// Attribute with the cycle time of a message.
 pub(crate) const CYCLE_TIME: &str = "GenMsgCycleTime";
-/// Attribute of a message that exists in the file only: the message of its signal, in which the grammar has no room for it.
-pub(crate) const MESSAGE_OF_SIGNAL: &str = "MessageOfSignal";
-/// Attribute of such a signal: its place among the signals of its own message, from 0.
-pub(crate) const PLACE_IN_MESSAGE: &str = "PlaceInMessage";
-/// Attribute of such a signal: its start bit in its own message.
-pub(crate) const START_BIT_IN_MESSAGE: &str = "StartBitInMessage";
 
 /// A quotation mark within a text, in the form of other readers of DBC files.
 const QUOTE: &str = "\\\"";

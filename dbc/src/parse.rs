@@ -7,10 +7,7 @@ use can_dbc::{
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal, refuse_duplicates};
 use crate::error::DbcError;
-use crate::notation::{
-    CYCLE_TIME, LONG_NAME, MESSAGE_OF_SIGNAL, OBJECT, PLACE_IN_MESSAGE, START_BIT_IN_MESSAGE,
-    unescaped,
-};
+use crate::notation::{CYCLE_TIME, LONG_NAME, OBJECT, unescaped};
 
 /// Pseudo-message in which Vector's tools keep signals that belong to no message.
 const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
@@ -34,18 +31,9 @@ impl Database {
         let dbc = Dbc::try_from(text)
             .map_err(|error| DbcError::Syntax(with_short_lines(&error.to_string())))?;
         let is_used = |message: &&can_dbc::Message| message.name != UNUSED_SIGNALS;
-        let (mut messages, mut unplaced) = (Vec::new(), Vec::new());
-        for message in dbc.messages.iter().filter(is_used) {
-            let read = read_message(&dbc, message)?;
-            match owning_message(&dbc, message) {
-                Some(name) => unplaced.extend(read_unplaced(&dbc, message, read, &name)?),
-                None => messages.push(read),
-            }
-        }
-        for signal in unplaced {
-            signal.put_into(&mut messages)?;
-        }
-        let database = Self::from_messages(messages);
+        let messages = dbc.messages.iter().filter(is_used);
+        let messages = messages.map(|message| read_message(&dbc, message));
+        let database = Self::from_messages(messages.collect::<Result<_, _>>()?);
         refuse_duplicates(database.messages())?;
         Ok(database)
     }
@@ -95,83 +83,6 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
         comment: unescaped(dbc.message_comment(message.id).unwrap_or_default()),
         signals,
     })
-}
-
-/// Returns the message that the signals of this message belong to, if it is another one.
-fn owning_message(dbc: &Dbc, message: &can_dbc::Message) -> Option<String> {
-    match dbc.message_attribute(message.id, MESSAGE_OF_SIGNAL) {
-        Some(AttributeValue::String(name)) if !name.is_empty() => Some(unescaped(name)),
-        _ => None,
-    }
-}
-
-/// A signal for which its message has no bits, or only bits that it shares.
-struct Unplaced {
-    message: String,
-    place: usize,
-    signal: Signal,
-}
-
-/// Reads the signals of a message that exists in the file only.
-fn read_unplaced(
-    dbc: &Dbc,
-    message: &can_dbc::Message,
-    read: Message,
-    belongs_to: &str,
-) -> Result<Vec<Unplaced>, DbcError> {
-    let signals = message.signals.iter().zip(read.signals);
-    let unplaced = signals.map(|(in_file, mut signal)| {
-        let number = |name| match dbc.signal_attribute(message.id, &in_file.name, name) {
-            Some(AttributeValue::Uint(number)) => Some(*number),
-            _ => None,
-        };
-        let refuse = |reason| DbcError::Signal {
-            message: belongs_to.to_owned(),
-            signal: signal.name.clone(),
-            reason,
-        };
-        let start_bit = number(START_BIT_IN_MESSAGE)
-            .and_then(|bit| u8::try_from(bit).ok())
-            .ok_or_else(|| refuse("has no start bit from 0 to 255"))?;
-        let place = number(PLACE_IN_MESSAGE)
-            .and_then(|place| usize::try_from(place).ok())
-            .ok_or_else(|| refuse("has no place among the message's signals"))?;
-        signal.coding = signal.coding.starting_at(start_bit);
-        Ok(Unplaced {
-            message: belongs_to.to_owned(),
-            place,
-            signal,
-        })
-    });
-    unplaced.collect()
-}
-
-impl Unplaced {
-    fn put_into(self, messages: &mut [Message]) -> Result<(), DbcError> {
-        let Self {
-            message,
-            place,
-            signal,
-        } = self;
-        let found = messages.iter_mut().find(|found| found.name == message);
-        let signals = found.map(|found| &mut found.signals);
-        let is_double = |signals: &[Signal]| signals.iter().any(|other| other.name == signal.name);
-        match signals {
-            Some(signals) if is_double(signals) => Err(DbcError::DuplicateSignal {
-                message,
-                signal: signal.name,
-            }),
-            Some(signals) if place <= signals.len() => {
-                signals.insert(place, signal);
-                Ok(())
-            }
-            _ => Err(DbcError::Signal {
-                message,
-                signal: signal.name,
-                reason: "there is no such message, or no such place among its signals",
-            }),
-        }
-    }
 }
 
 /// Refuses two signals of one name or with common bits.
@@ -353,15 +264,6 @@ mod tests {
             (
                 "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ s : 8|8@1+ (1,0) [0|0] \"\" b",
                 "message m has two signals s",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n\nBA_ \"MessageOfSignal\" BO_ 1 \"n\";",
-                "signal n.s: has no start bit",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n\nBA_ \"MessageOfSignal\" BO_ 1 \"n\";\n\
-                BA_ \"StartBitInMessage\" SG_ 1 s 64;\nBA_ \"PlaceInMessage\" SG_ 1 s 0;",
-                "signal n.s: there is no such message",
             ),
             ("nonsense", "DBC syntax"),
         ];

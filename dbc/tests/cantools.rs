@@ -96,16 +96,15 @@ fn long_terms() -> Vec<LawTerm> {
 /// Returns a drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
 fn real_drive() -> Database {
     let feedback = |signal: &Signal| match &signal.name[..] {
-        "position_millimetres" => Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0),
-        // A signal with labels and one without.
-        "current_amperes" | "statusword_warning" => signal.coding.absent(),
-        _ => signal.coding.starting_at(signal.coding.start_bit + 32),
+        "position_millimetres" => Some(Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0)),
+        "current_amperes" => None,
+        _ => Some(signal.coding.starting_at(signal.coding.start_bit + 32)),
     };
     let external = ExternalFrames {
         identifiers: [0x290, 0x320],
         lengths_bytes: [Some(6), None],
         feedback: &feedback,
-        command: &|signal| signal.coding,
+        command: &|signal| Some(signal.coding),
         heartbeat_milliseconds: 20,
     };
     Composer::new("controller", 1)

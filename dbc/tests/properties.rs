@@ -88,37 +88,32 @@ fn law_terms() -> impl Strategy<Value = Vec<LawTerm>> {
     })
 }
 
-/// Returns a layout that a drive may have, or an absent one.
-fn any_coding() -> impl Strategy<Value = Coding> {
+/// Returns the coding of an integer of a drive, in the bits from `start_bit` on.
+fn any_coding(start_bit: u8, bits_max: u8) -> impl Strategy<Value = Coding> {
     let kind = select(vec![Kind::Unsigned, Kind::Signed]);
     let units = prop_oneof![-1e9..-1e-6_f64, 1e-6..1e9_f64];
-    let parts = (
-        any::<u8>(),
-        1..=64_u8,
-        kind,
-        units,
-        -3e9..5e9_f64,
-        any::<bool>(),
-    );
-    parts.prop_map(
-        |(start_bit, length_bits, kind, units, raw_offset, is_absent)| {
-            let coding = Coding::integer(start_bit, length_bits, kind, units, raw_offset);
-            if is_absent { coding.absent() } else { coding }
-        },
-    )
+    let parts = (1..=bits_max, kind, units, -3e9..5e9_f64);
+    parts.prop_map(move |(length_bits, kind, units, raw_offset)| {
+        Coding::integer(start_bit, length_bits, kind, units, raw_offset)
+    })
 }
 
 /// Returns a rig with one drive, emulated or with another layout.
 fn rig(
     plant: Option<&[PlantSignal]>,
     terms: &[LawTerm],
-    (identifiers, lengths_bytes): ([u16; 2], [Option<u8>; 2]),
-    codings: &[Coding],
+    identifiers: [u16; 2],
+    (position, current, target): (Coding, Option<Coding>, Coding),
 ) -> Database {
-    let coding = |signal: &Signal| codings[signal.name.len() % codings.len()];
+    let coding = |signal: &Signal| match signal.name.as_str() {
+        "position_millimetres" => Some(position),
+        "current_amperes" => current,
+        "target_current_amperes" => Some(target),
+        _ => Some(signal.coding),
+    };
     let external = ExternalFrames {
         identifiers,
-        lengths_bytes,
+        lengths_bytes: [Some(8), Some(6)],
         feedback: &coding,
         command: &coding,
         heartbeat_milliseconds: identifiers[0].into(),
@@ -137,10 +132,9 @@ proptest! {
         plant in prop::option::of(plant_signals()),
         terms in law_terms(),
         identifiers in [0..=0x7FF_u16, 0..=0x7FF_u16],
-        lengths in [prop::option::of(0..=8_u8), prop::option::of(0..=8_u8)],
-        codings in prop::collection::vec(any_coding(), 1..12),
+        codings in (any_coding(16, 32), prop::option::of(any_coding(48, 16)), any_coding(16, 32)),
     ) {
-        let database = rig(plant.as_deref(), &terms, (identifiers, lengths), &codings);
+        let database = rig(plant.as_deref(), &terms, identifiers, codings);
         // Two messages with the same identifier are refused before they are written.
         prop_assume!(database.refuse_duplicates().is_ok());
         let text = database.to_dbc();

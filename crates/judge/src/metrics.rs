@@ -144,7 +144,12 @@ fn position_max(evidence: &Evidence<'_>) -> Measurement {
 
 fn current_rms(evidence: &Evidence<'_>) -> Measurement {
     let whole = evidence.whole();
-    let rows = || evidence.values(evidence.timeline.current(), whole);
+    let current = evidence.timeline.current();
+    let rows = || {
+        current
+            .into_iter()
+            .flat_map(|values| evidence.values(values, whole))
+    };
     if rows().next().is_none() && !evidence.has_all() {
         return Absence::left_out().into();
     }

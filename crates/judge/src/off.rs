@@ -34,7 +34,9 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     let sampled = sampled.and_then(|values| latest(evidence, values));
     let reports = &timeline.drive_reports;
     let (state_at, word) = later(sampled, reports.statuswords.last())?;
-    let sampled = latest(evidence, timeline.current());
+    let sampled = timeline
+        .current()
+        .and_then(|values| latest(evidence, values));
     let current = later(sampled, reports.currents_amperes.last());
     let (current_at, flowing) = current.unwrap_or((state_at, 0.0));
     let is_enabled = state(word) == Some(State::OperationEnabled);
@@ -43,7 +45,9 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     let feedback = control_loop
         .message(&control_loop.nodes.drive, names::TPDO1)
         .ok()?;
-    let step = feedback.signal(&measurand.name(CURRENT))?.coding.factor;
+    let step = feedback
+        .signal(&measurand.name(CURRENT))
+        .map_or(0.0, |signal| signal.coding.factor);
     let flows = flowing.abs() > CURRENT_STEPS_MAX * step.abs();
     let on_at = match (is_enabled, flows) {
         (false, false) => return Some(Metric::new(DRIVE_OFF, Ok(1.0), OFF).at(Some(state_at))),

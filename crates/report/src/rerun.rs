@@ -31,6 +31,7 @@ use super::Run;
 use crate::run::RunLoop;
 
 use plan::Plan;
+use platform::series::Series;
 use recording::run_folder::replace;
 
 use blueprint::{Page, Play};
@@ -166,8 +167,8 @@ fn recording_id(run: &Run<'_>) -> String {
             event.text.hash(&mut hasher);
         }
         let times = timeline.events.iter().map(|event| event.time_seconds);
-        let values = timeline.position().iter().chain(timeline.current());
-        for value in times.chain(values) {
+        let current = timeline.current().into_iter().flat_map(Series::iter);
+        for value in times.chain(timeline.position().iter()).chain(current) {
             hasher.write_u64(value.to_bits());
         }
     }

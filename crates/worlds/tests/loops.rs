@@ -46,7 +46,10 @@ fn two_axes_with(added: &str) -> Plan {
 
 /// Returns the currents after a time.
 fn currents_after(timeline: &Timeline, seconds: f64) -> Vec<f64> {
-    let samples = timeline.time_seconds.iter().zip(timeline.current());
+    let samples = timeline
+        .time_seconds
+        .iter()
+        .zip(timeline.current().unwrap());
     let after = samples.filter(|(time, current)| *time > seconds && !current.is_nan());
     after.map(|(_, current)| current).collect()
 }
@@ -65,7 +68,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let (frames, _) = capture.finish().unwrap();
         let timelines = decode(&frames, &plan).unwrap();
         for (timeline, name) in timelines.iter().zip(["x", "y"]) {
-            let before = timeline.current().get(2500).unwrap();
+            let before = timeline.current().unwrap().get(2500).unwrap();
             assert!(
                 before.abs() > 0.01,
                 "{name}: {before} A before the crash of {node}"
@@ -264,7 +267,10 @@ fn two_drives_turn_one_joint_under_one_law() {
     let at = |timeline: &Timeline, seconds: f64| {
         let row = timeline.time_seconds.partition_point(|time| time < seconds);
         let value = |values: &Series<f64>| values.get(row).unwrap();
-        (value(timeline.position()), value(timeline.current()))
+        (
+            value(timeline.position()),
+            value(timeline.current().unwrap()),
+        )
     };
     let (there, back) = (at(angle, 4.9), at(angle, 7.9));
     assert!(

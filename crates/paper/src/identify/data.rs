@@ -361,9 +361,10 @@ fn shipped() -> Arc<Database> {
 /// Returns the current up to each row, in amperes.
 fn flowed(timeline: &Timeline) -> Series<f64> {
     let reported = timeline.current();
-    if reported.iter().all(|value| value.is_nan()) {
+    let reported = reported.filter(|values| values.iter().any(|value| !value.is_nan()));
+    let Some(reported) = reported else {
         return commanded(timeline);
-    }
+    };
     // The current that the drive reports at a SYNC flowed until then.
     let mut flowed = reported.to_vec();
     let mut next = 0.0;

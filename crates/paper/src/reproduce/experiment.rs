@@ -300,7 +300,7 @@ impl Signals {
             time_seconds: part(times),
             set_point_millimetres: part(&timeline.set_point),
             position_millimetres: part(timeline.position()),
-            current_amperes: part(timeline.current()),
+            current_amperes: timeline.current().map(part).unwrap_or_default(),
             temperature_celsius: column("wire_temperature_celsius"),
             martensite_fraction: column("martensite_fraction"),
         }

@@ -107,7 +107,8 @@ pub struct Timeline {
     /// Indices of columns that every recording has.
     pub(super) position: usize,
     pub(super) measured_position: usize,
-    pub(super) current: usize,
+    /// Index of the measured current, if the drive sends it.
+    pub(super) current: Option<usize>,
 }
 
 impl Timeline {
@@ -132,9 +133,9 @@ impl Timeline {
         &self.columns[self.measured_position].values
     }
 
-    /// Returns the measured current in amperes.
-    pub fn current(&self) -> &Series<f64> {
-        &self.columns[self.current].values
+    /// Returns the measured current in amperes, or another quantity of the amplifier; `None` if the drive does not send it.
+    pub fn current(&self) -> Option<&Series<f64>> {
+        self.current.map(|place| &self.columns[place].values)
     }
 
     /// Returns scenario time at the end of the last cycle.

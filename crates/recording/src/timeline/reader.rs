@@ -341,7 +341,7 @@ impl TimelineReader {
             cycles_due: self.cycles_due,
             position: place(&columns, &measurand.name(names::POSITION))?,
             measured_position: place(&columns, &measured_position)?,
-            current: place(&columns, &sensor.name(names::CURRENT))?,
+            current: place(&columns, &sensor.name(names::CURRENT)).ok(),
             columns,
             has_fan: self.fan.has_fan(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),

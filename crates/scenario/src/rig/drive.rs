@@ -82,6 +82,19 @@ impl Pdo {
 
     /// Returns the PDO with these objects: with the mapping of the EDS if it has them all, else with these objects alone.
     fn with(mut self, objects: &[Object]) -> Result<Self, DriveError> {
+        for (place, object) in objects.iter().enumerate() {
+            if objects[..place]
+                .iter()
+                .any(|other| other.entry == object.entry)
+            {
+                return Err(DriveError(format!(
+                    "the rig file gives object 0x{:04X}:{:02X} two meanings in PDO mapping 0x{:04X}",
+                    object.entry >> 16,
+                    object.entry >> 8 & 0xFF,
+                    self.mapping
+                )));
+            }
+        }
         let is_mapped = |object: &Object| self.place(object).is_some();
         if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
             self.entries = objects.iter().map(|object| object.entry).collect();
@@ -442,6 +455,12 @@ mod tests {
         let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
         assert!(
             error.to_string().contains("0x1008:00 is no integer"),
+            "{error}"
+        );
+        rig.position.object = "0x6078".to_owned();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
+        assert!(
+            error.to_string().contains("object 0x6078:00 two meanings"),
             "{error}"
         );
     }
