@@ -1,5 +1,4 @@
-//! Reads `sma_actuator.dbc` for [`Database::shipped`] and the EDS files for `dictionary`, by the code that reads such
-//! files at run time.
+//! Reads `sma_actuator.dbc` for [`Database::shipped`], by the code that reads such files at run time.
 #![allow(
     dead_code,
     unfulfilled_lint_expectations,
@@ -10,14 +9,10 @@
 use std::path::Path;
 use std::{env, fs};
 
-use canopen::eds;
 use database::Database;
-use serde::Serialize;
 
 #[path = "src/coding.rs"]
 mod coding;
-#[path = "src/data_sheets.rs"]
-mod data_sheets;
 #[path = "src/database.rs"]
 mod database;
 #[path = "src/error.rs"]
@@ -34,16 +29,8 @@ fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     let database =
         Database::parse(SMA_ACTUATOR).unwrap_or_else(|error| panic!("sma_actuator.dbc: {error}"));
-    write("sma_actuator", &database);
-    for (name, node_id, text) in data_sheets::SHIPPED {
-        let sheet = eds::parse(text, node_id).unwrap_or_else(|error| panic!("{name}.eds: {error}"));
-        write(name, &sheet.dictionary);
-    }
-}
-
-fn write(name: &str, read: &impl Serialize) {
-    let bytes = postcard::to_extend(read, Vec::new()).expect("plain data");
+    let bytes = postcard::to_extend(&database, Vec::new()).expect("plain data");
     let folder = env::var_os("OUT_DIR").expect("cargo gives one");
-    let path = Path::new(&folder).join(name).with_extension("postcard");
+    let path = Path::new(&folder).join("sma_actuator.postcard");
     fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }

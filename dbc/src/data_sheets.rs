@@ -251,13 +251,6 @@ fn entries(output: &AnalogueOutput) -> String {
     entries.collect()
 }
 
-/// Names of the shipped data sheets, the node-IDs that they are for, and their texts.
-pub(crate) const SHIPPED: [(&str, u8, &str); 3] = [
-    ("controller", 0x01, CONTROLLER_EDS),
-    ("drive", 0x10, DRIVE_EDS),
-    ("disturbance", 0x11, DISTURBANCE_EDS),
-];
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -51,43 +51,21 @@ pub use law::{LAW_TERMS_OBJECT, LawTerm, TermObject, layout};
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");
-/// Dictionaries of the [`data_sheets::SHIPPED`] as the build script wrote them, in their order.
-const READ: [&[u8]; 3] = [
-    include_bytes!(concat!(env!("OUT_DIR"), "/controller.postcard")),
-    include_bytes!(concat!(env!("OUT_DIR"), "/drive.postcard")),
-    include_bytes!(concat!(env!("OUT_DIR"), "/disturbance.postcard")),
-];
+/// Dictionaries of the shipped data sheets, each read once for a node-ID.
+static SHIPPED: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTreeMap::new());
 
-/// Returns the objects of a data sheet for a node, as [`eds::parse`] reads them; the build script has read those of the rig.
+/// Returns the objects of a data sheet for a node, as [`eds::parse`] reads them.
 ///
 /// # Errors
 /// As [`eds::parse`].
-///
-/// # Panics
-/// Never: a test checks the texts that are compiled in.
 pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
-    let is_it = |shipped: &(&str, u8, &str)| (shipped.1, shipped.2) == (node_id, text);
-    Ok(match data_sheets::SHIPPED.iter().position(is_it) {
-        Some(place) => {
-            postcard::from_bytes(READ[place]).expect("written by the build script from this type")
-        }
-        None => parsed(text, node_id)?,
-    })
-}
-
-/// Dictionaries of the shipped texts for other nodes than theirs, each read once.
-static RENUMBERED: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTreeMap::new());
-
-fn parsed(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
     let parse = || Ok(eds::parse(text, node_id)?.dictionary);
-    let Some(place) = data_sheets::SHIPPED
-        .iter()
-        .position(|shipped| shipped.2 == text)
-    else {
+    let sheets = [CONTROLLER_EDS, DRIVE_EDS, DISTURBANCE_EDS];
+    let Some(place) = sheets.iter().position(|sheet| *sheet == text) else {
         return parse();
     };
-    let mut parsed = RENUMBERED.lock().unwrap_or_else(PoisonError::into_inner);
-    match parsed.entry((place, node_id)) {
+    let mut shipped = SHIPPED.lock().unwrap_or_else(PoisonError::into_inner);
+    match shipped.entry((place, node_id)) {
         Entry::Occupied(known) => Ok(known.get().clone()),
         Entry::Vacant(unknown) => Ok(unknown.insert(parse()?).clone()),
     }
@@ -119,10 +97,6 @@ mod tests {
             Database::parse(SMA_ACTUATOR).as_ref(),
             Ok(Database::shipped())
         );
-        for (_, node_id, text) in data_sheets::SHIPPED {
-            let said = eds::parse(text, node_id).unwrap().dictionary;
-            assert_eq!(dictionary(text, node_id), Ok(said));
-        }
     }
 
     #[test]

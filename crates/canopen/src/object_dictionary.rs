@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
-
 /// Reason for which an access was refused: an SDO abort code (CiA 301, table 22).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct AbortCode(pub u32);
@@ -72,7 +70,7 @@ impl fmt::Debug for AbortCode {
 impl std::error::Error for AbortCode {}
 
 /// The data types that the dictionary holds, by their CiA 301 numbers (table 44).
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names are the standard's")]
 pub enum DataType {
     Boolean,
@@ -202,7 +200,7 @@ impl DataType {
 }
 
 /// Access rights to an object (CiA 306).
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// `ro`
     ReadOnly,
@@ -263,7 +261,7 @@ impl Preset {
 }
 
 /// Sub-object.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// Index of the object.
     pub index: u16,
@@ -402,7 +400,7 @@ fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
 }
 
 /// All objects of a node, sorted by index and sub-index.
-#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ObjectDictionary {
     entries: Vec<Entry>,
 }
