@@ -11,7 +11,8 @@ use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
+#[schemars(deny_unknown_fields)]
 pub struct Controller {
     /// Sliding mode with an observer on a nominal model.
     pub sliding_mode: Option<SlidingMode>,
@@ -30,7 +31,7 @@ pub struct Controller {
     /// An FMU of FMI 2.0 or 3.0 for co-simulation.
     pub fmu: Option<FmuLaw>,
     /// The table of a law from outside, under its own name.
-    #[serde(flatten, skip_deserializing)]
+    #[serde(flatten, deserialize_with = "custom::read")]
     #[schemars(skip)]
     pub custom: Option<Custom>,
 }
@@ -91,10 +92,6 @@ impl Controller {
     /// Multiplies parameters of the law by factors; each has its path, such as `controller.pid.proportional_{gain}`.
     pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
         if factors.is_empty() {
-            return;
-        }
-        if let Some(custom) = &mut self.custom {
-            scale(custom.tables_mut(), factors);
             return;
         }
         let Ok(mut tables) = toml::Table::try_from(&*self) else {

@@ -7,8 +7,8 @@ use std::sync::OnceLock;
 
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
@@ -146,11 +146,17 @@ pub fn is_name(text: &str) -> bool {
 }
 
 /// Returns the tables of a section that come from outside.
-pub(crate) fn tables(section: Section) -> &'static [CustomTable] {
+fn tables(section: Section) -> &'static [CustomTable] {
     section.tables().get().map_or(&[], Vec::as_slice)
 }
 
-fn find(section: Section, name: &str) -> Option<&'static CustomTable> {
+/// Returns the names of the tables of a section that come from outside.
+pub(crate) fn names(section: Section) -> impl Iterator<Item = &'static str> {
+    tables(section).iter().map(|table| table.name)
+}
+
+/// Returns a table from outside.
+pub(crate) fn find(section: Section, name: &str) -> Option<&'static CustomTable> {
     tables(section).iter().find(|table| table.name == name)
 }
 
@@ -190,12 +196,24 @@ pub(crate) fn describe_section(section: Section, properties: Option<&mut Value>)
     }
 }
 
+/// Definitions of the schema that have the tables of a section.
+pub(crate) const DEFINITIONS: [(Section, &str); 2] = [
+    (Section::Plant, "PlantModel"),
+    (Section::Controller, "Controller"),
+];
+
 /// Adds the tables from outside to a schema.
 pub(crate) fn describe(schema: &mut Value) {
-    let plants = schema.pointer_mut("/definitions/PlantModel/properties");
-    describe_section(Section::Plant, plants);
-    let laws = schema.pointer_mut("/definitions/Controller/properties");
-    describe_section(Section::Controller, laws);
+    for (section, definition) in DEFINITIONS {
+        let properties = schema.pointer_mut(&format!("/definitions/{definition}/properties"));
+        describe_section(section, properties);
+    }
+}
+
+/// Reads a table under a name that the format does not have.
+pub(crate) fn read<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Custom>, D::Error> {
+    let tables = toml::Table::deserialize(deserializer)?;
+    Ok((!tables.is_empty()).then(|| Custom(tables)))
 }
 
 /// Table of a plant or a law from outside, as a scenario has it. Its parameters are checked, except in a recorded scenario.
@@ -204,22 +222,9 @@ pub(crate) fn describe(schema: &mut Value) {
 pub struct Custom(toml::Table);
 
 impl Custom {
-    /// Makes the table of a plant or a law of this name.
-    pub(crate) fn new(name: &str, parameters: toml::Table) -> Self {
-        Self(toml::Table::from_iter([(
-            name.to_owned(),
-            parameters.into(),
-        )]))
-    }
-
     /// Returns the name of the plant or the law.
     pub fn name(&self) -> &str {
         self.0.keys().next().map_or("", String::as_str)
-    }
-
-    /// Returns the table, under its name.
-    pub(crate) fn tables_mut(&mut self) -> &mut toml::Table {
-        &mut self.0
     }
 
     /// Returns the parameters.

@@ -7,7 +7,6 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{Problem, Source};
-use crate::outside::Outside;
 use crate::port::Measurand;
 
 /// Largest number of syntax errors that are shown; more follow from the first one, or the file is no TOML.
@@ -119,11 +118,9 @@ impl<'text> Document<'text> {
         self.root.get_ref()
     }
 
-    /// Builds a type from the document without the faults, and without the tables of plants and laws from outside, which have
-    /// readers of their own.
-    pub(crate) fn deserialize<T: DeserializeOwned>(&self, outside: &Outside) -> Result<T, Problem> {
+    /// Builds a type from the document without the faults, which have a reader of their own.
+    pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, Problem> {
         let mut root = self.root.clone();
-        outside.remove_from(root.get_mut());
         root.get_mut().remove("fault");
         let deserializer = toml::Deserializer::from(root);
         T::deserialize(deserializer).map_err(|error| {

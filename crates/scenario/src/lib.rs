@@ -34,7 +34,6 @@ pub mod metrics;
 mod nearest;
 pub mod node;
 mod null;
-mod outside;
 pub mod overrides;
 pub mod plant;
 pub mod port;

@@ -16,28 +16,26 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use toml::de::ValueDeserializer;
 
 pub(crate) use kind::is_scenario;
 pub(crate) use patterns::{Factors, Naming};
 
 use crate::beside::Beside;
-use crate::custom::{Custom, Section};
+use crate::custom::{self, Custom, Section};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
-use crate::outside::Outside;
 use crate::port::Measurand;
 use crate::scenario::Scenario;
-use crate::structure;
 use crate::trial::Trial;
+use crate::{schema, structure};
 
 /// Longest scenario file.
 pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
@@ -107,6 +105,16 @@ pub(crate) enum Reading {
     Recorded,
 }
 
+impl Reading {
+    /// Returns the schema for this purpose.
+    fn schema(self, schema: &'static Value) -> Cow<'static, Value> {
+        match self {
+            Self::Recorded => Cow::Owned(schema::recorded(schema)),
+            Self::ToPlay | Self::Case => Cow::Borrowed(schema),
+        }
+    }
+}
+
 /// Finds further problems of a loop.
 type FindObjections<'a> = &'a dyn Fn(&Trial) -> Vec<Objection>;
 
@@ -162,40 +170,41 @@ pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Prob
 /// the whole in messages, and `schema` is the schema of the type.
 pub(crate) fn build<T: DeserializeOwned>(
     document: &Document<'_>,
-    outside: &Outside,
     what: &str,
     schema: &Value,
 ) -> Result<(T, Vec<Problem>), Vec<Problem>> {
     let problems = structure::check(document, what, schema);
-    match document.deserialize(outside) {
+    match document.deserialize() {
         Ok(value) => Ok((value, problems)),
         Err(problem) if problems.is_empty() => Err(vec![problem]),
         Err(_) => Err(problems),
     }
 }
 
-/// Returns the table from outside at a path of a document, if there is one. A problem that its Rust type finds is added if there
-/// is no other: the schema may have found the same.
-fn custom_table(
+/// Checks the table from outside at a path of a document, which is none if nobody registered it. A problem that its Rust type
+/// finds is added if there is no other: the schema may have found the same.
+fn check_custom(
     document: &Document<'_>,
-    outside: &Outside,
     section: Section,
     path: &str,
+    table: &mut Option<Custom>,
     problems: &mut Vec<Problem>,
-) -> Option<Custom> {
-    let keys = document.keys(path);
-    let mut names = outside.names(section);
-    let name = names.find(|name| keys.contains(name))?;
-    let value = document.spanned(&format!("{path}.{name}"))?;
-    if let Err(error) = outside.check(section, name, value.clone())
+) {
+    let Some(name) = table.as_ref().map(Custom::name) else {
+        return;
+    };
+    let registered = custom::find(section, name);
+    let value = document.spanned(&format!("{path}.{name}"));
+    let (Some(registered), Some(value)) = (registered, value) else {
+        *table = None;
+        return;
+    };
+    if let Err(error) = (registered.check)(value.clone())
         && problems.is_empty()
     {
         let span = error.span().unwrap_or_else(|| value.span());
         problems.push((document.source).problem(span, "invalid value", error.message()));
     }
-    let table =
-        toml::Table::deserialize(ValueDeserializer::from(value.clone())).unwrap_or_default();
-    Some(Custom::new(name, table))
 }
 
 /// Returns the only one of some things; `None` if there are none or several.

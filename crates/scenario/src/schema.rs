@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use crate::contour::Contours;
 use crate::custom;
@@ -16,11 +16,11 @@ use crate::null::TakeNullAway;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::sweep::Swept;
-use crate::trial::Sections;
+use crate::trial::Trial;
 use crate::wiring::Wiring;
 
 /// Schema of the trial of a loop. Making a schema takes most of the time of loading, so each is made once.
-pub(crate) static SECTIONS: LazyLock<Value> = LazyLock::new(schema_of::<Sections>);
+pub(crate) static TRIAL: LazyLock<Value> = LazyLock::new(schema_of::<Trial>);
 /// Schema of the keys of a scenario that are not tables.
 pub(crate) static RUN: LazyLock<Value> = LazyLock::new(schema_of::<Run>);
 /// Schema of rig files.
@@ -51,6 +51,21 @@ pub(crate) fn with_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a
     Cow::Owned(schema)
 }
 
+/// Returns the schema for a recording, which may have any plant and any law: it holds their effects, and they need not be known
+/// here.
+pub(crate) fn recorded(schema: &Value) -> Value {
+    let mut schema = schema.clone();
+    for (section, definition) in custom::DEFINITIONS {
+        let table = &mut schema["definitions"][definition];
+        // A schema without keywords admits everything.
+        table["additionalProperties"] = json!({});
+        for name in custom::names(section) {
+            table["properties"][name] = json!({});
+        }
+    }
+    schema
+}
+
 /// Returns the definitions of a table's arrays.
 pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
     let arrays = schema["definitions"][table]["properties"].as_object();
@@ -63,8 +78,8 @@ pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
 
 /// Checks whether a table of a loop has a key.
 pub(crate) fn is_key(table: &str, key: &str) -> bool {
-    let property = &SECTIONS["properties"][table];
-    let schema = resolve(&SECTIONS, property);
+    let property = &TRIAL["properties"][table];
+    let schema = resolve(&TRIAL, property);
     schema["properties"].get(key).is_some()
 }
 

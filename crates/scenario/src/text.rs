@@ -11,7 +11,6 @@ use crate::controller::NominalModel;
 use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::load::{build, without_problems};
-use crate::outside::Outside;
 use crate::plant::Sma;
 use crate::schema::schema_of;
 
@@ -38,12 +37,8 @@ impl NominalModel {
     /// All problems of the text.
     pub(crate) fn from_file_text(name: &str, text: &str) -> Result<Self, Vec<Problem>> {
         let document = Document::parse(Source::new(name, text), text)?;
-        let (file, problems) = build::<NominalModelFile>(
-            &document,
-            &Outside::registered(),
-            "the file",
-            &NOMINAL_MODEL_FILE,
-        )?;
+        let (file, problems) =
+            build::<NominalModelFile>(&document, "the file", &NOMINAL_MODEL_FILE)?;
         without_problems(problems, file.nominal_model)
     }
 

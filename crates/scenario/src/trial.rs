@@ -24,47 +24,40 @@ const SECOND_SDO: u16 = 0x1201;
 /// Object of a drive's position before its sensor.
 const TRUE_POSITION: u16 = 0x2103;
 
-/// Trial of one loop of a run: its law, its disturbances, and its expectations.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Trial {
-    /// Facts of the whole run.
-    pub run: Arc<Run>,
-    /// Control law.
-    pub controller: Controller,
-    /// Set-point.
-    pub reference: Reference,
-    /// Disturbances of the plant.
-    pub disturbance: Disturbance,
-    /// Limits that a run must keep to pass.
-    pub expect: Expect,
-    /// Plant that its drive moves; the controller never sees its parameters.
-    pub plant: PlantModel,
-    /// Other plants that are emulated together with it, by name: those that nodes connect with it.
-    pub plants_beside: BTreeMap<String, PlantModel>,
-    /// Sensor of its drive.
-    pub sensor: Sensor,
-    /// Amplifier of its drive.
-    pub amplifier: Amplifier,
-    /// Wiring of its drive.
-    pub wiring: Wiring,
-}
-
-/// Tables of a scenario for one loop.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+/// Trial of one loop of a run: the tables of the scenario for it, and its drive and plant, put in by the loader.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Sections {
+pub struct Trial {
     /// The control law: one table, such as `[controller.pid]`.
     #[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
-    pub(crate) controller: Controller,
+    pub controller: Controller,
     /// The position set-point; may be absent with `open_loop` only.
     #[serde(default)]
-    pub(crate) reference: Reference,
+    pub reference: Reference,
     /// Disturbances of the plant.
     #[serde(default)]
-    pub(crate) disturbance: Disturbance,
+    pub disturbance: Disturbance,
     /// Limits that a run must keep to pass.
     #[serde(default)]
-    pub(crate) expect: Expect,
+    pub expect: Expect,
+    /// Facts of the whole run.
+    #[serde(skip)]
+    pub run: Arc<Run>,
+    /// Plant that its drive moves; the controller never sees its parameters.
+    #[serde(skip)]
+    pub plant: PlantModel,
+    /// Other plants that are emulated together with it, by name: those that nodes connect with it.
+    #[serde(skip)]
+    pub plants_beside: BTreeMap<String, PlantModel>,
+    /// Sensor of its drive.
+    #[serde(skip)]
+    pub sensor: Sensor,
+    /// Amplifier of its drive.
+    #[serde(skip)]
+    pub amplifier: Amplifier,
+    /// Wiring of its drive.
+    #[serde(skip)]
+    pub wiring: Wiring,
 }
 
 impl Trial {

@@ -223,7 +223,6 @@ fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
 #[test]
 fn a_recorded_scenario_is_checked_in_all_else() {
     for (controller, plant, expected) in [
-        (RELAY, "[plant.Rocket]\n", "unknown plant model `Rocket`"),
         (
             RELAY,
             "[plant.rocket]\n[plant.dc_motor]\n",

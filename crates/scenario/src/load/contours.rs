@@ -10,7 +10,6 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, without_problems};
 use crate::nearest::meant_or_known;
-use crate::outside::Outside;
 use crate::port::{Measurand, Unit};
 use crate::rig::nodes::Rig;
 use crate::schema;
@@ -34,7 +33,7 @@ pub(super) fn read_contours(
     let document = scenario.with_root(tree);
     let place = "[expect]";
     let (Contours { mut contour }, mut problems) =
-        build::<Contours>(&document, &Outside::registered(), place, &schema::CONTOURS)?;
+        build::<Contours>(&document, place, &schema::CONTOURS)?;
     for one in &mut contour {
         let first = one.loops.first().map_or("", String::as_str);
         one.unit = unit_of(first, rig);

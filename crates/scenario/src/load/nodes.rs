@@ -11,12 +11,11 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::kind;
-use super::{Reading, build, custom_table, without_problems};
+use super::{Reading, build, check_custom, without_problems};
 use crate::check;
 use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::outside::Outside;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode};
 use crate::rig::{ObjectAddress, RealDrive};
 use crate::schema;
@@ -88,14 +87,17 @@ impl Rig {
         document: &Document<'_>,
         reading: Reading,
     ) -> Result<Self, Vec<Problem>> {
-        let outside = Outside::of(reading, document);
-        let schema = outside.schema(&schema::RIG);
+        let schema = reading.schema(&schema::RIG);
         let said_once = |problems| said_once(document, problems);
-        let built = build::<Self>(document, &outside, "the rig file", &schema);
+        let built = build::<Self>(document, "the rig file", &schema);
         let (mut rig, mut problems) = built.map_err(said_once)?;
-        for (name, plant) in &mut rig.plant {
-            let path = format!("plant.{name}");
-            plant.custom = custom_table(document, &outside, Section::Plant, &path, &mut problems);
+        let played = rig
+            .plant
+            .iter_mut()
+            .filter(|_| reading != Reading::Recorded);
+        for (name, plant) in played {
+            let (path, table) = (format!("plant.{name}"), &mut plant.custom);
+            check_custom(document, Section::Plant, &path, table, &mut problems);
         }
         for node in rig.node.values_mut() {
             node.external |= node.kind == NodeKind::Drive && node.limits.is_some();

@@ -11,7 +11,7 @@ use super::overlay::overlaid;
 use super::sections::{CONTROLLER, Selector};
 use super::sweep::read_sweep;
 use super::{
-    FindObjections, KIND, Objection, Reading, Texts, build, custom_table, in_unit, nodes,
+    FindObjections, KIND, Objection, Reading, Texts, build, check_custom, in_unit, nodes,
     without_problems,
 };
 use crate::beside::Beside;
@@ -20,13 +20,12 @@ use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault::{self, Fault};
-use crate::outside::Outside;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::scenario::{NodeProgram, Scenario};
 use crate::schema;
 use crate::table::ReadTable;
-use crate::trial::{Sections, Trial};
+use crate::trial::Trial;
 use crate::wiring::Wiring;
 
 /// Names of both files in messages.
@@ -285,36 +284,21 @@ fn read_trial(
     read_file: ReadTable<'_>,
     asked: &Asked<'_>,
 ) -> Result<Option<Trial>, Vec<Problem>> {
-    let outside = Outside::of(asked.reading, document);
-    let schema = schema::with_travel(outside.schema(&schema::SECTIONS), &wiring);
-    let built = build::<Sections>(document, &outside, "the scenario", &schema);
-    let (sections, mut problems) = built?;
+    let schema = schema::with_travel(asked.reading.schema(&schema::TRIAL), &wiring);
+    let (mut trial, mut problems) = build::<Trial>(document, "the scenario", &schema)?;
     let (rig, Some(run)) = (told.rig, &told.run) else {
         return without_problems(problems, None);
     };
-    let Sections {
-        controller,
-        reference,
-        disturbance,
-        expect,
-    } = sections;
     let drive = &wiring.nodes.drive.name;
-    let (sensor, amplifier) = rig.parts_of(drive);
-    let mut trial = Trial {
-        run: Arc::clone(run),
-        controller,
-        reference,
-        disturbance,
-        expect,
-        plant: rig.model_of(drive, &files.path),
-        plants_beside: rig.models_beside(drive, &files.path),
-        sensor,
-        amplifier,
-        wiring,
-    };
-    let section = Section::Controller;
-    let law = custom_table(document, &outside, section, section.key(), &mut problems);
-    trial.controller.custom = law;
+    trial.run = Arc::clone(run);
+    trial.plant = rig.model_of(drive, &files.path);
+    trial.plants_beside = rig.models_beside(drive, &files.path);
+    (trial.sensor, trial.amplifier) = rig.parts_of(drive);
+    trial.wiring = wiring;
+    if asked.reading != Reading::Recorded {
+        let (section, law) = (Section::Controller, &mut trial.controller.custom);
+        check_custom(document, section, section.key(), law, &mut problems);
+    }
     trial.controller.scale(factors);
     problems.extend(check::trial(document, &trial, rig));
     if told.has_all_faults {
@@ -360,13 +344,7 @@ fn read_run<'a>(selector: &Selector<'a, '_>, problems: &mut Vec<Problem>) -> Tol
     let has_all_faults = wrong_faults.is_empty();
     problems.extend(wrong_faults);
     let header = scenario.with_root(selector.header());
-    let built = build::<Run>(
-        &header,
-        &Outside::registered(),
-        "the scenario",
-        &schema::RUN,
-    );
-    let run = match built {
+    let run = match build::<Run>(&header, "the scenario", &schema::RUN) {
         Ok((mut run, found)) => {
             problems.extend(found);
             (run.bus, run.faults) = (rig.bus.clone(), faults);

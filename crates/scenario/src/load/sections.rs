@@ -139,7 +139,7 @@ impl<'text> Selector<'_, 'text> {
             source: &self.scenario.source,
             measurand: &wiring.feedback.measurand,
             loop_name: name,
-            schema: &schema::SECTIONS,
+            schema: &schema::TRIAL,
         };
         let factors = naming.apply(&mut tables, naming.schema)?;
         Ok(LoopTables {

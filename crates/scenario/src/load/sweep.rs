@@ -4,7 +4,6 @@ use crate::check;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, without_problems};
-use crate::outside::Outside;
 use crate::rig::nodes::Rig;
 use crate::schema;
 use crate::sweep::{Sweep, Swept};
@@ -22,8 +21,7 @@ pub(super) fn read_sweep(
     let tree = [(entry.0.clone(), entry.1.clone())];
     let document = scenario.with_root(tree.into_iter().collect());
     let place = "the scenario";
-    let (Swept { mut sweep }, mut problems) =
-        build::<Swept>(&document, &Outside::registered(), place, &schema::SWEPT)?;
+    let (Swept { mut sweep }, mut problems) = build::<Swept>(&document, place, &schema::SWEPT)?;
     problems.extend(check::sweep(scenario, rig, sweep.as_mut()));
     without_problems(problems, sweep)
 }

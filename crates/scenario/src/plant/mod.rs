@@ -31,18 +31,15 @@ pub(crate) const DC_MOTOR: &str = "dc_motor";
 pub const SMA_PAIR: &str = "sma_pair";
 /// Name of a plant from a modelling tool, and of its table.
 pub const FMU: &str = "fmu";
-/// Tables of plants that the format has.
-pub(crate) const MODELS: [&str; 4] = [SMA, DC_MOTOR, SMA_PAIR, FMU];
-
 /// Checks whether the format has the table of a plant; tables from outside are registered.
 pub fn is_built_in(plant: &str) -> bool {
-    plant == SMA_ACTUATOR || MODELS.contains(&plant)
+    [SMA_ACTUATOR, SMA, DC_MOTOR, SMA_PAIR, FMU].contains(&plant)
 }
 
 /// A plant: exactly one model with its parameters.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-#[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
+#[serde(default)]
+#[schemars(deny_unknown_fields, extend("minProperties" = 1, "maxProperties" = 1))]
 pub struct PlantModel {
     /// The shape-memory-alloy actuator of the paper.
     pub sma: Option<Sma>,
@@ -53,7 +50,7 @@ pub struct PlantModel {
     /// A plant from a modelling tool: an FMU of FMI 2.0 or 3.0 for co-simulation.
     pub fmu: Option<Fmu>,
     /// The table of a model from outside, under its own name.
-    #[serde(flatten, skip_deserializing)]
+    #[serde(flatten, deserialize_with = "custom::read")]
     #[schemars(skip)]
     pub custom: Option<Custom>,
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use super::{CONTOURS, RIG, RUN, SECTIONS, SWEPT, entries, part_of, resolve, schema_of};
+use super::{CONTOURS, RIG, RUN, SWEPT, TRIAL, entries, part_of, resolve, schema_of};
 use crate::custom::{self, Section};
 use crate::fault;
 use crate::plant::PlantModel;
@@ -79,14 +79,14 @@ fn parts_schema() -> Value {
     schema["description"] = "One scenario file.".into();
     schema["properties"]["bus"] = RIG["properties"]["bus"].clone();
     schema["properties"]["sweep"] = SWEPT["properties"]["sweep"].clone();
-    let sections = SECTIONS["properties"].as_object();
+    let sections = TRIAL["properties"].as_object();
     for (name, section) in sections.into_iter().flatten() {
         schema["properties"][name] = section.clone();
     }
     if let Some(required) = schema["required"].as_array_mut() {
         required.push("controller".into());
     }
-    for part in [&*SECTIONS, &*SWEPT, &*RIG] {
+    for part in [&*TRIAL, &*SWEPT, &*RIG] {
         add_definitions(&mut schema, part);
     }
     schema
