@@ -281,30 +281,19 @@ impl Composer {
             .clone_into(&mut tpdo3.comment);
     }
 
-    /// Adds an io node with these outputs from the place `first` on; the shipped outputs come before it.
+    /// Adds an io node with these outputs; with those of the shipped one if there are none.
     #[must_use]
-    pub fn with_io(
-        mut self,
-        (name, node_id): (&str, u8),
-        outputs: &[PlantSignal],
-        first: usize,
-    ) -> Self {
+    pub fn with_io(mut self, (name, node_id): (&str, u8), outputs: &[PlantSignal]) -> Self {
         self.add_node(name, node_id, &IO_SERVICES);
         self.io_nodes.push(name.to_owned());
         let message = self.message_mut(name, names::RPDO1);
         if let Some(message) = message.filter(|_| !outputs.is_empty()) {
-            let placed = laid_out(outputs, &message.signals).into_iter().zip(first..);
-            let signals = placed.map(|(mut signal, place)| {
-                let place = u8::try_from(place).unwrap_or(u8::MAX);
-                signal.coding.start_bit = place.saturating_mul(BITS);
+            message.signals = laid_out(outputs, &message.signals);
+            for (number, signal) in (1..).zip(&mut message.signals) {
                 // Write analogue output 16-bit (CiA 401).
                 signal.coding.kind = Kind::Signed;
-                signal.object = format!("0x6411:{:02X}", place.saturating_add(1));
-                signal
-            });
-            let signals = Vec::from_iter(signals);
-            message.signals.truncate(first);
-            message.signals.extend(signals);
+                signal.object = format!("0x6411:{number:02X}");
+            }
             message.length_bytes = bytes_of(&message.signals);
         }
         self
@@ -531,7 +520,7 @@ mod tests {
     fn two_loops() -> Database {
         Composer::new("hand", 1)
             .with_drive(("left", 0x10), Some(&[]), None, None)
-            .with_io(("fan", 0x11), &[], 0)
+            .with_io(("fan", 0x11), &[])
             .with_terms("x", TERMS, None)
             .with_drive(("right", 0x12), Some(&[]), None, None)
             .with_terms("y", TERMS.map(|id| id + 0x20), None)
@@ -554,7 +543,7 @@ mod tests {
         });
         let composed = Composer::new("controller", 1)
             .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
-            .with_io(("disturbance", 0x11), &[], 0)
+            .with_io(("disturbance", 0x11), &[])
             .with_terms("", TERMS, None)
             .finish();
         for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {

@@ -66,7 +66,7 @@ fn with_dc_motor() -> Database {
 fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
     Composer::new("controller", 1)
         .with_drive(("drive", 0x10), Some(plant), None, None)
-        .with_io(("disturbance", 0x11), &[], 0)
+        .with_io(("disturbance", 0x11), &[])
         .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
         .finish()
 }
@@ -109,7 +109,7 @@ fn real_drive() -> Database {
     };
     Composer::new("controller", 1)
         .with_drive(("drive", 0x10), None, Some(&external), None)
-        .with_io(("disturbance", 0x11), &[], 0)
+        .with_io(("disturbance", 0x11), &[])
         .with_terms("", [0x181, 0x281, 0x381, 0x481], None)
         .finish()
 }

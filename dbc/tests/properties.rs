@@ -121,7 +121,7 @@ fn rig(
     let layout = plant.is_none().then_some(&external);
     Composer::new("controller", 1)
         .with_drive(("drive", 0x20), plant, layout, None)
-        .with_io(("fan", 0x21), &[], 0)
+        .with_io(("fan", 0x21), &[])
         .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
         .finish()
 }

@@ -14,8 +14,6 @@ const OUTPUT: u16 = 0x6411;
 const ERROR_MODE: u16 = 0x6443;
 /// Analogue output error value integer (CiA 401).
 const ERROR_VALUE: u16 = 0x6444;
-const CONVECTION_FACTOR: usize = 0;
-const ADDED_LOAD: usize = 1;
 
 /// An analogue output.
 #[derive(Clone, Copy, Debug)]
@@ -60,16 +58,6 @@ impl DisturbanceModule {
         };
         module.put_out(dictionary);
         Ok(module)
-    }
-
-    /// Returns the factor of the wire's convection, 0 to 32.767.
-    pub fn convection_factor(&self) -> f64 {
-        self.steps(CONVECTION_FACTOR).max(0.0) / 1e3
-    }
-
-    /// Returns the mass that is added to the load; it may be negative.
-    pub fn added_load_kilograms(&self) -> f64 {
-        self.steps(ADDED_LOAD) / 1e4
     }
 
     /// Returns the value of an output, in the units of 0x6411; 0 if there is no such output.

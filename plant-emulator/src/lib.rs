@@ -51,7 +51,7 @@ pub use objects::MissingObject;
 use plant::{InvalidPlant, Plant, Ports};
 use scenario::Trial;
 use scenario::wiring::{IoOutput, RECORDED_MAX};
-use wires::{IoWires, Wires};
+use wires::Wires;
 
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
@@ -138,7 +138,7 @@ pub struct PlantEmulator {
 #[derive(Debug)]
 struct Module {
     device: Device<DisturbanceModule>,
-    wires: IoWires,
+    outputs: Vec<IoOutput>,
 }
 
 impl PlantEmulator {
@@ -187,10 +187,10 @@ impl PlantEmulator {
             for io in &of.trial.wiring.io {
                 if !node_ids.contains(&io.node.id) {
                     node_ids.push(io.node.id);
-                    let wires = IoWires::new(&ports, io);
+                    let outputs = io.outputs(&ports);
                     modules.push(Module {
-                        device: disturbance(io.node.id, &wires.others, manager)?,
-                        wires,
+                        device: disturbance(io.node.id, &outputs, manager)?,
+                        outputs,
                     });
                 }
             }
@@ -275,22 +275,13 @@ impl PlantEmulator {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
         };
-        for Module { device, wires } in &self.modules {
+        for Module { device, outputs } in &self.modules {
             let module = device.application();
-            let IoWires { fan, load, others } = wires;
-            if let Some(input) = fan {
-                holder
-                    .drive_mut()
-                    .disturb(now, *input, module.convection_factor());
-            }
-            if let Some((input, factor)) = load {
-                let load = module.added_load_kilograms() * factor;
-                holder.drive_mut().disturb(now, *input, load);
-            }
-            for output in others {
-                let value = module.steps(output.place) / output.port.steps_per_unit;
-                let value = value * output.factor;
-                holder.drive_mut().disturb(now, output.input, value);
+            for output in outputs {
+                if let Some(input) = output.input {
+                    let value = output.input_value(module.steps(output.place));
+                    holder.drive_mut().disturb(now, input, value);
+                }
             }
         }
     }
@@ -433,7 +424,8 @@ fn disturbance(
     manager: u8,
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
-    let outputs = outputs.iter().map(|output| AnalogueOutput {
+    let outputs = outputs.iter().filter(|output| !output.is_fan_or_load());
+    let outputs = outputs.map(|output| AnalogueOutput {
         place: output.place,
         name: output.port.name.clone(),
         at_rest: output.raw_at_rest(),

@@ -1,7 +1,7 @@
 //! Ports of a plant to which a drive is wired, with their indices, found once.
 
 use scenario::port::{Port, Ports, conversion};
-use scenario::wiring::{IoOutput, IoWiring, RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
+use scenario::wiring::{RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
 
 use crate::InvalidEmulator;
 
@@ -36,32 +36,6 @@ pub(crate) struct Wires {
     pub(crate) is_true_float: bool,
     /// Contents of TPDO2 and TPDO3.
     pub(crate) published: Vec<Published>,
-}
-
-/// The ports of one io node.
-#[derive(Clone, Debug)]
-pub(crate) struct IoWires {
-    /// Index of the input for its fan.
-    pub(crate) fan: Option<usize>,
-    /// Index of the input for its load, and the factor from kilograms to the port's unit.
-    pub(crate) load: Option<(usize, f64)>,
-    /// Its other outputs.
-    pub(crate) others: Vec<IoOutput>,
-}
-
-impl IoWires {
-    pub(crate) fn new(ports: &Ports, wiring: &IoWiring) -> Self {
-        let place = |name: &Option<String>| ports.input(name.as_deref()?);
-        let load = place(&wiring.load).and_then(|place| {
-            let factor = conversion("kilograms", &ports.inputs[place].unit)?;
-            Some((place, factor))
-        });
-        Self {
-            fan: place(&wiring.fan),
-            load,
-            others: wiring.others(ports),
-        }
-    }
 }
 
 impl Wires {

@@ -27,7 +27,7 @@ fn worst_disturbance(
     if !evidence.timeline.has_fan {
         return Absence::unavailable("not available: no fan on the bus").into();
     }
-    let windows = evidence.trial.disturbance_windows();
+    let windows = evidence.trial.disturbances();
     let end_seconds = evidence.trial.judged_end_seconds();
     let windows = windows.iter().map(|disturbance| disturbance.window);
     let judged = windows.filter(|window| window.from_seconds < end_seconds);

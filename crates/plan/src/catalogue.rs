@@ -8,7 +8,7 @@ use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, S
 use scenario::node::{LoopNodes, Node};
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
-use scenario::wiring::{IoOutput, Measured, Wiring};
+use scenario::wiring::{IoOutput, IoWiring, Measured, Wiring};
 use scenario::{Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
@@ -45,7 +45,7 @@ pub(crate) struct Published {
     pub(crate) signals: Vec<PlantSignal>,
     /// Terms of its law; `None` for those of the shipped DBC.
     pub(crate) terms: Option<Vec<LawTerm>>,
-    /// Outputs other than fan and load of each io node of its wiring.
+    /// Outputs of each io node of its wiring.
     pub(crate) outputs: Vec<Vec<IoOutput>>,
 }
 
@@ -129,21 +129,19 @@ impl Catalogue {
         (self.find_ports?)(trial)
     }
 
-    /// Returns the outputs other than fan and load of each io node of a loop's wiring.
+    /// Returns the outputs of each io node of a loop's wiring.
     fn outputs(&self, trial: &Trial) -> Vec<Vec<IoOutput>> {
         let nodes = trial.wiring.io.iter();
-        if nodes.clone().all(|io| io.outputs.is_empty()) {
-            return vec![Vec::new(); nodes.len()];
-        }
-        let ports = self.ports(trial).unwrap_or_default();
-        nodes.map(|io| io.others(&ports)).collect()
+        let needs_ports = !nodes.clone().all(IoWiring::has_fan_and_load_only);
+        let ports = needs_ports.then(|| self.ports(trial)).flatten();
+        let ports = ports.unwrap_or_default();
+        nodes.map(|io| io.outputs(&ports)).collect()
     }
 
     /// Finds a disturbance with a value that its output cannot have.
     fn output_objection(&self, trial: &Trial) -> Option<Objection> {
         let outputs = self.outputs(trial);
-        let mut changes = trial.disturbance.output.iter().enumerate();
-        changes.find_map(|(index, change)| {
+        trial.disturbance.changes().iter().find_map(|change| {
             let mut nodes = trial.wiring.io.iter().zip(&outputs);
             let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;
             let mut ports = outputs.iter().map(|one| &one.port);
@@ -152,9 +150,9 @@ impl Catalogue {
                 symbol,
                 range: [min, max],
                 ..
-            } = ports.find(|port| port.name == change.name)?;
+            } = ports.find(|port| port.name == change.output)?;
             (!(*min..=*max).contains(&change.value)).then(|| {
-                let path = format!("disturbance.output.{index}.value");
+                let path = format!("{}.value", change.path);
                 let message = format!("`{name}` cannot be {} {symbol}", change.value);
                 Objection::new(path, message, format!("must be {min} to {max}"))
             })
@@ -418,12 +416,11 @@ impl Published {
     }
 }
 
-/// Adds the frames of an io node with these outputs in addition to fan and load.
+/// Adds the frames of an io node with these outputs.
 fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
-    let first = outputs.first().map_or(0, |output| output.place);
     let outputs = outputs.iter();
     let outputs = outputs.map(|output| signal_of(&output.port, output.port.name.clone()));
-    composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
+    composer.with_io((&io.name, io.id), &Vec::from_iter(outputs))
 }
 
 /// Adds the frames of the drive that a loop follows and that belongs to another loop: the measured and the true value there.

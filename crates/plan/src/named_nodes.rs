@@ -68,7 +68,9 @@ fn loop_sheets(one: &ControlLoop) -> Vec<NodeSheet> {
         }
     };
     let io_sheets = one.nodes.io.iter().map(|io| {
-        let outputs = one.io_outputs(io).iter().map(|output| AnalogueOutput {
+        let outputs = one.io_outputs(io).iter();
+        let outputs = outputs.filter(|output| !output.is_fan_or_load());
+        let outputs = outputs.map(|output| AnalogueOutput {
             place: output.place,
             name: output.port.name.clone(),
             at_rest: output.raw_at_rest(),

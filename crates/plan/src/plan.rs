@@ -560,7 +560,7 @@ impl ControlLoop {
         messages.flat_map(|message| &message.signals)
     }
 
-    /// Returns the outputs of an io node other than fan and load; none for a recording.
+    /// Returns the outputs of an io node; none for a recording.
     pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
         let mut nodes = self.trial.wiring.io.iter();
         let place = nodes.position(|io| io.node == *node);

@@ -1,7 +1,8 @@
 //! Checks that the drives and io nodes of a rig file are wired to ports that its plants have.
 
 use scenario::port::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
-use scenario::wiring::{IoWiring, RECORDED_MAX};
+use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+use scenario::wiring::RECORDED_MAX;
 use scenario::{Objection, Scenario, Trial, nearest};
 
 use crate::catalogue::Catalogue;
@@ -106,8 +107,10 @@ impl Wired<'_> {
     fn check(&self) -> Result<(), Objection> {
         self.amplifier()?;
         self.sensor()?;
-        let mut io_nodes = self.trial.wiring.io.iter();
-        io_nodes.try_for_each(|io| self.io(io))?;
+        for io in &self.trial.wiring.io {
+            let mut outputs = io.outputs.iter();
+            outputs.try_for_each(|(output, port)| self.output(&io.node.name, output, port))?;
+        }
         self.record()
     }
 
@@ -168,40 +171,24 @@ impl Wired<'_> {
         Err(Objection::new(path, message, label))
     }
 
-    /// Checks the outputs of an io node.
-    fn io(&self, io: &IoWiring) -> Result<(), Objection> {
-        let node = &io.node.name;
-        for (key, name, unit, wanted) in [
-            ("convection_factor", &io.fan, "", "a number without a unit"),
-            ("added_load_grams", &io.load, "kilograms", "a mass"),
-        ] {
-            let Some(name) = name else { continue };
-            let path = format!("node.{node}.outputs.{key}");
-            let port = self.find(&path, name, INPUT)?;
-            if conversion(unit, &port.unit).is_none() {
-                let message = format!("`{key}` is {wanted}, and `{}` is none", port.local_name());
-                let label = format!("it is in {}", port.unit);
-                return Err(Objection::new(path, message, label));
-            }
-        }
-        let mut outputs = io.outputs.iter();
-        outputs.try_for_each(|(output, port)| self.output(node, output, port))
-    }
-
-    /// Checks another output of the io node.
+    /// Checks an output of an io node.
     fn output(&self, io: &str, output: &str, name: &str) -> Result<(), Objection> {
         let path = format!("node.{io}.outputs.{output}");
         let port = self.find(&path, name, INPUT)?;
         let (name, unit) = (port.local_name(), unit_in(output));
-        if !unit.is_empty() && conversion(unit, &port.unit).is_none() {
-            let message = format!("`{output}` is in {unit}, and `{name}` is not");
+        let has_unit = !unit.is_empty() || output == FAN_OUTPUT;
+        if has_unit && conversion(unit, &port.unit).is_none() {
+            let message = match unit {
+                "" => format!("`{output}` is a number without a unit, and `{name}` is not"),
+                unit => format!("`{output}` is in {unit}, and `{name}` is not"),
+            };
             let label = match port.unit.as_str() {
                 "" => "it is a number without a unit".to_owned(),
                 unit => format!("it is in {unit}: call the output like the port, `{name}`"),
             };
             return Err(Objection::new(path, message, label));
         }
-        if !port.has_range() {
+        if !port.has_range() && ![FAN_OUTPUT, LOAD_OUTPUT].contains(&output) {
             let message = format!("nobody knows which values `{name}` can have");
             return Err(Objection::new(path, message, "the port has no range"));
         }
@@ -251,7 +238,7 @@ mod tests {
     use scenario::port::Measurand;
 
     use super::*;
-    use scenario::wiring::{Measured, Wiring};
+    use scenario::wiring::{IoWiring, Measured, Wiring};
 
     fn ports() -> Ports {
         Ports {
@@ -335,12 +322,13 @@ mod tests {
         assert_eq!(
             found(&ports(), |wiring| wiring.io.push(IoWiring {
                 node: Node::new("module", 0x11, Part::Io),
-                fan: None,
-                load: Some("joint.brake_newtons".to_owned()),
-                outputs: BTreeMap::new(),
+                outputs: BTreeMap::from([(
+                    "added_load_grams".to_owned(),
+                    "joint.brake_newtons".to_owned()
+                )]),
             }))
             .unwrap(),
-            "node.module.outputs.added_load_grams: `added_load_grams` is a mass, and `brake_newtons` is none: it is in newtons"
+            "node.module.outputs.added_load_grams: `added_load_grams` is in grams, and `brake_newtons` is not: it is in newtons: call the output like the port, `brake_newtons`"
         );
     }
 

@@ -16,17 +16,13 @@ pub(crate) struct FanReader {
 
 impl FanReader {
     pub(crate) fn new(one: &ControlLoop) -> Self {
-        let disturbance = &one.trial.disturbance;
-        let fans = disturbance.fan.iter().map(|one| &one.node);
-        let loads = disturbance.load.iter().map(|one| &one.node);
-        let outputs = disturbance.output.iter().map(|one| &one.node);
         let mut reader = Self {
             seen: BTreeMap::new(),
             is_one_missing: false,
         };
-        for node in fans.chain(loads).chain(outputs) {
+        for change in one.trial.disturbance.changes() {
             for service in [names::HEARTBEAT, names::RPDO1] {
-                match one.database.message(&names::message(node, service)) {
+                match one.database.message(&names::message(&change.node, service)) {
                     Some(message) => drop(reader.seen.insert(message.raw_id, false)),
                     None => reader.is_one_missing = true,
                 }

@@ -14,13 +14,13 @@ mod tables;
 mod tests;
 
 use crate::controller::drives_led_by;
-use crate::disturbance::Disturbance;
+use crate::disturbance::{Change, Disturbance};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::port::{Command, UNIT, conversion};
 use crate::reference::Reference;
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Outputs, Rig};
+use crate::rig::nodes::{Outputs, Rig, kind_of_output};
 use crate::run::Run;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
@@ -197,43 +197,30 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
 
 /// Finds disturbances for which no io node has an output.
 fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    let has = |node: &str, output: &str| {
-        let mut nodes = rig.io_with(output);
-        nodes.any(|name| node.is_empty() || name == node)
+    let has = |change: &Change| {
+        let mut nodes = rig.io_with(&change.output);
+        nodes.any(|name| change.node.is_empty() || name == change.node)
     };
-    let fans = Vec::from_iter(disturbance.fan.iter().map(|fan| &fan.node));
-    let loads = Vec::from_iter(disturbance.load.iter().map(|load| &load.node));
-    for (kind, nodes, output) in [("fan", fans, FAN_OUTPUT), ("load", loads, LOAD_OUTPUT)] {
-        for (index, node) in nodes.into_iter().enumerate() {
-            if !has(node, output) {
-                let path = format!("disturbance.{kind}.{index}");
-                let message = format!("no io node has a {kind} at this plant");
-                let label = format!("its outputs have no `{output}`");
-                problems.push(document.problem(&path, message, label));
-            }
-        }
-    }
     let outputs = rig.node.values().flat_map(|node| &node.outputs);
-    let known = Vec::from_iter(
-        outputs
-            .flat_map(Outputs::others)
-            .map(|(name, _)| name.as_str()),
-    );
-    for (index, output) in disturbance.output.iter().enumerate() {
-        if has(&output.node, &output.name) {
-            continue;
+    let others = outputs.flat_map(Outputs::others);
+    let known = Vec::from_iter(others.map(|(name, _)| name.as_str()));
+    let changes = disturbance.changes().into_iter();
+    let problems = changes.filter(|change| !has(change)).map(|change| {
+        let Change { path, output, .. } = &change;
+        if let Some(kind) = kind_of_output(output) {
+            let message = format!("no io node has a {kind} at this plant");
+            let label = format!("its outputs have no `{output}`");
+            return document.problem(path, message, label);
         }
-        let path = format!("disturbance.output.{index}.name");
-        let message = format!("no io node has an output `{}` at this plant", output.name);
+        let message = format!("no io node has an output `{output}` at this plant");
         let label = if known.is_empty() {
             "a rig file names outputs: outputs = { NAME = \"PLANT.PORT\" }".to_owned()
         } else {
-            meant_or_known(&output.name, &known)
+            meant_or_known(output, &known)
         };
-        problems.push(document.problem(&path, message, label));
-    }
-    problems
+        document.problem(&format!("{path}.name"), message, label)
+    });
+    problems.collect()
 }
 
 fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {

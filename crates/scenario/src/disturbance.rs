@@ -3,6 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::port::{symbol_of, unit_in};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+use crate::window::Window;
+
 /// Disturbances of the plant; each is commanded over the bus to an io node.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -71,4 +75,78 @@ pub struct Load {
     /// Added to the plant's load; may be negative.
     #[schemars(range(min = -1_000.0, max = 1_000.0))]
     pub added_grams: f64,
+}
+
+/// A change of an output of an io node: the one form of all entries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// Place of its entry in the scenario.
+    pub path: String,
+    /// The io node.
+    pub node: String,
+    /// Name of the output.
+    pub output: String,
+    /// Window from its start to its end; a change that stays begins and ends at one instant.
+    pub window: Window,
+    /// Value of the output in its unit.
+    pub value: f64,
+    /// Description of the change.
+    pub text: String,
+}
+
+impl Change {
+    /// Checks whether the output has the value at one time.
+    fn acts_at(&self, time_seconds: f64) -> bool {
+        let Window {
+            from_seconds,
+            until_seconds,
+        } = self.window;
+        from_seconds <= time_seconds
+            && (until_seconds == from_seconds || time_seconds < until_seconds)
+    }
+}
+
+impl Disturbance {
+    /// Returns the changes of outputs: fans, loads, and others.
+    pub fn changes(&self) -> Vec<Change> {
+        let fans = self.fan.iter().enumerate().map(|(index, fan)| Change {
+            path: format!("disturbance.fan.{index}"),
+            node: fan.node.clone(),
+            output: FAN_OUTPUT.to_owned(),
+            window: Window::new(fan.from_seconds, fan.until_seconds),
+            value: fan.convection_factor,
+            text: format!("fan, convection × {}", fan.convection_factor),
+        });
+        let loads = self.load.iter().enumerate().map(|(index, load)| Change {
+            path: format!("disturbance.load.{index}"),
+            node: load.node.clone(),
+            output: LOAD_OUTPUT.to_owned(),
+            window: Window::new(load.at_seconds, load.at_seconds),
+            value: load.added_grams,
+            text: format!("load {:+} g", load.added_grams),
+        });
+        let outputs = self.output.iter().enumerate().map(|(index, output)| {
+            let (name, at_seconds) = (&output.name, output.at_seconds);
+            let text = format!("{name} {} {}", output.value, symbol_of(unit_in(name)));
+            Change {
+                path: format!("disturbance.output.{index}"),
+                node: output.node.clone(),
+                output: name.clone(),
+                window: Window::new(at_seconds, output.until_seconds.unwrap_or(at_seconds)),
+                value: output.value,
+                text: text.trim_end().to_owned(),
+            }
+        });
+        fans.chain(loads).chain(outputs).collect()
+    }
+}
+
+/// Returns the value of an output at one time, by that of the latest change in force; `None` at rest.
+pub fn value_at(changes: &[Change], output: &str, time_seconds: f64) -> Option<f64> {
+    let acting = changes
+        .iter()
+        .filter(|change| change.output == output && change.acts_at(time_seconds));
+    let start = |change: &&Change| change.window.from_seconds;
+    let latest = acting.max_by(|left, right| start(left).total_cmp(&start(right)));
+    latest.map(|change| change.value)
 }

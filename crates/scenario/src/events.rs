@@ -1,8 +1,8 @@
 //! The part of a scenario that the metrics use: steps, periods and disturbances, with their windows in scenario time.
 
 use crate::chirp::FrequencySweep;
-use crate::disturbance::Disturbance;
-use crate::port::{Unit, symbol_of, unit_in};
+use crate::disturbance::Change;
+use crate::port::Unit;
 use crate::trial::Trial;
 pub use crate::window::Window;
 
@@ -46,15 +46,6 @@ pub struct JudgedChirp {
     pub amplitude: f64,
 }
 
-/// A disturbance that the metrics judge.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DisturbanceWindow {
-    /// Window from its start to its end; the change of a load begins and ends at one instant.
-    pub window: Window,
-    /// Description of the disturbance.
-    pub text: String,
-}
-
 /// Event of a run, for plots.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
@@ -64,17 +55,6 @@ pub struct Event {
     pub text: String,
     /// Whether a fault begins. All other events are part of a run without faults, too.
     pub is_fault: bool,
-}
-
-/// Command to an io node from one time on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DisturbanceCommand {
-    /// Time from which it holds.
-    pub at_seconds: f64,
-    /// Factor on the convection coefficient.
-    pub convection_factor: f64,
-    /// Mass that is added to the plant's load.
-    pub added_grams: f64,
 }
 
 impl Trial {
@@ -160,29 +140,12 @@ impl Trial {
         judged.collect()
     }
 
-    /// Returns the disturbances, in the order of time.
-    pub fn disturbance_windows(&self) -> Vec<DisturbanceWindow> {
-        let fans = self.disturbance.fan.iter().map(|fan| DisturbanceWindow {
-            window: Window::new(fan.from_seconds, fan.until_seconds),
-            text: format!("fan, convection × {}", fan.convection_factor),
-        });
-        let loads = self.disturbance.load.iter().map(|load| DisturbanceWindow {
-            window: Window::new(load.at_seconds, load.at_seconds),
-            text: format!("load {:+} g", load.added_grams),
-        });
-        let outputs = self.disturbance.output.iter().map(|output| {
-            let (at_seconds, unit) = (output.at_seconds, symbol_of(unit_in(&output.name)));
-            DisturbanceWindow {
-                window: Window::new(at_seconds, output.until_seconds.unwrap_or(at_seconds)),
-                text: format!("{} {} {unit}", output.name, output.value)
-                    .trim_end()
-                    .to_owned(),
-            }
-        });
-        let mut windows: Vec<_> = fans.chain(loads).chain(outputs).collect();
-        let start = |one: &DisturbanceWindow| one.window.from_seconds;
-        windows.sort_by(|left, right| start(left).total_cmp(&start(right)));
-        windows
+    /// Returns the changes of outputs by its disturbances, in the order of time.
+    pub fn disturbances(&self) -> Vec<Change> {
+        let mut changes = self.disturbance.changes();
+        let start = |one: &Change| one.window.from_seconds;
+        changes.sort_by(|left, right| start(left).total_cmp(&start(right)));
+        changes
     }
 
     /// Returns the starts and ends of the loop's disturbances and faults, in no order.
@@ -196,7 +159,7 @@ impl Trial {
 
     /// Returns the starts and ends of the disturbances.
     fn disturbance_ends(&self) -> impl Iterator<Item = f64> + use<> {
-        let windows = self.disturbance_windows().into_iter();
+        let windows = self.disturbances().into_iter();
         windows.flat_map(|one| [one.window.from_seconds, one.window.until_seconds])
     }
 
@@ -217,7 +180,7 @@ impl Trial {
             let text = format!("step to {} {unit}", step.position);
             named(step.at_seconds, text)
         });
-        let disturbances = self.disturbance_windows().into_iter().flat_map(|one| {
+        let disturbances = self.disturbances().into_iter().flat_map(|one| {
             let Window {
                 from_seconds,
                 until_seconds,
@@ -265,77 +228,11 @@ impl Trial {
     }
 }
 
-impl Disturbance {
-    /// Returns the disturbances that one io node is commanded, of several loops.
-    pub fn at_node<'a>(node: &str, plants: impl IntoIterator<Item = &'a Self>) -> Self {
-        let mut all = Self::default();
-        for plant in plants {
-            let Self { fan, load, output } = plant;
-            (all.fan).extend(fan.iter().filter(|one| one.node == node).cloned());
-            (all.load).extend(load.iter().filter(|one| one.node == node).cloned());
-            (all.output).extend(output.iter().filter(|one| one.node == node).cloned());
-        }
-        all
-    }
-
-    /// Returns the commands to the disturbance node, in the order of time, one for each instant; there is none before the first
-    /// entry.
-    pub fn commands(&self) -> Vec<DisturbanceCommand> {
-        let fans = self
-            .fan
-            .iter()
-            .flat_map(|fan| [fan.from_seconds, fan.until_seconds]);
-        let loads = self.load.iter().map(|load| load.at_seconds);
-        let outputs = self.output.iter().flat_map(|output| {
-            let end = output.until_seconds;
-            [Some(output.at_seconds), end].into_iter().flatten()
-        });
-        let mut times: Vec<f64> = fans.chain(loads).chain(outputs).collect();
-        times.sort_by(f64::total_cmp);
-        times.dedup();
-        let command = |at_seconds| DisturbanceCommand {
-            at_seconds,
-            convection_factor: self.convection_factor_at(at_seconds),
-            added_grams: self.added_grams_at(at_seconds),
-        };
-        times.into_iter().map(command).collect()
-    }
-
-    /// Returns the factor on the convection coefficient at one time; 1 while no fan blows.
-    pub fn convection_factor_at(&self, time_seconds: f64) -> f64 {
-        let blows = |fan: &&crate::disturbance::Fan| {
-            (fan.from_seconds..fan.until_seconds).contains(&time_seconds)
-        };
-        self.fan
-            .iter()
-            .find(blows)
-            .map_or(1.0, |fan| fan.convection_factor)
-    }
-
-    /// Returns the value of an output at one time: that of the latest change in force; `None` at rest.
-    pub fn output_at(&self, name: &str, time_seconds: f64) -> Option<f64> {
-        let lasts = |output: &&crate::disturbance::Output| {
-            let end = output.until_seconds.unwrap_or(f64::INFINITY);
-            output.name == name && (output.at_seconds..end).contains(&time_seconds)
-        };
-        let lasting = self.output.iter().filter(lasts);
-        let latest = lasting.max_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
-        latest.map(|output| output.value)
-    }
-
-    /// Returns the added load in grams at one time; 0 before the first change.
-    pub fn added_grams_at(&self, time_seconds: f64) -> f64 {
-        let started = self
-            .load
-            .partition_point(|load| load.at_seconds <= time_seconds);
-        started
-            .checked_sub(1)
-            .map_or(0.0, |last| self.load[last].added_grams)
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use crate::disturbance::value_at;
+    use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+
     use super::*;
 
     fn scenario(tables: &str) -> Trial {
@@ -426,7 +323,7 @@ mod tests {
     #[test]
     fn disturbances_have_windows_commands_and_names() {
         let scenario = scenario(&format!("{STEPS}{FAN}{LOADS}"));
-        let windows = scenario.disturbance_windows();
+        let windows = scenario.disturbances();
         let spans = windows.iter().map(|disturbance| {
             (
                 disturbance.window.from_seconds,
@@ -434,19 +331,17 @@ mod tests {
             )
         });
         assert!(spans.eq([(12.0, 15.0), (13.0, 13.0), (25.0, 25.0)]));
-        let commands = scenario.disturbance.commands().into_iter().map(|command| {
-            (
-                command.at_seconds,
-                command.convection_factor,
-                command.added_grams,
-            )
-        });
-        assert!(commands.eq([
-            (12.0, 5.0, 0.0),
-            (13.0, 5.0, 10.0),
-            (15.0, 1.0, 10.0),
-            (25.0, 1.0, -5.0)
-        ]));
+        let value = |output: &str, at: f64| value_at(&windows, output, at);
+        let values = [11.0, 12.0, 13.0, 15.0, 25.0]
+            .map(|at| (value(FAN_OUTPUT, at), value(LOAD_OUTPUT, at)));
+        let expected = [
+            (None, None),
+            (Some(5.0), None),
+            (Some(5.0), Some(10.0)),
+            (None, Some(10.0)),
+            (None, Some(-5.0)),
+        ];
+        assert_eq!(values, expected);
         let events: Vec<String> = scenario
             .events(None)
             .iter()

@@ -12,13 +12,12 @@ use crate::port::{
     Command, Measurand, Port, Ports, Unit, conversion, local_name, plant_of_port, steps_for,
     symbol_of, unit_in,
 };
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 
 /// Largest number of outputs that a drive can publish: TPDO2, with the true position, and TPDO3 hold them.
 pub const RECORDED_MAX: usize = 6;
 /// Largest number of outputs of an io node, which its RPDO1 holds.
 pub const IO_OUTPUTS_MAX: usize = 4;
-/// Number of places for fan and load, if the node has one of them.
-const FAN_AND_LOAD: usize = 2;
 /// Steps of a true position (0x2103) for one unit.
 pub const TRUE_STEPS_PER_UNIT: f64 = 1e6;
 /// Travel in millimetres, unless a sensor has another range.
@@ -289,73 +288,68 @@ impl Wiring {
 pub struct IoWiring {
     /// Io node with these outputs.
     pub node: Node,
-    /// Input on which its fan acts.
-    pub fan: Option<String>,
-    /// Input on which its load acts.
-    pub load: Option<String>,
-    /// Inputs of its other outputs, by the names of the outputs.
+    /// Inputs on which its outputs act, by the names of the outputs.
     pub outputs: BTreeMap<String, String>,
 }
 
 impl IoWiring {
-    /// Returns the first place of the other outputs: behind fan and load, if there is one of them.
-    pub fn first_output(&self) -> usize {
-        if self.fan.is_some() || self.load.is_some() {
-            FAN_AND_LOAD
-        } else {
-            0
-        }
+    /// Checks whether the outputs are fan and load alone, which need no port to be known.
+    pub fn has_fan_and_load_only(&self) -> bool {
+        self.outputs.keys().all(|name| fan_or_load(name).is_some())
     }
 
-    /// Returns the other outputs in the order of their places, without those that fit no port.
-    pub fn others(&self, ports: &Ports) -> Vec<IoOutput> {
-        let places = self.first_output()..;
-        let outputs = self.outputs.iter().zip(places);
-        let wired = outputs.filter_map(|((name, port), place)| {
-            let input = ports.input(port)?;
-            IoOutput::new(name, place, input, &ports.inputs[input])
+    /// Returns the outputs in the order of their places, without those that fit no port. Fan and load have the first two, whether
+    /// one of them is wired or both.
+    pub fn outputs(&self, ports: &Ports) -> Vec<IoOutput> {
+        let wired = |name: &str| ports.input(self.outputs.get(name)?);
+        let is_one_there = self.outputs.keys().any(|name| fan_or_load(name).is_some());
+        let first = [FAN_OUTPUT, LOAD_OUTPUT].into_iter();
+        let first = first.filter(|_| is_one_there).map(|name| {
+            let port = fan_or_load(name)?;
+            Some(IoOutput::new(port, wired(name), ports))
         });
-        wired.collect()
+        let others = self.outputs.keys();
+        let others = others.filter(|name| fan_or_load(name).is_none());
+        let others = others.map(|name| {
+            let input = wired(name)?;
+            let port = output_like(name, &ports.inputs[input])?;
+            Some(IoOutput::new(port, Some(input), ports))
+        });
+        let outputs = (0..).zip(first.chain(others));
+        let outputs = outputs.filter_map(|(place, output)| Some(IoOutput { place, ..output? }));
+        outputs.collect()
     }
 }
 
-/// Output of an io node other than fan and load: 16 bits that drive an input of a plant.
+/// Output of an io node: 16 bits that drive an input of a plant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IoOutput {
-    /// Port of the plant, in the unit of the output and under the name of that, which ends in its unit; in the unit of the port if
-    /// it names none.
+    /// Port in the unit and under the name of the output.
     pub port: Port,
     /// Place among the outputs of its node.
     pub place: usize,
-    /// Index of the plant's input.
-    pub input: usize,
-    /// Factor from its unit to the unit of the plant's input.
-    pub factor: f64,
+    /// Index of the plant's input; `None` if it drives none.
+    pub input: Option<usize>,
+    /// Steps for one unit of the plant's input.
+    steps_per_input: f64,
 }
 
 impl IoOutput {
-    /// Makes an output of this name that drives a port; `None` if their units are of different quantities.
-    fn new(name: &str, place: usize, input: usize, port: &Port) -> Option<Self> {
-        let unit = unit_in(name);
-        let (factor, symbol) = match unit {
-            "" => (1.0, port.symbol.clone()),
-            unit => (conversion(unit, &port.unit)?, symbol_of(unit).to_owned()),
-        };
-        let range = port.range.map(|end| end / factor);
-        let port = Port {
-            name: name.to_owned(),
-            symbol,
-            range,
-            at_rest: port.at_rest / factor,
-            steps_per_unit: steps_for(range),
-            ..port.clone()
-        };
-        Some(Self {
+    fn new(port: Port, input: Option<usize>, ports: &Ports) -> Self {
+        let unit = input.map_or("", |input| ports.inputs[input].unit.as_str());
+        let factor = conversion(&port.unit, unit).unwrap_or(1.0);
+        Self {
+            steps_per_input: port.steps_per_unit / factor,
             port,
-            place,
+            place: 0,
             input,
-            factor,
-        })
+        }
+    }
+
+    /// Returns the value of the plant's input for a value in steps, which the lowest one limits.
+    pub fn input_value(&self, steps: f64) -> f64 {
+        let least = self.port.range[0] * self.port.steps_per_unit;
+        steps.max(least) / self.steps_per_input
     }
 
     /// Returns the value while no node commands it in steps, cut to 16 bits.
@@ -366,6 +360,49 @@ impl IoOutput {
     pub fn raw_at_rest(&self) -> i16 {
         libm::round(self.port.at_rest * self.port.steps_per_unit) as i16
     }
+
+    /// Checks whether it is the fan or the load, which the shipped data sheet has.
+    pub fn is_fan_or_load(&self) -> bool {
+        fan_or_load(&self.port.name).is_some()
+    }
+}
+
+/// Returns the fan or the load as an output.
+fn fan_or_load(name: &str) -> Option<Port> {
+    match name {
+        FAN_OUTPUT => Some(
+            Port::input(name, [0.0, 32.767])
+                .in_steps(1e3)
+                .resting_at(1.0)
+                .with_comment("Multiplies the convection coefficient of the wire; 1 is still air."),
+        ),
+        LOAD_OUTPUT => Some(
+            Port::input(name, [-3_276.8, 3_276.7])
+                .in_steps(10.0)
+                .with_comment("Added to the load on the pulley; may be negative."),
+        ),
+        _ => None,
+    }
+}
+
+/// Returns an output of this name that drives a port, in the unit in the name, or in that of the port if there is none; `None` if
+/// the units are of different quantities.
+fn output_like(name: &str, port: &Port) -> Option<Port> {
+    let (unit, symbol) = match unit_in(name) {
+        "" => (port.unit.as_str(), port.symbol.as_str()),
+        unit => (unit, symbol_of(unit)),
+    };
+    let factor = conversion(unit, &port.unit)?;
+    let range = port.range.map(|end| end / factor);
+    Some(Port {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        symbol: symbol.to_owned(),
+        range,
+        at_rest: port.at_rest / factor,
+        steps_per_unit: steps_for(range),
+        ..port.clone()
+    })
 }
 
 /// Returns the first word of the name of a port.

@@ -7,12 +7,10 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress};
 use canopen::{NmtCommand, NodeId};
-use dbc::names::{
-    ADDED_LOAD, CONVECTION_FACTOR, RPDO1, SET_POINT, message as message_name, set_point,
-};
+use dbc::names::{RPDO1, SET_POINT, message as message_name, set_point};
 use dbc::{MessageBuilder, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
-use scenario::disturbance::Disturbance;
+use scenario::disturbance::{Change, value_at};
 use scenario::fault::Faults;
 use scenario::node::Part;
 
@@ -204,36 +202,30 @@ fn disturbances(
     one: &ControlLoop,
     io: &scenario::node::Node,
 ) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let disturbances = plan.loops.iter().map(|one| &one.trial.disturbance);
-    let (disturbance, database) = (Disturbance::at_node(&io.name, disturbances), &one.database);
-    let commands = disturbance.commands();
-    if commands.is_empty() {
+    let loops = plan.loops.iter();
+    let mut changes = Vec::from_iter(loops.flat_map(|one| one.trial.disturbance.changes()));
+    changes.retain(|change| change.node == io.name);
+    let edges = |change: &Change| [change.window.from_seconds, change.window.until_seconds];
+    let mut times = Vec::from_iter(changes.iter().flat_map(edges));
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    if times.is_empty() {
         return Ok(Vec::new());
     }
-    let outputs = message_name(&io.name, RPDO1);
-    let mut wirings = one.trial.wiring.io.iter();
-    let wiring = wirings.find(|wiring| wiring.node == *io);
-    let signal = |name| database.signal_of(&outputs, name);
-    let fan_and_load = if wiring.is_some_and(|wiring| wiring.first_output() > 0) {
-        Some([signal(CONVECTION_FACTOR)?, signal(ADDED_LOAD)?])
-    } else {
-        None
-    };
-    let others = one.io_outputs(io).iter();
-    let others = others.map(|output| Ok((output, signal(&output.port.name)?)));
-    let others = others.collect::<Result<Vec<_>, SignalMissing>>()?;
-    let message = database.builder(&outputs);
-    let mut message = message.ok_or_else(|| SignalMissing::new(&outputs))?;
-    let frames = commands.into_iter().map(|command| {
-        if let Some([convection_factor, added_load]) = &fan_and_load {
-            message.set(convection_factor, command.convection_factor);
-            message.set(added_load, command.added_grams);
+    let (database, message) = (&one.database, message_name(&io.name, RPDO1));
+    let outputs = one.io_outputs(io).iter().map(|output| {
+        let signal = database.signal_of(&message, &output.port.name)?;
+        Ok((&output.port, signal))
+    });
+    let outputs = outputs.collect::<Result<Vec<_>, SignalMissing>>()?;
+    let builder = database.builder(&message);
+    let mut builder = builder.ok_or_else(|| SignalMissing::new(&message))?;
+    let frames = times.into_iter().map(|at_seconds| {
+        for (port, signal) in &outputs {
+            let value = value_at(&changes, &port.name, at_seconds);
+            builder.set(signal, value.unwrap_or(port.at_rest));
         }
-        for (output, signal) in &others {
-            let value = disturbance.output_at(&output.port.name, command.at_seconds);
-            message.set(signal, value.unwrap_or(output.port.at_rest));
-        }
-        (command.at_seconds, message.frame())
+        (at_seconds, builder.frame())
     });
     Ok(frames.collect())
 }

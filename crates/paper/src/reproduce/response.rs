@@ -410,7 +410,7 @@ fn load() -> Experiment {
 
 /// Returns the start of the first disturbance.
 fn start(scenario: &Trial) -> f64 {
-    let windows = scenario.disturbance_windows();
+    let windows = scenario.disturbances();
     windows
         .first()
         .map_or(0.0, |disturbance| disturbance.window.from_seconds)
@@ -436,7 +436,7 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
     }
     let blows = runs
         .first()
-        .and_then(|(run, _)| run.scenario.disturbance_windows().first().cloned());
+        .and_then(|(run, _)| run.scenario.disturbances().first().cloned());
     figure.shaded = blows.map(|disturbance| {
         let Window {
             from_seconds,

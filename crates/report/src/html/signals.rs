@@ -115,7 +115,7 @@ fn patches_text(control_loop: &ControlLoop) -> String {
             "Green: settling band of a step.",
         ),
         (
-            trial.disturbance_windows().is_empty(),
+            trial.disturbances().is_empty(),
             "Yellow: a disturbance acts.",
         ),
         (self::faults(control_loop).is_empty(), faults),
@@ -187,7 +187,7 @@ fn sudden(trial: &Trial) -> Vec<Stretch> {
         let title = format!("Step to {} {symbol} at {from} s", step.to);
         (title, from, until)
     });
-    let disturbances = trial.disturbance_windows().into_iter().map(|disturbance| {
+    let disturbances = trial.disturbances().into_iter().map(|disturbance| {
         let title = format!("Disturbance: {}", disturbance.text);
         let until = disturbance.window.until_seconds + AFTER_DISTURBANCE_SECONDS;
         (title, disturbance.window.from_seconds, until)
@@ -221,7 +221,7 @@ fn settling_band(step: &JudgedStep) -> Patch {
 }
 
 fn disturbances(trial: &Trial) -> Vec<Patch> {
-    let windows = trial.disturbance_windows();
+    let windows = trial.disturbances();
     // A load stays until the next one; the patch marks the change.
     let patches = windows.iter().map(|disturbance| {
         let window = disturbance.window;

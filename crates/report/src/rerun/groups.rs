@@ -201,7 +201,7 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     if scenario.plant.actuator().is_some() {
         groups.insert(HYSTERESIS);
     }
-    if !scenario.disturbance.commands().is_empty() {
+    if !scenario.disturbance.changes().is_empty() {
         groups.insert(DISTURBANCE);
     }
     let law = &scenario.controller;

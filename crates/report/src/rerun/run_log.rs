@@ -9,7 +9,8 @@ use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
 use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
 use scenario::Trial;
-use scenario::events::DisturbanceCommand;
+use scenario::disturbance::{Change, value_at};
+use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 
 use super::RerunError;
 use super::blueprint::Page;
@@ -134,8 +135,9 @@ impl<'o, 'a> Recording<'o, 'a> {
             .map(|(set_point, position)| set_point - position)
             .collect();
         let trial = self.trial;
-        let factors = asked(trial, timeline, 1.0, |command| command.convection_factor);
-        let grams = asked(trial, timeline, 0.0, |command| command.added_grams);
+        let changes = trial.disturbance.changes();
+        let factors = asked(timeline, &changes, FAN_OUTPUT, 1.0);
+        let grams = asked(timeline, &changes, LOAD_OUTPUT, 0.0);
         let [set_point, error_name] =
             [SET_POINT, "error_{unit}"].map(|name| timeline.measurand.name(name));
         let computed = [
@@ -303,25 +305,15 @@ fn page(verdict: &Verdict) -> String {
     text
 }
 
-/// Returns the commands of the scenario to the disturbance node, per row; NaN if it has none.
-fn asked(
-    trial: &Trial,
-    timeline: &Timeline,
-    before: f64,
-    output: fn(&DisturbanceCommand) -> f64,
-) -> Series<f64> {
-    let commands = trial.disturbance.commands();
-    if commands.iter().all(|command| output(command) == before) {
+/// Returns the value that the scenario gives an output of an io node, per row; NaN if it gives none.
+fn asked(timeline: &Timeline, changes: &[Change], output: &str, at_rest: f64) -> Series<f64> {
+    if changes.iter().all(|change| change.output != output) {
         return repeat_n(f64::NAN, timeline.cycle.len()).collect();
     }
-    let at = |time: f64| {
-        let begun = commands
-            .iter()
-            .rev()
-            .find(|command| command.at_seconds <= time);
-        begun.map_or(before, output)
-    };
-    timeline.time_seconds.iter().map(at).collect()
+    let times = timeline.time_seconds.iter();
+    times
+        .map(|time| value_at(changes, output, time).unwrap_or(at_rest))
+        .collect()
 }
 
 /// Rows of a signal to write. Rows without a value are left out.

@@ -13,7 +13,7 @@ use crate::custom::leads_all;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
+use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
 
 /// Key of the law of all loops.
@@ -235,7 +235,7 @@ impl<'text> Selector<'_, 'text> {
                 None => self.is_only_loop().then_some(entry),
             };
         }
-        let output = output_name(kind, table);
+        let output = output_name(kind, table).to_owned();
         if !table.contains_key(NODE) {
             let io = only_one(self.rig.io_with(&output)).unwrap_or_default();
             let node = DeValue::String(io.to_owned().into());
@@ -324,7 +324,7 @@ impl<'text> Selector<'_, 'text> {
     ) -> Option<Problem> {
         let Some(named) = table.get(by) else {
             let output = output_name(kind, table);
-            let with = Vec::from_iter(self.rig.io_with(&output).filter(|_| by == NODE));
+            let with = Vec::from_iter(self.rig.io_with(output).filter(|_| by == NODE));
             let (is_clear, known) = match with.len() {
                 0 => (self.is_only_loop(), known),
                 count => (count == 1, &*with),
@@ -344,12 +344,7 @@ impl<'text> Selector<'_, 'text> {
 }
 
 /// Returns the output of an io node that an entry of a disturbance sets.
-fn output_name(kind: &str, entry: &DeTable<'_>) -> String {
+fn output_name<'a>(kind: &str, entry: &'a DeTable<'_>) -> &'a str {
     let name = entry.get("name").and_then(|name| name.get_ref().as_str());
-    let output = match kind {
-        "fan" => FAN_OUTPUT,
-        "load" => LOAD_OUTPUT,
-        _ => name.unwrap_or_default(),
-    };
-    output.to_owned()
+    output_of_kind(kind).or(name).unwrap_or_default()
 }

@@ -429,14 +429,9 @@ impl Rig {
         let plants = self.emulated_with(drive);
         let nodes = self.node.iter().filter_map(|(name, node)| {
             let outputs = node.outputs.as_ref()?;
-            let port = |output| outputs.port(output).map(str::to_owned);
             (!plants.is_disjoint(&node.plants())).then(|| IoWiring {
                 node: Node::new(name, node.node_id, Part::Io),
-                fan: port(FAN_OUTPUT),
-                load: port(LOAD_OUTPUT),
-                outputs: (outputs.others())
-                    .map(|(name, port)| (name.clone(), port.clone()))
-                    .collect(),
+                outputs: outputs.0.clone(),
             })
         });
         nodes.collect()
@@ -707,9 +702,27 @@ impl Sensor {
 pub struct Outputs(pub BTreeMap<String, String>);
 
 /// The output on which the fan acts.
-pub(crate) const FAN_OUTPUT: &str = "convection_factor";
+pub const FAN_OUTPUT: &str = "convection_factor";
 /// The output on which the load acts.
-pub(crate) const LOAD_OUTPUT: &str = "added_load_grams";
+pub const LOAD_OUTPUT: &str = "added_load_grams";
+/// Outputs that disturbances have names for.
+const OUTPUT_OF_KINDS: [(&str, &str); 2] = [("fan", FAN_OUTPUT), ("load", LOAD_OUTPUT)];
+
+/// Returns the output that the disturbances of a kind set.
+pub(crate) fn output_of_kind(kind: &str) -> Option<&'static str> {
+    let mut kinds = OUTPUT_OF_KINDS.iter();
+    kinds
+        .find(|(name, _)| *name == kind)
+        .map(|(_, output)| *output)
+}
+
+/// Returns the kind of the disturbances that set an output, if there is one for it alone.
+pub(crate) fn kind_of_output(output: &str) -> Option<&'static str> {
+    let mut kinds = OUTPUT_OF_KINDS.iter();
+    kinds
+        .find(|(_, name)| *name == output)
+        .map(|(kind, _)| *kind)
+}
 
 impl Outputs {
     /// Returns the port of an output.
@@ -720,7 +733,7 @@ impl Outputs {
     /// Returns the outputs other than fan and load.
     pub(crate) fn others(&self) -> impl Iterator<Item = (&String, &String)> {
         let outputs = self.0.iter();
-        outputs.filter(|(name, _)| ![FAN_OUTPUT, LOAD_OUTPUT].contains(&name.as_str()))
+        outputs.filter(|(name, _)| kind_of_output(name).is_none())
     }
 }
 
