@@ -8,7 +8,7 @@ use std::process::Command;
 
 use fmu::description::Version;
 use fmu::export::write_fmu;
-use plan::{Plan, check_rig};
+use plan::Plan;
 use scenario::rig::nodes::Rig;
 use serde_json::Value;
 use toml::Table;
@@ -280,12 +280,11 @@ fn load(folder: &Path, text: &str) -> Result<(), String> {
     fs::write(&path, text).unwrap();
     let catalogue = worlds::catalogue::catalogue();
     let loaded = if Rig::is_meant(text) {
-        check_rig(text, &path.display().to_string(), catalogue)
-            .map(drop)
-            .map_err(miette_text)
+        Plan::from_rig(&path, text, catalogue)
     } else {
-        Plan::load(&path, catalogue).map(drop).map_err(miette_text)
+        Plan::load(&path, catalogue)
     };
+    let loaded = loaded.map(drop).map_err(miette_text);
     loaded.map_err(|error| format!("{error}\n{text}"))
 }
 

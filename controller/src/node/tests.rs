@@ -143,7 +143,7 @@ fn view(tables: &str) -> ControllerView {
     );
     let beside = Beside::new(Path::new("t.toml"));
     let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-    let (scenario, _) = Scenario::parse(&beside, text, none, |_| Vec::new(), |_| None).unwrap();
+    let scenario = Scenario::parse(&beside, text, none, |_| Vec::new(), |_| None).unwrap();
     scenario.loops[0].controller_view()
 }
 

@@ -21,4 +21,5 @@ mod signal_names;
 mod swept_fmu;
 
 pub use data_sheet::FILE_BYTES_MAX;
-pub use plan::{ControlLoop, Plan, Shared, check_rig, each_once, listed, loop_prefix};
+pub use plan::{ControlLoop, Plan, each_once, listed, loop_prefix};
+pub use scenario::Shared;

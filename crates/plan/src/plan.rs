@@ -1,6 +1,6 @@
 //! The plan of a run: its loops, and the facts that they share.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,13 +8,10 @@ use dbc::loops::LoopPlace;
 use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
-use scenario::contour::Contour;
 use scenario::fault::{Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
-use scenario::rig::nodes::Rig;
-use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
-use scenario::{Beside, NodeProgram, Run, Texts, Trial};
+use scenario::{NodeProgram, Shared, Trial};
 
 use crate::bus_budget::BusBudget;
 use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_in_loop};
@@ -24,8 +21,6 @@ use crate::signal_names::SignalNames;
 
 mod load;
 
-pub use load::check_rig;
-
 /// A run: the loops of a scenario, and the facts that they share. A single loop is a list of one.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -33,31 +28,6 @@ pub struct Plan {
     pub shared: Shared,
     /// Loops in the order of their names; at least one.
     pub loops: Vec<ControlLoop>,
-}
-
-/// Facts of a run that belong to no single loop.
-#[derive(Clone, Debug, Default)]
-pub struct Shared {
-    /// Locations of the scenario and of the files that it names; empty for a scenario without a file.
-    pub beside: Beside,
-    /// Text of the scenario's file.
-    pub text: String,
-    /// Texts of the files that the scenario names, its rig among them, by these names.
-    pub tables: BTreeMap<String, String>,
-    /// Facts of the whole run.
-    pub run: Arc<Run>,
-    /// Values that a sweep varies, if there is one.
-    pub sweep: Option<Sweep>,
-    /// Expectations of several loops together.
-    pub contours: Vec<Contour>,
-    /// Nodes of each loop by the loop's name; empty for an only loop.
-    pub nodes_of_loops: BTreeMap<String, LoopNodes>,
-    /// Programs that play nodes, by the names of the nodes.
-    pub programs: BTreeMap<String, NodeProgram>,
-    /// Whether the scenario has laws that are not used, since a program leads.
-    pub has_unused_law: bool,
-    /// Rig; an empty one if only a scenario is known.
-    pub rig: Arc<Rig>,
 }
 
 /// Loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
@@ -83,33 +53,22 @@ pub struct ControlLoop {
 impl Plan {
     /// Makes the plan of the scenario of a rig with one loop.
     pub fn new(trial: Trial, catalogue: &Catalogue) -> Self {
+        let shared = Shared {
+            run: Arc::clone(&trial.run),
+            ..Shared::default()
+        };
         let frames = catalogue.frames(&trial);
-        let run = Arc::clone(&trial.run);
-        Self::from_loops(run, vec![ControlLoop::with_frames(trial, frames)])
+        Self::from_loops(shared, vec![ControlLoop::with_frames(trial, frames)])
     }
 
     /// Makes the plan of these loops.
-    fn from_loops(run: Arc<Run>, mut loops: Vec<ControlLoop>) -> Self {
+    fn from_loops(shared: Shared, mut loops: Vec<ControlLoop>) -> Self {
         let drives = loops.iter().map(|one| one.nodes.drive.name.clone());
         let drives: Arc<[String]> = drives.collect();
         for one in &mut loops {
             one.drives = Arc::clone(&drives);
         }
-        let several = loops.iter().filter(|one| one.loop_name().is_some());
-        let nodes_of_loops = several.map(|one| (one.name().to_owned(), one.nodes.clone()));
-        let shared = Shared {
-            run,
-            nodes_of_loops: nodes_of_loops.collect(),
-            ..Shared::default()
-        };
         Self { shared, loops }
-    }
-
-    fn with_texts(mut self, beside: &Beside, texts: Texts) -> Self {
-        self.shared.beside = beside.clone();
-        self.shared.text = texts.scenario;
-        self.shared.tables = texts.tables;
-        self
     }
 
     /// Gives the frames another meaning.

@@ -26,14 +26,14 @@ pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Ob
 }
 
 fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Objection> {
-    let rig = &scenario.rig;
+    let rig = &scenario.shared.rig;
     let drive = one.wiring.nodes.drive.name.as_str();
     if !rig.node.get(drive)?.is_ours() {
         return None;
     }
     rig.plant_of(drive)?;
     let plants = one.on_each_plant();
-    let unsound = |one: &Trial| catalogue.objection_to_plant(one, scenario.sweep.as_ref());
+    let unsound = |one: &Trial| catalogue.objection_to_plant(one, scenario.shared.sweep.as_ref());
     if let Some(objection) = plants.iter().find_map(|one| unsound(one)) {
         return Some(objection);
     }

@@ -19,12 +19,13 @@ pub(crate) struct NodeNames {
 impl NodeNames {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
         let nodes = &one.nodes;
-        let others = shared.nodes_of_loops.values().flat_map(LoopNodes::all);
-        let all = nodes.all().chain(others);
+        let all = nodes.all().map(|node| (node.id, node.name.clone()));
+        let others = shared.rig.node.iter();
+        let others = others.map(|(name, node)| (node.node_id, name.clone()));
         Self {
             loop_name: one.loop_name().map(str::to_owned),
             nodes: nodes.clone(),
-            by_id: all.map(|node| (node.id, node.name.clone())).collect(),
+            by_id: all.chain(others).collect(),
         }
     }
 

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use canopen::cob_id::is_restricted;
 
-use crate::rig::nodes::{CONTROLLER_NODE_ID, NodeKind, Rig};
+use crate::node::Part;
+use crate::rig::nodes::{CONTROLLER_NODE_ID, Rig};
 
 /// Number of TPDOs in which a controller publishes the terms of the law of a loop.
 const TERMS: usize = 4;
@@ -101,7 +102,7 @@ impl Rig {
         let mut all = Vec::from_iter(loops);
         let mut taken = BTreeSet::from(SHARED);
         let nodes = self.node.values();
-        for node in nodes.filter(|node| node.kind != NodeKind::Controller) {
+        for node in nodes.filter(|node| node.kind != Part::Controller) {
             taken.extend(PREDEFINED.map(|function| function + u16::from(node.node_id)));
         }
         let mut homeless: Vec<(u8, &mut u16)> = Vec::new();

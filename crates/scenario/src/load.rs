@@ -17,7 +17,6 @@ mod sweep;
 mod tests;
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 
@@ -86,15 +85,6 @@ impl Objection {
     }
 }
 
-/// Texts that were read for a scenario, to the byte.
-#[derive(Clone, Debug, Default)]
-pub struct Texts {
-    /// Text of the scenario's file.
-    pub scenario: String,
-    /// Tables in its folder, and the rig file that it names, by the names that the scenario uses.
-    pub tables: BTreeMap<String, String>,
-}
-
 /// Purpose for which a scenario is read.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Reading {
@@ -141,7 +131,7 @@ impl Trial {
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(Path::new(file_name));
         let text = text.to_owned();
-        let (scenario, _) = Scenario::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
+        let scenario = Scenario::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
         let count = scenario.loops.len();
         only_one(scenario.loops).ok_or_else(|| {
             let message = format!("its rig has {count} loops, and one is played here");

@@ -2,6 +2,9 @@
 
 use std::borrow::Cow;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::rig::nodes::CONTROLLER_NODE_ID;
 
 /// Node of a run.
@@ -15,16 +18,21 @@ pub struct Node {
     pub part: Part,
 }
 
-/// Part of a node in a run.
-#[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
+/// Kind of a node.
+#[derive(
+    Clone, Copy, Debug, Deserialize, Eq, JsonSchema, Ord, PartialEq, PartialOrd, Serialize,
+)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "NodeKind")]
 pub enum Part {
-    /// Controller, the manager of the network.
+    /// SYNC producer, NMT master, and the laws of all loops. A bus has one.
     Controller,
-    /// A drive.
+    /// An emulated CiA 402 drive with amplifier and sensor.
     Drive,
-    /// A node with outputs that act on a plant.
+    /// An emulated CiA 401 node with outputs that act on a plant, such as a fan and a load.
     Io,
-    /// canrig's own node, which can stop the drives.
+    /// canrig's own node, which can stop the drives and is in no rig file.
+    #[serde(skip)]
     Bench,
 }
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::beside::Beside;
 use crate::contour::Contour;
 use crate::document::Document;
 use crate::error::Source;
@@ -15,18 +16,31 @@ use crate::trial::Trial;
 /// Scenario and the rig that it names, resolved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// Facts of the whole run.
-    pub run: Arc<Run>,
-    /// Rig with the scenario's values in it.
-    pub rig: Rig,
+    /// Facts that its loops share.
+    pub shared: Shared,
     /// Loops, in the order of their names.
     pub loops: Vec<Trial>,
+    /// EDS of each external drive, by the drive's name.
+    pub sheets: BTreeMap<String, String>,
+}
+
+/// Facts of a run that belong to no single loop.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shared {
+    /// Locations of the scenario and of the files that it names; empty for a scenario without a file.
+    pub beside: Beside,
+    /// Text of the scenario's file, to the byte.
+    pub text: String,
+    /// Texts of the files that the scenario names, its rig among them, by these names.
+    pub tables: BTreeMap<String, String>,
+    /// Facts of the whole run.
+    pub run: Arc<Run>,
+    /// Rig with the scenario's values in it; an empty one if only a trial is known.
+    pub rig: Arc<Rig>,
     /// Expectations of several loops together.
     pub contours: Vec<Contour>,
     /// Keys that `canrig sweep` varies to make many scenarios of this one; all other commands ignore them.
     pub sweep: Option<Sweep>,
-    /// EDS of each external drive, by the drive's name.
-    pub sheets: BTreeMap<String, String>,
     /// Programs that play nodes, by the names of the nodes.
     pub programs: BTreeMap<String, NodeProgram>,
     /// Whether the scenario has laws that are not used, since a program leads.

@@ -199,7 +199,7 @@ fn recorded(controller: &str, plant: &str) -> Result<Trial, String> {
     let beside = Beside::new(&path);
     let loaded = Scenario::parse_recorded(&beside, text(controller), |_| Vec::new(), |_| None);
     loaded
-        .map(|(loops, _)| loops.loops[0].clone())
+        .map(|scenario| scenario.loops[0].clone())
         .map_err(|error| format!("{:?}", miette::Report::new(error)))
 }
 

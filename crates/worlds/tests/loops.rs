@@ -5,7 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use can::CanFrame;
-use plan::{ControlLoop, Plan, check_rig};
+use plan::bus_budget::BusBudget;
+use plan::{ControlLoop, Plan};
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::sources::Sent;
@@ -228,7 +229,8 @@ fn a_cycle_that_is_too_short_is_refused_with_the_one_that_fits() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let read = |name: &str| fs::read_to_string(data.join(name)).unwrap();
     let rig = read("two_axes_rig.toml");
-    let (_, budget) = check_rig(&rig, "two_axes_rig.toml", catalogue()).unwrap();
+    let plan = Plan::from_rig(Path::new("two_axes_rig.toml"), &rig, catalogue()).unwrap();
+    let budget = BusBudget::new(&plan);
     assert!(budget.fits(), "{budget}");
     assert_eq!(budget.shares[0].what, "SYNC");
     let load_at = |period: &str| {

@@ -6,8 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use dbc::Database;
-use scenario::rig::nodes::Rig;
-use scenario::{Beside, Objection, Scenario, ScenarioError, Texts, Trial, text_of};
+use scenario::{Beside, Objection, Scenario, ScenarioError, Trial, text_of};
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
@@ -39,8 +38,8 @@ impl Plan {
         let read = |name: &str| beside.read(name);
         let object = |scenario: &Scenario| objection(scenario, catalogue);
         let none = |_: &Trial| Vec::new();
-        let (scenario, texts) = Scenario::parse(&beside, text_of(path)?, read, none, object)?;
-        Ok(Self::from_texts(scenario, &beside, texts, catalogue))
+        let scenario = Scenario::parse(&beside, text_of(path)?, read, none, object)?;
+        Ok(Self::without_objections(scenario, catalogue))
     }
 
     /// Parses as [`Plan::load`], from a text; the files that it names are in its folder.
@@ -67,8 +66,8 @@ impl Plan {
     ) -> Result<Self, ScenarioError> {
         let objections = |trial: &Trial| catalogue.objections(trial);
         let object = |scenario: &Scenario| objection(scenario, catalogue);
-        let (scenario, texts) = Scenario::parse(beside, text, read_file, objections, object)?;
-        Ok(Self::from_texts(scenario, beside, texts, catalogue))
+        let scenario = Scenario::parse(beside, text, read_file, objections, object)?;
+        Ok(Self::without_objections(scenario, catalogue))
     }
 
     /// Makes the plan of a rig file without a trial.
@@ -76,15 +75,9 @@ impl Plan {
     /// # Errors
     /// The rig file is not valid.
     pub fn from_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
-        let object = |scenario: &Scenario| planned(scenario.clone(), catalogue).err();
+        let object = |scenario: &Scenario| objection(scenario, catalogue);
         let scenario = Scenario::from_rig(text, &path.display().to_string(), object)?;
-        let beside = Beside::new(path);
-        Ok(Self::from_texts(
-            scenario,
-            &beside,
-            Texts::default(),
-            catalogue,
-        ))
+        Ok(Self::without_objections(scenario, catalogue))
     }
 
     /// Reads the scenario of a recording, whose frames have the meaning of its database. Plants and laws need not be known here.
@@ -106,9 +99,9 @@ impl Plan {
         let objections = |trial: &Trial| recorded_objections(trial, database);
         let beside = Beside::new(path);
         let text = text_of(path)?;
-        let (scenario, texts) = Scenario::parse_recorded(&beside, text, objections, object)?;
+        let scenario = Scenario::parse_recorded(&beside, text, objections, object)?;
         let plan = recorded(scenario).expect("a rig without objections");
-        Ok(plan.recorded_external(external).with_texts(&beside, texts))
+        Ok(plan.recorded_external(external))
     }
 
     /// Makes the plan of another scenario on the same rig, with the same plants and laws: the meaning of the frames is shared.
@@ -136,11 +129,7 @@ impl Plan {
             trial,
             ..base.clone()
         });
-        let mut plan = Self::from_loops(scenario.run, varied.collect());
-        plan.shared.programs = scenario.programs;
-        plan.shared.beside = beside;
-        plan.shared.contours = scenario.contours;
-        plan.shared.rig = Arc::new(scenario.rig);
+        let plan = Self::from_loops(scenario.shared, varied.collect());
         let [are_sent, were_sent] =
             [&plan, self].map(|plan| plan.set_points_every_cycles().is_some());
         Ok(if are_sent == were_sent {
@@ -151,32 +140,9 @@ impl Plan {
     }
 
     /// Makes the plan of loops that were found to be without objections.
-    fn from_texts(
-        scenario: Scenario,
-        beside: &Beside,
-        texts: Texts,
-        catalogue: &Catalogue,
-    ) -> Self {
-        let plan = planned(scenario, catalogue);
-        plan.expect("a rig without objections")
-            .with_texts(beside, texts)
+    fn without_objections(scenario: Scenario, catalogue: &Catalogue) -> Self {
+        planned(scenario, catalogue).expect("a rig without objections")
     }
-}
-
-/// Checks the text of a rig file without a trial, and computes its bus budget under the shipped laws.
-///
-/// # Errors
-/// The rig file is not valid, or the frames do not fit between two SYNCs.
-pub fn check_rig(
-    text: &str,
-    name: &str,
-    catalogue: &Catalogue,
-) -> Result<(Rig, BusBudget), ScenarioError> {
-    let object = |scenario: &Scenario| objection(scenario, catalogue);
-    let scenario = Scenario::from_rig(text, name, object)?;
-    let plan = planned(scenario.clone(), catalogue).expect("a rig without objections");
-    let budget = BusBudget::new(&plan);
-    Ok((scenario.rig, budget))
 }
 
 /// Finds a problem of a rig: a drive that cannot be led, nodes that send the same frame, a cycle that is too short.
@@ -242,7 +208,7 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
 
 /// Returns a drive, if it is a real one.
 fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive>>, Objection> {
-    let Some(real) = scenario.rig.real_drive(drive) else {
+    let Some(real) = scenario.shared.rig.real_drive(drive) else {
         return Ok(None);
     };
     let loaded = LoadedDrive::new(real, scenario.sheets.get(drive)).map_err(|error| {
@@ -255,7 +221,13 @@ fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive
 /// Makes the plan of loops that `make` makes, each with its real drive.
 fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let mut external = External::default();
-    for node in scenario.rig.node.values().filter(|node| !node.is_ours()) {
+    for node in scenario
+        .shared
+        .rig
+        .node
+        .values()
+        .filter(|node| !node.is_ours())
+    {
         external.insert(node.node_id, node.program.is_some());
     }
     let trials = std::mem::take(&mut scenario.loops).into_iter();
@@ -268,13 +240,7 @@ fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<
             })
         })
         .collect::<Result<_, _>>()?;
-    let mut plan = Plan::from_loops(scenario.run, loops);
-    plan.shared.contours = scenario.contours;
-    plan.shared.sweep = scenario.sweep;
-    plan.shared.programs = scenario.programs;
-    plan.shared.has_unused_law = scenario.has_unused_law;
-    plan.shared.rig = Arc::new(scenario.rig);
-    Ok(plan)
+    Ok(Plan::from_loops(scenario.shared, loops))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, rig_text, scenario_files};
 use plan::bus_budget::{BusBudget, Pace};
-use plan::{Shared, check_rig};
+use plan::{Plan, Shared};
 use report::table::{Cell, Table, Text};
 use worlds::catalogue::catalogue;
 
@@ -45,12 +45,12 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<()> {
     let print_valid = |name: String| print(&format!("{}: valid ({name})", path.display()));
     let text = rig_text(path).unwrap_or_default();
     if Rig::is_meant(&text) {
-        let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
-        print_valid(format!("rig: {}", rig.name));
-        for note in rig.notes() {
+        let plan = Plan::from_rig(path, &text, catalogue())?;
+        print_valid(format!("rig: {}", plan.shared.rig.name));
+        for note in plan.shared.rig.notes() {
             print(&format!("note: {note}"));
         }
-        print_text(&arithmetic(&bus));
+        print_text(&arithmetic(&BusBudget::new(&plan)));
         return Ok(());
     }
     let plan = read(path, values)?;

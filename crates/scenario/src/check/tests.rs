@@ -27,7 +27,7 @@ pub(super) fn resolved(more: &str) -> Result<Scenario, ScenarioError> {
         _ => Err(io::ErrorKind::NotFound.into()),
     };
     let beside = Beside::new(Path::new("t.toml"));
-    Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None).map(|(scenario, _)| scenario)
+    Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None)
 }
 
 /// Checks that there is one problem, its place and its message; its label is in the `Debug` text.

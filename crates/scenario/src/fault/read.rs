@@ -14,7 +14,7 @@ use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
-use crate::rig::nodes::{NodeKind, Rig};
+use crate::rig::nodes::Rig;
 use crate::schema;
 use crate::structure::{self, check_table, number};
 
@@ -27,17 +27,12 @@ fn node_of(rig: &Rig, name: &str) -> Option<Node> {
     if name == BENCH {
         return Some(Node::new(name, 0, Part::Bench));
     }
-    let found = rig.node.get(name)?;
-    let part = match found.kind {
-        NodeKind::Controller => Part::Controller,
-        NodeKind::Drive => Part::Drive,
-        NodeKind::Io => return None,
-    };
-    Some(Node::new(name, found.node_id, part))
+    let found = rig.node.get(name).filter(|node| node.kind != Part::Io)?;
+    Some(Node::new(name, found.node_id, found.kind))
 }
 
 fn only_drive(rig: &Rig) -> Option<Node> {
-    let (drive, _) = only_one(rig.of_kind(NodeKind::Drive))?;
+    let (drive, _) = only_one(rig.of_kind(Part::Drive))?;
     node_of(rig, drive)
 }
 
@@ -174,7 +169,7 @@ impl<'text> Reader<'_, 'text> {
         let (message, label) = match self.rig.node.get(name) {
             Some(node) => {
                 let label = match node.kind {
-                    NodeKind::Io => "an io node; faults happen to drives and the controller",
+                    Part::Io => "an io node; faults happen to drives and the controller",
                     _ => "no drive",
                 };
                 let message = format!("{} cannot happen to `{name}`", kind.heading());

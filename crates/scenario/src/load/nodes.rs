@@ -16,7 +16,8 @@ use crate::check;
 use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode};
+use crate::node::Part;
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, Rig, RigNode};
 use crate::rig::{ObjectAddress, RealDrive};
 use crate::schema;
 use crate::table;
@@ -100,7 +101,7 @@ impl Rig {
             check_custom(document, Section::Plant, &path, table, &mut problems);
         }
         for node in rig.node.values_mut() {
-            node.external |= node.kind == NodeKind::Drive && node.limits.is_some();
+            node.external |= node.kind == Part::Drive && node.limits.is_some();
         }
         for one in rig.loops.values_mut() {
             one.name_drives();
@@ -292,7 +293,7 @@ impl Check<'_> {
     }
 
     fn controllers(&mut self) {
-        let mut controllers = self.rig.of_kind(NodeKind::Controller);
+        let mut controllers = self.rig.of_kind(Part::Controller);
         match (controllers.next(), controllers.next()) {
             (Some(_), None) => {}
             (None, _) => {
@@ -312,9 +313,9 @@ impl Check<'_> {
     fn nodes(&mut self) {
         for (name, node) in &self.rig.node {
             let parts = [
-                ("amplifier", node.amplifier.is_some(), NodeKind::Drive),
-                ("sensor", node.sensor.is_some(), NodeKind::Drive),
-                ("outputs", node.outputs.is_some(), NodeKind::Io),
+                ("amplifier", node.amplifier.is_some(), Part::Drive),
+                ("sensor", node.sensor.is_some(), Part::Drive),
+                ("outputs", node.outputs.is_some(), Part::Io),
             ];
             for (part, is_there, kind) in parts {
                 let path = format!("node.{name}");
@@ -338,7 +339,7 @@ impl Check<'_> {
         for (name, node) in &self.rig.node {
             let path = format!("node.{name}");
             match (!node.is_ours(), node.kind) {
-                (false, _) | (true, NodeKind::Io) => {
+                (false, _) | (true, Part::Io) => {
                     for key in EXTERNAL_KEYS {
                         let path = format!("{path}.{key}");
                         if self.document.has(&path) {
@@ -347,8 +348,8 @@ impl Check<'_> {
                         }
                     }
                 }
-                (true, NodeKind::Controller) if !node.external => {}
-                (true, NodeKind::Controller) => {
+                (true, Part::Controller) if !node.external => {}
+                (true, Part::Controller) => {
                     let message = "a rig file's controller is canrig's";
                     let path = format!("{path}.external");
                     let problem = self.document.problem(&path, message, "here");
@@ -356,9 +357,10 @@ impl Check<'_> {
                         "to test one of your own, leave this out and play with --external controller, or write program = [\"./controller\"]",
                     ));
                 }
-                (true, NodeKind::Drive) => self.external_drive(name),
+                (true, Part::Drive) => self.external_drive(name),
+                (true, Part::Bench) => {}
             }
-            if node.kind == NodeKind::Io {
+            if node.kind == Part::Io {
                 self.problems.extend(self.io_beside_external(name));
             }
         }
@@ -455,7 +457,7 @@ impl Check<'_> {
             for (key, port, wanted) in amplifier.chain(sensor).chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
-                    if node.kind == NodeKind::Drive && node.is_ours() {
+                    if node.kind == Part::Drive && node.is_ours() {
                         let message = format!("`{name}` is wired to no plant");
                         let label = format!("`{key}` is missing, as in \"PLANT.{wanted}\"");
                         self.at_key(&path, message, label);
@@ -537,7 +539,7 @@ impl Check<'_> {
         // loop's drive.
         let is_said = is_one_in_two || rig.loops.values().any(|one| one.drives.is_empty());
         let is_followed = |drive: &str| rig.loops.values().any(|one| one.followed() == drive);
-        for (drive, node) in rig.of_kind(NodeKind::Drive) {
+        for (drive, node) in rig.of_kind(Part::Drive) {
             let is_watched = is_followed(drive) && node.is_ours();
             if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
@@ -558,7 +560,7 @@ impl Check<'_> {
                 let message = format!("there is no node `{drive}`");
                 return Some(self.unknown(path, message, drive, self.rig.node.keys()));
             }
-            Some(node) if node.kind != NodeKind::Drive => (
+            Some(node) if node.kind != Part::Drive => (
                 format!("`{drive}` is no drive"),
                 "a loop is moved by drives".to_owned(),
             ),
@@ -587,7 +589,7 @@ impl Check<'_> {
         let path = format!("loop.{name}.feedback");
         // A loop without a drive has been reported already.
         let first = drives.first()?;
-        let drives = || self.rig.of_kind(NodeKind::Drive).map(|(name, _)| name);
+        let drives = || self.rig.of_kind(Part::Drive).map(|(name, _)| name);
         if drives().all(|drive| drive != node) {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which no drive measures");

@@ -11,8 +11,7 @@ use super::overlay::overlaid;
 use super::sections::{CONTROLLER, Selector};
 use super::sweep::read_sweep;
 use super::{
-    FindObjections, KIND, Objection, Reading, Texts, build, check_custom, in_unit, nodes,
-    without_problems,
+    FindObjections, KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems,
 };
 use crate::beside::Beside;
 use crate::check::{self, NamedFiles};
@@ -22,7 +21,7 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::fault::{self, Fault};
 use crate::rig::nodes::Rig;
 use crate::run::Run;
-use crate::scenario::{NodeProgram, Scenario};
+use crate::scenario::{NodeProgram, Scenario, Shared};
 use crate::schema;
 use crate::table::ReadTable;
 use crate::trial::Trial;
@@ -59,7 +58,7 @@ impl<'a> Asked<'a> {
 }
 
 impl Scenario {
-    /// Parses a scenario, the rig that it names, and its tables, and returns it with the texts that were read. `read_file`
+    /// Parses a scenario, the rig that it names, and its tables. `read_file`
     /// returns the text of a file by the name that the scenario uses; `beside` locates these files. `objections` finds further
     /// problems of a loop, `object` a problem of the rig.
     ///
@@ -71,7 +70,7 @@ impl Scenario {
         mut read_file: impl FnMut(&str) -> io::Result<String>,
         objections: impl Fn(&Trial) -> Vec<Objection>,
         object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
+    ) -> Result<Self, ScenarioError> {
         let asked = Asked::new(Reading::ToPlay, &objections, &object);
         parse_for(beside, text, &mut read_file, &asked)
     }
@@ -87,7 +86,7 @@ impl Scenario {
         object: impl Fn(&Self) -> Option<Objection>,
     ) -> Result<Self, ScenarioError> {
         let asked = Asked::new(Reading::Case, &|_| Vec::new(), &object);
-        parse_for(beside, text, &mut read_file, &asked).map(|(scenario, _)| scenario)
+        parse_for(beside, text, &mut read_file, &asked)
     }
 
     /// Parses as [`Scenario::parse`], for a scenario that was played already. Tables of plants and laws from outside are kept
@@ -100,7 +99,7 @@ impl Scenario {
         text: String,
         objections: impl Fn(&Trial) -> Vec<Objection>,
         object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
+    ) -> Result<Self, ScenarioError> {
         let asked = Asked::new(Reading::Recorded, &objections, &object);
         // Hashes come from the recording.
         let read = &mut |name: &str| beside.read_text(name);
@@ -131,7 +130,9 @@ impl Scenario {
             path: PathBuf::from(name),
         };
         let asked = Asked::new(Reading::ToPlay, &|_| Vec::new(), &object);
-        resolve(&files, &mut |file| beside.read(file), &asked)
+        let mut scenario = resolve(&files, &mut |file| beside.read(file), &asked)?;
+        scenario.shared.beside = beside;
+        Ok(scenario)
     }
 }
 
@@ -141,7 +142,7 @@ fn parse_for(
     text: String,
     read_file: ReadTable<'_>,
     asked: &Asked<'_>,
-) -> Result<(Scenario, Texts), ScenarioError> {
+) -> Result<Scenario, ScenarioError> {
     let name = beside.scenario().display().to_string();
     let mut tables = BTreeMap::new();
     // A file that is named twice is read once.
@@ -154,16 +155,14 @@ fn parse_for(
         }
     };
     let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
-    let scenario = resolve(&files, read_once, asked)?;
+    let mut scenario = resolve(&files, read_once, asked)?;
     let rig = files.rig;
     // It borrows the text.
     drop(files.scenario);
     tables.extend(rig.is_shipped.then_some((rig.beside, rig.text)));
-    let texts = Texts {
-        scenario: text,
-        tables,
-    };
-    Ok((scenario, texts))
+    let shared = &mut scenario.shared;
+    (shared.beside, shared.text, shared.tables) = (beside.clone(), text, tables);
+    Ok(scenario)
 }
 
 fn resolve(
@@ -223,19 +222,28 @@ fn resolve(
         Reading::ToPlay => read_sweep(document, &rig).map_err(fail)?,
         Reading::Case | Reading::Recorded => None,
     };
-    let scenario = Scenario {
+    let shared = Shared {
         run,
-        loops,
         contours,
         sweep,
-        sheets,
         has_unused_law: rig.is_led_by_program() && document.has(CONTROLLER),
-        rig,
+        rig: Arc::new(rig),
         programs,
+        ..Shared::default()
+    };
+    let scenario = Scenario {
+        shared,
+        loops,
+        sheets,
     };
     match (asked.object)(&scenario) {
         None => Ok(scenario),
-        Some(objection) => Err(objected(files, &rig_document, &scenario.rig, objection)),
+        Some(objection) => Err(objected(
+            files,
+            &rig_document,
+            &scenario.shared.rig,
+            objection,
+        )),
     }
 }
 

@@ -83,8 +83,7 @@ fn load_files(scenario: &str, rig: &str) -> Result<Scenario, ScenarioError> {
     let beside = Beside::new(&path);
     let read = |name: &str| beside.read(name);
     let text = scenario.to_owned();
-    let loaded = Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None);
-    loaded.map(|(loops, _)| loops)
+    Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None)
 }
 
 /// Returns the number of a loop's faults of a kind.
@@ -502,7 +501,7 @@ const SWEEP: &str = "[sweep]\ndraws = 2\n\
 fn a_sweep_varies_what_has_the_names_of_the_rig() {
     let scenario = SCENARIO.replace("[expect.x]", SWEEP);
     let loops = load_text(&scenario, RIG).unwrap();
-    let sweep = loops.sweep.as_ref().unwrap();
+    let sweep = loops.shared.sweep.as_ref().unwrap();
     assert_eq!(sweep.runs(), 4);
     for (right, wrong, said) in [
         (
@@ -534,7 +533,7 @@ const ON_SHIPPED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nd
     [[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
     [expect]\nsafe_state = true\n";
 
-fn load_shipped(text: &str) -> Result<(Scenario, crate::Texts), ScenarioError> {
+fn load_shipped(text: &str) -> Result<Scenario, ScenarioError> {
     let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     let beside = Beside::new(std::path::Path::new("step.toml"));
     Scenario::parse(&beside, text.to_owned(), none, |_| Vec::new(), |_| None)
@@ -542,20 +541,20 @@ fn load_shipped(text: &str) -> Result<(Scenario, crate::Texts), ScenarioError> {
 
 #[test]
 fn a_rig_that_ships_is_a_rig_file_whose_text_is_kept() {
-    let (loops, texts) = load_shipped(ON_SHIPPED).unwrap();
+    let loops = load_shipped(ON_SHIPPED).unwrap();
     let [one] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
     assert_eq!(one.wiring.plausible.max, Some(59.5));
     let rig = crate::rig::shipped::text("sma_actuator").unwrap();
-    assert_eq!(texts.tables["rig/sma_actuator.toml"], rig);
-    assert_eq!(texts.tables.len(), 1);
+    assert_eq!(loops.shared.tables["rig/sma_actuator.toml"], rig);
+    assert_eq!(loops.shared.tables.len(), 1);
     for (flat, by_loop) in [
         ("[controller.pid]", "[controller.position.pid]"),
         ("[controller.pid]", "[controller.all.pid]"),
         ("[expect]", "[expect.position]"),
     ] {
-        let (named, _) = load_shipped(&ON_SHIPPED.replace(flat, by_loop)).unwrap();
+        let named = load_shipped(&ON_SHIPPED.replace(flat, by_loop)).unwrap();
         assert_eq!(&named.loops[0], one, "{by_loop}");
     }
 }
@@ -604,10 +603,10 @@ fn a_rig_that_is_not_there_is_one_error() {
 fn a_scenario_gives_other_values_to_its_rig() {
     let more = "[bus]\nsync_period_milliseconds = 2.0\n[plant.wire.heat]\nambient_celsius = 30.0\n\
         [node.drive.sensor]\nnoise_rms = 0.1\nmax = 50.0\n[node.drive.amplifier]\nmax = 0.5\n";
-    let (loops, _) = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap();
+    let loops = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap();
     let scenario = &loops.loops[0];
     assert_eq!(scenario.run.bus.sync_period_milliseconds, 2.0);
-    assert_eq!(loops.rig.bus.sync_period_milliseconds, 2.0);
+    assert_eq!(loops.shared.rig.bus.sync_period_milliseconds, 2.0);
     assert_eq!(
         scenario.plant.sma.as_ref().unwrap().heat.ambient_celsius,
         30.0
@@ -653,6 +652,7 @@ fn a_contour_needs_two_loops_each_once() {
     assert_eq!(
         load_text(&limited("[\"x\", \"y\"]"), RIG)
             .unwrap()
+            .shared
             .contours
             .len(),
         1

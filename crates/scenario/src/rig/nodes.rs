@@ -196,9 +196,7 @@ impl Rig {
     }
 
     fn first_drive(&self, is_it: impl Fn(&str) -> bool) -> Option<&str> {
-        let those = self
-            .of_kind(NodeKind::Drive)
-            .filter(|(name, _)| is_it(name));
+        let those = self.of_kind(Part::Drive).filter(|(name, _)| is_it(name));
         let first = those.min_by_key(|(_, node)| node.node_id);
         first.map(|(name, _)| name)
     }
@@ -254,17 +252,17 @@ impl Rig {
 
     /// Returns the nodes of the loop of a drive.
     fn nodes_of(&self, drive: &str, node_id: u8) -> LoopNodes {
-        let named = |(name, node): (&str, &RigNode), part| Node::new(name, node.node_id, part);
-        let controller = self.controller().map(|node| named(node, Part::Controller));
+        let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
+        let controller = self.controller().map(named);
         let drive_node = Node::new(drive, node_id, Part::Drive);
-        let followed = self.followed_by(drive).map(|node| named(node, Part::Drive));
-        let io = self.of_kind(NodeKind::Io);
+        let followed = self.followed_by(drive).map(named);
+        let io = self.of_kind(Part::Io);
         let recorded = io.filter(|(name, _)| self.drive_of_io(name) == Some(drive));
         LoopNodes {
             controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
             followed: followed.unwrap_or_else(|| drive_node.clone()),
             drive: drive_node,
-            io: recorded.map(|node| named(node, Part::Io)).collect(),
+            io: recorded.map(named).collect(),
         }
     }
 
@@ -304,11 +302,11 @@ impl Rig {
 
     /// Returns the controller with its name.
     pub fn controller(&self) -> Option<(&str, &RigNode)> {
-        self.of_kind(NodeKind::Controller).next()
+        self.of_kind(Part::Controller).next()
     }
 
     /// Returns the nodes of a kind by name.
-    pub(crate) fn of_kind(&self, kind: NodeKind) -> impl Iterator<Item = (&str, &RigNode)> {
+    pub(crate) fn of_kind(&self, kind: Part) -> impl Iterator<Item = (&str, &RigNode)> {
         let nodes = self.node.iter().filter(move |(_, node)| node.kind == kind);
         nodes.map(|(name, node)| (name.as_str(), node))
     }
@@ -357,7 +355,7 @@ impl Rig {
         rig.node.retain(|name, node| {
             let is_io = io.contains(&name.as_str());
             node.external |= is_io;
-            is_io || name == drive || node.kind == NodeKind::Controller
+            is_io || name == drive || node.kind == Part::Controller
         });
         if let Some(node) = rig.node.get_mut(drive) {
             let objects = real.drive.clone();
@@ -477,25 +475,13 @@ pub struct DriveDefaults {
     pub plausible: Option<Plausible>,
 }
 
-/// Kind of a node.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum NodeKind {
-    /// SYNC producer, NMT master, and the laws of all loops. A bus has one.
-    Controller,
-    /// An emulated CiA 402 drive with amplifier and sensor.
-    Drive,
-    /// An emulated CiA 401 node with outputs that act on a plant, such as a fan and a load.
-    Io,
-}
-
 /// A node on the bus.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "RigNode")]
 pub struct RigNode {
     /// Kind of the node.
-    pub kind: NodeKind,
+    pub kind: Part,
     /// Its node-ID.
     #[schemars(range(min = 1, max = 127))]
     pub node_id: u8,

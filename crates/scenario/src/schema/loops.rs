@@ -7,9 +7,10 @@ use serde_json::{Map, Value, json};
 use super::{CONTOURS, RIG, RUN, SWEPT, TRIAL, entries, part_of, resolve, schema_of};
 use crate::custom::{self, Section};
 use crate::fault;
+use crate::node::Part;
 use crate::plant::PlantModel;
 use crate::port::{Command, Measurand, UNIT, Unit, conversion, is_gain, is_pattern, known_units};
-use crate::rig::nodes::{NodeKind, Rig};
+use crate::rig::nodes::Rig;
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
 const LOOP_ENTRIES: &str = "Reference";
@@ -158,7 +159,7 @@ fn rig_part(schema: &mut Value) -> Value {
 
 /// Returns the schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
-    let drives = rig.of_kind(NodeKind::Drive);
+    let drives = rig.of_kind(Part::Drive);
     let mut measurands = Vec::from_iter(drives.map(|(_, node)| node.measurand()));
     measurands.dedup();
     let mut schema = loops_schema(&measurands, travel(rig));

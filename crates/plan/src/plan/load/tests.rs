@@ -95,7 +95,7 @@ fn a_program_of_a_rig_that_is_read_alone_is_wrong_at_its_place_in_the_rig_file()
     let program = "node_id = 1\nprogram = [\"./nope.py\"]\n";
     let rig = two_servos(0x22).replacen("node_id = 1\n", program, 1);
     let rig = rig.replace("eds = \"sheets/servo.eds\"", "external = true");
-    let error = check_rig(&rig, "rig.toml", &Catalogue::shipped()).unwrap_err();
+    let error = Plan::from_rig(Path::new("rig.toml"), &rig, &Catalogue::shipped()).unwrap_err();
     let shown = format!("{:?}", miette::Report::new(error));
     assert!(shown.contains("[rig.toml:8:12]"), "{shown}");
     assert!(

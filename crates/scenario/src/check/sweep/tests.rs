@@ -209,7 +209,7 @@ fn a_sweep_knows_which_keys_take_whole_numbers() {
     let entries = "draws = 2\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 0\nto = 9\n\
         [[sweep.range]]\nkey = \"node.drive.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
         [[sweep.list]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nvalues = [0.03, 0.04]";
-    let sweep = resolved(&swept(entries)).unwrap().sweep.unwrap();
+    let sweep = resolved(&swept(entries)).unwrap().shared.sweep.unwrap();
     assert!(
         sweep
             .whole_numbers

@@ -2,7 +2,7 @@
 
 use super::Check;
 use crate::custom::is_name;
-use crate::rig::nodes::NodeKind;
+use crate::node::Part;
 use crate::wiring::IO_OUTPUTS_MAX;
 
 impl Check<'_> {
@@ -45,7 +45,7 @@ impl Check<'_> {
         let mut drives = rig.node.iter();
         let is_one_ours = drives.any(|(name, node)| node.is_ours() && rig.plant_of(name).is_some());
         let is_moved = |plant: &str| {
-            let mut drives = rig.of_kind(NodeKind::Drive);
+            let mut drives = rig.of_kind(Part::Drive);
             drives.any(|(drive, _)| rig.plant_of(drive) == Some(plant))
         };
         for plant in rig.plant.keys() {

@@ -61,8 +61,7 @@ fn read_file(name: &str) -> io::Result<String> {
 fn load(rig: &str, tables: &str) -> Result<Scenario, ScenarioError> {
     let beside = Beside::new(Path::new("s.toml"));
     let text = scenario(rig, tables);
-    let loaded = Scenario::parse(&beside, text, read_file, |_| Vec::new(), |_| None);
-    loaded.map(|(loops, _)| loops)
+    Scenario::parse(&beside, text, read_file, |_| Vec::new(), |_| None)
 }
 
 /// Returns the problems of a scenario, each of which is in its text, and their rendering.
@@ -98,7 +97,7 @@ fn values_take_the_places_of_those_of_the_rig() {
     let [axis, lift] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    for bus in [&loops.rig.bus, &axis.run.bus, &lift.run.bus] {
+    for bus in [&loops.shared.rig.bus, &axis.run.bus, &lift.run.bus] {
         assert_eq!(bus.bitrate_kilobits_per_second, 500);
         assert!((bus.sync_period_milliseconds - 4.0).abs() < 1e-12);
     }
@@ -108,8 +107,8 @@ fn values_take_the_places_of_those_of_the_rig() {
     let sensor = &axis.sensor;
     assert_eq!(sensor.resolution_bits, 16);
     assert!((sensor.noise_rms - 0.1).abs() < 1e-12);
-    assert_eq!(loops.rig.node["axis"].truth_every_cycles, Some(7));
-    let timeouts = loops.rig.real_drive("lift").unwrap().timeouts;
+    assert_eq!(loops.shared.rig.node["axis"].truth_every_cycles, Some(7));
+    let timeouts = loops.shared.rig.real_drive("lift").unwrap().timeouts;
     assert_eq!(timeouts.sdo_answer_milliseconds, 900);
     assert!((timeouts.bring_up_seconds - 20.0).abs() < 1e-12);
 }
