@@ -3,8 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::chirp::{FrequencySweep, SweptPhase};
-use crate::reference::SetPoint;
+use crate::reference::{Chirp, SetPoint, Sine};
 
 /// A piece as the scenario describes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,19 +12,10 @@ pub(crate) enum Piece {
     Constant { value: f64 },
     /// A straight line from the curve's present value to `end` at `until_seconds`, then constant.
     Line { until_seconds: f64, end: f64 },
-    /// `centre + amplitude sin(ω (t − start))`.
-    Sine {
-        centre: f64,
-        amplitude: f64,
-        radians_per_second: f64,
-    },
-    /// `centre + amplitude sin φ` with a frequency that moves; the centre from `until_seconds` on.
-    Chirp {
-        centre: f64,
-        amplitude: f64,
-        until_seconds: f64,
-        sweep: FrequencySweep,
-    },
+    /// A sine.
+    Sine(Sine),
+    /// A sine whose frequency moves.
+    Chirp(Chirp),
     /// Straight lines through rows `(seconds from the start, value)`, constant outside.
     Table { rows: Vec<(f64, f64)> },
 }
@@ -140,7 +130,7 @@ impl Segment {
                 let times = rows.iter().map(|(seconds, _)| self.start_seconds + seconds);
                 times.collect()
             }
-            Piece::Sine { .. } | Piece::Chirp { .. } => {
+            Piece::Sine(_) | Piece::Chirp(_) => {
                 let first = libm::ceil(self.start_seconds / spacing_seconds);
                 let times = (0_u32..).map(|place| (first + f64::from(place)) * spacing_seconds);
                 times.take_while(|time| *time < end_seconds).collect()
@@ -152,12 +142,9 @@ impl Segment {
     fn is_new_until_seconds(&self) -> f64 {
         match &self.piece {
             Piece::Constant { .. } => self.start_seconds,
-            Piece::Line { until_seconds, .. } | Piece::Chirp { until_seconds, .. } => {
-                *until_seconds
-            }
-            Piece::Sine {
-                radians_per_second, ..
-            } => self.start_seconds + TAU / radians_per_second,
+            Piece::Line { until_seconds, .. } => *until_seconds,
+            Piece::Chirp(chirp) => chirp.until_seconds,
+            Piece::Sine(sine) => self.start_seconds + TAU / sine.radians_per_second(),
             Piece::Table { rows } => {
                 self.start_seconds + rows.last().map_or(0.0, |(seconds, _)| *seconds)
             }
@@ -175,52 +162,49 @@ impl Segment {
                 ];
                 interpolate(&rows, elapsed)
             }
-            Piece::Sine {
-                centre,
-                amplitude,
-                radians_per_second: omega,
-            } => sine(*centre, *amplitude, *omega, elapsed),
-            Piece::Chirp {
-                centre,
-                amplitude,
-                until_seconds,
-                sweep,
-            } => {
-                if time_seconds < *until_seconds {
-                    chirp(*centre, *amplitude, &sweep.at(elapsed))
-                } else {
-                    SetPoint::line(*centre, 0.0)
-                }
-            }
+            Piece::Sine(sine) => sine.at(elapsed),
+            Piece::Chirp(chirp) if time_seconds < chirp.until_seconds => chirp.at(elapsed),
+            Piece::Chirp(chirp) => SetPoint::line(chirp.centre, 0.0),
             Piece::Table { rows } => interpolate(rows, elapsed),
         }
     }
 }
 
-/// Returns `centre + amplitude sin(ω t)` with its exact derivatives.
-fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> SetPoint {
-    // The phase within one turn keeps its accuracy in long runs.
-    let turns = omega * elapsed_seconds / TAU;
-    let (sin, cos) = libm::sincos(TAU * (turns - libm::floor(turns)));
-    SetPoint {
-        position: centre + amplitude * sin,
-        velocity: amplitude * omega * cos,
-        acceleration: -amplitude * omega * omega * sin,
-        jerk: -amplitude * omega * omega * omega * cos,
-        has_exact_derivatives: true,
+impl Sine {
+    fn radians_per_second(&self) -> f64 {
+        TAU / self.period_seconds
+    }
+
+    /// Returns `centre + amplitude sin(ω t)` with its exact derivatives.
+    fn at(&self, elapsed_seconds: f64) -> SetPoint {
+        let (amplitude, omega) = (self.amplitude, self.radians_per_second());
+        // The phase within one turn keeps its accuracy in long runs.
+        let turns = omega * elapsed_seconds / TAU;
+        let (sin, cos) = libm::sincos(TAU * (turns - libm::floor(turns)));
+        SetPoint {
+            position: self.centre + amplitude * sin,
+            velocity: amplitude * omega * cos,
+            acceleration: -amplitude * omega * omega * sin,
+            jerk: -amplitude * omega * omega * omega * cos,
+            has_exact_derivatives: true,
+        }
     }
 }
 
-/// Returns `centre + amplitude sin φ` with its exact derivatives.
-fn chirp(centre: f64, amplitude: f64, phase: &SweptPhase) -> SetPoint {
-    let (sin, cos) = libm::sincos(phase.radians());
-    let [omega, slope, curvature] = phase.derivatives;
-    SetPoint {
-        position: centre + amplitude * sin,
-        velocity: amplitude * omega * cos,
-        acceleration: amplitude * (slope * cos - omega * omega * sin),
-        jerk: amplitude * ((curvature - omega * omega * omega) * cos - 3.0 * omega * slope * sin),
-        has_exact_derivatives: true,
+impl Chirp {
+    /// Returns `centre + amplitude sin φ` with its exact derivatives.
+    fn at(&self, elapsed_seconds: f64) -> SetPoint {
+        let (amplitude, phase) = (self.amplitude, self.sweep().at(elapsed_seconds));
+        let (sin, cos) = libm::sincos(phase.radians());
+        let [omega, slope, curvature] = phase.derivatives;
+        let jerk = (curvature - omega * omega * omega) * cos - 3.0 * omega * slope * sin;
+        SetPoint {
+            position: self.centre + amplitude * sin,
+            velocity: amplitude * omega * cos,
+            acceleration: amplitude * (slope * cos - omega * omega * sin),
+            jerk: amplitude * jerk,
+            has_exact_derivatives: true,
+        }
     }
 }
 
@@ -240,6 +224,7 @@ pub(crate) fn interpolate(rows: &[(f64, f64)], time: f64) -> SetPoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sweep::Spacing;
 
     #[test]
     fn zero_before_the_first_piece_and_without_pieces() {
@@ -263,23 +248,22 @@ mod tests {
 
     #[test]
     fn derivatives_of_sines_and_chirps_agree_with_differences() {
-        check_derivatives(Piece::Sine {
+        check_derivatives(Piece::Sine(Sine {
+            from_seconds: 1.0,
             centre: 25.0,
             amplitude: 10.0,
-            radians_per_second: 1.3,
-        });
-        for is_logarithmic in [false, true] {
-            check_derivatives(Piece::Chirp {
+            period_seconds: TAU / 1.3,
+        }));
+        for spacing in [Spacing::Linear, Spacing::Logarithmic] {
+            check_derivatives(Piece::Chirp(Chirp {
+                from_seconds: 1.0,
+                until_seconds: 61.0,
                 centre: 25.0,
                 amplitude: 10.0,
-                until_seconds: 61.0,
-                sweep: FrequencySweep {
-                    from_hertz: 0.1,
-                    until_hertz: 0.4,
-                    duration_seconds: 60.0,
-                    is_logarithmic,
-                },
-            });
+                from_hertz: 0.1,
+                until_hertz: 0.4,
+                spacing,
+            }));
         }
     }
 

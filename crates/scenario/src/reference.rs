@@ -180,27 +180,14 @@ impl Reference {
             let (until_seconds, end) = (ramp.until_seconds, ramp.position);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
-        let sines = self.sine.iter().map(|sine| {
-            let piece = Piece::Sine {
-                centre: sine.centre,
-                amplitude: sine.amplitude,
-                radians_per_second: std::f64::consts::TAU / sine.period_seconds,
-            };
-            (sine.from_seconds, piece)
-        });
+        let sines = self.sine.iter();
+        let sines = sines.map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
         let tables = self.table.iter().map(|table| {
             let rows = table.rows.clone();
             (table.from_seconds, Piece::Table { rows })
         });
-        let chirps = self.chirp.iter().map(|chirp| {
-            let piece = Piece::Chirp {
-                centre: chirp.centre,
-                amplitude: chirp.amplitude,
-                until_seconds: chirp.until_seconds,
-                sweep: chirp.sweep(),
-            };
-            (chirp.from_seconds, piece)
-        });
+        let chirps = self.chirp.iter();
+        let chirps = chirps.map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
         let moving = ramps.chain(sines).chain(chirps).chain(tables);
         Trajectory::new(holds.chain(steps).chain(moving).collect())
     }
