@@ -158,28 +158,24 @@ pub struct Axis {
 
 /// Distribution of a number that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Distribution {
+pub enum Distribution<'a> {
     /// The same probability between two values.
-    Uniform {
-        /// Smallest value.
-        from: f64,
-        /// Largest value.
-        to: f64,
-    },
+    Uniform(&'a Uniform),
     /// The same probability between the logarithms of two values.
-    LogUniform {
-        /// Smallest value.
-        from: f64,
-        /// Largest value.
-        to: f64,
-    },
+    LogUniform(&'a LogUniform),
     /// A normal distribution.
-    Normal {
-        /// Its mean.
-        mean: f64,
-        /// Its standard deviation.
-        standard_deviation: f64,
-    },
+    Normal(&'a Normal),
+}
+
+impl<'a> Distribution<'a> {
+    /// Returns the key that varies.
+    pub fn key(self) -> &'a str {
+        match self {
+            Self::Uniform(one) => &one.key,
+            Self::LogUniform(one) => &one.key,
+            Self::Normal(one) => &one.key,
+        }
+    }
 }
 
 impl Range {
@@ -244,24 +240,12 @@ impl Sweep {
         lists.chain(ranges).collect()
     }
 
-    /// Returns the keys that are drawn.
-    pub fn distributions(&self) -> Vec<(&str, Distribution)> {
-        let uniform = self.uniform.iter().map(|one| {
-            let (from, to) = (one.from, one.to);
-            (one.key.as_str(), Distribution::Uniform { from, to })
-        });
-        let log_uniform = self.log_uniform.iter().map(|one| {
-            let (from, to) = (one.from, one.to);
-            (one.key.as_str(), Distribution::LogUniform { from, to })
-        });
-        let normal = self.normal.iter().map(|one| {
-            let distribution = Distribution::Normal {
-                mean: one.mean,
-                standard_deviation: one.standard_deviation,
-            };
-            (one.key.as_str(), distribution)
-        });
-        uniform.chain(log_uniform).chain(normal).collect()
+    /// Returns the distributions of the keys that are drawn.
+    pub fn distributions(&self) -> impl Iterator<Item = Distribution<'_>> {
+        let uniform = self.uniform.iter().map(Distribution::Uniform);
+        let log_uniform = self.log_uniform.iter().map(Distribution::LogUniform);
+        let normal = self.normal.iter().map(Distribution::Normal);
+        uniform.chain(log_uniform).chain(normal)
     }
 
     /// Returns the number of runs: points of the grid times draws.
@@ -276,7 +260,7 @@ impl Sweep {
     pub fn keys(&self) -> impl Iterator<Item = &str> {
         let lists = self.list.iter().map(|list| list.key.as_str());
         let ranges = self.range.iter().map(|range| range.key.as_str());
-        let drawn = self.distributions().into_iter().map(|(key, _)| key);
+        let drawn = self.distributions().map(Distribution::key);
         lists.chain(ranges).chain(drawn)
     }
 }

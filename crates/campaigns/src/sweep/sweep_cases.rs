@@ -1,11 +1,11 @@
 //! Definition of a sweep's cases. Each follows from the file and its number alone.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io;
 
 use faults::Stream;
 use scenario::overrides::set;
-use scenario::sweep::{Axis, Distribution};
+use scenario::sweep::{Axis, Distribution, LogUniform, Normal, Sweep, Uniform};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
@@ -28,9 +28,7 @@ const ID_BYTES: usize = 8;
 pub struct SweepCases {
     document: Table,
     axes: Vec<Axis>,
-    drawn: Vec<(String, Distribution)>,
-    whole_numbers: BTreeSet<String>,
-    seed: u64,
+    sweep: Sweep,
     draws: usize,
     runs: usize,
     id: String,
@@ -66,7 +64,6 @@ impl SweepCases {
         };
         let mut document: Table = shared.text.parse().expect("the loader has read it");
         document.remove("sweep");
-        let drawn = sweep.distributions().into_iter();
         Ok(Self {
             base: plan.clone(),
             document,
@@ -75,20 +72,19 @@ impl SweepCases {
                 &shared.tables,
             ),
             axes: sweep.axes(),
-            drawn: drawn.map(|(key, one)| (key.to_owned(), one)).collect(),
-            whole_numbers: sweep.whole_numbers.clone(),
-            seed: sweep.seed,
+            sweep: sweep.clone(),
             draws: sweep.draws.unwrap_or(1) as usize,
             runs: usize::try_from(sweep.runs()).unwrap_or(usize::MAX),
         })
     }
 
     /// Draws a number from a key's own stream: it depends on neither the other keys nor the other draws.
-    fn draw(&self, key: &str, distribution: Distribution, draw: usize) -> f64 {
-        let mut stream = Stream::named(self.seed, &format!("sweep.{key}.{draw}"));
-        let is_whole = self.whole_numbers.contains(key);
+    fn draw(&self, distribution: Distribution<'_>, draw: usize) -> f64 {
+        let key = distribution.key();
+        let mut stream = Stream::named(self.sweep.seed, &format!("sweep.{key}.{draw}"));
+        let is_whole = self.sweep.whole_numbers.contains(key);
         let drawn = match distribution {
-            Distribution::Uniform { from, to } if is_whole => {
+            Distribution::Uniform(&Uniform { from, to, .. }) if is_whole => {
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
@@ -97,15 +93,16 @@ impl SweepCases {
                 let count = (libm::floor(to) - libm::ceil(from)).max(0.0) as u64 + 1;
                 libm::ceil(from) + stream.below(count) as f64
             }
-            Distribution::Uniform { from, to } => from + (to - from) * stream.uniform(),
-            Distribution::LogUniform { from, to } => {
+            Distribution::Uniform(Uniform { from, to, .. }) => {
+                from + (to - from) * stream.uniform()
+            }
+            Distribution::LogUniform(&LogUniform { from, to, .. }) => {
                 let drawn = from * libm::pow(to / from, stream.uniform());
                 drawn.clamp(from, to)
             }
-            Distribution::Normal {
-                mean,
-                standard_deviation,
-            } => mean + standard_deviation * stream.normal(),
+            Distribution::Normal(normal) => {
+                normal.mean + normal.standard_deviation * stream.normal()
+            }
         };
         if is_whole { libm::round(drawn) } else { drawn }
     }
@@ -132,7 +129,7 @@ impl SweepCases {
 
     /// Writes a value as TOML.
     fn written(&self, key: &str, value: f64) -> Value {
-        if !self.whole_numbers.contains(key) {
+        if !self.sweep.whole_numbers.contains(key) {
             return Value::Float(value);
         }
         #[expect(
@@ -158,7 +155,7 @@ impl Cases for SweepCases {
     }
 
     fn seed(&self) -> u64 {
-        self.seed
+        self.sweep.seed
     }
 
     fn runs(&self) -> usize {
@@ -168,15 +165,15 @@ impl Cases for SweepCases {
     /// Keys of the grid, then those that are drawn.
     fn keys(&self) -> Vec<&str> {
         let axes = self.axes.iter().map(|axis| axis.key.as_str());
-        let drawn = self.drawn.iter().map(|(key, _)| key.as_str());
+        let drawn = self.sweep.distributions().map(Distribution::key);
         axes.chain(drawn).collect()
     }
 
     fn variations(&self) -> Vec<(String, String)> {
         let axes = self.axes.iter();
         let axes = axes.map(|axis| (axis.key.clone(), values_text(&axis.values)));
-        let drawn = self.drawn.iter();
-        let drawn = drawn.map(|(key, one)| (key.clone(), distribution_text(*one)));
+        let drawn = self.sweep.distributions();
+        let drawn = drawn.map(|one| (one.key().to_owned(), distribution_text(one)));
         axes.chain(drawn).collect()
     }
 
@@ -190,8 +187,8 @@ impl Cases for SweepCases {
             point /= axis.values.len();
         }
         values.reverse();
-        let drawn = self.drawn.iter();
-        values.extend(drawn.map(|(key, one)| self.draw(key, *one, draw)));
+        let drawn = self.sweep.distributions();
+        values.extend(drawn.map(|one| self.draw(one, draw)));
         values
     }
 
@@ -274,22 +271,23 @@ fn values_text(values: &[f64]) -> String {
     }
 }
 
-fn distribution_text(distribution: Distribution) -> String {
+fn distribution_text(distribution: Distribution<'_>) -> String {
     match distribution {
-        Distribution::Uniform { from, to } => {
+        Distribution::Uniform(&Uniform { from, to, .. }) => {
             format!("uniform from {} to {}", as_written(from), as_written(to))
         }
-        Distribution::LogUniform { from, to } => {
+        Distribution::LogUniform(&LogUniform { from, to, .. }) => {
             format!(
                 "log-uniform from {} to {}",
                 as_written(from),
                 as_written(to)
             )
         }
-        Distribution::Normal {
+        Distribution::Normal(&Normal {
             mean,
             standard_deviation,
-        } => format!(
+            ..
+        }) => format!(
             "normal, {} ± {}",
             as_written(mean),
             as_written(standard_deviation)
@@ -299,6 +297,7 @@ fn distribution_text(distribution: Distribution) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
     use std::path::Path;
 
     use scenario::Beside;

@@ -309,7 +309,7 @@ impl<'a> Checker<'a, '_> {
 
     /// Checks the sweep as a whole.
     fn whole(&mut self, sweep: &Sweep) {
-        let is_drawn = !sweep.distributions().is_empty();
+        let is_drawn = sweep.distributions().next().is_some();
         let (message, label) = if sweep.keys().next().is_none() {
             let label = "add [[sweep.list]], range, uniform, log_uniform or normal";
             ("[sweep] varies nothing", label)
