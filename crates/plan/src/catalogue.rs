@@ -1,7 +1,7 @@
 //! The plants and laws that a bench knows, and the frames of each pair of them.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
@@ -34,8 +34,6 @@ pub struct Catalogue {
     law_objection: FindObjection,
     /// `None` if all laws publish the terms of the shipped DBC.
     find_terms: Option<FindTerms>,
-    /// Frames of single loops that were asked for so far.
-    frames: Mutex<Vec<Arc<Frames>>>,
 }
 
 /// The part of a loop's frames that depends on its plant, its law and its io nodes.
@@ -58,7 +56,6 @@ impl Catalogue {
             find_ports: None,
             law_objection: |_| None,
             find_terms: None,
-            frames: Mutex::default(),
         }
     }
 
@@ -92,16 +89,7 @@ impl Catalogue {
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
         };
-        // An incomplete entry is still correct.
-        let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_it =
-            |frames: &&Arc<Frames>| frames.published == published && frames.wiring == trial.wiring;
-        if let Some(frames) = known.iter().find(is_it) {
-            return Arc::clone(frames);
-        }
-        let frames = Arc::new(Frames::new(published, trial));
-        known.push(Arc::clone(&frames));
-        frames
+        Arc::new(Frames::new(published, &trial.wiring))
     }
 
     /// Returns the signals of its plant that the drive of a scenario publishes.
@@ -326,8 +314,7 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(published: Published, trial: &Trial) -> Self {
-        let wiring = &trial.wiring;
+    fn new(published: Published, wiring: &Wiring) -> Self {
         let controller = &wiring.nodes.controller;
         let composer = Composer::new(&controller.name, controller.id);
         let composer = if wiring.follows_itself() {
