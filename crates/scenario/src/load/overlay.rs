@@ -59,15 +59,16 @@ pub(super) fn overlaid<'text>(
         as_written => as_written,
     };
     // A problem in the rig file is shown at the scenario's key `rig`.
-    let at = scenario.span("rig");
-    let mut rig_tables = placed_table(rig_tree, &at);
+    let mut rig_tables = placed_table(rig_tree, &scenario.span("rig"));
     rig_tables.remove("defaults");
+    fmus::name_all_start_values(&mut rig_tables);
     let overlay = Overlay {
         scenario,
         tree: &rig_tables,
     };
+    let mut problems = Vec::new();
     let mut tree = rig_tables.clone();
-    let mut problems = overlay.put_into(&mut tree, &at);
+    put(&mut tree, &overlay.values(&mut problems));
     match Rig::from_tree(&scenario.with_root(tree), reading) {
         Ok(rig) => Ok((rig, problems)),
         Err(found) => {
@@ -80,6 +81,9 @@ pub(super) fn overlaid<'text>(
     }
 }
 
+type Key<'text> = Spanned<DeString<'text>>;
+type Value<'text> = Spanned<DeValue<'text>>;
+
 struct Overlay<'a, 'text> {
     scenario: &'a Document<'text>,
     /// Tree of the rig as written.
@@ -87,114 +91,94 @@ struct Overlay<'a, 'text> {
 }
 
 impl<'text> Overlay<'_, 'text> {
-    /// Puts the scenario's values in place of the rig's.
-    fn put_into(&self, tree: &mut DeTable<'text>, at: &Range<usize>) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        for section in SECTIONS {
-            let Some(values) = self.scenario.spanned(section) else {
+    /// Returns the scenario's values in the form of a rig file, without wrong ones.
+    fn values(&self, problems: &mut Vec<Problem>) -> DeTable<'text> {
+        let mut values = DeTable::new();
+        let sections = SECTIONS.iter();
+        let sections = sections.filter_map(|name| self.scenario.root().get_key_value(*name));
+        for (section, value) in sections {
+            let DeValue::Table(entries) = value.get_ref() else {
+                problems.push(self.no_table(section.get_ref(), value));
                 continue;
             };
-            let DeValue::Table(values) = values.get_ref() else {
-                problems.push(self.no_table(section, values));
-                continue;
-            };
-            let target = below(tree, section, at);
-            match section {
-                PLANT => self.plants(target, values, &mut problems),
-                NODE => self.nodes(target, values, &mut problems),
-                _ => put(target, values),
-            }
-        }
-        problems
-    }
-
-    fn plants(
-        &self,
-        tree: &mut DeTable<'text>,
-        plants: &DeTable<'text>,
-        problems: &mut Vec<Problem>,
-    ) {
-        let models = Vec::from_iter(self.models());
-        let known = Vec::from_iter(models.iter().map(|(plant, _)| *plant));
-        for (name, values) in plants {
-            let plant = models.iter().find(|(plant, _)| *plant == name.get_ref());
-            let Some((_, model)) = plant.copied() else {
-                problems.push(self.unknown(name, PLANT, &known));
-                continue;
-            };
-            let wiring = if model == FMU {
-                &WIRING_OF_FMU[..]
-            } else {
-                &[]
-            };
-            let Some(values) = self.values(PLANT, name, values, wiring, problems) else {
-                continue;
-            };
-            if let Some(problem) = self.with_model(name, model, values.1) {
-                problems.push(problem);
-                continue;
-            }
-            let models = below(tree, name.get_ref(), &values.0);
-            let mut values = values.1.clone();
-            if model == FMU {
-                fmus::name_start_values(&mut values);
-                fmus::name_start_values(below(models, model, &name.span()));
-            }
-            put(below(models, model, &name.span()), &values);
-        }
-    }
-
-    fn nodes(
-        &self,
-        tree: &mut DeTable<'text>,
-        nodes: &DeTable<'text>,
-        problems: &mut Vec<Problem>,
-    ) {
-        let known = Vec::from_iter(self.entries(NODE).map(|(node, _)| node));
-        'nodes: for (name, parts) in nodes {
-            if !known.contains(&name.get_ref().as_ref()) {
-                problems.push(self.unknown(name, NODE, &known));
-                continue;
-            }
-            let Some((at, parts)) = self.values(NODE, name, parts, &WIRING, problems) else {
-                continue;
-            };
-            let node = below(tree, name.get_ref(), &at);
-            for part in parts.keys() {
-                if let Some(problem) = self.part(name, part, node) {
-                    problems.push(problem);
-                    continue 'nodes;
+            let mut kept = DeTable::new();
+            for (name, entry) in entries {
+                let kept_entry = match section.get_ref().as_ref() {
+                    PLANT => self.plant(name, entry),
+                    NODE => self.node(name, entry),
+                    _ => Ok(entry.clone()),
+                };
+                match kept_entry {
+                    Ok(entry) => drop(kept.insert(name.clone(), entry)),
+                    Err(problem) => problems.push(problem),
                 }
             }
-            put(node, parts);
+            values.insert(section.clone(), table_at(&value.span(), kept));
+        }
+        values
+    }
+
+    /// Returns the values of a plant below the name of its model.
+    fn plant(&self, name: &Key<'text>, values: &Value<'text>) -> Result<Value<'text>, Problem> {
+        let models = self.entry(PLANT, name)?;
+        let model = models.keys().next().map_or("", |key| key.get_ref());
+        let wiring = if model == FMU {
+            &WIRING_OF_FMU[..]
+        } else {
+            &[]
+        };
+        let mut table = self.table(PLANT, name, values, wiring)?.clone();
+        if let Some(problem) = self.with_model(name, model, &table) {
+            return Err(problem);
+        }
+        if model == FMU {
+            fmus::name_start_values(&mut table);
+        }
+        let model = Spanned::new(name.span(), DeString::from(model.to_owned()));
+        let parameters = table_at(&values.span(), table);
+        let models = [(model, parameters)].into_iter().collect();
+        Ok(table_at(&values.span(), models))
+    }
+
+    /// Returns the values of a node.
+    fn node(&self, name: &Key<'text>, parts: &Value<'text>) -> Result<Value<'text>, Problem> {
+        let node = self.entry(NODE, name)?;
+        let mut keys = self.table(NODE, name, parts, &WIRING)?.keys();
+        match keys.find_map(|part| self.part(name, part, node)) {
+            Some(problem) => Err(problem),
+            None => Ok(parts.clone()),
         }
     }
 
     /// Returns the entries of a table of the rig file.
-    fn entries(&self, section: &str) -> impl Iterator<Item = (&str, &DeValue<'text>)> {
+    fn entries(&self, section: &str) -> impl Iterator<Item = (&str, &DeTable<'text>)> {
         let table = self.tree.get(section);
-        let table = table.and_then(|table| table.get_ref().as_table());
-        let entries = table.into_iter().flat_map(DeTable::iter);
-        entries.map(|(name, value)| (name.get_ref().as_ref(), value.get_ref()))
+        let entries = table
+            .into_iter()
+            .flat_map(|table| table.get_ref().as_table());
+        let entries = entries.flatten();
+        entries.filter_map(|(name, value)| Some((&**name.get_ref(), value.get_ref().as_table()?)))
     }
 
-    /// Returns the plants of the rig, each with the name of its model.
-    fn models(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.entries(PLANT).filter_map(|(plant, models)| {
-            let model = models.as_table()?.keys().next()?;
-            Some((plant, model.get_ref().as_ref()))
-        })
+    /// Returns the plant or the node of the rig file with this name.
+    fn entry(&self, section: &str, name: &Key<'text>) -> Result<&DeTable<'text>, Problem> {
+        let mut entries = self.entries(section);
+        if let Some((_, entry)) = entries.find(|(known, _)| known == name.get_ref()) {
+            return Ok(entry);
+        }
+        let known = Vec::from_iter(self.entries(section).map(|(known, _)| known));
+        Err(self.unknown(name, section, &known))
     }
 
     /// Refuses the name of a plant's model, which only a rig file has.
     fn with_model(
         &self,
-        plant: &Spanned<DeString<'text>>,
+        plant: &Key<'text>,
         model: &str,
         values: &DeTable<'text>,
     ) -> Option<Problem> {
         let models = &schema::RIG["definitions"]["PlantModel"]["properties"];
-        let is_model = |(key, value): &(&Spanned<DeString<'_>>, &Spanned<DeValue<'_>>)| {
+        let is_model = |(key, value): &(&Key<'_>, &Value<'_>)| {
             models.get(key.get_ref().as_ref()).is_some() && value.get_ref().is_table()
         };
         let (key, _) = values.iter().find(is_model)?;
@@ -214,12 +198,7 @@ impl<'text> Overlay<'_, 'text> {
     }
 
     /// Refuses values for a part of a node that a scenario cannot change.
-    fn part(
-        &self,
-        name: &Spanned<DeString<'text>>,
-        part: &Spanned<DeString<'text>>,
-        node: &DeTable<'text>,
-    ) -> Option<Problem> {
+    fn part(&self, name: &Key<'text>, part: &Key<'text>, node: &DeTable<'text>) -> Option<Problem> {
         let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
         if !VALUES.contains(&key) && !node.contains_key(key) {
             let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
@@ -239,36 +218,32 @@ impl<'text> Overlay<'_, 'text> {
     }
 
     /// Returns the table below a name, if it has no key that is for the rig file alone.
-    fn values<'b>(
+    fn table<'b>(
         &self,
         section: &str,
-        name: &Spanned<DeString<'text>>,
-        values: &'b Spanned<DeValue<'text>>,
+        name: &Key<'text>,
+        values: &'b Value<'text>,
         wiring: &[&str],
-        problems: &mut Vec<Problem>,
-    ) -> Option<(Range<usize>, &'b DeTable<'text>)> {
+    ) -> Result<&'b DeTable<'text>, Problem> {
         let DeValue::Table(table) = values.get_ref() else {
-            let path = format!("{section}.{}", name.get_ref());
-            problems.push(self.no_table(&path, values));
-            return None;
+            return Err(self.no_table(&format!("{section}.{}", name.get_ref()), values));
         };
-        if let Some(key) = first_key(table, wiring) {
-            let message = format!("a scenario cannot give its rig another `{}`", key.get_ref());
-            let problem = self.problem(key.span(), message, "only the rig file says this");
-            let help = "a scenario changes the values of its rig, not its wiring; `--rig FILE` plays it on another rig";
-            problems.push(problem.with_help(help));
-            return None;
-        }
-        Some((values.span(), table))
+        let Some(key) = first_key(table, wiring) else {
+            return Ok(table);
+        };
+        let message = format!("a scenario cannot give its rig another `{}`", key.get_ref());
+        let problem = self.problem(key.span(), message, "only the rig file says this");
+        let help = "a scenario changes the values of its rig, not its wiring; `--rig FILE` plays it on another rig";
+        Err(problem.with_help(help))
     }
 
-    fn no_table(&self, path: &str, value: &Spanned<DeValue<'text>>) -> Problem {
+    fn no_table(&self, path: &str, value: &Value<'text>) -> Problem {
         let message = format!("`{path}` must be a table");
         let label = format!("this is {}", found_kind(value.get_ref()));
         self.problem(value.span(), message, label)
     }
 
-    fn unknown(&self, name: &Spanned<DeString<'text>>, kind: &str, known: &[&str]) -> Problem {
+    fn unknown(&self, name: &Key<'text>, kind: &str, known: &[&str]) -> Problem {
         let message = format!("the rig has no {kind} `{}`", name.get_ref());
         let label = match known {
             [] => format!("it has no {kind}s"),
@@ -284,9 +259,12 @@ impl<'text> Overlay<'_, 'text> {
 
     /// Gives problems the paths of the scenario, which are without the names of models.
     fn without_models(&self, problems: Vec<Problem>) -> impl Iterator<Item = Problem> {
-        let paths = self.models().map(|(plant, model)| {
+        let paths = self.entries(PLANT).filter_map(|(plant, models)| {
             let short = format!("{PLANT}.{plant}");
-            (format!("{short}.{model}"), short)
+            Some((
+                format!("{short}.{}", models.keys().next()?.get_ref()),
+                short,
+            ))
         });
         let paths = Vec::from_iter(paths);
         problems.into_iter().map(move |problem| {
@@ -301,10 +279,7 @@ impl<'text> Overlay<'_, 'text> {
 }
 
 /// Returns the first of some keys in a table, or in one below it.
-fn first_key<'a, 'text>(
-    table: &'a DeTable<'text>,
-    keys: &[&str],
-) -> Option<&'a Spanned<DeString<'text>>> {
+fn first_key<'a, 'text>(table: &'a DeTable<'text>, keys: &[&str]) -> Option<&'a Key<'text>> {
     table.iter().find_map(|(key, value)| match value.get_ref() {
         _ if keys.contains(&key.get_ref().as_ref()) => Some(key),
         DeValue::Table(below) if key.get_ref() != "start" => first_key(below, keys),
@@ -312,24 +287,8 @@ fn first_key<'a, 'text>(
     })
 }
 
-/// Returns the table at a key, and makes it if it is missing.
-fn below<'a, 'text>(
-    tree: &'a mut DeTable<'text>,
-    name: &str,
-    at: &Range<usize>,
-) -> &'a mut DeTable<'text> {
-    let empty = || DeValue::Table(DeTable::new());
-    let key = Spanned::new(at.clone(), DeString::from(name.to_owned()));
-    let below = tree
-        .entry(key)
-        .or_insert_with(|| Spanned::new(at.clone(), empty()));
-    if !below.get_ref().is_table() {
-        *below = Spanned::new(at.clone(), empty());
-    }
-    match below.get_mut() {
-        DeValue::Table(table) => table,
-        _ => unreachable!("made just above"),
-    }
+fn table_at<'text>(at: &Range<usize>, table: DeTable<'text>) -> Value<'text> {
+    Spanned::new(at.clone(), DeValue::Table(table))
 }
 
 /// Replaces values by others, down to the last table.
@@ -355,7 +314,7 @@ fn placed_table<'text>(table: &DeTable<'text>, at: &Range<usize>) -> DeTable<'te
     entries.collect()
 }
 
-fn placed<'text>(value: &Spanned<DeValue<'text>>, at: &Range<usize>) -> Spanned<DeValue<'text>> {
+fn placed<'text>(value: &Value<'text>, at: &Range<usize>) -> Value<'text> {
     let inner = match value.get_ref() {
         DeValue::Table(table) => DeValue::Table(placed_table(table, at)),
         DeValue::Array(array) => {
