@@ -176,7 +176,7 @@ impl AnyLaw {
         let (part, ports) = Part::of(law, wiring);
         Self {
             ports,
-            drives: Some(wiring.leads),
+            drives: Some(1 + wiring.also_leads),
             names_loops: true,
             player: Box::new(NotStarted),
             part: Some(part),

@@ -11,7 +11,7 @@ use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
-use scenario::{Beside, Scenario};
+use scenario::{Asked, Beside, Scenario};
 use std::path::Path;
 
 use scenario::node::{Node as RigNode, Part};
@@ -142,8 +142,8 @@ fn view(tables: &str) -> ControllerView {
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n{tables}"
     );
     let beside = Beside::new(Path::new("t.toml"));
-    let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-    let scenario = Scenario::parse(&beside, text, none, |_| Vec::new(), |_| None).unwrap();
+    let mut none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+    let scenario = Scenario::parse(&beside, text, &mut none, &Asked::default()).unwrap();
     scenario.loops[0].controller_view()
 }
 

@@ -59,18 +59,13 @@ impl BusShare {
     /// Returns the number of cycles from one to the next; `None` if it is sent by the clock.
     fn every(&self) -> Option<u32> {
         match self.pace {
-            Pace::Cycles { every, .. } => Some(every.max(1).into()),
+            Pace::Cycles { every, .. } => Some(every.into()),
             Pace::Milliseconds(_) => None,
         }
     }
 
     fn comes_in(&self, cycle: u32) -> bool {
-        match self.pace {
-            Pace::Cycles { every, remainder } => {
-                cycle % u32::from(every.max(1)) == u32::from(remainder)
-            }
-            Pace::Milliseconds(_) => false,
-        }
+        matches!(self.pace, Pace::Cycles { every, remainder } if cycle % u32::from(every) == u32::from(remainder))
     }
 }
 
@@ -162,7 +157,7 @@ impl BusBudget {
         let mut bits = [0.0; 2];
         for share in &self.shares {
             match share.pace {
-                Pace::Cycles { every, .. } => bits[0] += share.bits / f64::from(every.max(1)),
+                Pace::Cycles { every, .. } => bits[0] += share.bits / f64::from(every),
                 Pace::Milliseconds(period) => bits[1] += share.bits / period,
             }
         }

@@ -296,7 +296,7 @@ fn loop_place(wiring: &Wiring) -> LoopPlace {
     LoopPlace {
         number: u8::try_from(number).unwrap_or(u8::MAX),
         drive_node_id: wiring.nodes.drive.id,
-        truth_every_cycles: wiring.truth_every_cycles,
+        truth_every_cycles: wiring.truth_every_cycles.unwrap_or(1),
     }
 }
 

@@ -123,9 +123,10 @@ fn led_drives(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
         1 => "one drive".to_owned(),
         count => format!("{count} drives"),
     };
-    (led != wiring.leads).then(|| {
+    let count = 1 + wiring.also_leads;
+    (led != count).then(|| {
         let message = format!("the law `{law}` leads {}", drives(led));
-        let label = format!("the loop has {}", drives(wiring.leads));
+        let label = format!("the loop has {}", drives(count));
         document.key_problem(&format!("controller.{law}"), message, label)
     })
 }

@@ -100,6 +100,14 @@ impl<'text> Document<'text> {
         }
     }
 
+    /// Makes a document of the values at some keys, as [`Document::with_root`].
+    pub(crate) fn only(&self, keys: &[&str]) -> Self {
+        let values = self.root().iter();
+        let values = values.filter(|(key, _)| keys.contains(&key.get_ref().as_ref()));
+        let copies = values.map(|(key, value)| (key.clone(), value.clone()));
+        self.with_root(copies.collect())
+    }
+
     /// Makes a document of the tables of a loop, as [`Document::with_root`].
     pub(crate) fn with_loop(&self, root: DeTable<'text>, measurand: Measurand) -> Self {
         Self {

@@ -54,37 +54,26 @@ impl Default for Identifiers {
 
 impl Identifiers {
     /// Returns the preferred identifiers of a drive with this node-ID, in a loop with this number, led by this controller.
-    pub const fn new(controller: u8, drive: u8, number: u8) -> Self {
-        let number = number as u16;
+    pub fn new(controller: u8, drive: u8, number: u8) -> Self {
+        let number = u16::from(number);
         let offset = LOOP_OFFSET * (number % LOOPS_IN_A_FUNCTION)
             + FUNCTION_OFFSET * (number / LOOPS_IN_A_FUNCTION);
-        let first = TPDO1 + controller as u16 + offset;
-        let drive = drive as u16;
+        let first = TPDO1 + u16::from(controller) + offset;
+        let drive = u16::from(drive);
         Self {
             second_sdo: [SDO2_REQUEST + drive, SDO2_ANSWER + drive],
             truth: TRUTH + drive,
-            terms: [
-                first,
-                first + TPDO_DISTANCE,
-                first + 2 * TPDO_DISTANCE,
-                first + 3 * TPDO_DISTANCE,
-            ],
-            set_point: match number {
-                0..3 => SET_POINTS[number as usize] + controller as u16,
-                _ => 0,
-            },
+            terms: [0, 1, 2, 3].map(|place| first + place * TPDO_DISTANCE),
+            set_point: SET_POINTS
+                .get(usize::from(number))
+                .map_or(0, |set_point| set_point + u16::from(controller)),
         }
     }
 
     /// Returns the identifiers that nodes send and receive, without the set-point.
-    fn node_identifiers_mut(&mut self) -> [&mut u16; 3 + TERMS] {
-        let Self {
-            second_sdo: [request, answer],
-            truth,
-            terms: [first, second, third, fourth],
-            ..
-        } = self;
-        [request, answer, truth, first, second, third, fourth]
+    fn node_identifiers_mut(&mut self) -> impl Iterator<Item = &mut u16> {
+        let second_sdo = self.second_sdo.iter_mut();
+        second_sdo.chain([&mut self.truth]).chain(&mut self.terms)
     }
 }
 

@@ -160,8 +160,8 @@ fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
     let mut inputs = LOOP_INPUTS.iter();
     let Some((_, quantity)) = inputs.find(|(name, _)| *name == port.name) else {
         let message = format!("a law of one loop cannot read `{}`", port.name);
-        let known = LOOP_INPUTS.map(|(name, _)| name);
-        return Err(wrong(message, meant_or_known(&port.name, &known)));
+        let known = LOOP_INPUTS.iter().map(|(name, _)| name);
+        return Err(wrong(message, meant_or_known(&port.name, known)));
     };
     let factor = match quantity {
         Quantity::HasExactDerivatives => 1.0,
@@ -234,7 +234,7 @@ fn owner<'a>(port: &'a Port, loops: &[LoopFacts]) -> Result<(usize, &'a str), Wr
     let place = loops.iter().position(is_it).ok_or_else(|| {
         let message = format!("the law's port `{}` is of no loop and no drive", port.name);
         let known = loops.iter().map(|one| one.name.as_str());
-        wrong(message, meant_or_known(owner, &Vec::from_iter(known)))
+        wrong(message, meant_or_known(owner, known))
     })?;
     if is_name(name) {
         Ok((place, name))

@@ -25,6 +25,7 @@ use serde_json::Value;
 
 pub(crate) use kind::is_scenario;
 pub(crate) use patterns::{Factors, Naming};
+pub use resolve::Asked;
 
 use crate::beside::Beside;
 use crate::custom::{self, Custom, Section};
@@ -87,11 +88,13 @@ impl Objection {
 
 /// Purpose for which a scenario is read.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Reading {
+pub enum Reading {
+    /// To play it.
     ToPlay,
-    /// As `ToPlay`, with other values than those with which its rig was checked.
+    /// To play it with other values than those with which its rig was checked.
     Case,
-    /// To use the recording of a scenario that was played already.
+    /// To use its recording. Tables of plants and laws from outside are kept unchecked, whether this bench has these plants and
+    /// laws or not. The sweep is not checked either.
     Recorded,
 }
 
@@ -104,9 +107,6 @@ impl Reading {
         }
     }
 }
-
-/// Finds further problems of a loop.
-type FindObjections<'a> = &'a dyn Fn(&Trial) -> Vec<Objection>;
 
 impl Trial {
     /// Reads the scenario of a rig with one loop, and the files that it names.
@@ -127,11 +127,11 @@ impl Trial {
     pub fn parse(
         text: &str,
         file_name: &str,
-        read_table: impl FnMut(&str) -> io::Result<String>,
+        mut read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(Path::new(file_name));
         let text = text.to_owned();
-        let scenario = Scenario::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
+        let scenario = Scenario::parse(&beside, text, &mut read_table, &Asked::default())?;
         let count = scenario.loops.len();
         only_one(scenario.loops).ok_or_else(|| {
             let message = format!("its rig has {count} loops, and one is played here");

@@ -37,7 +37,9 @@ fn in_unit_of_ports(word: &str) -> (f64, &str) {
 }
 
 /// Returns advice on an unknown name: the known name that was probably meant, else all known names.
-pub fn meant_or_known(name: &str, known: &[&str]) -> String {
+pub fn meant_or_known<S: AsRef<str>>(name: &str, known: impl IntoIterator<Item = S>) -> String {
+    let all = Vec::from_iter(known);
+    let known = Vec::from_iter(all.iter().map(AsRef::as_ref));
     match nearest(name, known.iter().copied()) {
         Some(nearest) => suggestion(name, nearest),
         None => format!("known are: {}", known.join(", ")),

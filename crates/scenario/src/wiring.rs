@@ -85,7 +85,7 @@ pub struct LoopFacts {
 }
 
 /// Wiring of the drive of a loop, from the rig file; that of the shipped rig by default.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Wiring {
     /// Nodes of its loop.
     pub nodes: LoopNodes,
@@ -103,8 +103,8 @@ pub struct Wiring {
     pub feedback: Measured,
     /// Io nodes that act on the plants that are emulated together.
     pub io: Vec<IoWiring>,
-    /// Number of cycles from one publication of the truth about its plant to the next.
-    pub truth_every_cycles: u8,
+    /// Number of cycles from one publication of the truth about its plant to the next; 1 if absent.
+    pub truth_every_cycles: Option<u8>,
     /// Outputs that it publishes, each as `PLANT.PORT`; its own outputs if absent.
     pub record: Option<Vec<String>>,
     /// Inputs of the same plant that other drives drive.
@@ -113,8 +113,8 @@ pub struct Wiring {
     pub is_second: bool,
     /// Limits of plausible positions; a limit that is absent is not watched.
     pub plausible: Plausible,
-    /// Number of drives that its law leads.
-    pub leads: usize,
+    /// Number of drives that its law leads beside it.
+    pub also_leads: usize,
     /// Law that leads the drive, if it is that of another drive.
     pub led_by: Option<LedBy>,
     /// Identifiers of its frames other than those that CiA 301 gives it.
@@ -132,31 +132,6 @@ pub struct LedBy {
     pub first: u8,
     /// Place among the drives of the loop, from 1 on: the first one, at 0, leads.
     pub place: usize,
-}
-
-impl Default for Wiring {
-    fn default() -> Self {
-        Self {
-            nodes: LoopNodes::default(),
-            plant: String::new(),
-            emulated_with: String::new(),
-            input: String::new(),
-            output: String::new(),
-            sensor: Measured::default(),
-            feedback: Measured::default(),
-            io: Vec::new(),
-            truth_every_cycles: 1,
-            record: None,
-            beside: Vec::new(),
-            is_second: false,
-            plausible: Plausible::default(),
-            leads: 1,
-            led_by: None,
-            identifiers: Identifiers::default(),
-            loop_name: String::new(),
-            loops: Vec::new(),
-        }
-    }
 }
 
 impl Wiring {

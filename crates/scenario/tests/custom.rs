@@ -3,10 +3,9 @@
 
 use std::sync::Once;
 
-use scenario::Scenario;
 use scenario::custom::{CustomTable, Section};
 use scenario::registration::{InvalidRegistration, register};
-use scenario::{Beside, Trial};
+use scenario::{Asked, Beside, Reading, Scenario, Trial};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -197,7 +196,12 @@ fn recorded(controller: &str, plant: &str) -> Result<Trial, String> {
     let path = folder.path().join("scenario.toml");
     std::fs::write(folder.path().join("rig.toml"), rig(plant)).expect("it can be written");
     let beside = Beside::new(&path);
-    let loaded = Scenario::parse_recorded(&beside, text(controller), |_| Vec::new(), |_| None);
+    let asked = Asked {
+        reading: Reading::Recorded,
+        ..Asked::default()
+    };
+    let read = &mut |name: &str| beside.read_text(name);
+    let loaded = Scenario::parse(&beside, text(controller), read, &asked);
     loaded
         .map(|scenario| scenario.loops[0].clone())
         .map_err(|error| format!("{:?}", miette::Report::new(error)))

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use dbc::Database;
-use scenario::{Beside, Objection, Scenario, ScenarioError, Trial, text_of};
+use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial, text_of};
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
@@ -35,10 +35,12 @@ impl Plan {
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(path);
-        let read = |name: &str| beside.read(name);
-        let object = |scenario: &Scenario| objection(scenario, catalogue);
-        let none = |_: &Trial| Vec::new();
-        let scenario = Scenario::parse(&beside, text_of(path)?, read, none, object)?;
+        let asked = Asked {
+            object: &|scenario| objection(scenario, catalogue),
+            ..Asked::default()
+        };
+        let read = &mut |name: &str| beside.read(name);
+        let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
         Ok(Self::without_objections(scenario, catalogue))
     }
 
@@ -61,12 +63,15 @@ impl Plan {
     pub fn parse(
         beside: &Beside,
         text: String,
-        read_file: impl FnMut(&str) -> io::Result<String>,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        let objections = |trial: &Trial| catalogue.objections(trial);
-        let object = |scenario: &Scenario| objection(scenario, catalogue);
-        let scenario = Scenario::parse(beside, text, read_file, objections, object)?;
+        let asked = Asked {
+            objections: &|trial| catalogue.objections(trial),
+            object: &|scenario| objection(scenario, catalogue),
+            ..Asked::default()
+        };
+        let scenario = Scenario::parse(beside, text, &mut read_file, &asked)?;
         Ok(Self::without_objections(scenario, catalogue))
     }
 
@@ -76,7 +81,7 @@ impl Plan {
     /// The rig file is not valid.
     pub fn from_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let object = |scenario: &Scenario| objection(scenario, catalogue);
-        let scenario = Scenario::from_rig(text, &path.display().to_string(), object)?;
+        let scenario = Scenario::from_rig(text, &path.display().to_string(), &object)?;
         Ok(Self::without_objections(scenario, catalogue))
     }
 
@@ -95,11 +100,15 @@ impl Plan {
                 ControlLoop::from_recording(trial, database)
             })
         };
-        let object = |scenario: &Scenario| recorded(scenario.clone()).err();
-        let objections = |trial: &Trial| recorded_objections(trial, database);
+        let asked = Asked {
+            reading: Reading::Recorded,
+            objections: &|trial| recorded_objections(trial, database),
+            object: &|scenario| recorded(scenario.clone()).err(),
+        };
         let beside = Beside::new(path);
-        let text = text_of(path)?;
-        let scenario = Scenario::parse_recorded(&beside, text, objections, object)?;
+        // Hashes come from the recording.
+        let read = &mut |name: &str| beside.read_text(name);
+        let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
         let plan = recorded(scenario).expect("a rig without objections");
         Ok(plan.recorded_external(external))
     }
@@ -111,7 +120,7 @@ impl Plan {
     pub fn varied(
         &self,
         text: &str,
-        read_file: impl FnMut(&str) -> io::Result<String>,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
         let object = |scenario: &Scenario| {
@@ -123,7 +132,12 @@ impl Plan {
         };
         // Files that are not text are in the folder of the scenario that is varied.
         let beside = self.shared.beside.for_case();
-        let scenario = Scenario::parse_case(&beside, text.to_owned(), read_file, object)?;
+        let asked = Asked {
+            reading: Reading::Case,
+            object: &object,
+            ..Asked::default()
+        };
+        let scenario = Scenario::parse(&beside, text.to_owned(), &mut read_file, &asked)?;
         let varied = self.loops.iter().zip(scenario.loops);
         let varied = varied.map(|(base, trial)| ControlLoop {
             trial,

@@ -83,9 +83,8 @@ pub(super) fn emergency(
             Some(document.problem(path, message, reason))
         }
         Ok(Emergency { node, .. }) if !rig.node.contains_key(&node) => {
-            let nodes = Vec::from_iter(rig.node.keys().map(String::as_str));
             let message = format!("the rig has no node `{node}`");
-            Some(document.problem(path, message, meant_or_known(&node, &nodes)))
+            Some(document.problem(path, message, meant_or_known(&node, rig.node.keys())))
         }
         Ok(_) => None,
     }

@@ -16,26 +16,18 @@ pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -
             problems.push(document.problem(&format!("{path}.{name}"), message, label));
         }
     };
-    let (start, finish) = (
-        phase.austenite_start_celsius,
+    let (start, finish) = ("austenite_start_celsius", "austenite_finish_celsius");
+    let [above, below] = [
         phase.austenite_finish_celsius,
-    );
-    in_order(
-        "austenite_finish_celsius",
-        finish,
-        "austenite_start_celsius",
-        start,
-    );
-    let (start, finish) = (
+        phase.austenite_start_celsius,
+    ];
+    in_order(finish, above, start, below);
+    let (start, finish) = ("martensite_start_celsius", "martensite_finish_celsius");
+    let [above, below] = [
         phase.martensite_start_celsius,
         phase.martensite_finish_celsius,
-    );
-    in_order(
-        "martensite_start_celsius",
-        start,
-        "martensite_finish_celsius",
-        finish,
-    );
+    ];
+    in_order(start, above, finish, below);
     problems
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use crate::scenario::Scenario;
-use crate::{Beside, Objection, ScenarioError, Trial};
+use crate::{Asked, Beside, Objection, ScenarioError, Trial};
 
 const GOLDEN: &str = "cycle,time_seconds,current_amperes\n0,0.5,1.0\n1,1.0,\n2,1.5,2.0\n";
 
@@ -21,13 +21,13 @@ pub(super) fn resolved(more: &str) -> Result<Scenario, ScenarioError> {
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
          at_seconds = 0.0\nposition_millimetres = 10.0\n{more}"
     );
-    let read = |name: &str| match name {
+    let mut read = |name: &str| match name {
         "golden.csv" => Ok(GOLDEN.to_owned()),
         "locked.csv" => Err(io::Error::other("permission denied")),
         _ => Err(io::ErrorKind::NotFound.into()),
     };
     let beside = Beside::new(Path::new("t.toml"));
-    Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None)
+    Scenario::parse(&beside, text, &mut read, &Asked::default())
 }
 
 /// Checks that there is one problem, its place and its message; its label is in the `Debug` text.
@@ -344,8 +344,11 @@ fn an_objection_is_underlined_beside_the_other_problems() {
         Vec::from_iter(named.map(objection))
     };
     let beside = Beside::new(Path::new("s.toml"));
-    let none = |_: &str| unreachable!("no table");
-    let loaded = Scenario::parse(&beside, text, none, objections, |_| None);
+    let asked = Asked {
+        objections: &objections,
+        ..Asked::default()
+    };
+    let loaded = Scenario::parse(&beside, text, &mut |_| unreachable!("no table"), &asked);
     let error = loaded.unwrap_err();
     let found: Vec<_> = error
         .problems()

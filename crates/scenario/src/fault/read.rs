@@ -64,9 +64,7 @@ struct Reader<'a, 'text> {
 impl<'text> Reader<'_, 'text> {
     /// Checks groups and kinds against the schema, which leaves the entries of their arrays to [`Reader::fault`].
     fn shape(&self) -> Vec<Problem> {
-        let section = self.document.root().get_key_value(FAULT);
-        let section = section.map(|(key, value)| (key.clone(), value.clone()));
-        let document = self.document.with_root(section.into_iter().collect());
+        let document = self.document.only(&[FAULT]);
         structure::check(&document, "the scenario", &schema::FAULTS)
     }
 
@@ -132,11 +130,8 @@ impl<'text> Reader<'_, 'text> {
         if self.rig.plant.contains_key(name) {
             return Ok(Some(name.to_owned()));
         }
-        let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
-        let (message, label) = (
-            format!("the rig has no plant `{name}`"),
-            meant_or_known(name, &known),
-        );
+        let message = format!("the rig has no plant `{name}`");
+        let label = meant_or_known(name, self.rig.plant.keys());
         Err((self.document).problem(&format!("{path}.{PLANT}"), message, label))
     }
 
@@ -147,13 +142,13 @@ impl<'text> Reader<'_, 'text> {
             None if kind.is_drive_fault() => "node",
             None => return Ok(None),
         };
-        let known = || Vec::from_iter(self.rig.node.keys().map(String::as_str));
         let Some(named) = table.get(key) else {
             let only = only_drive(self.rig).filter(|_| kind.is_drive_fault());
             if only.is_some() || !kind.is_drive_fault() {
                 return Ok(only);
             }
-            let label = format!("`node` is missing; known are: {}", known().join(", "));
+            let known = Vec::from_iter(self.rig.node.keys().map(String::as_str)).join(", ");
+            let label = format!("`node` is missing; known are: {known}");
             return Err(self.document.problem(path, "for which node?", label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
@@ -177,7 +172,7 @@ impl<'text> Reader<'_, 'text> {
             }
             None => {
                 let message = format!("the rig has no {key} `{name}`");
-                (message, meant_or_known(name, &known()))
+                (message, meant_or_known(name, self.rig.node.keys()))
             }
         };
         Err((self.document).problem(&format!("{path}.{key}"), message, label))

@@ -90,12 +90,11 @@ fn wrong_contour(
     contour: &Contour,
     rig: &Rig,
 ) -> Option<Problem> {
-    let known = Vec::from_iter(rig.loops.keys().map(String::as_str));
     for (place, name) in contour.loops.iter().enumerate() {
         let path = format!("{path}.loops.{place}");
         if !rig.loops.contains_key(name) {
             let message = format!("the rig has no loop `{name}`");
-            return Some(document.problem(&path, message, meant_or_known(name, &known)));
+            return Some(document.problem(&path, message, meant_or_known(name, rig.loops.keys())));
         }
         if contour.loops[..place].contains(name) {
             let message = format!("the loop `{name}` is an axis of this contour twice");

@@ -482,7 +482,8 @@ impl Check<'_> {
         let (plant, name) = port.split_once('.').unwrap_or((port, ""));
         if !self.rig.plant.contains_key(plant) {
             let message = format!("there is no plant `{plant}`");
-            return Some(self.unknown(path, message, plant, self.rig.plant.keys()));
+            let label = meant_or_known(plant, self.rig.plant.keys());
+            return Some(self.document.problem(path, message, label));
         }
         (!is_name(name)).then(|| {
             let message = format!("`{port}` names no port");
@@ -490,18 +491,6 @@ impl Check<'_> {
                 format!("plant and port with a dot between them, as in \"{plant}.{wanted}\"");
             self.document.problem(path, message, label)
         })
-    }
-
-    fn unknown<'a>(
-        &self,
-        path: &str,
-        message: String,
-        name: &str,
-        known: impl Iterator<Item = &'a String>,
-    ) -> Problem {
-        let known = Vec::from_iter(known.map(String::as_str));
-        let label = meant_or_known(name, &known);
-        self.document.problem(path, message, label)
     }
 
     /// Checks that each loop has drives, and each drive one loop.
@@ -556,10 +545,10 @@ impl Check<'_> {
     fn output(&self, path: &str, drive: &str, output: &str) -> Option<Problem> {
         let right = self.command_of(drive);
         let (message, label) = match self.rig.node.get(drive) {
-            None => {
-                let message = format!("there is no node `{drive}`");
-                return Some(self.unknown(path, message, drive, self.rig.node.keys()));
-            }
+            None => (
+                format!("there is no node `{drive}`"),
+                meant_or_known(drive, self.rig.node.keys()),
+            ),
             Some(node) if node.kind != Part::Drive => (
                 format!("`{drive}` is no drive"),
                 "a loop is moved by drives".to_owned(),

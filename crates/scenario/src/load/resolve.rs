@@ -1,18 +1,15 @@
 //! Resolves a scenario and the rig that it names into the facts of a run, in one pass that checks and builds.
 
 use std::collections::BTreeMap;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
-use super::sections::{CONTROLLER, Selector};
+use super::sections::{CONTROLLER, SHARED, Selector};
 use super::sweep::read_sweep;
-use super::{
-    FindObjections, KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems,
-};
+use super::{KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems};
 use crate::beside::Beside;
 use crate::check::{self, NamedFiles};
 use crate::custom::Section;
@@ -37,73 +34,60 @@ const SWEEP_PREFIX: &str = "sweep.";
 const IDLE: &str =
     "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
-/// Finds a problem of a whole scenario, for an error at a place in the rig file, or in the scenario below `sweep`.
-type FindObjection<'a> = &'a dyn Fn(&Scenario) -> Option<Objection>;
-
-/// Purpose for which a scenario is resolved, and the caller's further checks.
-struct Asked<'a> {
-    reading: Reading,
-    objections: FindObjections<'a>,
-    object: FindObjection<'a>,
+/// Purpose for which a scenario is read, and the caller's further checks.
+pub struct Asked<'a> {
+    /// Purpose.
+    pub reading: Reading,
+    /// Finds further problems of a loop.
+    pub objections: &'a dyn Fn(&Trial) -> Vec<Objection>,
+    /// Finds a problem of a whole scenario, at a place in the rig file, or in the scenario below `sweep`.
+    pub object: &'a dyn Fn(&Scenario) -> Option<Objection>,
 }
 
-impl<'a> Asked<'a> {
-    fn new(reading: Reading, objections: FindObjections<'a>, object: FindObjection<'a>) -> Self {
+/// Reads to play, without further checks.
+impl Default for Asked<'_> {
+    fn default() -> Self {
         Self {
-            reading,
-            objections,
-            object,
+            reading: Reading::ToPlay,
+            objections: &|_| Vec::new(),
+            object: &|_| None,
         }
     }
 }
 
 impl Scenario {
-    /// Parses a scenario, the rig that it names, and its tables. `read_file`
-    /// returns the text of a file by the name that the scenario uses; `beside` locates these files. `objections` finds further
-    /// problems of a loop, `object` a problem of the rig.
+    /// Parses a scenario, the rig that it names, and its tables. `read_file` returns the text of a file by the name that the
+    /// scenario uses; `beside` locates these files.
     ///
     /// # Errors
     /// All problems of the texts, and every objection.
+    // Not generic: it would be compiled again, with all of TOML and every type of a scenario, in each crate that calls it.
     pub fn parse(
         beside: &Beside,
         text: String,
-        mut read_file: impl FnMut(&str) -> io::Result<String>,
-        objections: impl Fn(&Trial) -> Vec<Objection>,
-        object: impl Fn(&Self) -> Option<Objection>,
+        read_file: ReadTable<'_>,
+        asked: &Asked<'_>,
     ) -> Result<Self, ScenarioError> {
-        let asked = Asked::new(Reading::ToPlay, &objections, &object);
-        parse_for(beside, text, &mut read_file, &asked)
-    }
-
-    /// Parses as [`Scenario::parse`], for a scenario with other values than one that was parsed before, on the same rig.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse`].
-    pub fn parse_case(
-        beside: &Beside,
-        text: String,
-        mut read_file: impl FnMut(&str) -> io::Result<String>,
-        object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<Self, ScenarioError> {
-        let asked = Asked::new(Reading::Case, &|_| Vec::new(), &object);
-        parse_for(beside, text, &mut read_file, &asked)
-    }
-
-    /// Parses as [`Scenario::parse`], for a scenario that was played already. Tables of plants and laws from outside are kept
-    /// unchecked, whether this bench has these plants and laws or not. The sweep is not checked either.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse`], but for these tables.
-    pub fn parse_recorded(
-        beside: &Beside,
-        text: String,
-        objections: impl Fn(&Trial) -> Vec<Objection>,
-        object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<Self, ScenarioError> {
-        let asked = Asked::new(Reading::Recorded, &objections, &object);
-        // Hashes come from the recording.
-        let read = &mut |name: &str| beside.read_text(name);
-        parse_for(beside, text, read, &asked)
+        let name = beside.scenario().display().to_string();
+        let mut tables = BTreeMap::new();
+        // A file that is named twice is read once.
+        let read_once = &mut |name: &str| match tables.get(name) {
+            Some(text) => Ok(String::clone(text)),
+            None => {
+                let text = read_file(name)?;
+                tables.insert(name.to_owned(), text.clone());
+                Ok(text)
+            }
+        };
+        let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
+        let mut scenario = resolve(&files, read_once, asked)?;
+        let rig = files.rig;
+        // It borrows the text.
+        drop(files.scenario);
+        tables.extend(rig.is_shipped.then_some((rig.beside, rig.text)));
+        let shared = &mut scenario.shared;
+        (shared.beside, shared.text, shared.tables) = (beside.clone(), text, tables);
+        Ok(scenario)
     }
 
     /// Makes a scenario in which a rig idles; `name` is the source of its text.
@@ -113,7 +97,7 @@ impl Scenario {
     pub fn from_rig(
         text: &str,
         name: &str,
-        object: impl Fn(&Self) -> Option<Objection>,
+        object: &dyn Fn(&Self) -> Option<Objection>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, name, problems);
         let scenario = Document::parse(Source::new(name, IDLE), IDLE).map_err(fail)?;
@@ -129,40 +113,14 @@ impl Scenario {
             },
             path: PathBuf::from(name),
         };
-        let asked = Asked::new(Reading::ToPlay, &|_| Vec::new(), &object);
+        let asked = Asked {
+            object,
+            ..Asked::default()
+        };
         let mut scenario = resolve(&files, &mut |file| beside.read(file), &asked)?;
         scenario.shared.beside = beside;
         Ok(scenario)
     }
-}
-
-// Not generic: it would be compiled again, with all of TOML and every type of a scenario, in each crate that calls it.
-fn parse_for(
-    beside: &Beside,
-    text: String,
-    read_file: ReadTable<'_>,
-    asked: &Asked<'_>,
-) -> Result<Scenario, ScenarioError> {
-    let name = beside.scenario().display().to_string();
-    let mut tables = BTreeMap::new();
-    // A file that is named twice is read once.
-    let read_once = &mut |name: &str| match tables.get(name) {
-        Some(text) => Ok(String::clone(text)),
-        None => {
-            let text = read_file(name)?;
-            tables.insert(name.to_owned(), text.clone());
-            Ok(text)
-        }
-    };
-    let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
-    let mut scenario = resolve(&files, read_once, asked)?;
-    let rig = files.rig;
-    // It borrows the text.
-    drop(files.scenario);
-    tables.extend(rig.is_shipped.then_some((rig.beside, rig.text)));
-    let shared = &mut scenario.shared;
-    (shared.beside, shared.text, shared.tables) = (beside.clone(), text, tables);
-    Ok(scenario)
 }
 
 fn resolve(
@@ -351,7 +309,7 @@ fn read_run<'a>(selector: &Selector<'a, '_>, problems: &mut Vec<Problem>) -> Tol
     let (faults, wrong_faults) = fault::read(scenario, rig);
     let has_all_faults = wrong_faults.is_empty();
     problems.extend(wrong_faults);
-    let header = scenario.with_root(selector.header());
+    let header = scenario.only(&SHARED);
     let run = match build::<Run>(&header, "the scenario", &schema::RUN) {
         Ok((mut run, found)) => {
             problems.extend(found);

@@ -21,7 +21,7 @@ pub(super) const ALL: &str = "all";
 /// Key of the limits of several loops together.
 pub(super) const CONTOUR: &str = "contour";
 /// Keys of a scenario that hold for all loops.
-const SHARED: [&str; 6] = [
+pub(super) const SHARED: [&str; 6] = [
     "schema",
     "name",
     "description",
@@ -94,14 +94,6 @@ impl<'text> Selector<'_, 'text> {
             }
         }
         (tables, problems)
-    }
-
-    /// Returns the keys that hold for all loops.
-    pub(super) fn header(&self) -> DeTable<'text> {
-        let keys = self.scenario.root().iter();
-        let shared = keys.filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()));
-        let copies = shared.map(|(key, value)| (key.clone(), value.clone()));
-        copies.collect()
     }
 
     /// Checks whether one law leads all drives; then no key need name its loop.

@@ -1,5 +1,6 @@
 use std::fs;
 
+use crate::Asked;
 use crate::beside::Beside;
 use crate::error::ScenarioError;
 use crate::expect::Expectation;
@@ -81,9 +82,9 @@ fn load_files(scenario: &str, rig: &str) -> Result<Scenario, ScenarioError> {
     fs::write(&path, scenario).unwrap();
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
     let beside = Beside::new(&path);
-    let read = |name: &str| beside.read(name);
+    let mut read = |name: &str| beside.read(name);
     let text = scenario.to_owned();
-    Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None)
+    Scenario::parse(&beside, text, &mut read, &Asked::default())
 }
 
 /// Returns the number of a loop's faults of a kind.
@@ -534,9 +535,9 @@ const ON_SHIPPED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nd
     [expect]\nsafe_state = true\n";
 
 fn load_shipped(text: &str) -> Result<Scenario, ScenarioError> {
-    let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+    let mut none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     let beside = Beside::new(std::path::Path::new("step.toml"));
-    Scenario::parse(&beside, text.to_owned(), none, |_| Vec::new(), |_| None)
+    Scenario::parse(&beside, text.to_owned(), &mut none, &Asked::default())
 }
 
 #[test]
@@ -739,12 +740,12 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
         "the second drive is played under its own name"
     );
     let (leader, led) = (&angle.wiring, &extensor.wiring);
-    assert_eq!((leader.leads, leader.led_by), (2, None));
+    assert_eq!((leader.also_leads, leader.led_by), (1, None));
     let by = crate::wiring::LedBy {
         first: 0x10,
         place: 1,
     };
-    assert_eq!((led.leads, led.led_by), (1, Some(by)));
+    assert_eq!((led.also_leads, led.led_by), (0, Some(by)));
     assert!(led.is_second && !leader.is_second);
     assert!(angle.controller.pid_pair.is_some());
     assert!(extensor.controller.open_loop.is_some());

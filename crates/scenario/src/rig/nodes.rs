@@ -235,14 +235,14 @@ impl Rig {
                 .map_or_else(Measured::default, |(_, node)| node.measured())
                 .commanding(node.command_quantity()),
             io: self.io_beside(drive),
-            truth_every_cycles: node.truth_every_cycles.unwrap_or(1),
+            truth_every_cycles: node.truth_every_cycles,
             record: (node.record.as_ref()).map(|ports| ports.iter().map(in_full).collect()),
             beside: (others.iter().copied())
                 .filter_map(amplifier_port)
                 .collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
-            leads: rig_loop.map_or(1, |one| one.drives.len()),
+            also_leads: rig_loop.map_or(0, |one| one.drives.len().saturating_sub(1)),
             led_by: self.led_by(drive),
             identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
             loop_name: loop_name.to_owned(),

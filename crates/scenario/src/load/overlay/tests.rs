@@ -3,6 +3,7 @@
 use std::io;
 use std::path::Path;
 
+use crate::Asked;
 use crate::beside::Beside;
 use crate::error::{Problem, ScenarioError};
 use crate::scenario::Scenario;
@@ -61,7 +62,7 @@ fn read_file(name: &str) -> io::Result<String> {
 fn load(rig: &str, tables: &str) -> Result<Scenario, ScenarioError> {
     let beside = Beside::new(Path::new("s.toml"));
     let text = scenario(rig, tables);
-    Scenario::parse(&beside, text, read_file, |_| Vec::new(), |_| None)
+    Scenario::parse(&beside, text, &mut read_file, &Asked::default())
 }
 
 /// Returns the problems of a scenario, each of which is in its text, and their rendering.
@@ -362,8 +363,8 @@ fn a_mistake_in_the_rig_file_is_shown_in_the_rig_file() {
         let rig = RIG.replacen(right, wrong, 1);
         let beside = Beside::new(Path::new("s.toml"));
         let text = scenario("rig.toml", "[bus]\nsync_period_milliseconds = 2.0\n");
-        let read = |_: &str| Ok(rig.clone());
-        let loaded = Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None);
+        let mut read = |_: &str| Ok(rig.clone());
+        let loaded = Scenario::parse(&beside, text, &mut read, &Asked::default());
         let error = loaded.expect_err(wrong);
         let shown = crate::without_colours(&error);
         let [problem] = error.problems() else {
