@@ -9,7 +9,7 @@ use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::Trial;
 use scenario::custom::{CustomTable, Section, defaults};
-use scenario::plant::is_built_in;
+use scenario::plant::{PlantModel, is_built_in};
 use scenario::registration::{InvalidRegistration, register};
 
 use crate::plant::{Plant, Ports};
@@ -21,8 +21,8 @@ use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 pub struct PlantRow {
     name: fn() -> &'static str,
     table: fn() -> CustomTable,
-    make: fn(&Trial) -> Result<Box<dyn Plant>, InvalidEmulator>,
-    ports: fn(&Trial) -> Result<Ports, InvalidEmulator>,
+    make: fn(&PlantModel) -> Result<Box<dyn Plant>, InvalidEmulator>,
+    ports: fn(&PlantModel) -> Result<Ports, InvalidEmulator>,
     /// Ports for default parameters; `None` if some parameters have no default.
     default_ports: fn() -> Option<Ports>,
 }
@@ -33,8 +33,8 @@ impl PlantRow {
         Self {
             name: P::name,
             table: || CustomTable::new::<P::Config>(P::name()).with_faults(P::faults()),
-            make: |trial| Ok(Box::new(trial.plant.with_parameters(P::new)??)),
-            ports: |trial| Ok(trial.plant.with_parameters(P::ports_by)??),
+            make: |plant| Ok(Box::new(plant.with_parameters(P::new)??)),
+            ports: |plant| Ok(plant.with_parameters(P::ports_by)??),
             default_ports: || P::ports_by(&defaults().ok()?).ok(),
         }
     }
@@ -98,27 +98,27 @@ fn check_ports(row: &PlantRow) -> Result<(), InvalidCustomPlant> {
     }
 }
 
-/// Makes the plant that a scenario chooses.
+/// Makes a plant.
 ///
 /// # Errors
 /// The plant is invalid.
-pub fn plant(trial: &Trial) -> Result<Box<dyn Plant>, InvalidEmulator> {
-    (find_row(trial)?.make)(trial)
+pub fn plant(model: &PlantModel) -> Result<Box<dyn Plant>, InvalidEmulator> {
+    (find_row(model)?.make)(model)
 }
 
-/// Checks the plant that a scenario chooses.
+/// Checks a plant.
 ///
 /// # Errors
 /// The plant is invalid.
-pub fn check(trial: &Trial) -> Result<(), InvalidEmulator> {
-    (find_row(trial)?.ports)(trial).map(drop)
+pub fn check(model: &PlantModel) -> Result<(), InvalidEmulator> {
+    (find_row(model)?.ports)(model).map(drop)
 }
 
-/// Returns the ports of the plant that a scenario chooses. If its parameters are invalid, these are the default ports,
-/// so that the rest of the scenario can be checked. `None` if neither are known.
-pub fn ports(trial: &Trial) -> Option<Ports> {
-    let row = find_row(trial).ok()?;
-    (row.ports)(trial).ok().or_else(row.default_ports)
+/// Returns the ports of a plant. If its parameters are invalid, these are the default ports, so that the rest of the scenario
+/// can be checked. `None` if neither are known.
+pub fn ports(model: &PlantModel) -> Option<Ports> {
+    let row = find_row(model).ok()?;
+    (row.ports)(model).ok().or_else(row.default_ports)
 }
 
 /// Makes the emulator of the plant that a scenario chooses.
@@ -141,18 +141,15 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
 /// # Errors
 /// As [`emulator`], or a port that the plants lack.
 pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
-    let plants = drives
-        .first()
-        .map(|drive| drive.trial.on_each_plant())
-        .unwrap_or_default()
-        .into_iter();
-    let plants = plants.map(|trial| Ok((trial.wiring.plant.clone(), plant(&trial)?)));
+    let plants = drives.first().map(|drive| drive.trial.plants());
+    let plants = plants.into_iter().flatten();
+    let plants = plants.map(|(name, model)| Ok((name.to_owned(), plant(model)?)));
     let plants = plants.collect::<Result<Vec<_>, InvalidEmulator>>()?;
     Ok(Box::new(PlantEmulator::of(plants, drives)?))
 }
 
-fn find_row(trial: &Trial) -> Result<&'static PlantRow, InvalidEmulator> {
-    let name = trial.plant.name();
+fn find_row(model: &PlantModel) -> Result<&'static PlantRow, InvalidEmulator> {
+    let name = model.name();
     let custom = OWN.get().into_iter().flatten();
     let mut rows = SHIPPED.iter().chain(FMU.get()).chain(custom);
     let row = rows.find(|row| (row.name)() == name);
@@ -177,7 +174,7 @@ mod tests {
 
     /// Returns the frames of the drive that moves a plant.
     fn database(trial: &Trial) -> Database {
-        let ports = Ports::joined([(&*trial.wiring.plant, ports(trial).unwrap())]);
+        let ports = Ports::joined([(&*trial.wiring.plant, ports(&trial.plant).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| PlantSignal {
             name: port.local_name().to_owned(),
@@ -239,7 +236,11 @@ mod tests {
             "[plant.motor]\nload_kilograms = 0.0\nspring_newtons_per_metre = 1e6\n\
             rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\n",
         );
-        assert!(matches!(check(&wrong), Err(InvalidEmulator::Plant(_))));
-        assert_eq!(ports(&wrong), ports(&scenario("dc_motor", "")));
+        assert!(matches!(
+            check(&wrong.plant),
+            Err(InvalidEmulator::Plant(_))
+        ));
+        let right = scenario("dc_motor", "");
+        assert_eq!(ports(&wrong.plant), ports(&right.plant));
     }
 }

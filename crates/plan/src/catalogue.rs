@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
 use scenario::node::{LoopNodes, Node};
+use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, IoWiring, Measured, Wiring};
@@ -15,11 +16,14 @@ use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
-/// Finds the reason why a scenario's plant, or its law, makes no sense.
-type FindObjection = fn(&Trial) -> Option<Objection>;
+/// Finds the reason why a plant makes no sense.
+pub(crate) type FindPlantObjection = fn(&PlantModel) -> Option<Objection>;
 
-/// Finds the ports of a scenario's plant; `None` for a plant that is not known here, or that cannot be made.
-type FindPorts = fn(&Trial) -> Option<Ports>;
+/// Finds the reason why a scenario's law makes no sense.
+type FindLawObjection = fn(&Trial) -> Option<Objection>;
+
+/// Finds the ports of a plant; `None` for a plant that is not known here, or that cannot be made.
+type FindPorts = fn(&PlantModel) -> Option<Ports>;
 
 /// Finds the terms that a scenario's law publishes; empty for a law that is not known here.
 type FindTerms = fn(&Trial) -> Vec<LawTerm>;
@@ -28,10 +32,10 @@ type FindTerms = fn(&Trial) -> Vec<LawTerm>;
 ///
 /// The catalogue knows them by their ports and terms, not by their code: the crates that play them hand in the rest.
 pub struct Catalogue {
-    plant_objection: FindObjection,
+    plant_objection: FindPlantObjection,
     /// `None` if all plants publish the signals of the shipped DBC.
     find_ports: Option<FindPorts>,
-    law_objection: FindObjection,
+    law_objection: FindLawObjection,
     /// `None` if all laws publish the terms of the shipped DBC.
     find_terms: Option<FindTerms>,
 }
@@ -61,7 +65,7 @@ impl Catalogue {
 
     /// Makes a catalogue of plants, by their ports and by a function that finds a plant without physical sense. All laws publish
     /// the terms of the shipped DBC.
-    pub fn new(find_ports: FindPorts, plant_objection: FindObjection) -> Self {
+    pub fn new(find_ports: FindPorts, plant_objection: FindPlantObjection) -> Self {
         Self {
             find_ports: Some(find_ports),
             plant_objection,
@@ -71,7 +75,7 @@ impl Catalogue {
 
     /// Adds laws, by the terms that they publish and by a function that finds a law without sense.
     #[must_use]
-    pub fn with_laws(self, find_terms: FindTerms, law_objection: FindObjection) -> Self {
+    pub fn with_laws(self, find_terms: FindTerms, law_objection: FindLawObjection) -> Self {
         Self {
             find_terms: Some(find_terms),
             law_objection,
@@ -104,17 +108,14 @@ impl Catalogue {
 
     /// Returns the ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` if they are not known here.
     pub fn ports(&self, trial: &Trial) -> Option<Ports> {
-        let plants = trial.on_each_plant();
-        let plant_ports = plants.iter().map(|one| {
-            let plant = one.wiring.plant.as_str();
-            Some((plant, self.plant_ports(one)?))
-        });
-        Some(Ports::joined(plant_ports.collect::<Option<Vec<_>>>()?))
+        let plants = trial.plants().into_iter();
+        let ports = plants.map(|(name, plant)| Some((name, self.plant_ports(plant)?)));
+        Some(Ports::joined(ports.collect::<Option<Vec<_>>>()?))
     }
 
-    /// Returns the ports of a loop's plant; `None` if they are not known here.
-    pub(crate) fn plant_ports(&self, trial: &Trial) -> Option<Ports> {
-        (self.find_ports?)(trial)
+    /// Returns the ports of a plant; `None` if they are not known here.
+    pub(crate) fn plant_ports(&self, plant: &PlantModel) -> Option<Ports> {
+        (self.find_ports?)(plant)
     }
 
     /// Returns the outputs of each io node of a loop's wiring.
@@ -151,13 +152,13 @@ impl Catalogue {
     /// sense. The known names are collected only if the scenario has some.
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
         let frames = self.frames(trial);
-        let plants = trial.on_each_plant();
-        let mut fmus = plants.iter().filter(|one| is_wired_fmu(one));
+        let is_wrong_fmu =
+            |plant: &&PlantModel| plant.fmu.is_some() && (self.plant_objection)(plant).is_some();
         // A wrong FMU is a problem of the rig file, and hides its signals.
-        if fmus.any(|one| (self.plant_objection)(one).is_some()) {
+        if !trial.wiring.input.is_empty() && trial.plants().values().any(is_wrong_fmu) {
             return Vec::new();
         }
-        let plant = (self.plant_objection)(trial);
+        let plant = (self.plant_objection)(&trial.plant);
         let mut objections = SignalNames::objections(trial, || frames.names());
         objections.extend(plant);
         objections.extend((self.law_objection)(trial));
@@ -170,22 +171,17 @@ impl Catalogue {
     /// the scenario.
     pub(crate) fn objection_to_plant(
         &self,
-        trial: &Trial,
+        name: &str,
+        plant: &PlantModel,
         sweep: Option<&Sweep>,
     ) -> Option<Objection> {
-        let Some(objection) = (self.plant_objection)(trial) else {
-            return swept_fmu::objection(trial, sweep?, self.plant_objection);
+        let Some(objection) = (self.plant_objection)(plant) else {
+            return swept_fmu::objection(name, plant, sweep?, self.plant_objection);
         };
-        let plant = &trial.wiring.plant;
         let below = objection.path.strip_prefix("plant.");
-        let path = format!("plant.{plant}.{}", below.unwrap_or_default());
+        let path = format!("plant.{name}.{}", below.unwrap_or_default());
         Some(Objection { path, ..objection })
     }
-}
-
-/// Checks whether the plant of a loop is an FMU in a rig file.
-fn is_wired_fmu(trial: &Trial) -> bool {
-    trial.plant.fmu.is_some() && !trial.wiring.input.is_empty()
 }
 
 /// Finds two signals that would be one column: a term of the law with the name of another signal of its loop, or of an output of

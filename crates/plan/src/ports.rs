@@ -32,14 +32,16 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
         return None;
     }
     rig.plant_of(drive)?;
-    let plants = one.on_each_plant();
-    let unsound = |one: &Trial| catalogue.objection_to_plant(one, scenario.shared.sweep.as_ref());
-    if let Some(objection) = plants.iter().find_map(|one| unsound(one)) {
-        return Some(objection);
+    let (plants, sweep) = (one.plants(), scenario.shared.sweep.as_ref());
+    let mut unsound = plants.iter();
+    let unsound =
+        unsound.find_map(|(name, plant)| catalogue.objection_to_plant(name, plant, sweep));
+    if unsound.is_some() {
+        return unsound;
     }
     let mut plant_ports = Vec::new();
-    for one in &plants {
-        let (plant, ports) = (one.wiring.plant.as_str(), catalogue.plant_ports(one)?);
+    for (plant, model) in plants {
+        let ports = catalogue.plant_ports(model)?;
         if let Some(objection) = plant_objection(plant, &ports) {
             return Some(objection);
         }

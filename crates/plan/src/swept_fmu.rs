@@ -1,23 +1,27 @@
 //! Values that a sweep gives to variables of an FMU: the FMU decides which ones are admitted, and no schema knows it.
 
+use scenario::Objection;
+use scenario::plant::PlantModel;
 use scenario::sweep::{LogUniform, Sweep, Uniform};
-use scenario::{Objection, Trial};
+
+use crate::catalogue::FindPlantObjection;
 
 /// Value of a sweep, with its place in the scenario and its key.
 type Swept<'a> = (String, &'a str, f64);
 
-/// Finds the first value of a sweep that the FMU of a loop's plant does not take. `objection` finds the problem of such an FMU.
+/// Finds the first value of a sweep that the FMU of a plant does not take. `objection` finds the problem of such an FMU.
 /// Draws of normal distributions have no ends, so only their means are checked.
 pub(crate) fn objection(
-    trial: &Trial,
+    name: &str,
+    plant: &PlantModel,
     sweep: &Sweep,
-    objection: impl Fn(&Trial) -> Option<Objection>,
+    objection: FindPlantObjection,
 ) -> Option<Objection> {
-    let start = format!("plant.{}.start.", trial.wiring.plant);
+    let start = format!("plant.{name}.start.");
     values(sweep).into_iter().find_map(|(path, key, value)| {
         let variable = key.strip_prefix(&start)?;
-        let mut tried = trial.clone();
-        let fmu = tried.plant.fmu.as_mut()?;
+        let mut tried = plant.clone();
+        let fmu = tried.fmu.as_mut()?;
         fmu.start.insert(variable.to_owned(), value.into());
         objection(&tried).map(|found| Objection { path, ..found })
     })

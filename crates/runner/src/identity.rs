@@ -11,7 +11,6 @@ use object::read::ReadCache;
 use object::read::elf::{FileHeader, ProgramHeader};
 use plan::{Plan, listed};
 use recording::session::plan_files;
-use scenario::Trial;
 use scenario::plant::PlantModel;
 use scenario::{HASH_SUFFIX, file_hash, hash_in, hexadecimal};
 use sha2::{Digest, Sha256};
@@ -35,9 +34,10 @@ pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
         None => (name.to_owned(), hexadecimal(Sha256::digest(text))),
     };
     let trials = plan.loops.iter().map(|one| &one.trial);
+    let plants = trials.flat_map(|one| [&one.plant].into_iter().chain(one.plants_beside.values()));
     Ok(Identity {
         program: program()?.to_owned(),
-        plant: listed(trials.flat_map(Trial::plants).map(PlantModel::name)),
+        plant: listed(plants.map(PlantModel::name)),
         law: plan.leader(),
         files: plan_files(plan).map(hash).collect(),
     })

@@ -1,6 +1,5 @@
 //! The trial of one loop, on its drive and plant.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -66,27 +65,17 @@ impl Trial {
         Arc::make_mut(&mut self.run)
     }
 
-    /// Returns the trial on each of the plants that are emulated together, its own among them, in the order of their names.
-    pub fn on_each_plant(&self) -> Vec<Cow<'_, Self>> {
-        let on = |(name, plant): (&String, &PlantModel)| {
-            let mut other = self.clone();
-            (other.plant, other.wiring.plant) = (plant.clone(), name.clone());
-            Cow::Owned(other)
-        };
-        let mut all = Vec::from_iter(self.plants_beside.iter().map(on));
-        all.push(Cow::Borrowed(self));
-        all.sort_by(|left, right| left.wiring.plant.cmp(&right.wiring.plant));
-        all
-    }
-
-    /// Returns the plants that are emulated together, its own first.
-    pub fn plants(&self) -> impl Iterator<Item = &PlantModel> {
-        [&self.plant].into_iter().chain(self.plants_beside.values())
+    /// Returns the plants that are emulated together by name, its own among them.
+    pub fn plants(&self) -> BTreeMap<&str, &PlantModel> {
+        let others = self.plants_beside.iter();
+        let others = others.map(|(name, plant)| (name.as_str(), plant));
+        let own = (self.wiring.plant.as_str(), &self.plant);
+        others.chain([own]).collect()
     }
 
     /// Checks whether one of the plants that are emulated together is an FMU.
     pub fn has_fmu(&self) -> bool {
-        self.plants().any(|plant| plant.fmu.is_some())
+        self.plants().values().any(|plant| plant.fmu.is_some())
     }
 
     /// Returns the faults of its loop: those of its drive and plant, and those of no drive.

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use controller::catalogue as laws;
 use plant_emulator::catalogue::PlantRow;
 use plant_emulator::{InvalidEmulator, catalogue as plants};
+use scenario::plant::PlantModel;
 use scenario::{Objection, Trial};
 
 use plan::catalogue::Catalogue;
@@ -28,13 +29,13 @@ fn law_objection(trial: &Trial) -> Option<Objection> {
     objection.or_else(|| law_worker::objection(trial.controller.fmu.as_ref()?))
 }
 
-fn plant_objection(trial: &Trial) -> Option<Objection> {
-    let plant = trial.plant.name();
-    if let Some(fmu) = &trial.plant.fmu {
+fn plant_objection(model: &PlantModel) -> Option<Objection> {
+    let plant = model.name();
+    if let Some(fmu) = &model.fmu {
         return fmu_plant::objection(fmu);
     }
     // Errors in its wiring are reported at the rig.
-    let Err(InvalidEmulator::Plant(invalid)) = plants::check(trial) else {
+    let Err(InvalidEmulator::Plant(invalid)) = plants::check(model) else {
         return None;
     };
     let path = match invalid.parameter() {

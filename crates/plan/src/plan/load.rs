@@ -125,8 +125,9 @@ impl Plan {
     ) -> Result<Self, ScenarioError> {
         let object = |scenario: &Scenario| {
             let with_fmus = scenario.loops.iter().filter(|one| one.has_fmu());
-            let mut plants = with_fmus.flat_map(Trial::on_each_plant);
-            let found = plants.find_map(|one| catalogue.objection_to_plant(&one, None));
+            let mut plants = with_fmus.flat_map(Trial::plants);
+            let found =
+                plants.find_map(|(name, plant)| catalogue.objection_to_plant(name, plant, None));
             // A file that no longer exists is not the fault of a value.
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };

@@ -227,11 +227,12 @@ mod tests {
 
     use super::*;
     use plan::catalogue::Catalogue;
+    use scenario::plant::PlantModel;
     use scenario::port::{Port, Ports};
 
     #[test]
     fn what_no_shipped_plant_has_gets_a_view_of_its_own() {
-        let find_ports = |_: &Trial| {
+        let find_ports = |_: &PlantModel| {
             let output = |name: &str| Port::output(name, [0.0, 1.0]);
             let outputs = vec![
                 output("position_metres"),
