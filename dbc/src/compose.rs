@@ -6,7 +6,7 @@
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal};
 use crate::law::{self, LawTerm};
-use crate::names::{self, TERMS_MAX, WIRE_TEMPERATURE};
+use crate::names::{self, TERMS_MAX};
 
 /// Names of the nodes of the shipped DBC.
 const CONTROLLER: &str = "controller";
@@ -53,18 +53,6 @@ const FLOAT_BITS: u8 = 32;
 /// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
 const CURRENT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
-/// Texts of the shipped DBC about a wire in the controller's emergencies, and their forms for any other plant.
-const WIRE_LABELS: [(&str, &str); 2] = [
-    (
-        "position changes faster than the wire moves",
-        "position changes faster than the plant moves",
-    ),
-    (
-        "position stands still although the wire is heated",
-        "position stands still away from the set-point at the largest current",
-    ),
-];
-
 /// Signal of an emulated plant or an io node: 16 bits, signed if its range begins below zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSignal {
@@ -395,16 +383,6 @@ impl Composer {
                 signal.receivers.clone_from(&listeners);
             }
         }
-        let mut signals = self.messages.iter().flat_map(|message| &message.signals);
-        if !signals.any(|signal| signal.name == WIRE_TEMPERATURE) {
-            let signals = self.messages.iter_mut().flat_map(|one| &mut one.signals);
-            for (_, label) in signals.flat_map(|signal| &mut signal.labels) {
-                let mut labels = WIRE_LABELS.iter();
-                if let Some((_, plant_label)) = labels.find(|(wire_label, _)| label == wire_label) {
-                    (*plant_label).clone_into(label);
-                }
-            }
-        }
         let database = Database::from_messages(self.messages);
         let nodes = self.nodes.iter();
         database.with_nodes(nodes.map(|(node_id, name)| (*node_id, name.as_str())))
@@ -567,23 +545,6 @@ mod tests {
                 .message("drive_tpdo3")
                 .is_none()
         );
-    }
-
-    #[test]
-    fn an_emergency_speaks_of_a_wire_only_where_there_is_one() {
-        let count = |signals: &[PlantSignal], word: &str| {
-            let database = composed(signals);
-            let message = database.message("controller_emergency").unwrap();
-            let labels = message.signals.iter().flat_map(|signal| &signal.labels);
-            labels.filter(|(_, label)| label.contains(word)).count()
-        };
-        let (wire, motor) = (
-            [signal(WIRE_TEMPERATURE, 0.0)],
-            [signal("angle_degrees", 0.0)],
-        );
-        assert!(count(&wire, "wire") > 0);
-        assert_eq!(count(&motor, "wire"), 0);
-        assert!(count(&motor, "the plant moves") > 0);
     }
 
     #[test]

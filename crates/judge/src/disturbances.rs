@@ -24,8 +24,8 @@ fn worst_disturbance(
     is_time: bool,
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
-    if !evidence.timeline.has_fan {
-        return Absence::unavailable("not available: no fan on the bus").into();
+    if !evidence.timeline.is_disturbed {
+        return Absence::unavailable("not available: an io node is missing on the bus").into();
     }
     let windows = evidence.trial.disturbances();
     let end_seconds = evidence.trial.judged_end_seconds();

@@ -92,8 +92,8 @@ pub struct Timeline {
     pub emergencies: Occurrences<Emergency>,
     /// Reports of the emulated plant on itself; empty without faults.
     pub truth: Series<PlantTruth>,
-    /// Whether the fan and load module was present and got its commands.
-    pub has_fan: bool,
+    /// Whether the io nodes that disturb the loop were present and got their commands.
+    pub is_disturbed: bool,
     /// Answers of the drive to the bench; empty in a piece.
     pub drive_reports: DriveReports,
     /// Signals that the scenario's checks name.

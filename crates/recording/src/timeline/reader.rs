@@ -16,8 +16,8 @@ use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
-use crate::fan::FanReader;
 use crate::identifiers::{Identifiers, Readers};
+use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::node_names::NodeNames;
@@ -104,11 +104,11 @@ pub struct TimelineReader {
     events: EventReader,
     losses: LossReader,
     truth: TruthReader,
-    fan: FanReader,
+    io_nodes: IoReader,
     drive_reports: DriveReportReader,
     /// Messages that make events. They include those of other loops, but of most frames only a state is read.
     eventful: Identifiers,
-    /// Messages from which losses, the truth, the fan and the drive's reports are read.
+    /// Messages from which losses, the truth, the io nodes and the drive's reports are read.
     rare: Identifiers,
     /// Messages from which everything but events is read. On a rig with several loops, most frames are those of others.
     read_ids: Identifiers,
@@ -135,14 +135,16 @@ impl TimelineReader {
         let commands = CommandReader::new(one, &node_names, period)?;
         let events = EventReader::new(&one.database, node_names);
         let truth = TruthReader::new(one)?;
-        let fan = FanReader::new(one);
+        let io_nodes = IoReader::new(one);
         let drive_reports = DriveReportReader::new(one);
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
         let columns = Columns::new(one);
         let rare = || {
             let watched = losses.raw_ids().chain(truth.raw_id());
-            watched.chain([drive_reports.raw_id]).chain(fan.raw_ids())
+            watched
+                .chain([drive_reports.raw_id])
+                .chain(io_nodes.raw_ids())
         };
         let cyclic = traces.raw_ids().chain(columns.raw_ids());
         let read_ids = cyclic.chain(sources.raw_ids()).chain([SYNC_COB_ID.into()]);
@@ -162,7 +164,7 @@ impl TimelineReader {
             events,
             losses,
             truth,
-            fan,
+            io_nodes,
             drive_reports,
             traces,
             sources,
@@ -250,7 +252,7 @@ impl TimelineReader {
         {
             self.drive_reports.on_frame(time, &stamped.frame);
         }
-        self.fan.on_frame(&stamped.frame);
+        self.io_nodes.on_frame(&stamped.frame);
     }
 
     /// Returns the start of the latest cycle.
@@ -343,7 +345,7 @@ impl TimelineReader {
             measured_position: place(&columns, &measured_position)?,
             current: place(&columns, &sensor.name(names::CURRENT)).ok(),
             columns,
-            has_fan: self.fan.has_fan(),
+            is_disturbed: self.io_nodes.is_disturbed(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             origin_seconds: origin.as_secs_f64(),
             last_frame_seconds: since_zero.as_secs_f64(),

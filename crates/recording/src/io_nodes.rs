@@ -7,14 +7,14 @@ use dbc::names;
 use plan::ControlLoop;
 
 /// Reader of the heartbeats of the io nodes that disturb a loop, and of the commands to them.
-pub(crate) struct FanReader {
+pub(crate) struct IoReader {
     /// Identifiers to look for, with whether such a frame came.
     seen: BTreeMap<u32, bool>,
     /// Whether an io node is missing in the database.
     is_one_missing: bool,
 }
 
-impl FanReader {
+impl IoReader {
     pub(crate) fn new(one: &ControlLoop) -> Self {
         let mut reader = Self {
             seen: BTreeMap::new(),
@@ -43,7 +43,7 @@ impl FanReader {
     }
 
     /// Returns whether all io nodes are present and get their commands.
-    pub(crate) fn has_fan(&self) -> bool {
+    pub(crate) fn is_disturbed(&self) -> bool {
         !self.is_one_missing && self.seen.values().all(|seen| *seen)
     }
 }
