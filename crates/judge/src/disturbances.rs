@@ -18,7 +18,7 @@ pub(crate) fn recovery_time(evidence: &Evidence<'_>) -> Measurement {
     worst_disturbance(evidence, true, recovery)
 }
 
-/// Returns the largest value over all disturbances. Without a fan and load module on the bus there were none.
+/// Returns the largest value over all disturbances. Without the io nodes on the bus there were none.
 fn worst_disturbance(
     evidence: &Evidence<'_>,
     is_time: bool,
