@@ -45,10 +45,11 @@ fn child(of: Pid) -> Option<Pid> {
     Pid::from_raw(number)
 }
 
-/// Returns the process with the FMU of another process.
+/// Returns the process with the FMU of another process; its keeper is between them.
 fn worker(process: Pid) -> Pid {
-    wait_for("the worker", || child(process).is_some());
-    child(process).unwrap()
+    let worker = || child(child(process)?);
+    wait_for("the worker", || worker().is_some());
+    worker().unwrap()
 }
 
 /// Returns policy and priority of a process: 1 is SCHED_FIFO.

@@ -341,7 +341,7 @@ fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
 fn only_workers_load_fmus_and_libraries() {
     for package in rules(&root()).into_iter().map(|rule| rule.room) {
         must_not_name(&package, "Instance::new(", |path| {
-            path.ends_with("fmu/src/worker/serve.rs") || path.ends_with("worlds/src/law_worker.rs")
+            path.ends_with("worlds/src/fmu_worker.rs") || path.ends_with("worlds/src/law_worker.rs")
         });
         must_not_name(&package, "LawLibrary::load(", |path| {
             path.ends_with("worlds/src/law_worker.rs")

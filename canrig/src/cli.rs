@@ -175,8 +175,10 @@ pub(crate) enum Command {
     /// The process that alone loads an FMU; runs start it
     #[command(hide = true)]
     FmuWorker {
-        /// File descriptor of the channel to the plant
-        channel: i32,
+        /// The FMU
+        file: PathBuf,
+        /// Folder of its files
+        folder: PathBuf,
     },
     /// The process that starts, keeps and ends the program of a law; runs start it
     #[command(hide = true)]
@@ -256,8 +258,8 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Eds(args) => eds(&args),
         Command::Fmu(args) => fmu(&args),
         Command::FmuPlay(args) => play(&args),
-        Command::FmuWorker { channel } => {
-            fmu_worker::serve(channel).map_or(Exit::BenchFailed, |()| Exit::Pass)
+        Command::FmuWorker { file, folder } => {
+            fmu_worker::serve(&file, &folder).map_or(Exit::BenchFailed, |()| Exit::Pass)
         }
         Command::LawWorker { file, folder } => match law_worker::serve(&file, folder.as_deref()) {
             Ok(()) => Exit::Pass,

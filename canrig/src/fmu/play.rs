@@ -9,11 +9,10 @@ use clap::Args;
 use fmu::export::Role;
 use fmu::table::{Port, Wiring, wiring};
 use fmu::unit::{Conversion, unit_in_name};
-use fmu::worker::Remote;
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
 use scenario::plant::Fmu;
-use worlds::fmu_worker;
+use worlds::fmu_worker::RemoteFmu;
 
 use super::export::named;
 use runner::console::{failed, print};
@@ -140,17 +139,14 @@ fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
         fault: misfit.fault,
     })?;
     let unpacked = archive.unpack()?;
-    let worker =
-        fmu_worker::start().map_err(|error| Refused(Exit::BenchFailed, error.to_string()))?;
     let mut outputs = vec![0.0; wiring.outputs.len()];
-    let mut remote = Remote::load(worker, &unpacked, &wiring.configuration, &mut outputs)?;
+    let mut remote = RemoteFmu::load(&unpacked, &wiring.configuration, &mut outputs)?;
     steps(
         args,
         &wiring,
         &outputs.clone(),
         |to_seconds, inputs, outputs| Ok(remote.advance(to_seconds, inputs, outputs)?),
-    )?;
-    Ok(remote.end()?)
+    )
 }
 
 /// Steps the plant, and prints its outputs or the duration of a step.

@@ -1,13 +1,11 @@
 //! FMUs: plants from a modelling tool, by FMI 2.0 and 3.0, co-simulation.
 //!
 //! An FMU is a zip file with a `modelDescription.xml` and shared libraries; its code is foreign. A [`Description`] is
-//! read from an [`Archive`] without running any of it. An [`Instance`] loads the library, only in a worker process
-//! ([`worker::serve`]). The plant's side has a [`worker::Remote`]. So a crash, a hang or an exit of an FMU costs one
-//! run.
+//! read from an [`Archive`] without running any of it. An [`Instance`] loads the library, only in a worker process,
+//! which the caller starts. So a crash, a hang or an exit of an FMU costs one run.
 //!
-//! Inputs are the file, the table of a rig file, which [`table::wiring`] fits to it, and a [`worker::Channel`] to a
-//! worker, which the caller starts. Outputs are the values of its ports, step by step, or a [`FmuError`] with file and
-//! variable.
+//! Inputs are the file and the table of a rig file, which [`table::wiring`] fits to it. Outputs are the values of its
+//! ports, step by step, or a [`FmuError`] with file and variable.
 //!
 //! In the other direction, [`export`] makes FMUs of plants: their description, and the C functions of FMI around them.
 //!
@@ -25,7 +23,6 @@ mod instance;
 mod library;
 pub mod table;
 pub mod unit;
-pub mod worker;
 
 pub use archive::{Archive, Unpacked};
 pub use description::Description;

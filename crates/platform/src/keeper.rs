@@ -24,7 +24,6 @@ use crate::clock::monotonic;
 use crate::process::{in_new_session, inherit, stat};
 use crate::scheduling::pass_on_fifo;
 use crate::stop::{OF_TERMINAL, ignore};
-use crate::worker::how;
 
 /// Hidden subcommand that keeps a program.
 pub const SUBCOMMAND: &str = "program-keeper";
@@ -158,6 +157,24 @@ pub(crate) fn children(parent: u32) -> Vec<Pid> {
     { processes }
         .filter(|process| stat(*process, PARENT_FIELD) == Some(parent))
         .collect()
+}
+
+/// Describes how a process ended.
+fn how(status: ExitStatus) -> String {
+    let name = |signal| match signal {
+        libc::SIGSEGV => " (SIGSEGV: it used memory that is not its own)",
+        libc::SIGABRT => " (SIGABRT: it gave up)",
+        libc::SIGFPE => " (SIGFPE: it computed what cannot be)",
+        libc::SIGILL => " (SIGILL: it ran what is no instruction here)",
+        libc::SIGBUS => " (SIGBUS: it used memory that is not there)",
+        libc::SIGKILL => " (SIGKILL: somebody ended it, or memory ran out)",
+        _ => "",
+    };
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exited with code {code}"),
+        (None, Some(signal)) => format!("was ended by signal {signal}{}", name(signal)),
+        (None, None) => "ended".to_owned(),
+    }
 }
 
 /// Kept output of a program.

@@ -20,6 +20,7 @@ pub mod link;
 pub mod lockstep;
 pub mod memory;
 mod open;
+pub mod port_seat;
 pub mod private_bus;
 pub mod probe;
 pub mod process;
@@ -34,7 +35,6 @@ pub mod stall_watch;
 pub mod stop;
 pub mod terminal;
 pub mod unfinished;
-pub mod worker;
 
 pub use open::open;
 

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use rustix::event::PollFlags;
 use rustix::fs::{OFlags, fcntl_setfl};
-use rustix::io::Errno;
+use rustix::io::{Errno, retry_on_intr};
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{
     RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, accept_with, bind, connect, listen, recv,
@@ -28,7 +28,6 @@ use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, STOPPED, numbers, read_welcome, write_done, write_failure,
     write_hello, write_numbers,
 };
-use crate::worker::Channel;
 
 /// Variable with the socket of a law's seat.
 pub const PORTS_VARIABLE: &str = "CANRIG_PORTS";
@@ -245,7 +244,7 @@ fn looks(patience: Duration) -> Range<u128> {
 
 /// The program's end of its seat, for a process of canrig that runs a law.
 pub struct Seat {
-    channel: Channel,
+    channel: OwnedFd,
     message: Vec<u8>,
     answer: Vec<u8>,
 }
@@ -261,21 +260,35 @@ impl Seat {
         let socket = seqpacket(SocketFlags::empty())?;
         connect(&socket, &SocketAddrUnix::new(path.as_path())?)?;
         let mut seat = Self {
-            channel: Channel::new(socket),
+            channel: socket,
             message: vec![0; MESSAGE_BYTES_MAX],
             answer: Vec::with_capacity(MESSAGE_BYTES_MAX),
         };
         write_hello(&mut seat.answer, name);
-        seat.channel.send(&seat.answer)?;
+        seat.send()?;
         Ok(seat)
     }
 
-    /// Waits for WELCOME; returns its JSON and the seed.
+    fn send(&self) -> io::Result<()> {
+        send(&self.channel, &self.answer, SendFlags::NOSIGNAL)?;
+        Ok(())
+    }
+
+    /// Waits for a message; returns its length, 0 if canrig is gone.
+    fn receive(&mut self) -> io::Result<usize> {
+        match retry_on_intr(|| recv(&self.channel, &mut self.message[..], RecvFlags::empty())) {
+            Ok((length, _)) => Ok(length),
+            Err(Errno::CONNRESET | Errno::PIPE) => Ok(0),
+            Err(errno) => Err(errno.into()),
+        }
+    }
+
+    /// Waits for WELCOME; returns its content and the seed.
     ///
     /// # Errors
     /// If canrig is gone, or speaks another protocol.
     pub fn welcome(&mut self) -> io::Result<(&[u8], u64)> {
-        let length = self.channel.receive(&mut self.message, None)?;
+        let length = self.receive()?;
         read_welcome(&self.message[..length]).map_err(io::Error::other)
     }
 
@@ -296,14 +309,14 @@ impl Seat {
             Ok(law) => law,
             Err(why) => {
                 write_failure(&mut self.answer, Header::of(Kind::Done), &why);
-                return self.channel.send(&self.answer);
+                return self.send();
             }
         };
         write_done(&mut self.answer, 0, 0);
-        self.channel.send(&self.answer)?;
+        self.send()?;
         let (mut read, mut written) = (vec![0.0; reads], vec![0.0; writes]);
         loop {
-            let length = self.channel.receive(&mut self.message, None)?;
+            let length = self.receive()?;
             if length == 0 {
                 return Ok(());
             }
@@ -311,8 +324,10 @@ impl Seat {
             let (header, body) = Header::split(message).map_err(io::Error::other)?;
             let mut values = numbers(body);
             if header.kind == Kind::Stop as u8 {
+                // What it does at its end is done when canrig hears of it.
+                drop(law);
                 write_done(&mut self.answer, header.number, STOPPED);
-                return self.channel.send(&self.answer);
+                return self.send();
             }
             if header.kind != Kind::Step as u8 || values.len() != 1 + reads {
                 return Err(io::Error::other("the other end speaks another protocol"));
@@ -331,7 +346,7 @@ impl Seat {
                 Ok(()) => write_numbers(&mut self.answer, answer, None, &written),
                 Err(why) => write_failure(&mut self.answer, answer, &why),
             }
-            self.channel.send(&self.answer)?;
+            self.send()?;
         }
     }
 }

@@ -9,15 +9,15 @@ use std::time::{Duration, SystemTime};
 
 use fmu::Fault;
 use fmu::table::{self, Misfit, wiring};
-use fmu::worker::{LOAD_PATIENCE, Remote};
 use fmu::{Archive, FmuError, Unpacked};
 use plan::Plan;
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
+use platform::program::START_PATIENCE;
 use scenario::Objection;
 use scenario::plant::{FMU, Fmu};
 use scenario::port::{symbol_of, unit_in};
 
-use crate::fmu_worker;
+use crate::fmu_worker::RemoteFmu;
 
 /// Number of FMUs whose descriptions are kept.
 const KEPT_MAX: usize = 16;
@@ -25,7 +25,7 @@ const KEPT_MAX: usize = 16;
 /// Returns the additional time for the drives of these loops until they are there.
 pub(crate) fn more_patience(plan: &Plan) -> Duration {
     if plan.loops.iter().any(|one| one.trial.has_fmu()) {
-        LOAD_PATIENCE
+        START_PATIENCE
     } else {
         Duration::ZERO
     }
@@ -109,7 +109,7 @@ fn described(port: Port, of: &table::Port) -> Port {
 pub(crate) struct FmuPlant {
     wiring: table::Wiring,
     /// The FMU in its worker; `None` after a failure, with which the worker is gone.
-    remote: Option<Remote>,
+    remote: Option<RemoteFmu>,
     /// Files that the worker has open.
     _unpacked: Arc<Unpacked>,
     /// Time in whole nanoseconds, as the drive counts it, so that no sum drifts.
@@ -140,20 +140,16 @@ impl Plant for FmuPlant {
 
     fn new(fmu: &Fmu) -> Result<Self, InvalidPlant> {
         let (opened, wiring) = wired(fmu, false).map_err(|misfit| unfit(fmu, misfit))?;
-        let unpacked = opened.unpacked().map_err(|error| match error.fault {
+        let cannot = |error: FmuError| match error.fault {
             Fault::File { place, source } => InvalidPlant::Machine {
                 what: format!("{}: {place}", error.file.display()),
                 source,
             },
             _ => invalid(error),
-        })?;
-        let worker = fmu_worker::start().map_err(|source| InvalidPlant::Machine {
-            what: format!("no process to load {} can be started", fmu.file),
-            source,
-        })?;
+        };
+        let unpacked = opened.unpacked().map_err(cannot)?;
         let mut raw = vec![0.0; wiring.outputs.len()];
-        let remote =
-            Remote::load(worker, &unpacked, &wiring.configuration, &mut raw).map_err(invalid)?;
+        let remote = RemoteFmu::load(&unpacked, &wiring.configuration, &mut raw).map_err(cannot)?;
         let mut plant = Self {
             remote: Some(remote),
             _unpacked: unpacked,
@@ -201,15 +197,6 @@ impl Plant for FmuPlant {
 
     fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
-    }
-}
-
-impl Drop for FmuPlant {
-    /// Ends the FMU in order, since some FMUs write their files at their end. An error then comes too late to report.
-    fn drop(&mut self) {
-        if let Some(remote) = self.remote.take() {
-            let _ = remote.end();
-        }
     }
 }
 

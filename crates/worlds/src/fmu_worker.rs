@@ -1,62 +1,200 @@
-//! Processes that load FMUs: `canrig fmu-worker`, one for each FMU of a run.
+//! Processes that load the FMUs of plants: `canrig fmu-worker`, one for each FMU of a run, at a port seat. A crash, a hang or an
+//! exit of an FMU ends its worker, and costs only that run.
 
 use std::io;
-use std::os::fd::RawFd;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use fmu::worker::Channel;
-use platform::worker::{self, Worker};
+use fmu::{Configuration, Fault, FmuError, Instance, Unpacked};
+use platform::port_seat::{CLOSED, NotReady, PortSeat};
+use platform::program::{START_PATIENCE, Seat};
+use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
+
+use crate::law_worker::{Loaded, Terminated, command, told};
 
 /// Hidden subcommand of a worker.
-pub const SUBCOMMAND: &str = "fmu-worker";
+const SUBCOMMAND: &str = "fmu-worker";
+/// Time for a step: less than the time that other nodes wait for the plant in lock-step.
+const STEP_PATIENCE: Duration = Duration::from_secs(5);
+/// Time for an FMU to terminate.
+const TERMINATE_PATIENCE: Duration = Duration::from_secs(2);
+/// Time for a worker that closed its channel to end.
+const CLOSED_PATIENCE: Duration = Duration::from_secs(1);
+/// What the worker does meanwhile, for messages.
+const LOADED: &str = "loaded it";
+const STEPPED: &str = "stepped";
 
-/// Plant's end of the channel to a worker.
-struct ToWorker(Worker);
+/// FMU that plays in a worker.
+#[derive(Debug)]
+pub struct RemoteFmu {
+    file: PathBuf,
+    seat: PortSeat,
+    asked: u32,
+    has_failed: bool,
+}
 
-/// Worker's end of the channel.
-struct ToPlant(worker::Channel);
+impl RemoteFmu {
+    /// Starts a worker, which loads the FMU and brings it to time 0; `outputs` then has its values.
+    ///
+    /// # Errors
+    /// If the FMU cannot be loaded, does not accept the configuration, or ended its worker.
+    pub fn load(
+        unpacked: &Unpacked,
+        configuration: &Configuration,
+        outputs: &mut [f64],
+    ) -> Result<Self, FmuError> {
+        let file = unpacked.file.clone();
+        let command = command(SUBCOMMAND, &file.to_string_lossy(), Some(unpacked.folder()));
+        let started = command
+            .map_err(io::Error::other)
+            .and_then(|command| PortSeat::start(&command, Path::new("."), None, &[]));
+        let seat = started.map_err(|source| FmuError {
+            file: file.clone(),
+            fault: Fault::File {
+                place: "no process to load it can be started".to_owned(),
+                source,
+            },
+        })?;
+        let mut remote = Self {
+            file,
+            seat,
+            asked: 0,
+            has_failed: false,
+        };
+        let inputs = vec![0.0; configuration.inputs.len()];
+        let loaded = remote
+            .meet(configuration)
+            .and_then(|()| remote.step(LOADED, 0.0, &inputs, outputs));
+        loaded.map_err(|fault| remote.failed(fault))?;
+        Ok(remote)
+    }
 
-/// Starts a worker.
+    /// Advances the time under constant inputs; `outputs` then has the values.
+    ///
+    /// # Errors
+    /// If the FMU failed, or ended its worker.
+    pub fn advance(
+        &mut self,
+        to_seconds: f64,
+        inputs: &[f64],
+        outputs: &mut [f64],
+    ) -> Result<(), FmuError> {
+        let stepped = self.step(STEPPED, to_seconds, inputs, outputs);
+        stepped.map_err(|fault| self.failed(fault))
+    }
+
+    fn meet(&mut self, configuration: &Configuration) -> Result<(), Fault> {
+        let part = postcard::to_allocvec(configuration);
+        let part = part.map_err(|error| Fault::Table(error.to_string()))?;
+        let values = configuration.inputs.len().max(configuration.outputs.len());
+        // Beside the start values or the values of a step there are a header and a few numbers.
+        let bytes = part.len().max(8 * values) + 64;
+        if bytes >= MESSAGE_BYTES_MAX {
+            return Err(Fault::Table(format!(
+                "its start values and ports have {bytes} bytes (limit {MESSAGE_BYTES_MAX})"
+            )));
+        }
+        let met = self.seat.meet(0, &part, CLOSED_PATIENCE);
+        met.map_err(|why| match why {
+            NotReady::Ended(ended) => died(LOADED, ended),
+            NotReady::Late(_) => hangs(LOADED, START_PATIENCE),
+            NotReady::GaveUp(text) => told_by(LOADED, text),
+            NotReady::Wrong(what) => Fault::Worker(what),
+        })
+    }
+
+    /// Lets the worker step, and takes the outputs.
+    fn step(
+        &mut self,
+        doing: &str,
+        to_seconds: f64,
+        inputs: &[f64],
+        outputs: &mut [f64],
+    ) -> Result<(), Fault> {
+        self.asked = self.asked.wrapping_add(1);
+        let header = Header {
+            number: self.asked,
+            ..Header::of(Kind::Step)
+        };
+        let sent = self.seat.step(header, to_seconds, inputs);
+        // The worker's end, if it is gone, says more.
+        let received = match sent {
+            Ok(()) => self.seat.receive(STEP_PATIENCE),
+            Err(_) => Ok(Some(&[][..])),
+        };
+        let answer = match received {
+            Ok(Some(answer @ [_, ..])) => answer,
+            Ok(Some([])) => {
+                let ended = self.seat.program.ended(CLOSED_PATIENCE);
+                let closed = || (CLOSED.to_owned(), String::new());
+                return Err(died(doing, ended.unwrap_or_else(closed)));
+            }
+            Ok(None) => return Err(hangs(doing, STEP_PATIENCE)),
+            Err(error) => return Err(Fault::Worker(format!("cannot be reached: {error}"))),
+        };
+        let told = read_values(answer, self.asked, outputs.len())
+            .map_err(|_| Fault::Worker("answered what is no answer".to_owned()))?;
+        let values = told.map_err(|text| told_by(doing, text))?;
+        let values = outputs.iter_mut().zip(numbers(values));
+        values.for_each(|(output, value)| *output = value);
+        Ok(())
+    }
+
+    /// Ends the worker of an FMU that failed.
+    fn failed(&mut self, fault: Fault) -> FmuError {
+        self.has_failed = true;
+        self.seat.program.kill();
+        let file = self.file.clone();
+        FmuError { file, fault }
+    }
+}
+
+impl Drop for RemoteFmu {
+    /// Terminates the FMU as FMI demands, since some FMUs write their files then. An error comes too late to report.
+    fn drop(&mut self) {
+        if !self.has_failed && !self.seat.has_stopped(TERMINATE_PATIENCE) {
+            self.seat.program.kill();
+        }
+    }
+}
+
+fn died(doing: &str, (how, log): (String, String)) -> Fault {
+    let doing = doing.to_owned();
+    Fault::Died { how, doing, log }
+}
+
+fn hangs(doing: &str, patience: Duration) -> Fault {
+    let doing = doing.to_owned();
+    Fault::Hangs { doing, patience }
+}
+
+fn told_by(doing: &str, text: String) -> Fault {
+    let in_run = doing == STEPPED;
+    Fault::Told { text, in_run }
+}
+
+/// Runs the hidden subcommand: takes the seat that the environment names, loads an FMU whose files are in a folder, and steps it.
+/// Call it only in a process of its own: it runs foreign code.
 ///
 /// # Errors
-/// If the system refuses.
-pub fn start() -> io::Result<Box<dyn Channel>> {
-    let worker = Worker::start(&[SUBCOMMAND])?;
-    Ok(Box::new(ToWorker(worker)))
+/// If there is no seat, or its other end speaks another protocol.
+pub fn serve(file: &Path, folder: &Path) -> io::Result<()> {
+    let mut seat = Seat::join(SUBCOMMAND)?;
+    let (configuration, _) = seat.welcome()?;
+    let configuration: Configuration =
+        postcard::from_bytes(configuration).map_err(io::Error::other)?;
+    let loaded = load(file, folder, &configuration).map_err(told);
+    let (inputs, outputs) = (configuration.inputs.len(), configuration.outputs.len());
+    seat.play(loaded, inputs, outputs)
 }
 
-/// Runs the hidden subcommand: loads one FMU and steps it as the parent process asks.
-///
-/// # Errors
-/// If there is no channel of this number, or it failed.
-pub fn serve(number: RawFd) -> io::Result<()> {
-    fmu::worker::serve(&mut ToPlant(worker::Channel::inherited(number)?))
-}
-
-impl Channel for ToWorker {
-    fn send(&mut self, message: &[u8]) -> io::Result<()> {
-        self.0.channel.send(message)
-    }
-
-    fn receive(&mut self, message: &mut [u8], patience: Option<Duration>) -> io::Result<usize> {
-        self.0.channel.receive(message, patience)
-    }
-
-    fn ended(&mut self) -> (String, String) {
-        self.0.ended()
-    }
-}
-
-impl Channel for ToPlant {
-    fn send(&mut self, message: &[u8]) -> io::Result<()> {
-        self.0.send(message)
-    }
-
-    fn receive(&mut self, message: &mut [u8], patience: Option<Duration>) -> io::Result<usize> {
-        self.0.receive(message, patience)
-    }
-
-    fn ended(&mut self) -> (String, String) {
-        ("ended".to_owned(), String::new())
-    }
+/// Loads an FMU. It is told the time to reach in place of a period; at time 0 it only has its outputs read.
+fn load(file: &Path, folder: &Path, configuration: &Configuration) -> Result<Loaded, FmuError> {
+    let mut instance = Terminated(Some(Instance::new(folder, file, configuration)?));
+    Ok(Box::new(move |_, to_seconds, inputs, outputs| {
+        if to_seconds > 0.0 {
+            instance.get().advance(to_seconds, inputs).map_err(told)?;
+        }
+        instance.get().read(outputs).map_err(told)
+    }))
 }

@@ -13,17 +13,15 @@ use controller::process_law::{self, Player, Window};
 use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
-use platform::program::{END_PATIENCE, Listener, Order, PORTS_VARIABLE, Program, START_PATIENCE};
-use platform::seat::{
-    Header, IS_MISSING, Kind, MESSAGE_BYTES_MAX, numbers, read_answer, read_hello, read_values,
-    write_numbers, write_welcome,
-};
+use platform::port_seat::{CLOSED, NotReady, PortSeat};
+use platform::program::{END_PATIENCE, START_PATIENCE};
+use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
 use scenario::process_law::{Plays, ProcessLaw};
 use serde_json::json;
 
 use crate::fmu_plant;
-use crate::law_worker;
+use crate::law_worker::{SUBCOMMAND, command};
 
 /// Number of cycles in a row without a timely answer after which a law has failed.
 const LATE_IN_A_ROW_MAX: u32 = 20;
@@ -32,8 +30,6 @@ const WAITS_MAX: u32 = 100;
 const WAIT: Duration = Duration::from_millis(100);
 /// Time for a process that closed its channel to end.
 pub(crate) const CLOSED_PATIENCE: Duration = Duration::from_secs(10);
-/// Description of a process that does not end then.
-const CLOSED: &str = "closed its channel";
 
 /// Environment of the processes of laws.
 #[derive(Clone, Debug)]
@@ -71,12 +67,12 @@ impl LawPlace {
     /// If the system refuses.
     pub(crate) fn start(&self, part: &process_law::Part) -> Result<Box<dyn Player>, String> {
         let mut unpacked = None;
-        let command = match &part.plays {
+        let words = match &part.plays {
             Plays::Command(words) => words.clone(),
-            Plays::Library(file) => law_worker::command(file, None)?,
+            Plays::Library(file) => command(SUBCOMMAND, file, None)?,
             Plays::Fmu(file) => {
                 let files = unpacked.insert(fmu_plant::unpacked(file)?);
-                law_worker::command(file, Some(files.folder()))?
+                command(SUBCOMMAND, file, Some(files.folder()))?
             }
         };
         let clock = if self.is_real_time { "real" } else { "virtual" };
@@ -89,26 +85,16 @@ impl LawPlace {
             ),
         };
         let log = self.logs.as_ref().map(|logs| logs.join(log_name));
-        let program = Listener::open().and_then(|listener| {
-            let seat = listener.path().to_string_lossy().into_owned();
-            let order = Order {
-                command: &command,
-                folder: &self.folder,
-                log: log.as_deref(),
-                environment: &[
-                    (PORTS_VARIABLE, seat),
-                    ("CANRIG_CLOCK", clock.to_owned()),
-                    ("CANRIG_SEED", self.seed.to_string()),
-                ],
-            };
-            Program::start(&order, Some(listener))
-        });
-        let program = program
+        let variables = [
+            ("CANRIG_CLOCK", clock.to_owned()),
+            ("CANRIG_SEED", self.seed.to_string()),
+        ];
+        let seat = PortSeat::start(&words, &self.folder, log.as_deref(), &variables)
             .map_err(|error| format!("no process for the law `{law}` can be started: {error}"))?;
         let mut law = LawProcess {
             who,
             outputs: [&part.writes[..], &part.terms].concat(),
-            program,
+            seat,
             _unpacked: unpacked,
             is_gone: false,
             clock: Clock::start(),
@@ -116,8 +102,6 @@ impl LawPlace {
             ahead: Duration::MAX,
             asked: 0,
             answered: 0,
-            message: Vec::with_capacity(MESSAGE_BYTES_MAX),
-            answer: vec![0; MESSAGE_BYTES_MAX],
             late: Arc::clone(&self.late),
             late_in_a_row: 0,
             failure: None,
@@ -174,7 +158,7 @@ struct LawProcess {
     who: String,
     /// Names of its outputs.
     outputs: Vec<String>,
-    program: Program,
+    seat: PortSeat,
     /// Files of an FMU, which its process has open.
     _unpacked: Option<Arc<Unpacked>>,
     /// Whether it closed its end of the channel.
@@ -186,8 +170,6 @@ struct LawProcess {
     /// Number of the latest question, and of the latest one that was answered.
     asked: u32,
     answered: u32,
-    message: Vec<u8>,
-    answer: Vec<u8>,
     late: Arc<AtomicU64>,
     late_in_a_row: u32,
     failure: Option<String>,
@@ -196,15 +178,6 @@ struct LawProcess {
 impl LawProcess {
     /// Waits for the process, and sends it its part.
     fn meet(&mut self, part: &process_law::Part, seed: u64) -> Result<(), String> {
-        let wrong = |error: std::io::Error| format!("cannot be reached: {error}");
-        if !self.program.accept().map_err(wrong)? {
-            return Err(match self.program.ended(Duration::ZERO) {
-                Some(ended) => end_text(&ended),
-                None => format!("did not come to its seat in {} s", START_PATIENCE.as_secs()),
-            });
-        }
-        let hello = self.first_answer()?;
-        read_hello(hello).map_err(|wrong| format!("spoke what is no HELLO: {wrong}"))?;
         let mut welcome = json!({
             "reads": part.reads,
             "writes": part.writes,
@@ -216,24 +189,13 @@ impl LawProcess {
         if !part.variables.is_empty() {
             welcome["variables"] = json!(part.variables);
         }
-        write_welcome(&mut self.message, seed, welcome.to_string().as_bytes());
-        self.program.send(&self.message).map_err(wrong)?;
-        let ready = read_answer(self.first_answer()?, Kind::Done, 0)
-            .map_err(|wrong| format!("answered WELCOME with what is no answer: {wrong}"))?;
-        ready.map(drop).map_err(|text| format!("gave up: {text}"))
-    }
-
-    /// Waits for the message before the first cycle.
-    fn first_answer(&mut self) -> Result<&[u8], String> {
-        let received = self.program.receive(&mut self.answer, START_PATIENCE);
-        match received.map_err(|error| format!("cannot be reached: {error}"))? {
-            Some(length @ 1..) => Ok(&self.answer[..length]),
-            None => Err(format!("was not ready in {} s", START_PATIENCE.as_secs())),
-            Some(0) => Err(match self.program.ended(CLOSED_PATIENCE) {
-                Some(ended) => end_text(&ended),
-                None => CLOSED.to_owned(),
-            }),
-        }
+        let welcome = welcome.to_string();
+        let met = self.seat.meet(seed, welcome.as_bytes(), CLOSED_PATIENCE);
+        met.map_err(|why| match why {
+            NotReady::Ended(ended) => end_text(&ended),
+            NotReady::Late(what) | NotReady::Wrong(what) => what,
+            NotReady::GaveUp(text) => format!("gave up: {text}"),
+        })
     }
 
     fn fail(&mut self, what: &str) {
@@ -262,9 +224,7 @@ impl LawProcess {
             time: u64::try_from(time).unwrap_or(u64::MAX),
             ..Header::of(Kind::Step)
         };
-        let period = Some(cycle.period_seconds);
-        write_numbers(&mut self.message, header, period, reads);
-        self.is_gone |= self.program.send(&self.message).is_err();
+        self.is_gone |= self.seat.step(header, cycle.period_seconds, reads).is_err();
     }
 
     /// Waits for the answer; returns false if none comes in time, or none will come.
@@ -272,11 +232,21 @@ impl LawProcess {
         let mut waits = 0;
         while !self.is_gone {
             let patience = self.patience(window, WAIT);
-            match self.program.receive(&mut self.answer, patience) {
-                Ok(Some(length @ 1..)) => {
-                    if let Some(is_answer) = self.take(length, writes) {
-                        return is_answer;
+            match self.seat.receive(patience) {
+                Ok(Some([])) | Err(_) => self.is_gone = true,
+                Ok(Some(message)) => {
+                    self.answered = self.answered.wrapping_add(1);
+                    let read = answer(message, self.answered, writes.len());
+                    // A late answer to an earlier question has no effect.
+                    let is_late = read.is_ok() && self.answered != self.asked;
+                    if is_late {
+                        continue;
                     }
+                    match read.and_then(|body| take(body, writes, &self.outputs)) {
+                        Ok(()) => return true,
+                        Err(what) => self.fail(&what),
+                    }
+                    return false;
                 }
                 Ok(None) if self.is_real_time => return false,
                 Ok(None) if waits < WAITS_MAX => waits += 1,
@@ -285,42 +255,41 @@ impl LawProcess {
                     self.fail(&format!("did not answer in {seconds} s"));
                     return false;
                 }
-                Ok(Some(0)) | Err(_) => self.is_gone = true,
             }
         }
         // In real time one of the next cycles sees how it ended.
         let patience = self.patience(window, CLOSED_PATIENCE);
-        match self.program.ended(patience) {
+        match self.seat.program.ended(patience) {
             Some(ended) => self.fail(&end_text(&ended)),
             None if self.is_real_time => {}
             None => self.fail(CLOSED),
         }
         false
     }
+}
 
-    /// Returns whether a message is a valid answer; `None` for a late answer to an earlier question.
-    fn take(&mut self, length: usize, writes: &mut [f64]) -> Option<bool> {
-        self.answered = self.answered.wrapping_add(1);
-        let told = read_values(&self.answer[..length], self.answered, writes.len());
-        let what = match told {
-            Ok(Ok(body)) => match numbers(body).position(|value| !value.is_finite()) {
-                _ if self.answered != self.asked => return None,
-                None => {
-                    let values = writes.iter_mut().zip(numbers(body));
-                    values.for_each(|(write, value)| *write = value);
-                    return Some(true);
-                }
-                Some(place) => {
-                    let value = numbers(body).nth(place).unwrap_or(f64::NAN);
-                    format!("answered {value} for `{}`", self.outputs[place])
-                }
-            },
-            Ok(Err(text)) => format!("gave up: {text}"),
-            Err(wrong) => format!("answered what is no answer: {wrong}"),
-        };
-        self.fail(&what);
-        Some(false)
+/// Returns the values in the answer with this number.
+///
+/// # Errors
+/// If it is no such answer, or the law gave up.
+fn answer(message: &[u8], number: u32, count: usize) -> Result<&[u8], String> {
+    let told = read_values(message, number, count);
+    let told = told.map_err(|wrong| format!("answered what is no answer: {wrong}"))?;
+    told.map_err(|text| format!("gave up: {text}"))
+}
+
+/// Takes the values of an answer.
+///
+/// # Errors
+/// If one of them is no number.
+fn take(body: &[u8], writes: &mut [f64], outputs: &[String]) -> Result<(), String> {
+    let mut named = numbers(body).zip(outputs);
+    if let Some((value, output)) = named.find(|(value, _)| !value.is_finite()) {
+        return Err(format!("answered {value} for `{output}`"));
     }
+    let values = writes.iter_mut().zip(numbers(body));
+    values.for_each(|(write, value)| *write = value);
+    Ok(())
 }
 
 /// Describes the end of a process, with its last output.

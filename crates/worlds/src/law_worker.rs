@@ -18,16 +18,20 @@ use toml::Value;
 use crate::fmu_plant::{fmu_wiring, objection_to};
 
 /// Hidden subcommand of a worker.
-const SUBCOMMAND: &str = "law-worker";
+pub(crate) const SUBCOMMAND: &str = "law-worker";
 /// Path of this program, as a process knows itself.
 const MYSELF: &str = "/proc/self/exe";
 
-/// Returns the command that loads a shared library, or an FMU whose files are in a folder. It runs in another folder.
+/// Returns the command of a worker that loads a shared library, or an FMU whose files are in a folder. It runs in another folder.
 ///
 /// # Errors
 /// If this process's folder does not exist any more.
-pub(crate) fn command(file: &str, folder: Option<&Path>) -> Result<Vec<String>, String> {
-    let mut command = [MYSELF, SUBCOMMAND].map(str::to_owned).to_vec();
+pub(crate) fn command(
+    subcommand: &str,
+    file: &str,
+    folder: Option<&Path>,
+) -> Result<Vec<String>, String> {
+    let mut command = [MYSELF, subcommand].map(str::to_owned).to_vec();
     for path in [Path::new(file)].into_iter().chain(folder) {
         let path = absolute(path).map_err(|error| format!("{}: {error}", path.display()))?;
         command.push(path.to_string_lossy().into_owned());
@@ -131,7 +135,7 @@ struct Welcome {
 /// # Errors
 /// If there is no seat, or canrig speaks another protocol.
 pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
-    let mut seat = Seat::join("law-worker")?;
+    let mut seat = Seat::join(SUBCOMMAND)?;
     let (welcome, seed) = seat.welcome()?;
     let welcome: Welcome = serde_json::from_slice(welcome)?;
     let loaded = match folder {
@@ -142,8 +146,8 @@ pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
     seat.play(loaded, welcome.reads.len(), outputs)
 }
 
-/// Loaded law, a function of time, period, inputs and outputs.
-type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
+/// Loaded law or plant, a function of time, period, inputs and outputs.
+pub(crate) type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
 
 fn load_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, String> {
     let parameters = welcome.parameters.iter();
@@ -177,8 +181,7 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Str
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
     let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))
         .map_err(|misfit| misfit.fault.to_string())?;
-    let text = |error: FmuError| error.fault.to_string();
-    let instance = Instance::new(folder, file, &wiring.configuration).map_err(text)?;
+    let instance = Instance::new(folder, file, &wiring.configuration).map_err(told)?;
     let mut instance = Terminated(Some(instance));
     let inputs = places(&wiring.inputs, welcome.reads.iter());
     let outputs = places(&wiring.outputs, welcome.writes.iter().chain(&welcome.terms));
@@ -190,9 +193,8 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Str
                 set[*place] = conversion.back(*read);
             }
         }
-        let instance = instance.0.as_mut().expect("it lives as long as its law");
-        instance.advance(time + period, &set).map_err(text)?;
-        instance.read(&mut seen).map_err(text)?;
+        instance.get().advance(time + period, &set).map_err(told)?;
+        instance.get().read(&mut seen).map_err(told)?;
         for (write, (place, conversion)) in writes.iter_mut().zip(&outputs) {
             *write = conversion.of(seen[*place]);
         }
@@ -201,7 +203,15 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Str
 }
 
 /// FMU that is terminated on drop, as FMI demands: some write their files then. An error then comes too late to report.
-struct Terminated(Option<Instance>);
+pub(crate) struct Terminated(pub(crate) Option<Instance>);
+
+impl Terminated {
+    /// # Panics
+    /// Never: it is there until it is dropped.
+    pub(crate) fn get(&mut self) -> &mut Instance {
+        self.0.as_mut().expect("it is dropped at its end only")
+    }
+}
 
 impl Drop for Terminated {
     fn drop(&mut self) {
@@ -209,6 +219,12 @@ impl Drop for Terminated {
             let _ = instance.terminate();
         }
     }
+}
+
+/// Returns the text of an FMU's error for the other end of the seat, which knows the file.
+#[expect(clippy::needless_pass_by_value, reason = "for map_err")]
+pub(crate) fn told(error: FmuError) -> String {
+    error.fault.to_string()
 }
 
 /// Returns the indices of ports by their names, with their conversions.

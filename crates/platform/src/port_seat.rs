@@ -1,0 +1,135 @@
+//! Process at a port seat ([`crate::seat`]): a law's, or a worker with an FMU.
+
+use std::io;
+use std::path::Path;
+use std::time::Duration;
+
+use crate::program::{Listener, Order, PORTS_VARIABLE, Program, START_PATIENCE};
+use crate::seat::{
+    Header, Kind, MESSAGE_BYTES_MAX, read_answer, read_hello, write_numbers, write_welcome,
+};
+
+/// Reason why a process is not ready.
+pub enum NotReady {
+    /// It ended: how, and its last output.
+    Ended((String, String)),
+    /// It took too long.
+    Late(String),
+    /// It gave up, with this text.
+    GaveUp(String),
+    /// It did what no program at a seat does, or cannot be reached.
+    Wrong(String),
+}
+
+/// Process that was started for a seat.
+#[derive(Debug)]
+pub struct PortSeat {
+    /// The process.
+    pub program: Program,
+    message: Vec<u8>,
+    answer: Vec<u8>,
+}
+
+impl PortSeat {
+    /// Starts a process in a folder, with these variables besides that of its seat. `log` is the file of its output.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn start(
+        command: &[String],
+        folder: &Path,
+        log: Option<&Path>,
+        variables: &[(&'static str, String)],
+    ) -> io::Result<Self> {
+        let listener = Listener::open()?;
+        let seat = (PORTS_VARIABLE, listener.path().display().to_string());
+        let order = Order {
+            command,
+            folder,
+            log,
+            environment: &[variables, &[seat]].concat(),
+        };
+        Ok(Self {
+            program: Program::start(&order, Some(listener))?,
+            message: Vec::with_capacity(MESSAGE_BYTES_MAX),
+            answer: vec![0; MESSAGE_BYTES_MAX],
+        })
+    }
+
+    /// Waits for the process, sends it its part, and waits until it is ready. A process that closed its channel has
+    /// `closed_patience` to end.
+    ///
+    /// # Errors
+    /// If it is not ready.
+    pub fn meet(
+        &mut self,
+        seed: u64,
+        part: &[u8],
+        closed_patience: Duration,
+    ) -> Result<(), NotReady> {
+        if !self.program.accept().map_err(unreachable)? {
+            let seconds = START_PATIENCE.as_secs();
+            let late = || NotReady::Late(format!("did not come to its seat in {seconds} s"));
+            let ended = self.program.ended(Duration::ZERO);
+            return Err(ended.map_or_else(late, NotReady::Ended));
+        }
+        read_hello(self.first_answer(closed_patience)?)
+            .map_err(|wrong| NotReady::Wrong(format!("spoke what is no HELLO: {wrong}")))?;
+        write_welcome(&mut self.message, seed, part);
+        self.program.send(&self.message).map_err(unreachable)?;
+        let ready = read_answer(self.first_answer(closed_patience)?, Kind::Done, 0);
+        let ready = ready.map_err(|wrong| {
+            NotReady::Wrong(format!("answered WELCOME with what is no answer: {wrong}"))
+        })?;
+        ready.map(drop).map_err(NotReady::GaveUp)
+    }
+
+    /// Waits for the message before the first step.
+    fn first_answer(&mut self, closed_patience: Duration) -> Result<&[u8], NotReady> {
+        let received = self.program.receive(&mut self.answer, START_PATIENCE);
+        match received.map_err(unreachable)? {
+            Some(length @ 1..) => Ok(&self.answer[..length]),
+            None => {
+                let seconds = START_PATIENCE.as_secs();
+                Err(NotReady::Late(format!("was not ready in {seconds} s")))
+            }
+            Some(0) => {
+                let closed = || NotReady::Wrong(CLOSED.to_owned());
+                let ended = self.program.ended(closed_patience);
+                Err(ended.map_or_else(closed, NotReady::Ended))
+            }
+        }
+    }
+
+    /// Sends the values of a step.
+    ///
+    /// # Errors
+    /// If the process is gone, or does not read.
+    pub fn step(&mut self, header: Header, period_seconds: f64, reads: &[f64]) -> io::Result<()> {
+        write_numbers(&mut self.message, header, Some(period_seconds), reads);
+        self.program.send(&self.message)
+    }
+
+    /// Waits for a message; `None` if none came, and an empty one if the process closed its channel.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn receive(&mut self, patience: Duration) -> io::Result<Option<&[u8]>> {
+        let length = self.program.receive(&mut self.answer, patience)?;
+        Ok(length.map(|length| &self.answer[..length]))
+    }
+
+    /// Asks the process to stop; returns whether it does in time.
+    pub fn has_stopped(&mut self, patience: Duration) -> bool {
+        Header::of(Kind::Stop).begin(&mut self.message);
+        let is_asked = self.program.send(&self.message).is_ok();
+        is_asked && matches!(self.receive(patience), Ok(Some([_, ..])))
+    }
+}
+
+/// Description of a process that closed its channel and does not end then.
+pub const CLOSED: &str = "closed its channel";
+
+fn unreachable(error: io::Error) -> NotReady {
+    NotReady::Wrong(format!("cannot be reached: {error}"))
+}
