@@ -3,7 +3,6 @@
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
 //! ([`plan::presence`]), so a guest asks on the second channel where the node's data sheet has one.
 
-mod guest;
 pub(crate) mod monitor;
 pub(crate) mod nodes;
 pub(crate) mod sdo;
@@ -14,18 +13,21 @@ use runner::console::{self, print_error};
 use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::time::Duration;
 
 use can::Filter;
-use canopen::sdo_client::SdoError;
+use canopen::sdo_client::{SdoClient, SdoError};
 use dbc::DbcError;
 use platform::bus::{BadAddress, Bus, BusAddress, BusError};
 use platform::hub;
+use platform::stop::StopSignal;
 
-use plan::data_sheet::DataSheetError;
+use plan::data_sheet::{DataSheet, DataSheetError};
 use plan::named_nodes::NamedNodes;
 use runner::exit::Exit;
 use runner::named::named_plan;
 use scenario::TIME_SECONDS_MAX;
+use worlds::guest::{Guest, GuestError};
 
 /// The bus that a tool joins.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -147,6 +149,41 @@ pub(crate) enum ToolError {
     /// Ctrl-C or SIGTERM came before the end.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl From<GuestError> for ToolError {
+    fn from(error: GuestError) -> Self {
+        match error {
+            GuestError::Bus(error) => error.into(),
+            GuestError::Interrupted => Self::Interrupted,
+        }
+    }
+}
+
+/// Time within which a node answers a guest.
+const ANSWER_TIME: Duration = Duration::from_secs(1);
+
+/// Joins a bus as a guest that hears all frames.
+fn guest(bus: &ToolBus) -> Result<Guest<'static>, ToolError> {
+    let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
+    Ok(Guest::new(open(bus, &[Filter::ALL])?, move || {
+        stop.is_raised()
+    }))
+}
+
+/// Returns a client of a node: on its default channel, or on another one.
+fn client(node_id: u8, channel: Option<(u16, u16)>) -> SdoClient {
+    let client = SdoClient::new(node_id).with_timeout(ANSWER_TIME);
+    match channel {
+        Some((request, response)) => client.with_channel(request, response),
+        None => client,
+    }
+}
+
+/// Returns the second SDO channel of a node, if one of its data sheets has it.
+fn second_channel(node_id: u8, sheets: &[DataSheet]) -> Option<(u16, u16)> {
+    let mut sheets = sheets.iter().filter(|sheet| sheet.node_id == node_id);
+    sheets.find_map(DataSheet::second_channel)
 }
 
 impl ToolError {

@@ -16,12 +16,12 @@ use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::sdo_client::{SdoClient, SdoFailure};
 use clap::Args;
 
-use super::guest::{Guest, second_channel};
-use super::{NamesArgs, ToolBusArgs, ToolError, ended, seconds};
+use super::{NamesArgs, ToolBusArgs, ToolError, client, ended, guest, second_channel, seconds};
 use plan::data_sheet::DataSheet;
 use plan::presence::Presence;
 use report::table::Table;
 use runner::exit::Exit;
+use worlds::guest::Guest;
 
 /// Default time for which the tool listens before it speaks: longer than usual heartbeat periods.
 const LISTEN_SECONDS: f64 = 1.0;
@@ -63,7 +63,7 @@ struct RollCall {
 }
 
 impl RollCall {
-    fn play(&mut self, guest: &mut Guest) -> Result<(), ToolError> {
+    fn play(&mut self, guest: &mut Guest<'_>) -> Result<(), ToolError> {
         let presence = &mut self.presence;
         // Later frames may be answers to this tool itself.
         guest.hear(self.listen, |frame| presence.on_frame(frame))?;
@@ -81,7 +81,7 @@ impl RollCall {
     }
 
     /// Asks all node-IDs for their device type, one after the other, whatever answers.
-    fn call_all(&mut self, guest: &mut Guest) -> Result<(), ToolError> {
+    fn call_all(&mut self, guest: &mut Guest<'_>) -> Result<(), ToolError> {
         for node_id in NODE_IDS {
             let request = [0x40, 0x00, 0x10, 0x00, 0, 0, 0, 0];
             let identifier = DEFAULT_REQUEST_ID + u16::from(node_id);
@@ -100,7 +100,7 @@ impl RollCall {
     }
 
     /// Asks a node for its identity, on its second channel if it answers there.
-    fn identity(&self, guest: &mut Guest, node_id: u8) -> Result<Identity, ToolError> {
+    fn identity(&self, guest: &mut Guest<'_>, node_id: u8) -> Result<Identity, ToolError> {
         let refused = |reason: &str| Err(ToolError::Refused(reason.to_owned()));
         let channel = second_channel(node_id, &self.sheets);
         let is_taken = (self.presence.why_not_default_channel(node_id, &self.sheets)).is_some();
@@ -110,25 +110,25 @@ impl RollCall {
         if channel.is_none() && is_taken {
             return refused("not asked: its only SDO channel is the controller's");
         }
-        let mut client = Guest::client(node_id, channel);
-        let device_type = match read(guest, &mut client, DEVICE_TYPE) {
+        let mut asked = client(node_id, channel);
+        let device_type = match read(guest, &mut asked, DEVICE_TYPE) {
             Err(ToolError::Sdo(_)) if channel.is_some() && is_taken => {
                 return refused(
                     "no answer on its second SDO channel; the first is the controller's",
                 );
             }
             Err(ToolError::Sdo(_)) if channel.is_some() => {
-                client = Guest::client(node_id, None);
-                read(guest, &mut client, DEVICE_TYPE)?
+                asked = client(node_id, None);
+                read(guest, &mut asked, DEVICE_TYPE)?
             }
             device_type => device_type?,
         };
         let number = |bytes: Option<Vec<u8>>| Some(u32::from_le_bytes(bytes?.try_into().ok()?));
         let mut identity = [None; 4];
         for (sub_index, part) in (1..).zip(&mut identity) {
-            *part = number(read(guest, &mut client, (IDENTITY, sub_index))?);
+            *part = number(read(guest, &mut asked, (IDENTITY, sub_index))?);
         }
-        let name = read(guest, &mut client, DEVICE_NAME)?;
+        let name = read(guest, &mut asked, DEVICE_NAME)?;
         Ok(Identity {
             device_type: number(device_type),
             identity,
@@ -186,13 +186,13 @@ fn answer_to_call(frame: &CanFrame) -> Option<u8> {
 
 /// Reads an object; `None` if the node aborts it.
 fn read(
-    guest: &mut Guest,
+    guest: &mut Guest<'_>,
     client: &mut SdoClient,
     place: (u16, u8),
 ) -> Result<Option<Vec<u8>>, ToolError> {
-    match guest.transfer(client, place, None, |_| ()) {
-        Err(ToolError::Sdo(error)) if matches!(error.failure, SdoFailure::Aborted(_)) => Ok(None),
-        bytes => bytes.map(Some),
+    match guest.transfer(client, place, None, |_| ())? {
+        Err(error) if matches!(error.failure, SdoFailure::Aborted(_)) => Ok(None),
+        bytes => Ok(Some(bytes?)),
     }
 }
 
@@ -239,7 +239,7 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
         called: BTreeSet::new(),
         identities: BTreeMap::new(),
     };
-    let mut guest = Guest::join(&args.bus.chosen())?;
+    let mut guest = guest(&args.bus.chosen())?;
     match roll_call.play(&mut guest) {
         Ok(()) | Err(ToolError::Interrupted) => Ok(report(&roll_call)),
         Err(error) => Err(error),

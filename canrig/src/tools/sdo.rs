@@ -16,12 +16,15 @@ use canopen::sdo_client::SdoFailure;
 use clap::{Args, Subcommand};
 use dbc::Database;
 
-use super::guest::{Guest, second_channel};
-use super::{NamesArgs, ToolBus, ToolBusArgs, ToolError, address, ended, value};
+use super::{
+    NamesArgs, ToolBus, ToolBusArgs, ToolError, address, client, ended, guest, second_channel,
+    value,
+};
 use plan::data_sheet::{self, DataSheet};
 use plan::presence::Presence;
 use runner::console::print_error;
 use runner::exit::Exit;
+use worlds::guest::Guest;
 
 /// Time for which the tool listens before it uses the default channel: longer than usual heartbeat periods.
 const LISTEN_TIME: Duration = Duration::from_secs(1);
@@ -115,7 +118,7 @@ impl Target {
     }
 
     /// Reads or writes the object, and returns the bytes that were read.
-    fn transfer(&self, guest: &mut Guest) -> Result<Vec<u8>, ToolError> {
+    fn transfer(&self, guest: &mut Guest<'_>) -> Result<Vec<u8>, ToolError> {
         let mut presence = Presence::default();
         let channel = self.second_channel();
         if channel.is_none() || self.needs_silence() {
@@ -135,7 +138,7 @@ impl Target {
 
     fn ask(
         &self,
-        guest: &mut Guest,
+        guest: &mut Guest<'_>,
         channel: Option<(u16, u16)>,
         presence: &mut Presence,
     ) -> Result<Vec<u8>, ToolError> {
@@ -143,10 +146,11 @@ impl Target {
             Request::Read => None,
             Request::Write { bytes, .. } => Some(&bytes[..]),
         };
-        let mut client = Guest::client(self.node_id, channel);
-        guest.transfer(&mut client, self.place, written, |frame| {
+        let mut client = client(self.node_id, channel);
+        let answer = guest.transfer(&mut client, self.place, written, |frame| {
             presence.on_frame(frame)
-        })
+        });
+        Ok(answer??)
     }
 }
 
@@ -284,7 +288,7 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
         request,
         sheets,
     };
-    let read = asked.transfer(&mut Guest::join(&target.bus.chosen())?)?;
+    let read = asked.transfer(&mut guest(&target.bus.chosen())?)?;
     let bytes = written.as_ref().unwrap_or(&read);
     let name = entry.as_ref().map_or_else(String::new, |entry| {
         format!("  {} ({})", entry.name, value::type_name(entry.data_type))

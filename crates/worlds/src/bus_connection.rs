@@ -2,9 +2,8 @@
 
 use std::time::Duration;
 
-use can::{Filter, Node};
+use can::Filter;
 use platform::bus::{Bus, BusAddress, BusError};
-use platform::clock;
 use platform::hub::Hub;
 use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
@@ -13,7 +12,7 @@ use platform::stop::{StopSignal, Stopper};
 use crate::bus_choice::RunBus;
 use crate::error::WorldError;
 use crate::names::BENCH;
-use recording::capture::{Capture, Watch};
+use recording::capture::Capture;
 use recording::log::Stamped;
 
 /// Period at which the recorded frames are taken and written.
@@ -111,31 +110,6 @@ impl BusConnection {
     /// Discards the frames that were recorded since the last call.
     pub fn discard(&mut self) {
         while self.recorder.next().is_some() {}
-    }
-
-    /// Runs a node on the bus until it has finished or the user stops it.
-    pub(crate) fn run_node(
-        &mut self,
-        node: &mut (dyn Node + Send),
-        watch: &Watch,
-    ) -> Result<(), WorldError> {
-        let mut bus = self.join(&node.filters())?;
-        let (stopper, stop) = stop_signal()?;
-        let mut stopper = Some(stopper);
-        std::thread::scope(|scope| {
-            let running = scope.spawn(|| platform::real_time::run(node, &mut *bus, &stop));
-            while !running.is_finished() {
-                if watch.is_interrupted() {
-                    stopper = None;
-                }
-                clock::sleep(COLLECT_PERIOD);
-            }
-            drop(stopper);
-            let ended = running
-                .join()
-                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            ended.map(|_| ()).map_err(WorldError::Bench)
-        })
     }
 
     /// Ends the bus; gives the capture the last frames, and the number of frames that were not recorded.

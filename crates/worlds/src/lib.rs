@@ -23,6 +23,7 @@ mod coordinator;
 mod error;
 mod fmu_plant;
 pub mod fmu_worker;
+pub mod guest;
 pub mod law_process;
 pub mod law_worker;
 mod listeners;

@@ -16,6 +16,7 @@ use std::iter;
 use std::path::Path;
 use std::time::Duration;
 
+use can::Filter;
 use canopen::eds;
 use canopen::nmt::NodeId;
 use platform::clock;
@@ -30,10 +31,11 @@ use crate::bus_connection::BusConnection;
 use crate::bus_place::Vigil;
 use crate::catalogue::catalogue;
 use crate::error::WorldError;
+use crate::guest::{Guest, GuestError};
 use crate::played::End;
 use crate::real_time;
 use heating::Heating;
-use interview::Interview;
+use interview::{BrokenOff, Interview, OTHER_MANAGER};
 use plan::loaded_drive::LoadedDrive;
 use plan::{ControlLoop, Plan, Shared};
 use recording::capture::{Capture, Watch};
@@ -159,19 +161,18 @@ impl Preflight {
             (session.report)(&PreflightEvent::Drive(one.nodes.drive.name.clone()));
         }
         let drive = self.drive(one)?;
-        let mut interview = interview(&drive, one)?;
-        session.connection.run_node(&mut interview, session.watch)?;
-        if session.watch.is_interrupted() {
-            return Ok(End::Interrupted);
+        match session.interview(&drive, one)? {
+            Ok(checks) => session.pass(checks)?,
+            Err(BrokenOff::Guest(GuestError::Interrupted)) => return Ok(End::Interrupted),
+            Err(BrokenOff::Guest(GuestError::Bus(error))) => return Err(error.into()),
+            Err(BrokenOff::Manager(manager)) => {
+                let remedy = "end the other controller, or name it with --external controller";
+                let check = Check::failed(OTHER_MANAGER, format!("{manager} is heard: {remedy}"));
+                (session.report)(&PreflightEvent::Checked(check));
+                let found = format!("the pre-flight hears {manager}: {remedy}");
+                return Err(WorldError::SecondMaster(found));
+            }
         }
-        let passed = session.pass(interview.checks());
-        if let Some(manager) = interview.manager() {
-            let found = format!(
-                "the pre-flight hears {manager}: end the other controller, or name it with --external controller"
-            );
-            return Err(WorldError::SecondMaster(found));
-        }
-        passed?;
         let preflight = drive.real.preflight;
         let end = session.heat(&drive, plan, one)?;
         if end == End::Interrupted || !preflight.heating {
@@ -222,6 +223,27 @@ impl Session<'_> {
             failed.map_or(Ok(()), Err)?;
         }
         Ok(())
+    }
+
+    /// Asks the drive and the io nodes of its loop.
+    fn interview(
+        &mut self,
+        drive: &LoadedDrive,
+        one: &ControlLoop,
+    ) -> Result<Result<Vec<Check>, BrokenOff>, WorldError> {
+        let dictionary = eds::parse(&drive.eds, drive.layout.node_id.get())
+            .map_err(|error| cannot_be_made(&error))?
+            .dictionary;
+        let io = one.nodes.io.iter().filter(|io| one.external.has(io));
+        let nodes = iter::once(&one.nodes.drive)
+            .chain(io)
+            .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
+        let watch = self.watch;
+        let bus = self.connection.join(&[Filter::ALL])?;
+        let guest = Guest::new(bus, || watch.is_interrupted());
+        let manager = one.nodes.controller.id;
+        let interview = Interview::new(guest, drive, dictionary, manager);
+        Ok(interview.checks(&Vec::from_iter(nodes), manager))
     }
 
     /// Leads the drive through the ramp and judges the frames on the bus.
@@ -291,22 +313,6 @@ impl Session<'_> {
             End::Completed
         })
     }
-}
-
-fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldError> {
-    let dictionary = eds::parse(&drive.eds, drive.layout.node_id.get())
-        .map_err(|error| cannot_be_made(&error))?
-        .dictionary;
-    let io = one.nodes.io.iter().filter(|io| one.external.has(io));
-    let nodes = iter::once(&one.nodes.drive)
-        .chain(io)
-        .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
-    Ok(Interview::new(
-        drive,
-        dictionary,
-        nodes.collect(),
-        one.nodes.controller.id,
-    ))
 }
 
 /// Returns the description of a drive like the emulated one: its limits are those of its positions.
