@@ -11,9 +11,10 @@ use dbc::{Database, SignalHandle};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions, Writer};
-use recording::events::{Event, Events, Level};
+use recording::events::{Event, Level};
 use recording::frames::Frames;
 use recording::log::Stamped;
+use recording::occurrences::Occurrence;
 
 use crate::{ID_BITS, signals};
 use cdr::Cdr;
@@ -37,7 +38,7 @@ pub fn write(
     output: impl Write,
     frames: &Frames,
     database: &Database,
-    events: &Events,
+    events: &[Occurrence<Event>],
     zero: Duration,
 ) -> io::Result<()> {
     let written = write_messages(output, frames, database, events, zero);
@@ -51,7 +52,7 @@ fn write_messages(
     output: impl Write,
     frames: &Frames,
     database: &Database,
-    events: &Events,
+    events: &[Occurrence<Event>],
     zero: Duration,
 ) -> Result<(), McapError> {
     let mut file = McapFile::new(output, frames.len(), zero)?;
@@ -60,7 +61,7 @@ fn write_messages(
     let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
     let mut events = events
         .iter()
-        .map(|event| (at(event.time_seconds, zero), event.what));
+        .map(|event| (at(event.time_seconds, zero), &**event));
     let mut next = events.next();
     for stamped in frames {
         while let Some((time, event)) = next.filter(|(time, _)| *time <= stamped.time) {
@@ -244,8 +245,7 @@ mod tests {
             at(13, 0x7E5, &[1, 0xAB]),
         ];
         let events = [(-0.004, "before"), (9.0, "after")]
-            .map(|(time, text)| (time, Event::new(Level::Warning, text)));
-        let events = Events::from_iter(events);
+            .map(|(time, text)| Occurrence::new(time, Event::new(Level::Warning, text)));
         let zero = Duration::from_millis(10);
         let frames = frames.to_vec().into();
         let mut file = Vec::new();

@@ -417,7 +417,7 @@ fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
 /// Returns descriptions of the errors among the events, with their times.
 fn losses(evidence: &Evidence<'_>) -> Vec<String> {
     let end_seconds = evidence.end_seconds();
-    let is_error = |event: &Occurrence<'_, Event>| {
+    let is_error = |event: &&Occurrence<Event>| {
         event.level == Level::Error && event.time_seconds <= end_seconds
     };
     let errors = evidence

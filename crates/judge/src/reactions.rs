@@ -343,7 +343,7 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
     }
     let came = |wanted: &Emergency| {
         let mut emergencies = evidence.timeline.emergencies.iter();
-        emergencies.any(|one| one.what == wanted && one.time_seconds <= evidence.end_seconds())
+        emergencies.any(|one| *one.what == *wanted && one.time_seconds <= evidence.end_seconds())
     };
     let is_missing = |text: &&String| !text.parse().is_ok_and(|wanted| came(&wanted));
     let missing: Vec<&str> = demanded

@@ -13,7 +13,7 @@ use scenario::expect::Emergency;
 use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
 use crate::node_names::NodeNames;
-use crate::occurrences::{Notes, Occurrences};
+use crate::occurrences::{Notes, Occurrence, in_order};
 
 /// Silence after which an error of the bus makes a new event.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
@@ -49,7 +49,7 @@ impl Event {
 }
 
 /// All events of a run.
-pub type Events = Occurrences<Event>;
+pub type Events = Vec<Occurrence<Event>>;
 
 /// Rule by which a message makes events.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -208,7 +208,10 @@ impl EventReader {
     }
 
     /// Takes the emergencies since the last call; the scenario began at `zero`, on the recording's clock.
-    pub(crate) fn take_emergencies(&mut self, zero: Option<Duration>) -> Occurrences<Emergency> {
+    pub(crate) fn take_emergencies(
+        &mut self,
+        zero: Option<Duration>,
+    ) -> Vec<Occurrence<Emergency>> {
         self.emergencies.take_since(seconds_at(zero))
     }
 
@@ -234,10 +237,10 @@ impl EventReader {
                 } else {
                     Level::Info
                 };
-                (event.at_seconds, Event::new(level, &event.text))
+                Occurrence::new(event.at_seconds, Event::new(level, &event.text))
             });
         let on_bus = self.events.take_since(seconds_at(zero));
-        on_bus.merged(planned.collect())
+        in_order(on_bus.into_iter().chain(planned))
     }
 }
 

@@ -10,6 +10,7 @@ use platform::series::{Series, SeriesWriter};
 use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
 use crate::node_names::NodeNames;
+use crate::occurrences::Occurrence;
 
 /// Cycles in a row without their command.
 #[derive(Clone, Copy)]
@@ -141,7 +142,7 @@ impl CommandReader {
         let is_loss = |silence: &Silence| silence.cycles > PERIODS_MAX;
         let loss = self.silence.take().filter(is_loss).map(|silence| {
             let text = format!("loss: no {} from here on", self.what);
-            (silence.since.as_secs_f64(), Event::new(Level::Error, &text))
+            Occurrence::new(silence.since.as_secs_f64(), Event::new(Level::Error, &text))
         });
         let lacking = self.lacking.take(self.lacking.len());
         let late = self.late.take(self.late.len());

@@ -10,9 +10,9 @@ use scenario::expect::Emergency;
 use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
-use crate::events::Events;
+use crate::events::{Event, Events};
 use crate::losses::LostHeartbeat;
-use crate::occurrences::Occurrences;
+use crate::occurrences::{Occurrence, in_order};
 use crate::sources::Sources;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
@@ -89,7 +89,7 @@ pub struct Timeline {
     /// Events in the order of time.
     pub events: Events,
     /// Emergencies that nodes sent.
-    pub emergencies: Occurrences<Emergency>,
+    pub emergencies: Vec<Occurrence<Emergency>>,
     /// Reports of the emulated plant on itself; empty without faults.
     pub truth: Series<PlantTruth>,
     /// Whether the io nodes that disturb the loop were present and got their commands.
@@ -165,6 +165,8 @@ impl Timeline {
             unit: column.unit.clone(),
             values: part(&column.values),
         });
+        let events = self.events.iter();
+        let events = events.filter(|event| is_inside(event.time_seconds));
         Self {
             loop_name: self.loop_name.clone(),
             cycle: self.cycle.part(rows.clone()),
@@ -178,8 +180,8 @@ impl Timeline {
             lost_heartbeats: Vec::new(),
             temperature_silence: None,
             drive_reports: DriveReports::default(),
-            events: self.events.at_times(is_inside),
-            emergencies: Occurrences::default(),
+            events: events.cloned().collect(),
+            emergencies: Vec::new(),
             truth: Series::default(),
             traces: Vec::new(),
             sources: self.sources.clone(),
@@ -242,18 +244,15 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
 
 /// Returns the events of loops that were played at once, in the order of time; events that several of them saw appear once.
 pub fn all_events(timelines: &[Timeline]) -> Events {
-    let each = timelines.iter().map(|timeline| timeline.events.clone());
-    let all = each.reduce(Events::merged).unwrap_or_default();
-    if timelines.len() < 2 {
-        return all;
+    let each = timelines.iter().flat_map(|timeline| &timeline.events);
+    let mut all = in_order(each.cloned());
+    if timelines.len() > 1 {
+        let is_same = |one: &Occurrence<Event>, other: &Occurrence<Event>| {
+            one.time_seconds == other.time_seconds && one.text == other.text
+        };
+        all.dedup_by(|later, earlier| is_same(later, earlier));
     }
-    let mut earlier = None;
-    let once = all.iter().filter(|later| {
-        let later = (later.time_seconds.to_bits(), &later.what.text);
-        earlier.replace(later) != Some(later)
-    });
-    once.map(|event| (event.time_seconds, event.what.clone()))
-        .collect()
+    all
 }
 
 /// Returns scenario time at which a cycle begins.

@@ -21,6 +21,7 @@ use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::node_names::NodeNames;
+use crate::occurrences::in_order;
 use crate::sources::SourceReader;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
@@ -303,7 +304,7 @@ impl TimelineReader {
         rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
         let mut losses = self.losses.take_all(latest);
         let lost = losses.events.take_since(0.0);
-        rest.events = events.merged(lost).merged(silences);
+        rest.events = in_order(events.into_iter().chain(lost).chain(silences));
         rest.lost_heartbeats = losses.heartbeats;
         rest.temperature_silence = losses.temperature_silence;
         rest.emergencies = self.events.take_emergencies(zero);

@@ -16,8 +16,9 @@ use crate::page;
 use crate::run::{Run, RunLoop};
 use crate::terminal;
 use judge::verdict::{Metric, Outcome, Verdict};
-use recording::events::{Events, Level};
+use recording::events::{Event, Level};
 use recording::frames::Clock;
+use recording::occurrences::Occurrence;
 use recording::run_folder::file;
 use recording::timeline::{Timeline, all_events};
 use scenario::node::Part;
@@ -236,7 +237,7 @@ fn end_besides(verdict: &Verdict) -> Option<String> {
     (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
 }
 
-fn events(events: &Events) -> Markup {
+fn events(events: &[Occurrence<Event>]) -> Markup {
     html! {
         h2 #events { "Events" }
         div.wide { table {

@@ -26,7 +26,7 @@ use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
 use plan::{ControlLoop, Plan};
 use platform::series::Series;
-use recording::events::{Event, Events, Level};
+use recording::events::{Event, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 
@@ -251,7 +251,7 @@ pub(crate) fn log_verdict(
     };
     let event = Event::new(level, &format!("verdict: {}", verdict.outcome.word()));
     let period_seconds = plan.shared.run.bus.sync_period_milliseconds / 1e3;
-    let events = Events::from_iter([(end_seconds, event)]);
+    let events = [Occurrence::new(end_seconds, event)];
     log_events(output, period_seconds, &events)?;
     let text = |text: &str| Text(text.into());
     let properties = AnyValues::default()
@@ -266,7 +266,7 @@ pub(crate) fn log_verdict(
 fn log_events(
     output: &mut dyn Output,
     period_seconds: f64,
-    events: &Events,
+    events: &[Occurrence<Event>],
 ) -> Result<(), RerunError> {
     if events.is_empty() {
         return Ok(());
@@ -395,7 +395,7 @@ impl Rows {
     }
 }
 
-fn level(event: Occurrence<'_, Event>) -> TextLogLevel {
+fn level(event: &Occurrence<Event>) -> TextLogLevel {
     match event.level {
         Level::Info => TextLogLevel::INFO,
         Level::Warning => TextLogLevel::WARN,
