@@ -12,29 +12,24 @@
 //!   The hub passes it on to all other clients whose filters accept it.
 //!
 //! A client that does not drain its socket (the kernel holds 278 packets) is dropped from, never waited for, and gets
-//! another notice before its next frame. A packet that is not a frame is counted and ignored. Only clients of the hub's
+//! another notice before its next frame. A packet that is not a frame is ignored. Only clients of the hub's
 //! own user may join; the socket has mode 0600 in a directory of mode 0700.
 //!
 //! Each frame is stamped where it passes and handed to the [`Recorder`].
 
-mod counters;
 mod error;
 mod place;
 mod switch;
 #[cfg(test)]
 mod tests;
 
-use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::bus::BusAddress;
 use crate::recorder::{self, Recorder};
-use crate::scheduling::{self, Refused};
+use crate::scheduling;
 use crate::stop::StoppedThread;
 
-use counters::Counters;
 pub use error::HubError;
 use place::Place;
 pub use place::remove_orphaned;
@@ -44,19 +39,6 @@ use switch::Switch;
 
 /// Priority of the hub's thread, above the nodes: a frame under way is worth more than the next one.
 const PRIORITY: u8 = 60;
-
-/// Counters of a hub.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct HubReport {
-    /// Frames taken from clients.
-    pub frames: u64,
-    /// Frames not passed on to a client that did not drain its socket, summed over the clients.
-    pub dropped: u64,
-    /// Packets that were not a frame, and first packets that were not filters.
-    pub malformed: u64,
-    /// Connections refused, because of another user or because there were too many.
-    pub refused: u64,
-}
 
 /// Returns the buses of this user's hubs that are running on this machine, without disturbing them.
 pub fn running() -> Vec<BusAddress> {
@@ -70,8 +52,6 @@ pub struct Hub {
     // The thread ends before its socket is removed.
     _thread: StoppedThread,
     place: Place,
-    counters: Arc<Counters>,
-    real_time: Result<(), Refused>,
 }
 
 impl Hub {
@@ -86,26 +66,17 @@ impl Hub {
     fn start_in(directories: &[PathBuf]) -> Result<(Self, Recorder), HubError> {
         let (place, listener) = Place::make(directories)?;
         let (ring, recorder) = recorder::ring();
-        let counters = Arc::new(Counters::default());
-        let counted = Arc::clone(&counters);
-        let (sender, receiver) = std::sync::mpsc::channel();
         let thread = StoppedThread::start("hub", |stop| {
-            let switch = Switch::new(listener, stop, ring, counted)?;
+            let switch = Switch::new(listener, stop, ring)?;
             Ok(move || {
-                let asked = scheduling::request_fifo(PRIORITY);
-                // No receiver is left if the start itself was given up.
-                sender.send(asked).ok();
+                // Without that priority the bus is only slower.
+                let _ = scheduling::request_fifo(PRIORITY);
                 switch.run();
             })
         })?;
-        let real_time = receiver
-            .recv()
-            .map_err(|_| io::Error::other("its thread ended at once"))?;
         let hub = Self {
-            place,
-            counters,
             _thread: thread,
-            real_time,
+            place,
         };
         Ok((hub, recorder))
     }
@@ -113,21 +84,5 @@ impl Hub {
     /// Returns the address of the bus.
     pub fn address(&self) -> BusAddress {
         BusAddress::Embedded(self.place.socket())
-    }
-
-    /// Returns the counters as they are now.
-    pub fn report(&self) -> HubReport {
-        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        HubReport {
-            frames: read(&self.counters.frames),
-            dropped: read(&self.counters.dropped),
-            malformed: read(&self.counters.malformed),
-            refused: read(&self.counters.refused),
-        }
-    }
-
-    /// Returns why the hub's thread has no real-time priority; `None` if it has.
-    pub fn refusal(&self) -> Option<&Refused> {
-        self.real_time.as_ref().err()
     }
 }

@@ -3,8 +3,6 @@
 use std::io;
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use can::{CanFrame, Filter};
 use rustix::event::epoll::{self, EventFlags};
@@ -12,7 +10,6 @@ use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
 
-use super::counters::{Counters, count};
 use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
 use crate::recorder::Ring;
 
@@ -42,7 +39,6 @@ pub(super) struct Switch {
     _stop: OwnedFd,
     clients: [Option<Client>; CLIENTS_MAX],
     ring: Ring,
-    counters: Arc<Counters>,
     packet: Box<[u8; PACKET_MAX]>,
 }
 
@@ -54,12 +50,7 @@ enum Packet {
 }
 
 impl Switch {
-    pub(super) fn new(
-        listener: OwnedFd,
-        stop: OwnedFd,
-        ring: Ring,
-        counters: Arc<Counters>,
-    ) -> io::Result<Self> {
+    pub(super) fn new(listener: OwnedFd, stop: OwnedFd, ring: Ring) -> io::Result<Self> {
         let epoll = epoll::create(epoll::CreateFlags::CLOEXEC)?;
         watch(&epoll, &listener, LISTENER)?;
         watch(&epoll, &stop, STOP)?;
@@ -69,7 +60,6 @@ impl Switch {
             _stop: stop,
             clients: [const { None }; CLIENTS_MAX],
             ring,
-            counters,
             packet: Box::new([0; PACKET_MAX]),
         })
     }
@@ -106,7 +96,6 @@ impl Switch {
             Err(Errno::AGAIN | Errno::INTR | Errno::CONNABORTED) => return,
             Err(_) => {
                 // Out of descriptors: refusing further clients is better than spinning at real-time priority.
-                count(&self.counters.refused);
                 epoll::delete(&self.epoll, &self.listener).ok();
                 return;
             }
@@ -123,7 +112,7 @@ impl Switch {
                     dropped_reported: 0,
                 });
             }
-            _ => count(&self.counters.refused),
+            _ => {}
         }
     }
 
@@ -136,17 +125,13 @@ impl Switch {
             Packet::Nothing => return false,
             Packet::End => self.clients[index] = None,
             Packet::Bytes(length) if client.filters.is_some() => {
-                match self.packet.get(..length).and_then(decode_frame) {
-                    Some(frame) => self.pass_on(index, &frame),
-                    None => count(&self.counters.malformed),
+                if let Some(frame) = self.packet.get(..length).and_then(decode_frame) {
+                    self.pass_on(index, &frame);
                 }
             }
             Packet::Bytes(length) => {
                 client.filters = self.packet.get(..length).and_then(decode_filters);
-                if client.filters.is_none() {
-                    count(&self.counters.malformed);
-                    self.clients[index] = None;
-                } else if !client.send(&0_u64.to_ne_bytes()) {
+                if client.filters.is_none() || !client.send(&0_u64.to_ne_bytes()) {
                     self.clients[index] = None;
                 }
             }
@@ -156,14 +141,12 @@ impl Switch {
 
     /// Records a frame and sends it to all other clients that want it.
     fn pass_on(&mut self, sender: usize, frame: &CanFrame) {
-        count(&self.counters.frames);
         self.ring.push_now(*frame);
         let bytes = encode_frame(frame);
         for (index, client) in self.clients.iter_mut().enumerate() {
             let Some(client) = client else { continue };
             if index != sender && client.wants(frame) && !client.deliver(&bytes) {
                 client.dropped += 1;
-                self.counters.dropped.fetch_add(1, Ordering::Relaxed);
             }
         }
     }

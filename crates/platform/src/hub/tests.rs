@@ -97,11 +97,6 @@ fn frames_reach_those_who_want_them_and_not_their_sender() {
         .collect();
     assert!(times.is_sorted(), "{times:?}");
     assert_eq!(recorder.lost(), 0);
-    let report = HubReport {
-        frames: 5,
-        ..HubReport::default()
-    };
-    assert_eq!(hub.report(), report);
 }
 
 #[test]
@@ -117,22 +112,20 @@ fn a_client_that_does_not_drain_is_dropped_from_and_never_waited_for() {
         let heard = awake.receive(SOON).unwrap().unwrap();
         assert_eq!(heard.data(), round.to_le_bytes());
     }
-    let dropped = hub.report().dropped;
-    assert!((1..1000).contains(&dropped), "{dropped} dropped");
 
     let mut kept = 0;
     while asleep.receive(NOT).unwrap().is_some() {
         kept += 1;
     }
-    assert_eq!(kept + dropped, 1000);
+    assert!((1..1000).contains(&kept), "{kept} kept");
     sender.send(&frame(0x101, 0)).unwrap();
     assert_eq!(asleep.receive(SOON).unwrap(), Some(frame(0x101, 0)));
-    assert_eq!(asleep.dropped(), dropped);
+    assert_eq!(asleep.dropped(), 1000 - kept);
     assert_eq!(awake.dropped(), 0);
 }
 
 #[test]
-fn garbage_is_counted_and_hurts_nobody() {
+fn garbage_hurts_nobody() {
     let (hub, mut recorder) = Hub::start().unwrap();
     let mut listener = join(&hub, &[Filter::ALL]);
 
@@ -141,17 +134,14 @@ fn garbage_is_counted_and_hurts_nobody() {
     for garbage in [&[1][..], &[0; 15], &[0; 72], &[0; 10_000], &[0xFF; 16]] {
         send(&talks_nonsense, garbage, SendFlags::NOSIGNAL).unwrap();
     }
-    eventually(|| hub.report().malformed == 5);
 
     // The first packet is no array of filters, or far too long.
     for hello in [&[0; 7][..], &[0; 8192]] {
         let client = raw_client(&hub);
-        let before = hub.report().malformed;
         send(&client, hello, SendFlags::NOSIGNAL).unwrap();
         let mut answer = [0; 8];
         let end = rustix::net::recv(&client, &mut answer, RecvFlags::empty());
         assert!(matches!(end, Ok((_, 0)) | Err(_)), "{end:?}");
-        assert_eq!(hub.report().malformed, before + 1);
     }
 
     send(
@@ -162,7 +152,6 @@ fn garbage_is_counted_and_hurts_nobody() {
     .unwrap();
     assert_eq!(listener.receive(SOON).unwrap(), Some(frame(0x123, 9)));
     assert_eq!(recorded(&mut recorder, 1)[0].frame, frame(0x123, 9));
-    assert_eq!(hub.report().frames, 1);
 }
 
 #[test]
@@ -176,7 +165,6 @@ fn more_clients_than_there_is_room_for_are_refused_and_places_become_free() {
         matches!(refused, BusError::Refused { .. }),
         "{refused}: not the right error"
     );
-    assert_eq!(hub.report().refused, 1);
     clients.pop();
     eventually(|| crate::open(&hub.address(), &[Filter::ALL]).is_ok());
 }
