@@ -216,6 +216,16 @@ pub struct Instance {
     has_events: bool,
     next_event_seconds: f64,
     time_seconds: f64,
+    is_initialized: bool,
+}
+
+/// Terminates the instance as FMI requires: some FMUs write their files then. An error comes too late to report.
+impl Drop for Instance {
+    fn drop(&mut self) {
+        if self.is_initialized {
+            self.slave.terminate();
+        }
+    }
 }
 
 impl Instance {
@@ -251,6 +261,7 @@ impl Instance {
             has_events: co_simulation.has_event_mode,
             next_event_seconds: f64::INFINITY,
             time_seconds: 0.0,
+            is_initialized: false,
         };
         instance.initialize(&plan.start, description.tolerance)?;
         Ok(instance)
@@ -278,6 +289,7 @@ impl Instance {
         if self.has_events {
             self.update_and_go_on(None)?;
         }
+        self.is_initialized = true;
         Ok(())
     }
 
@@ -333,16 +345,6 @@ impl Instance {
             }
         }
         Ok(())
-    }
-
-    /// Terminates the instance as FMI requires.
-    ///
-    /// # Errors
-    /// The FMU failed in this.
-    pub fn terminate(mut self) -> Result<(), FmuError> {
-        let status = self.slave.terminate();
-        self.good("Terminate", status, Some(self.time_seconds))
-            .map_err(|fault| fault.of(&self.file))
     }
 
     fn set(&mut self, inputs: &[f64]) -> Result<(), Fault> {

@@ -10,7 +10,7 @@ use platform::port_seat::{CLOSED, NotReady, PortSeat};
 use platform::program::{START_PATIENCE, Seat};
 use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
 
-use crate::law_worker::{Loaded, Terminated, command, told};
+use crate::law_worker::{Loaded, command, told};
 
 /// Hidden subcommand of a worker.
 const SUBCOMMAND: &str = "fmu-worker";
@@ -190,11 +190,11 @@ pub fn serve(file: &Path, folder: &Path) -> io::Result<()> {
 
 /// Loads an FMU. It is told the time to reach in place of a period; at time 0 it only has its outputs read.
 fn load(file: &Path, folder: &Path, configuration: &Configuration) -> Result<Loaded, FmuError> {
-    let mut instance = Terminated(Some(Instance::new(folder, file, configuration)?));
+    let mut instance = Instance::new(folder, file, configuration)?;
     Ok(Box::new(move |_, to_seconds, inputs, outputs| {
         if to_seconds > 0.0 {
-            instance.get().advance(to_seconds, inputs).map_err(told)?;
+            instance.advance(to_seconds, inputs).map_err(told)?;
         }
-        instance.get().read(outputs).map_err(told)
+        instance.read(outputs).map_err(told)
     }))
 }

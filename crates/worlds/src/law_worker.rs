@@ -181,8 +181,7 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Str
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
     let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))
         .map_err(|misfit| misfit.fault.to_string())?;
-    let instance = Instance::new(folder, file, &wiring.configuration).map_err(told)?;
-    let mut instance = Terminated(Some(instance));
+    let mut instance = Instance::new(folder, file, &wiring.configuration).map_err(told)?;
     let inputs = places(&wiring.inputs, welcome.reads.iter());
     let outputs = places(&wiring.outputs, welcome.writes.iter().chain(&welcome.terms));
     let mut set = vec![0.0; wiring.inputs.len()];
@@ -193,8 +192,8 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Str
                 set[*place] = conversion.back(*read);
             }
         }
-        instance.get().advance(time + period, &set).map_err(told)?;
-        instance.get().read(&mut seen).map_err(told)?;
+        instance.advance(time + period, &set).map_err(told)?;
+        instance.read(&mut seen).map_err(told)?;
         for (write, (place, conversion)) in writes.iter_mut().zip(&outputs) {
             *write = conversion.of(seen[*place]);
         }
@@ -202,27 +201,7 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Str
     }))
 }
 
-/// FMU that is terminated on drop, as FMI demands: some write their files then. An error then comes too late to report.
-pub(crate) struct Terminated(pub(crate) Option<Instance>);
-
-impl Terminated {
-    /// # Panics
-    /// Never: it is there until it is dropped.
-    pub(crate) fn get(&mut self) -> &mut Instance {
-        self.0.as_mut().expect("it is dropped at its end only")
-    }
-}
-
-impl Drop for Terminated {
-    fn drop(&mut self) {
-        if let Some(instance) = self.0.take() {
-            let _ = instance.terminate();
-        }
-    }
-}
-
 /// Returns the text of an FMU's error for the other end of the seat, which knows the file.
-#[expect(clippy::needless_pass_by_value, reason = "for map_err")]
 pub(crate) fn told(error: FmuError) -> String {
     error.fault.to_string()
 }
