@@ -1,7 +1,7 @@
 //! The instance behind a component, and the functions of both versions that differ in their names only.
 #![expect(unsafe_code, reason = "C hands over the pointers")]
 
-use std::ffi::{CStr, CString, c_int, c_void};
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
 
 use super::played::{Played, guarded};
 
@@ -112,7 +112,61 @@ pub(super) unsafe fn set<T: Copy>(
     }
 }
 
-/// Defines functions of unsupported features. They only refuse; C passes any further arguments without effect.
+/// Returns a text for C.
+pub(super) fn text(played: &mut Played, reference: u32) -> Result<*const c_char, String> {
+    Ok(played.word(reference)?.as_ptr())
+}
+
+/// Defines functions of an instance alone. As in the tables below, C passes any further arguments without effect.
+macro_rules! on_instance {
+    ($($name:ident: $work:expr;)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) unsafe extern "C" fn $name(component: Component) -> c_int {
+                // SAFETY: a component, by FMI.
+                unsafe { on(component, $work) }
+            }
+        )+
+    };
+}
+
+/// Defines functions that read a value for each reference. No variable is an array.
+macro_rules! getters {
+    ($($name:ident($value:ty): $get:expr;)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) unsafe extern "C" fn $name(
+                component: Component,
+                references: *const u32,
+                count: usize,
+                values: *mut $value,
+            ) -> c_int {
+                // SAFETY: a component, and as many references as room for values, by FMI.
+                unsafe { get(component, references, count, values, $get) }
+            }
+        )+
+    };
+}
+
+/// Defines functions that set a value for each reference.
+macro_rules! setters {
+    ($($name:ident($value:ty): $set:expr;)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) unsafe extern "C" fn $name(
+                component: Component,
+                references: *const u32,
+                count: usize,
+                values: *const $value,
+            ) -> c_int {
+                // SAFETY: a component, and as many references as values, by FMI; texts are C strings.
+                unsafe { set(component, references, count, values, $set) }
+            }
+        )+
+    };
+}
+
+/// Defines functions of unsupported features. They only refuse.
 macro_rules! not_served {
     ($($name:ident)+) => {
         $(
@@ -136,4 +190,4 @@ macro_rules! of_no_variable {
     };
 }
 
-pub(super) use {not_served, of_no_variable};
+pub(super) use {getters, not_served, of_no_variable, on_instance, setters};

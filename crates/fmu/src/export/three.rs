@@ -5,7 +5,8 @@ use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::null_mut;
 
 use super::component::{
-    Component, ERROR, OK, free, get, made, not_served, of_no_variable, on, set,
+    Component, ERROR, OK, free, get, getters, made, not_served, of_no_variable, on, on_instance,
+    set, setters, text,
 };
 use super::played::Played;
 
@@ -71,93 +72,21 @@ pub(super) unsafe extern "C" fn fmi3EnterInitializationMode(
     unsafe { on(component, |played| played.set_time(start_seconds)) }
 }
 
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3ExitInitializationMode(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, Played::start) }
+on_instance! {
+    fmi3ExitInitializationMode: Played::start;
+    fmi3Terminate: |_| Ok(());
+    fmi3Reset: Played::reset;
+    fmi3SetDebugLogging: |_| Ok(());
 }
 
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3Terminate(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, |_| Ok(())) }
+getters! {
+    fmi3GetFloat64(f64): Played::number;
+    fmi3GetString(*const c_char): text;
 }
 
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3Reset(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, Played::reset) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3SetDebugLogging(
-    component: Component,
-    _is_on: bool,
-    _count: usize,
-    _categories: *const *const c_char,
-) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, |_| Ok(())) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3GetFloat64(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *mut f64,
-    _values_count: usize,
-) -> c_int {
-    // SAFETY: as above, with as many references as room for values: no variable is an array.
-    unsafe { get(component, references, count, values, Played::number) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3SetFloat64(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *const f64,
-    _values_count: usize,
-) -> c_int {
-    // SAFETY: as above, with as many references as values.
-    unsafe { set(component, references, count, values, Played::set_number) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3GetString(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *mut *const c_char,
-    _values_count: usize,
-) -> c_int {
-    // SAFETY: as above, with as many references as room for values.
-    unsafe {
-        get(component, references, count, values, |played, reference| {
-            Ok(played.word(reference)?.as_ptr())
-        })
-    }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi3SetString(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *const *const c_char,
-    _values_count: usize,
-) -> c_int {
-    // SAFETY: as above, with as many references as values, each a C string.
-    unsafe {
-        set(
-            component,
-            references,
-            count,
-            values,
-            |played, reference, word| played.set_word(reference, CStr::from_ptr(word)),
-        )
-    }
+setters! {
+    fmi3SetFloat64(f64): Played::set_number;
+    fmi3SetString(*const c_char): |played, reference, word| played.set_word(reference, CStr::from_ptr(word));
 }
 
 #[unsafe(no_mangle)]

@@ -5,7 +5,8 @@ use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::null_mut;
 
 use super::component::{
-    Component, ERROR, OK, free, get, made, not_served, of_no_variable, on, set,
+    Component, ERROR, OK, free, get, getters, made, not_served, of_no_variable, on, on_instance,
+    set, setters, text,
 };
 use super::played::Played;
 
@@ -96,95 +97,22 @@ pub(super) unsafe extern "C" fn fmi2SetupExperiment(
     unsafe { on(component, |played| played.set_time(start_seconds)) }
 }
 
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2EnterInitializationMode(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, |_| Ok(())) }
+on_instance! {
+    fmi2EnterInitializationMode: |_| Ok(());
+    fmi2ExitInitializationMode: Played::start;
+    fmi2Terminate: |_| Ok(());
+    fmi2Reset: Played::reset;
+    fmi2SetDebugLogging: |_| Ok(());
 }
 
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2ExitInitializationMode(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, Played::start) }
+getters! {
+    fmi2GetReal(f64): Played::number;
+    fmi2GetString(*const c_char): text;
 }
 
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2Terminate(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, |_| Ok(())) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2Reset(component: Component) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, Played::reset) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2SetDebugLogging(
-    component: Component,
-    _is_on: c_int,
-    _count: usize,
-    _categories: *const *const c_char,
-) -> c_int {
-    // SAFETY: as above.
-    unsafe { on(component, |_| Ok(())) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2GetReal(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *mut f64,
-) -> c_int {
-    // SAFETY: as above, with as many references as room for values.
-    unsafe { get(component, references, count, values, Played::number) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2SetReal(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *const f64,
-) -> c_int {
-    // SAFETY: as above, with as many references as values.
-    unsafe { set(component, references, count, values, Played::set_number) }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2GetString(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *mut *const c_char,
-) -> c_int {
-    // SAFETY: as above, with as many references as room for values.
-    unsafe {
-        get(component, references, count, values, |played, reference| {
-            Ok(played.word(reference)?.as_ptr())
-        })
-    }
-}
-
-#[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2SetString(
-    component: Component,
-    references: *const u32,
-    count: usize,
-    values: *const *const c_char,
-) -> c_int {
-    // SAFETY: as above, with as many references as values, each a C string.
-    unsafe {
-        set(
-            component,
-            references,
-            count,
-            values,
-            |played, reference, word| played.set_word(reference, CStr::from_ptr(word)),
-        )
-    }
+setters! {
+    fmi2SetReal(f64): Played::set_number;
+    fmi2SetString(*const c_char): |played, reference, word| played.set_word(reference, CStr::from_ptr(word));
 }
 
 #[unsafe(no_mangle)]
