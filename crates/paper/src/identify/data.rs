@@ -12,10 +12,10 @@ use scenario::rig::RealDrive;
 use scenario::{ScenarioError, Trial};
 
 use dbc::scenario_clock::SYNC_COB_ID;
-use plan::{ControlLoop, Plan, Shared};
+use plan::{ControlLoop, Plan};
 use recording::log::{self, Stamped};
 use recording::run_folder::{file_in, log_in};
-use recording::session::{FileError, ReadError, read_plan};
+use recording::session::{ReadError, read_plan};
 use recording::timeline::{self, Series, Timeline};
 use worlds::catalogue::catalogue;
 
@@ -38,130 +38,12 @@ const START_STEPS_MAX: f64 = 8.0;
 
 /// Reason why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {fault}", path.display())]
+#[error("{}: {reason}", path.display())]
 pub struct RecordingError {
     /// Path of the recording.
     pub path: PathBuf,
     /// Error in it.
-    pub fault: RecordingFault,
-}
-
-/// Error in a recording.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingFault {
-    /// A file cannot be read.
-    #[error("{name} cannot be read: {source}")]
-    Read {
-        /// Name of the file.
-        name: String,
-        /// Error of the system.
-        source: io::Error,
-    },
-    /// The scenario is invalid.
-    #[error("the scenario is invalid: {0}")]
-    Scenario(Box<ScenarioError>),
-    /// A file of the folder is invalid.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// The plant is not a shape-memory-alloy wire.
-    #[error(
-        "its plant is `{0}`; identification knows the equations of the shape-memory-alloy wire only"
-    )]
-    OtherPlant(String),
-    /// The scenario has several drives.
-    #[error(
-        "it is of {0} loops; identification explains one wire behind one drive, so play a scenario of one loop and take its recording"
-    )]
-    SeveralLoops(usize),
-    /// The recording is a log without its scenario.
-    #[error(
-        "a log alone does not hold the cycle time and the sensor; name the scenario that was played with --scenario"
-    )]
-    NoScenario,
-    /// The DBC lacks a signal.
-    #[error("{0}; identification needs the rig's own DBC")]
-    Signal(#[from] SignalMissing),
-    /// No frame is of the drive.
-    #[error(
-        "none of its {frames} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
-    )]
-    NoDriveFrames {
-        /// Number of frames in the log.
-        frames: usize,
-        /// Name of the message that was sought.
-        message: String,
-        /// Identifier of the message.
-        id: u32,
-    },
-    /// There are frames of the drive, but the scenario time never begins.
-    #[error("{reason}, so scenario time never begins: is it the right DBC?")]
-    NeverBegan {
-        /// Missing condition for the beginning.
-        reason: &'static str,
-    },
-    /// The recording is too short.
-    #[error("it is {seconds:.2} s long, identification needs {DURATION_SECONDS_MIN} s")]
-    TooShort {
-        /// Duration of the recording.
-        seconds: f64,
-    },
-    /// The recording has a long gap.
-    #[error(
-        "it has a gap of {gap_seconds:.3} s at {at_seconds:.3} s (limit {limit_seconds:.3} s): the current in it is unknown"
-    )]
-    Gap {
-        /// Time of the gap.
-        at_seconds: f64,
-        /// Duration of the gap.
-        gap_seconds: f64,
-        /// Longest gap that is bridged.
-        limit_seconds: f64,
-    },
-    /// Too many cycles have no position.
-    #[error("{percent:.1} % of its cycles have no position (limit {MISSED_PERCENT_MAX} %)")]
-    MissedCycles {
-        /// Share of those cycles.
-        percent: f64,
-    },
-    /// A value is outside the range of the rig.
-    #[error(
-        "the {quantity} is {value} {unit} at {at_seconds:.3} s, outside {lower} to {upper} {unit}: is it the right DBC?"
-    )]
-    Implausible {
-        /// Name of the quantity.
-        quantity: &'static str,
-        /// Value of the quantity.
-        value: f64,
-        /// Unit of the quantity.
-        unit: &'static str,
-        /// Time of the value.
-        at_seconds: f64,
-        /// Smallest plausible value.
-        lower: f64,
-        /// Largest plausible value.
-        upper: f64,
-    },
-    /// The load is up at the start.
-    #[error(
-        "the load is at {millimetres:.2} mm when it begins; only a cold start on the stop has a known temperature"
-    )]
-    NotAtRest {
-        /// First position.
-        millimetres: f64,
-    },
-    /// The load does not move enough.
-    #[error(
-        "the load moves by {millimetres:.2} mm at most (identification needs {needed_millimetres:.2} mm), with currents up to \
-         {current_amperes_max:.3} A: without motion the position shows nothing of the parameters"
-    )]
-    NoMotion {
-        /// Difference of the highest and the lowest position.
-        millimetres: f64,
-        /// Smallest sufficient motion.
-        needed_millimetres: f64,
-        /// Largest current.
-        current_amperes_max: f64,
-    },
+    pub reason: String,
 }
 
 /// A period of constant inputs.
@@ -198,15 +80,6 @@ pub struct IdentificationData {
     pub currents_amperes: Vec<f64>,
 }
 
-impl From<ReadError> for RecordingFault {
-    fn from(error: ReadError) -> Self {
-        match error {
-            ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::File(error) => Self::File(error),
-        }
-    }
-}
-
 impl IdentificationData {
     /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames are decoded by
     /// `database`; without it by the DBC of the run folder, else by the DBC of the emulated drive.
@@ -218,25 +91,29 @@ impl IdentificationData {
         scenario: Option<&Path>,
         database: Option<&Database>,
     ) -> Result<Self, RecordingError> {
-        let at = |fault| RecordingError {
+        let at = |reason| RecordingError {
             path: path.to_owned(),
-            fault,
+            reason,
         };
-        let metadata = path.metadata().map_err(|source| {
-            let name = "the recording".to_owned();
-            at(RecordingFault::Read { name, source })
-        })?;
+        let metadata = path
+            .metadata()
+            .map_err(|error| at(unread("the recording", &error)))?;
         let (log, mut plan) = if metadata.is_dir() {
-            let plan = read_plan(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
+            let plan = read_plan(path, Some(&[]), catalogue()).map_err(|error| {
+                at(match error {
+                    ReadError::Scenario(error) => invalid(&error),
+                    ReadError::File(error) => error.to_string(),
+                })
+            })?;
             let name = log_in(path);
-            let log = file_in(path, name).map_err(|source| {
-                let name = name.to_owned();
-                at(RecordingFault::Read { name, source })
-            });
+            let log = file_in(path, name).map_err(|error| at(unread(name, &error)));
             (log?, plan)
         } else {
-            let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            (path.to_owned(), load_plan(scenario).map_err(at)?)
+            let scenario = scenario.ok_or_else(|| {
+                at("a log alone does not hold the cycle time and the sensor; name the scenario that was played with --scenario".to_owned())
+            })?;
+            let plan = Plan::load(scenario, catalogue()).map_err(|error| at(invalid(&error)));
+            (path.to_owned(), plan?)
         };
         for one in &mut plan.loops {
             if let Some(drive) = &one.real_drive {
@@ -254,48 +131,42 @@ impl IdentificationData {
     ///
     /// # Errors
     /// Identification cannot use the recording.
-    pub fn from_frames(
-        path: &Path,
-        frames: &[Stamped],
-        scenario: Trial,
-    ) -> Result<Self, RecordingFault> {
-        let plan = Plan::new(scenario, catalogue()).with_database(&shipped());
+    pub fn from_frames(path: &Path, frames: &[Stamped], scenario: Trial) -> Result<Self, String> {
+        let plan =
+            Plan::new(scenario, catalogue()).with_database(&Arc::new(Database::shipped().clone()));
         Self::from_plan(path, frames, &plan)
     }
 
-    fn from_plan(path: &Path, frames: &[Stamped], plan: &Plan) -> Result<Self, RecordingFault> {
+    fn from_plan(path: &Path, frames: &[Stamped], plan: &Plan) -> Result<Self, String> {
         let [only] = &plan.loops[..] else {
-            return Err(RecordingFault::SeveralLoops(plan.loops.len()));
+            let count = plan.loops.len();
+            return Err(format!(
+                "it is of {count} loops; identification explains one wire behind one drive, so play a scenario of one loop and take its recording"
+            ));
         };
         let plant = &only.trial.plant;
         if plant.actuator().is_none() {
-            return Err(RecordingFault::OtherPlant(plant.name().to_owned()));
+            let name = plant.name();
+            return Err(format!(
+                "its plant is `{name}`; identification knows the equations of the shape-memory-alloy wire only"
+            ));
         }
-        let timelines = timeline::decode(frames, plan)?;
+        let timelines = timeline::decode(frames, plan).map_err(of_other_dbc)?;
         let timeline = &timelines[0];
         check_frames(frames, only, timeline)?;
         check_values(timeline, &only.trial)?;
-        Ok(Self::build(path, timeline, only, &plan.shared))
-    }
-
-    fn build(
-        path: &Path,
-        timeline: &Timeline,
-        control_loop: &ControlLoop,
-        shared: &Shared,
-    ) -> Self {
         let mut measurement = Self {
             path: path.to_owned(),
-            sensor: control_loop.trial.sensor.clone(),
-            text: shared.text.clone(),
-            control_loop: control_loop.clone(),
-            tables: shared.tables.clone(),
+            sensor: only.trial.sensor.clone(),
+            text: plan.shared.text.clone(),
+            control_loop: only.clone(),
+            tables: plan.shared.tables.clone(),
             stretches: Vec::new(),
             times_seconds: Vec::new(),
             positions_metres: Vec::new(),
             currents_amperes: Vec::new(),
         };
-        let disturbances = Disturbances::new(timeline);
+        let disturbances = disturbances(timeline);
         let grid = timeline.cycles_in(GRID_SECONDS);
         let flowed = flowed(timeline);
         let samples = timeline
@@ -311,7 +182,7 @@ impl IdentificationData {
         for (row, (((before, cycle), current_amperes), (time, position))) in rows.enumerate() {
             let inputs = Inputs {
                 current_amperes,
-                ..disturbances.at(row)
+                ..disturbances(row)
             };
             let cycles = (cycle - before) as f64;
             let is_sampled = cycle.is_multiple_of(grid) && !position.is_nan();
@@ -323,7 +194,7 @@ impl IdentificationData {
             }
             measurement.extend(cycles * timeline.period_seconds, inputs, sample);
         }
-        measurement
+        Ok(measurement)
     }
 
     /// Appends a period. A period with the inputs of the last one is joined to it.
@@ -347,15 +218,18 @@ impl IdentificationData {
     }
 }
 
-/// Reads the plan of a scenario's file on the emulated rig.
-fn load_plan(path: &Path) -> Result<Plan, RecordingFault> {
-    let invalid = |error| RecordingFault::Scenario(Box::new(error));
-    Plan::load(path, catalogue()).map_err(invalid)
+/// Returns the reason for a file that cannot be read.
+fn unread(name: &str, error: &io::Error) -> String {
+    format!("{name} cannot be read: {error}")
 }
 
-/// Returns the DBC of the SMA actuator under a shipped law.
-fn shipped() -> Arc<Database> {
-    Arc::new(Database::shipped().clone())
+fn invalid(error: &ScenarioError) -> String {
+    format!("the scenario is invalid: {error}")
+}
+
+/// Returns the reason for a DBC that lacks a signal.
+fn of_other_dbc(error: SignalMissing) -> String {
+    format!("{error}; identification needs the rig's own DBC")
 }
 
 /// Returns the current up to each row, in amperes.
@@ -412,91 +286,75 @@ fn real_sensor(real: &RealDrive) -> Sensor {
     }
 }
 
-fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
+/// Returns one step of a sensor's converter.
+pub(crate) fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
     sensor.span / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
 }
 
-fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
-    let fault = |source| RecordingFault::Read {
-        name: path
-            .file_name()
-            .unwrap_or(path.as_os_str())
-            .display()
-            .to_string(),
-        source,
+fn read(path: &Path) -> Result<Vec<Stamped>, String> {
+    let name = path
+        .file_name()
+        .unwrap_or(path.as_os_str())
+        .display()
+        .to_string();
+    log::open(path)
+        .and_then(log::read_log)
+        .map_err(|error| unread(&name, &error))
+}
+
+/// Returns the disturbances from each row on. Until the node is commanded, air is still and the load has no addition.
+fn disturbances(timeline: &Timeline) -> impl Fn(usize) -> Inputs {
+    let [convection_factor, added_grams] = [names::CONVECTION_FACTOR, names::ADDED_LOAD]
+        .map(|name| timeline.column(name).map(|column| column.values.clone()));
+    let at = |column: &Option<Series<f64>>, row| {
+        column.as_ref()?.get(row).filter(|value| !value.is_nan())
     };
-    log::open(path).and_then(log::read_log).map_err(fault)
-}
-
-/// Columns of the disturbance node.
-struct Disturbances {
-    convection_factor: Series<f64>,
-    added_load_grams: Series<f64>,
-}
-
-impl Disturbances {
-    fn new(timeline: &Timeline) -> Self {
-        let column = |name: &str| {
-            let column = timeline.column(name);
-            column.map_or_else(Series::default, |column| column.values.clone())
-        };
-        Self {
-            convection_factor: column(names::CONVECTION_FACTOR),
-            added_load_grams: column(names::ADDED_LOAD),
-        }
-    }
-
-    /// Returns the inputs from a row on. Until the node is commanded, air is still and the load has no addition.
-    fn at(&self, row: usize) -> Inputs {
-        let value = |column: &Series<f64>| column.get(row).filter(|value| !value.is_nan());
-        let default = Inputs::default();
-        Inputs {
-            convection_factor: value(&self.convection_factor).unwrap_or(default.convection_factor),
-            added_load_kilograms: value(&self.added_load_grams)
-                .map_or(default.added_load_kilograms, |grams| grams * 1e-3),
-            ..default
-        }
+    let default = Inputs::default();
+    move |row| Inputs {
+        convection_factor: at(&convection_factor, row).unwrap_or(default.convection_factor),
+        added_load_kilograms: at(&added_grams, row)
+            .map_or(default.added_load_kilograms, |grams| grams * 1e-3),
+        ..default
     }
 }
 
 /// Checks whether the frames are of the rig.
-fn check_frames(
-    frames: &[Stamped],
-    one: &ControlLoop,
-    timeline: &Timeline,
-) -> Result<(), RecordingFault> {
-    let position = one.position()?;
+fn check_frames(frames: &[Stamped], one: &ControlLoop, timeline: &Timeline) -> Result<(), String> {
+    let position = one.position().map_err(of_other_dbc)?;
     let is_drive = |stamped: &Stamped| stamped.frame.raw_id() == position.raw_id();
     if !frames.iter().any(is_drive) {
-        return Err(RecordingFault::NoDriveFrames {
-            frames: frames.len(),
-            message: names::message(&one.nodes.drive.name, names::TPDO1),
-            id: position.raw_id(),
-        });
+        let (count, id) = (frames.len(), position.raw_id());
+        let message = names::message(&one.nodes.drive.name, names::TPDO1);
+        return Err(format!(
+            "none of its {count} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
+        ));
     }
     let is_sync = |stamped: &Stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID);
-    if !frames.iter().any(is_sync) {
-        let reason = "it has no SYNC (0x080)";
-        return Err(RecordingFault::NeverBegan { reason });
-    }
-    if timeline.cycle.is_empty() {
-        let reason = "the drive never reports Operation Enabled";
-        return Err(RecordingFault::NeverBegan { reason });
-    }
-    Ok(())
+    let missing = if !frames.iter().any(is_sync) {
+        "it has no SYNC (0x080)"
+    } else if timeline.cycle.is_empty() {
+        "the drive never reports Operation Enabled"
+    } else {
+        return Ok(());
+    };
+    Err(format!(
+        "{missing}, so scenario time never begins: is it the right DBC?"
+    ))
 }
 
-fn check_values(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
+fn check_values(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
     check_plausible(timeline, scenario)?;
     let seconds = timeline.end_seconds();
     if seconds < DURATION_SECONDS_MIN {
-        return Err(RecordingFault::TooShort { seconds });
+        return Err(format!(
+            "it is {seconds:.2} s long, identification needs {DURATION_SECONDS_MIN} s"
+        ));
     }
     check_gaps(timeline)?;
     check_motion(timeline, scenario)
 }
 
-fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
+fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
     let span = scenario.sensor.span;
     let current_max = scenario.amplifier.range.max;
     let quantities = [
@@ -519,42 +377,37 @@ fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), Recordin
         let outside = |value: &f64| !value.is_nan() && !(lower..=upper).contains(value);
         let mut rows = timeline.time_seconds.iter().zip(&values);
         if let Some((at_seconds, value)) = rows.find(|(_, value)| outside(value)) {
-            return Err(RecordingFault::Implausible {
-                quantity,
-                value,
-                unit,
-                at_seconds,
-                lower,
-                upper,
-            });
+            return Err(format!(
+                "the {quantity} is {value} {unit} at {at_seconds:.3} s, outside {lower} to {upper} {unit}: is it the right DBC?"
+            ));
         }
     }
     Ok(())
 }
 
-fn check_gaps(timeline: &Timeline) -> Result<(), RecordingFault> {
+fn check_gaps(timeline: &Timeline) -> Result<(), String> {
     let limit_seconds = GAP_SECONDS_MAX.max(GAP_CYCLES_MAX * timeline.period_seconds);
     let mut last_seconds = 0.0;
     let rows = timeline.time_seconds.iter().zip(timeline.position());
     for (time, _) in rows.filter(|(_, position)| !position.is_nan()) {
         let gap_seconds = time - last_seconds - timeline.period_seconds;
         if gap_seconds > limit_seconds {
-            return Err(RecordingFault::Gap {
-                at_seconds: last_seconds,
-                gap_seconds,
-                limit_seconds,
-            });
+            return Err(format!(
+                "it has a gap of {gap_seconds:.3} s at {last_seconds:.3} s (limit {limit_seconds:.3} s): the current in it is unknown"
+            ));
         }
         last_seconds = time;
     }
     let percent = timeline.missed_cycles_percent();
     if percent > MISSED_PERCENT_MAX {
-        return Err(RecordingFault::MissedCycles { percent });
+        return Err(format!(
+            "{percent:.1} % of its cycles have no position (limit {MISSED_PERCENT_MAX} %)"
+        ));
     }
     Ok(())
 }
 
-fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
+fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
     let sensor = &scenario.sensor;
     let step = sensor_step_millimetres(sensor);
     let largest = |values: &Series<f64>| values.iter().fold(f64::NEG_INFINITY, f64::max);
@@ -566,16 +419,18 @@ fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFa
         .unwrap_or(0.0);
     let noise = sensor.noise_rms;
     if first > START_STEPS_MAX * (step + noise) {
-        return Err(RecordingFault::NotAtRest { millimetres: first });
+        return Err(format!(
+            "the load is at {first:.2} mm when it begins; only a cold start on the stop has a known temperature"
+        ));
     }
     let needed_millimetres = MOTION_STEPS_MIN * (step + noise);
     let millimetres = largest(positions) - lowest;
     if millimetres < needed_millimetres {
-        return Err(RecordingFault::NoMotion {
-            millimetres,
-            needed_millimetres,
-            current_amperes_max: largest(&flowed(timeline)),
-        });
+        let amperes = largest(&flowed(timeline));
+        return Err(format!(
+            "the load moves by {millimetres:.2} mm at most (identification needs {needed_millimetres:.2} mm), with currents up to \
+             {amperes:.3} A: without motion the position shows nothing of the parameters"
+        ));
     }
     Ok(())
 }

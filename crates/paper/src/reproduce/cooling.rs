@@ -6,7 +6,9 @@ use scenario::expect::Expect;
 use scenario::plant::{PlantModel, Sma};
 
 use super::bases;
-use super::experiment::{Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun};
+use super::experiment::{
+    Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, positions, temperatures,
+};
 use super::quantity::{Quantity, at_least};
 use super::response::steps;
 use report::plot::Colour;
@@ -152,8 +154,8 @@ fn cooled(runs: &[Kept]) -> Evaluation {
     Evaluation {
         numbers: limited.into_iter().chain(down).chain([times]).collect(),
         figures: vec![
-            Figure::positions("Position", &coloured),
-            Figure::temperatures("Wire temperature", &coloured),
+            positions("Position", &coloured),
+            temperatures("Wire temperature", &coloured),
         ],
         tables: vec![NumberTable {
             header: header.map(str::to_owned).to_vec(),

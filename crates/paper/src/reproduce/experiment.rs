@@ -16,7 +16,7 @@ use campaigns::campaign;
 use judge::swing;
 use judge::verdict::Verdict;
 use recording::timeline::{Series, Timeline};
-use report::plot::{Colour, Shape};
+use report::plot::{Colour, Patch, Plot, Shape};
 
 /// Extent of a reproduction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,39 +106,9 @@ pub struct Evaluation {
     /// Numbers of the experiment.
     pub numbers: Vec<Quantity>,
     /// Plots of the experiment.
-    pub figures: Vec<Figure>,
+    pub figures: Vec<Plot<'static>>,
     /// Tables, for numbers that are compared with each other.
     pub tables: Vec<NumberTable>,
-}
-
-/// A plot as data.
-pub struct Figure {
-    /// Title of the plot.
-    pub title: String,
-    /// Unit of y; empty for numbers without one.
-    pub y_unit: &'static str,
-    /// Label of the x axis.
-    pub x_label: &'static str,
-    /// Curves of the plot.
-    pub curves: Vec<FigureCurve>,
-    /// Range of x and of y of a target: a rectangle behind the curves.
-    pub target: Option<((f64, f64), (f64, f64))>,
-    /// Span of x with a disturbance.
-    pub shaded: Option<(f64, f64)>,
-}
-
-/// A curve of a plot.
-pub struct FigureCurve {
-    /// Label of the curve.
-    pub label: String,
-    /// Colour of the curve.
-    pub colour: Colour,
-    /// Line between its points.
-    pub shape: Shape,
-    /// Values of x.
-    pub x: Vec<f64>,
-    /// Values of y.
-    pub y: Vec<f64>,
 }
 
 /// A table of numbers.
@@ -262,8 +232,7 @@ impl PlannedRun {
         let measurement = || {
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
             let frames = played.frames.clone().into_vec();
-            let measurement = IdentificationData::from_frames(place, &frames, scenario);
-            measurement.map_err(|error| error.to_string())
+            IdentificationData::from_frames(place, &frames, scenario)
         };
         Kept {
             label: self.label.clone(),
@@ -362,79 +331,52 @@ impl Kept {
     }
 }
 
-impl Figure {
-    /// Makes a plot without curves.
-    pub fn new(title: impl Into<String>, y_unit: &'static str, x_label: &'static str) -> Self {
-        Self {
-            title: title.into(),
-            y_unit,
-            x_label,
-            curves: Vec::new(),
-            target: None,
-            shaded: None,
-        }
+/// Returns a plot without curves, over another quantity than time.
+pub fn plot_over(title: &str, y_unit: &'static str, x_label: &'static str) -> Plot<'static> {
+    Plot {
+        x_label,
+        ..Plot::over_time(title, y_unit)
     }
+}
 
-    /// Makes a plot of the positions of these runs over time, the first on top, and of its set-point.
-    pub fn positions(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
-        let mut figure = Self::new(title, "mm", "time (s)");
-        if let Some((run, _)) = runs.first() {
-            let signals = &run.signals;
-            figure.draw(
-                "set-point",
-                Colour::Wanted,
-                Shape::Dashed,
-                &signals.time_seconds,
-                &signals.set_point_millimetres,
-            );
-        }
-        for (run, colour) in runs.iter().rev() {
-            let (times, positions) = (&run.signals.time_seconds, &run.signals.position_millimetres);
-            figure.line(&run.label, *colour, times, positions);
-        }
-        figure
-    }
+/// Returns the rectangle of a target.
+pub fn band(x: (f64, f64), y: (f64, f64)) -> Patch {
+    let class = "band";
+    Patch { class, x, y }
+}
 
-    /// Makes a plot of the currents of these runs over time, the first on top.
-    pub fn currents(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
-        Self::new(title, "A", "time (s)").with_runs(runs, |signals| &signals.current_amperes)
+/// Plots the positions of these runs over time, the first on top, and its set-point.
+pub fn positions(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+    let mut plot = Plot::over_time(title, "mm");
+    if let Some((Kept { signals, .. }, _)) = runs.first() {
+        let (times, wanted) = (&signals.time_seconds, &signals.set_point_millimetres);
+        plot.draw("set-point", Colour::Wanted, Shape::Dashed, times, wanted);
     }
+    with_runs(plot, runs, |signals| &signals.position_millimetres)
+}
 
-    /// Makes a plot of the temperatures of the wire in these runs over time, the first on top.
-    pub fn temperatures(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
-        Self::new(title, "°C", "time (s)").with_runs(runs, |signals| &signals.temperature_celsius)
-    }
+/// Plots the currents of these runs over time, the first on top.
+pub fn currents(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+    let plot = Plot::over_time(title, "A");
+    with_runs(plot, runs, |signals| &signals.current_amperes)
+}
 
-    fn with_runs(mut self, runs: &[(&Kept, Colour)], values: fn(&Signals) -> &Vec<f64>) -> Self {
-        for (run, colour) in runs.iter().rev() {
-            let times = &run.signals.time_seconds;
-            self.line(&run.label, *colour, times, values(&run.signals));
-        }
-        self
-    }
+/// Plots the temperatures of the wire in these runs over time, the first on top.
+pub fn temperatures(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+    let plot = Plot::over_time(title, "°C");
+    with_runs(plot, runs, |signals| &signals.temperature_celsius)
+}
 
-    /// Adds a curve over growing x.
-    pub fn line(&mut self, label: impl Into<String>, colour: Colour, x: &[f64], y: &[f64]) {
-        self.draw(label, colour, Shape::Line, x, y);
+fn with_runs(
+    mut plot: Plot<'static>,
+    runs: &[(&Kept, Colour)],
+    values: fn(&Signals) -> &Vec<f64>,
+) -> Plot<'static> {
+    for (run, colour) in runs.iter().rev() {
+        let (times, values) = (&run.signals.time_seconds, values(&run.signals));
+        plot.draw(&*run.label, *colour, Shape::Line, times, values);
     }
-
-    /// Adds a curve.
-    pub fn draw(
-        &mut self,
-        label: impl Into<String>,
-        colour: Colour,
-        shape: Shape,
-        x: &[f64],
-        y: &[f64],
-    ) {
-        self.curves.push(FigureCurve {
-            label: label.into(),
-            colour,
-            shape,
-            x: x.to_vec(),
-            y: y.to_vec(),
-        });
-    }
+    plot
 }
 
 /// Returns whether a model has every number of a plant and its equations.

@@ -2,7 +2,8 @@
 
 use scenario::Trial;
 use scenario::controller::CurrentRamp;
-use scenario::plant::Sensor;
+
+use crate::identify::data::sensor_step_millimetres;
 
 /// Smallest number of periods of a sine (PAPER, "Definitions").
 const PERIODS_MIN: f64 = 10.0;
@@ -57,11 +58,6 @@ pub fn with_launch_jerk(base: &Trial, jerk_metres_per_second_cubed: f64) -> Tria
         law.reference_launch_jerk_metres_per_second_cubed = jerk_metres_per_second_cubed;
     }
     scenario
-}
-
-/// Returns one step of a sensor's converter.
-fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
-    sensor.span / f64::from(1_u32 << sensor.resolution_bits)
 }
 
 /// Appends `times` repetitions of the last two ramps of the current.

@@ -5,7 +5,9 @@ use scenario::events::Window;
 use scenario::plant::{Mechanics, Sma, StressStrain};
 
 use super::bases;
-use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, Signals};
+use super::experiment::{
+    Effort, Evaluation, Experiment, Keep, Kept, PlannedRun, Signals, currents, plot_over,
+};
 use super::families::{with_loops_repeated, with_noise};
 use super::quantity::{Quantity, at_least, at_most, within};
 use crate::identify::data::IdentificationData;
@@ -15,7 +17,7 @@ use crate::identify::residual_test::ResidualTest;
 use crate::identify::search;
 use crate::identify::start::Start;
 use crate::identify::statistics::FitStatistics;
-use report::plot::{Colour, Shape};
+use report::plot::{Colour, Plot, Shape};
 
 /// Number of minor loops after the first; they close within 1e-3 after about ten (PAPER E2).
 const LOOPS_MORE: usize = 24;
@@ -82,7 +84,7 @@ fn loops(run: &Kept) -> Evaluation {
             None,
         ),
     ];
-    let mut figure = Figure::new(
+    let mut figure = plot_over(
         "Martensite fraction ξ over temperature",
         "",
         "temperature (°C)",
@@ -152,7 +154,7 @@ fn stresses() -> Evaluation {
         .map(|part| strain_max * f64::from(part) / 400.0)
         .collect();
     let percent: Vec<f64> = strains.iter().map(|strain| 100.0 * strain).collect();
-    let mut figure = Figure::new("Stress over strain", "MPa", "strain (%)");
+    let mut figure = plot_over("Stress over strain", "MPa", "strain (%)");
     for (number, (fraction, label)) in [
         (1.0, "ξ = 1, Eq. (4)"),
         (0.5, "ξ = 0.5, Eq. (5)"),
@@ -165,7 +167,7 @@ fn stresses() -> Evaluation {
             .iter()
             .map(|strain| stress_pascals(&law, fraction, *strain) / 1e6)
             .collect();
-        figure.line(label, Colour::Run(number), &percent, &stress);
+        figure.draw(label, Colour::Run(number), Shape::Line, &percent, &stress);
     }
     Evaluation {
         figures: vec![figure],
@@ -208,10 +210,9 @@ fn identified(runs: &[Kept]) -> Evaluation {
     let Some((ramp, rich)) = runs.split_first() else {
         return evaluation;
     };
-    evaluation.figures.push(Figure::currents(
-        "Fig. 9 (a): current",
-        &[(ramp, Colour::Measured)],
-    ));
+    evaluation
+        .figures
+        .push(currents("Fig. 9 (a): current", &[(ramp, Colour::Measured)]));
     for run in rich {
         match search(run) {
             Err(reason) => evaluation.numbers.push(not_found(run, reason)),
@@ -306,7 +307,7 @@ fn residuals(of: &str, statistics: &FitStatistics) -> [Quantity; 2] {
 }
 
 /// Makes plots of measured and simulated positions.
-fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
+fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Plot<'static>> {
     let drawn = [
         ("Fig. 9 (b) and 10: position under the ramp", ramp),
         ("Position under ramp, staircase and fan", rich),
@@ -321,16 +322,18 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
                 .map(|metres| millimetres(&metres))
         };
         let times = &measurement.times_seconds;
-        let mut figure = Figure::new(title, "mm", "time (s)");
-        figure.line(
+        let mut figure = Plot::over_time(title, "mm");
+        figure.draw(
             "Sec. 3 values",
             Colour::Run(3),
+            Shape::Line,
             times,
             &simulated(&a_priori(&fit).ok()?)?,
         );
-        figure.line(
+        figure.draw(
             "measured",
             Colour::Measured,
+            Shape::Line,
             times,
             &millimetres(&measurement.positions_metres),
         );

@@ -2,12 +2,11 @@
 
 use maud::{Markup, html};
 
-use super::experiment::{Effort, Figure, NumberTable};
+use super::experiment::{Effort, NumberTable};
 use super::quantity::{Model, Quantity};
 use super::result::ExperimentResult;
 use judge::verdict::Outcome;
 use report::page;
-use report::plot::{Extent, Patch, Plot};
 use report::table::{Cell, Table, Text};
 use report::terminal::{self, limit, measured};
 
@@ -120,7 +119,7 @@ fn section(result: &ExperimentResult) -> Markup {
             } }
         }
         @if !evaluation.figures.is_empty() {
-            div.plots.even { @for figure in &evaluation.figures { (drawn(figure)) } }
+            div.plots.even { @for figure in &evaluation.figures { (figure.render()) } }
         }
     }
 }
@@ -152,28 +151,4 @@ fn plain(table: &NumberTable) -> Markup {
             } } }
         } }
     }
-}
-
-fn drawn(figure: &Figure) -> Markup {
-    let mut plot = Plot {
-        x_label: figure.x_label,
-        extent: Extent::All,
-        ..Plot::over_time(figure.title.as_str(), figure.y_unit)
-    };
-    for curve in &figure.curves {
-        plot.draw(
-            curve.label.as_str(),
-            curve.colour,
-            curve.shape,
-            &curve.x,
-            &curve.y,
-        );
-    }
-    let everywhere = (f64::NEG_INFINITY, f64::INFINITY);
-    let patch = |class, x, y| Patch { class, x, y };
-    plot.patches
-        .extend(figure.target.map(|(x, y)| patch("band", x, y)));
-    plot.patches
-        .extend(figure.shaded.map(|x| patch("span", x, everywhere)));
-    plot.render()
 }

@@ -7,11 +7,12 @@ use scenario::plant::{Kinetics, PlantModel, Sma};
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun,
+    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, PlannedRun, band, currents, plot_over,
+    positions,
 };
 use super::families::at_frequency;
 use super::quantity::{Model, Paper, Quantity, at_least};
-use report::plot::{Colour, Shape};
+use report::plot::{Colour, Patch, Plot, Shape};
 
 /// Frequencies of the stepped sine. They are dense near the bandwidths.
 const FREQUENCIES_HERTZ: [f64; 22] = [
@@ -63,7 +64,7 @@ fn step() -> Experiment {
                 ("settling_time_seconds", "0.23 s"),
                 ("overshoot_percent", "0.6 %"),
             ];
-            let target = Some(((10.23, f64::INFINITY), (33.75, 36.25)));
+            let target = Some(band((10.23, f64::INFINITY), (33.75, 36.25)));
             steps(runs, &paper, target)
         },
     }
@@ -76,7 +77,7 @@ fn step_cold() -> Experiment {
         text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
                nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
         runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(Window::new(0.0, 2.0))),
-        evaluate: |runs| steps(runs, &[], Some(((0.5, f64::INFINITY), (23.75, 26.25)))),
+        evaluate: |runs| steps(runs, &[], Some(band((0.5, f64::INFINITY), (23.75, 26.25)))),
     }
 }
 
@@ -90,17 +91,13 @@ fn infeasible() -> Experiment {
     }
 }
 
-pub(super) fn steps(
-    runs: &[Kept],
-    paper: &Paper,
-    target: Option<((f64, f64), (f64, f64))>,
-) -> Evaluation {
+pub(super) fn steps(runs: &[Kept], paper: &Paper, target: Option<Patch>) -> Evaluation {
     let coloured = coloured(runs);
-    let mut position = Figure::positions("Position", &coloured);
-    position.target = target;
+    let mut position = positions("Position", &coloured);
+    position.patches.extend(target);
     Evaluation {
         numbers: numbers(runs, &STEP_METRICS, paper),
-        figures: vec![position, Figure::currents("Current", &coloured)],
+        figures: vec![position, currents("Current", &coloured)],
         ..Evaluation::default()
     }
 }
@@ -129,7 +126,7 @@ fn sine_5s() -> Experiment {
 fn sine(runs: &[Kept]) -> Evaluation {
     let paper = [("tracking_error_millimetres_rms", "\"good accuracy\"")];
     let coloured = coloured(runs);
-    let mut error = Figure::new("Error: position − set-point", "mm", "time (s)");
+    let mut error = Plot::over_time("Error: position − set-point", "mm");
     for (run, colour) in coloured.iter().rev() {
         let signals = &run.signals;
         let pairs = signals
@@ -137,14 +134,17 @@ fn sine(runs: &[Kept]) -> Evaluation {
             .iter()
             .zip(&signals.set_point_millimetres);
         let difference: Vec<f64> = pairs.map(|(position, wanted)| position - wanted).collect();
-        error.line(&run.label, *colour, &signals.time_seconds, &difference);
+        error.draw(
+            &*run.label,
+            *colour,
+            Shape::Line,
+            &signals.time_seconds,
+            &difference,
+        );
     }
     Evaluation {
         numbers: numbers(runs, &["tracking_error_millimetres_rms"], &paper),
-        figures: vec![
-            Figure::positions("Position, the last period", &coloured),
-            error,
-        ],
+        figures: vec![positions("Position, the last period", &coloured), error],
         ..Evaluation::default()
     }
 }
@@ -272,11 +272,12 @@ fn responses(runs: &[Kept]) -> Evaluation {
     let ours = ComparedLaw::SlidingMode;
     responses.push(Response::new(ours, &ours.on_twin(), Colour::True, runs));
     let figure = |title, unit, values: fn(&Response) -> &[f64]| {
-        let mut figure = Figure::new(title, unit, "frequency (Hz)");
+        let mut figure = plot_over(title, unit, "frequency (Hz)");
         for response in responses.iter().rev() {
-            figure.line(
+            figure.draw(
                 &*response.label,
                 response.colour,
+                Shape::Line,
                 &response.hertz,
                 values(response),
             );
@@ -399,8 +400,8 @@ fn load() -> Experiment {
             Evaluation {
                 numbers: numbers(runs, &DISTURBANCE_METRICS, &[]),
                 figures: vec![
-                    Figure::positions("Position", &coloured),
-                    Figure::currents("Current", &coloured),
+                    positions("Position", &coloured),
+                    currents("Current", &coloured),
                 ],
                 ..Evaluation::default()
             }
@@ -417,8 +418,8 @@ fn start(scenario: &Trial) -> f64 {
 }
 
 /// Makes a plot of the positions over the time since the disturbance began.
-fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
-    let mut figure = Figure::new(title, "mm", "time since the fan started (s)");
+fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+    let mut figure = plot_over(title, "mm", "time since the fan started (s)");
     for (run, colour) in runs.iter().rev() {
         let start = start(&run.scenario);
         let times: Vec<f64> = run
@@ -427,23 +428,23 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
             .iter()
             .map(|time| time - start)
             .collect();
-        figure.line(
-            &run.label,
-            *colour,
-            &times,
-            &run.signals.position_millimetres,
-        );
+        let positions = &run.signals.position_millimetres;
+        figure.draw(&*run.label, *colour, Shape::Line, times, positions);
     }
     let blows = runs
         .first()
         .and_then(|(run, _)| run.scenario.disturbances().first().cloned());
-    figure.shaded = blows.map(|disturbance| {
-        let Window {
-            from_seconds,
-            until_seconds,
-        } = disturbance.window;
-        (0.0, until_seconds - from_seconds)
-    });
+    let patch = |Window {
+                     from_seconds,
+                     until_seconds,
+                 }| Patch {
+        class: "span",
+        x: (0.0, until_seconds - from_seconds),
+        y: (f64::NEG_INFINITY, f64::INFINITY),
+    };
+    figure
+        .patches
+        .extend(blows.map(|disturbance| patch(disturbance.window)));
     figure
 }
 

@@ -7,10 +7,12 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun,
+    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, band,
+    currents, plot_over, positions,
 };
 use super::quantity::{Quantity, at_most};
 use campaigns::distribution::{quantile, staircase};
+use report::plot::{Colour, Plot, Shape};
 
 /// Number of plants (PAPER, "Robustness").
 const PLANTS: usize = 200;
@@ -225,12 +227,14 @@ fn distribution(
     quantity: &'static str,
     sorted: &[f64],
     target_max: f64,
-) -> Figure {
+) -> Plot<'static> {
     let title = format!("{}: plants up to a value", law.name());
-    let mut figure = Figure::new(title, "%", quantity);
+    let mut figure = plot_over(&title, "%", quantity);
     let (x, y) = staircase(sorted);
-    figure.line(quantity, law.colour(), &x, &y);
-    figure.target = Some(((f64::NEG_INFINITY, target_max), (95.0, f64::INFINITY)));
+    figure.draw(quantity, law.colour(), Shape::Line, &x, &y);
+    figure
+        .patches
+        .push(band((f64::NEG_INFINITY, target_max), (95.0, f64::INFINITY)));
     figure
 }
 
@@ -270,14 +274,14 @@ fn other_truth() -> Experiment {
             let colours = ComparedLaw::ALL
                 .map(ComparedLaw::colour)
                 .into_iter()
-                .chain([report::plot::Colour::True]);
+                .chain([Colour::True]);
             let coloured: Vec<_> = runs.iter().zip(colours).collect();
             let numbers = runs.iter().flat_map(|run| run.numbers(&metrics, &[]));
             Evaluation {
                 numbers: numbers.collect(),
                 figures: vec![
-                    Figure::positions("Position", &coloured),
-                    Figure::currents("Current", &coloured),
+                    positions("Position", &coloured),
+                    currents("Current", &coloured),
                 ],
                 ..Evaluation::default()
             }

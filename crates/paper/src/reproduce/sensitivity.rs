@@ -6,9 +6,10 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun,
+    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, plot_over,
 };
 use super::families::{with_cycle, with_launch_jerk, with_noise, with_resolution};
+use report::plot::Shape;
 use report::terminal::significant;
 
 const CYCLES_MILLISECONDS: [f64; 4] = [0.5, 1.0, 2.0, 5.0];
@@ -167,8 +168,14 @@ fn filter_evaluation(runs: &[Kept]) -> Evaluation {
     let figure = |title: &str, unit, metric: &str| {
         let point = |(poles, run): &(f64, &Kept)| Some((*poles, run.metric(metric)?));
         let (x, y): (Vec<f64>, Vec<f64>) = filtered.iter().filter_map(point).unzip();
-        let mut figure = Figure::new(title, unit, "poles of the reference filter (rad/s)");
-        figure.line(metric, ComparedLaw::SlidingModePaper.colour(), &x, &y);
+        let mut figure = plot_over(title, unit, "poles of the reference filter (rad/s)");
+        figure.draw(
+            metric,
+            ComparedLaw::SlidingModePaper.colour(),
+            Shape::Line,
+            &x,
+            &y,
+        );
         figure
     };
     Evaluation {
