@@ -17,7 +17,6 @@ use std::time::Duration;
 
 use can::Filter;
 use canopen::sdo_client::{SdoClient, SdoError};
-use dbc::DbcError;
 use platform::bus::{BadAddress, Bus, BusAddress, BusError};
 use platform::hub;
 use platform::stop::StopSignal;
@@ -104,36 +103,15 @@ pub(crate) enum ToolError {
     /// A file is wrong; the error was printed already.
     #[error("the file cannot be used")]
     Printed(Exit),
-    /// An argument is wrong.
+    /// An argument, or a file that it names, is wrong.
     #[error("{0}")]
     Usage(String),
-    /// A file cannot be read.
-    #[error("`{}` cannot be read: {source}", path.display())]
-    File {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the system.
-        source: io::Error,
-    },
     /// A data sheet is wrong.
     #[error(transparent)]
     DataSheet(#[from] DataSheetError),
-    /// A DBC is wrong.
-    #[error("`{}`: {error}", path.display())]
-    Dbc {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error in the file.
-        error: DbcError,
-    },
-    /// No run to join.
-    #[error(
-        "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)"
-    )]
-    NoRunningBus,
-    /// Several runs to join.
-    #[error("{} embedded buses are running; choose one: {}", .0.len(), addresses(.0))]
-    SeveralBuses(Vec<BusAddress>),
+    /// There is not one run to join.
+    #[error("{0}")]
+    NoBus(String),
     /// The bus does not work.
     #[error(transparent)]
     Bus(#[from] BusError),
@@ -190,18 +168,11 @@ impl ToolError {
     /// Returns the exit code of the program.
     pub(crate) fn exit(&self) -> Exit {
         match self {
-            Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => {
-                Exit::Usage
-            }
+            Self::Usage(_) | Self::DataSheet(_) => Exit::Usage,
             Self::Printed(exit) => *exit,
             _ => Exit::BenchFailed,
         }
     }
-}
-
-fn addresses(buses: &[BusAddress]) -> String {
-    let options: Vec<String> = buses.iter().map(|bus| format!("--bus {bus}")).collect();
-    options.join(", ")
 }
 
 /// Returns the address of the bus that the user means.
@@ -214,9 +185,17 @@ pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
         ToolBus::Running => {
             let mut running = hub::running();
             match running.len() {
-                0 => Err(ToolError::NoRunningBus),
+                0 => Err(ToolError::NoBus(
+                    "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)".to_owned(),
+                )),
                 1 => Ok(running.remove(0)),
-                _ => Err(ToolError::SeveralBuses(running)),
+                count => {
+                    let options = running.iter().map(|bus| format!("--bus {bus}"));
+                    let options = Vec::from_iter(options).join(", ");
+                    Err(ToolError::NoBus(format!(
+                        "{count} embedded buses are running; choose one: {options}"
+                    )))
+                }
             }
         }
     }

@@ -310,12 +310,18 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let bus = args.bus.chosen();
     let options = args.options;
     let NamedNodes { sheets, database } = args.names.nodes()?;
-    let database = match options.dbc.clone() {
+    let database = match &options.dbc {
         None => database,
-        Some(path) => match scenario::read_text(&path, plan::FILE_BYTES_MAX) {
-            Err(source) => return Err(ToolError::File { path, source }),
-            Ok(text) => Database::parse(&text).map_err(|error| ToolError::Dbc { path, error })?,
-        },
+        Some(path) => {
+            let (shown, read) = (
+                path.display(),
+                scenario::read_text(path, plan::FILE_BYTES_MAX),
+            );
+            let text = read
+                .map_err(|error| ToolError::Usage(format!("`{shown}` cannot be read: {error}")))?;
+            Database::parse(&text)
+                .map_err(|error| ToolError::Usage(format!("`{shown}`: {error}")))?
+        }
     };
     let (count, duration) = (options.count, options.duration);
     let mut decoder = Decoder::new(database, sheets, options);

@@ -8,35 +8,16 @@ use dbc::{Database, Signal};
 /// Largest number of bytes that are shown in hexadecimal digits.
 const SHOWN_BYTES_MAX: usize = 64;
 
-/// Returns the name of a type in the standard.
-pub(crate) fn type_name(data_type: DataType) -> &'static str {
-    match data_type {
-        DataType::Boolean => "BOOLEAN",
-        DataType::Integer8 => "INTEGER8",
-        DataType::Integer16 => "INTEGER16",
-        DataType::Integer24 => "INTEGER24",
-        DataType::Integer32 => "INTEGER32",
-        DataType::Integer40 => "INTEGER40",
-        DataType::Integer48 => "INTEGER48",
-        DataType::Integer56 => "INTEGER56",
-        DataType::Integer64 => "INTEGER64",
-        DataType::Unsigned8 => "UNSIGNED8",
-        DataType::Unsigned16 => "UNSIGNED16",
-        DataType::Unsigned24 => "UNSIGNED24",
-        DataType::Unsigned32 => "UNSIGNED32",
-        DataType::Unsigned40 => "UNSIGNED40",
-        DataType::Unsigned48 => "UNSIGNED48",
-        DataType::Unsigned56 => "UNSIGNED56",
-        DataType::Unsigned64 => "UNSIGNED64",
-        DataType::Real32 => "REAL32",
-        DataType::Real64 => "REAL64",
-        DataType::TimeOfDay => "TIME_OF_DAY",
-        DataType::TimeDifference => "TIME_DIFFERENCE",
-        DataType::VisibleString => "VISIBLE_STRING",
-        DataType::UnicodeString => "UNICODE_STRING",
-        DataType::OctetString => "OCTET_STRING",
-        DataType::Domain => "DOMAIN",
+/// Returns the name of a type in the standard, such as `VISIBLE_STRING`: that in the code, in capitals.
+pub(crate) fn type_name(data_type: DataType) -> String {
+    let mut name = String::new();
+    for letter in format!("{data_type:?}").chars() {
+        if letter.is_ascii_uppercase() && !name.is_empty() {
+            name.push('_');
+        }
+        name.push(letter.to_ascii_uppercase());
     }
+    name
 }
 
 /// Returns bytes as a value of the object's type; for unknown objects as bytes.
