@@ -3,67 +3,20 @@
 use scenario::custom::Section;
 use scenario::registration::{InvalidRegistration, is_free};
 
-/// Names of crates that Rust or cargo reserves.
-const KEPT: [&str; 58] = [
-    "abstract",
+/// Names of crates that Rust or cargo reserves, in addition to Rust's keywords.
+const KEPT: [&str; 10] = [
     "alloc",
-    "as",
-    "async",
-    "await",
-    "become",
-    "box",
-    "break",
     "build",
-    "const",
-    "continue",
     "core",
-    "crate",
     "deps",
-    "do",
-    "dyn",
-    "else",
-    "enum",
     "examples",
-    "extern",
-    "false",
-    "final",
-    "fn",
-    "for",
     "gen",
-    "if",
-    "impl",
-    "in",
     "incremental",
-    "let",
-    "loop",
-    "macro",
-    "match",
-    "mod",
-    "move",
-    "mut",
-    "override",
-    "priv",
     "proc_macro",
-    "pub",
-    "ref",
-    "return",
-    "self",
-    "static",
     "std",
-    "struct",
-    "super",
     "test",
-    "trait",
-    "true",
-    "try",
-    "type",
-    "typeof",
-    "unsafe",
-    "unsized",
-    "use",
-    "virtual",
-    "where",
 ];
+
 /// Crates that the skeletons depend on, and their other modules and types in small letters.
 const TAKEN: [&str; 35] = [
     "bench",
@@ -134,7 +87,8 @@ impl Name {
         if text.split('_').any(str::is_empty) {
             return Err(InvalidName::NoWords(name));
         }
-        if KEPT.contains(&text) {
+        let is_keyword = syn::parse_str::<syn::Ident>(text).is_err();
+        if is_keyword || KEPT.contains(&text) {
             return Err(InvalidName::Kept(name));
         }
         if TAKEN.contains(&text) {
@@ -189,6 +143,8 @@ mod tests {
             ("heat", "is a table already"),
             ("dc_motor", "is a table already"),
             ("fn", "in Rust"),
+            ("while", "in Rust"),
+            ("gen", "in Rust"),
             ("test", "in Rust"),
             ("config", "the crate uses"),
             ("a__b", "underscores"),
