@@ -14,7 +14,7 @@ use plan::Plan;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::timeline::{self, Timeline};
-use runner::console::RunsBar;
+use runner::console::Bar;
 use runner::observer::observed;
 use runner::run;
 use worlds::catalogue::catalogue;
@@ -133,7 +133,7 @@ impl Campaign {
         plans: impl Iterator<Item = Plan> + Send,
         reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
     ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
-        let bar = RunsBar::new(plans.size_hint().1, self.is_shown);
+        let bar = Bar::runs(plans.size_hint().1, 0, self.is_shown);
         let mut results = Vec::new();
         let work =
             |(index, plan): &(usize, Plan), watch: &Watch| play_one(*index, plan, watch, &reduce);
@@ -162,7 +162,7 @@ impl Campaign {
     pub fn each<J: Send, T: Send, E: Send>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
-        bar: &RunsBar,
+        bar: &Bar,
         work: impl Fn(&J, &Watch) -> Result<T, NoResult> + Sync,
         on_result: impl FnMut(J, Result<T, NoResult>) -> Result<(), E> + Send,
     ) -> Result<(), Stopped<E>> {
@@ -179,9 +179,10 @@ impl Campaign {
                 queue.put(place, job, done);
             }
         };
+        let before = bar.done();
         observed(
             || watches.iter().for_each(Watch::interrupt),
-            || bar.show(queue.taken()),
+            || bar.show(before + queue.taken() as u64),
             || {
                 thread::scope(|scope| {
                     for watch in &watches {
@@ -326,7 +327,7 @@ mod tests {
 
     #[test]
     fn results_are_taken_in_order_and_few_wait_for_a_slow_one() {
-        let bar = RunsBar::new(None, false);
+        let bar = Bar::runs(None, 0, false);
         let is_first_done = (Mutex::new(false), Condvar::new());
         let ahead = std::sync::atomic::AtomicUsize::new(0);
         let work = |job: &usize, _: &Watch| {

@@ -222,37 +222,68 @@ fn new_bar(total: Option<u64>, template: &str, is_shown: bool) -> ProgressBar {
         .with_finish(ProgressFinish::AndClear)
 }
 
-/// Line on the work of a computation of unknown length, drawn on a terminal only.
-pub struct Spinner(ProgressBar);
+/// Line on work that is done, drawn on a terminal only.
+pub struct Bar(ProgressBar);
 
-impl Spinner {
-    /// Makes a line without text.
-    pub fn new(is_shown: bool) -> Self {
-        Self(new_bar(None, "{spinner} {msg}", is_shown))
+impl Bar {
+    /// Makes a bar with some work done before, which does not count for the remaining time.
+    fn new(total: Option<u64>, before: u64, template: &str, is_shown: bool) -> Self {
+        let bar = new_bar(total, template, is_shown);
+        bar.set_position(before);
+        bar.reset_eta();
+        Self(bar)
+    }
+
+    /// Makes a line without text, on a computation of unknown length.
+    pub fn spinner(is_shown: bool) -> Self {
+        Self::new(None, 0, "{spinner} {msg}", is_shown)
+    }
+
+    /// Makes a bar on the progress of a scenario.
+    pub(crate) fn scenario(duration_seconds: f64, is_shown: bool) -> Self {
+        let duration = micros(Duration::from_secs_f64(duration_seconds));
+        let template = "{bar:10} {percent:>3} %  {eta:>4} left  {msg}";
+        Self::new(Some(duration), 0, template, is_shown)
+    }
+
+    /// Makes a bar on the number of completed runs; for an unknown total it only counts.
+    pub fn runs(total: Option<usize>, before: usize, is_shown: bool) -> Self {
+        let total = total.map(|total| total as u64);
+        let template = "{bar:40} {pos} of {len} runs{left}";
+        Self::new(total, before as u64, template, is_shown)
+    }
+
+    /// Makes a bar on the runs of a campaign on other machines: their number, their pace, and the state of the parts.
+    pub fn parts(runs: usize, before: usize, is_shown: bool) -> Self {
+        let template = "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}";
+        Self::new(Some(runs as u64), before as u64, template, is_shown)
+    }
+
+    /// Moves the bar to a number of runs.
+    pub fn show(&self, done: u64) {
+        self.0.set_position(done);
+    }
+
+    /// Returns the number of runs that it shows.
+    pub fn done(&self) -> u64 {
+        self.0.position()
     }
 
     /// Shows a text on the current work.
-    pub fn show(&self, text: &str) {
+    pub fn say(&self, text: &str) {
         self.0.tick();
         self.0.set_message(printable(text).into_owned());
     }
-}
 
-/// Line on the progress of a scenario and the state of the run, drawn on a terminal only.
-pub struct ScenarioBar(ProgressBar);
-
-impl ScenarioBar {
-    /// Makes a bar at zero.
-    pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
-        let duration = micros(Duration::from_secs_f64(duration_seconds));
-        let template = "{bar:10} {percent:>3} %  {eta:>4} left  {msg}";
-        Self(new_bar(Some(duration), template, is_shown))
-    }
-
-    /// Shows the state of the run.
-    pub fn show(&self, reading: &RunProgress) {
+    /// Shows the state of a scenario's run.
+    pub(crate) fn show_run(&self, reading: &RunProgress) {
         self.0.set_position(micros(reading.time));
         self.0.set_message(state(reading));
+    }
+
+    /// Prints a line above the bar.
+    pub fn print(&self, text: &str) {
+        self.0.suspend(|| print(text));
     }
 }
 
@@ -300,35 +331,6 @@ fn state_of_loop(one: &LoopProgress) -> String {
     text
 }
 
-/// Bar on the number of completed runs, drawn on a terminal only.
-pub struct RunsBar {
-    bar: ProgressBar,
-    before: usize,
-}
-
-impl RunsBar {
-    /// Makes a bar at zero; for an unknown total it only counts.
-    pub fn new(total: Option<usize>, is_shown: bool) -> Self {
-        let runs = total.map(|total| total as u64);
-        let bar = new_bar(runs, "{bar:40} {pos} of {len} runs{left}", is_shown);
-        Self { bar, before: 0 }
-    }
-
-    /// Returns the same bar with some runs completed before, which do not count for the remaining time.
-    #[must_use]
-    pub fn going_on_from(mut self, before: usize) -> Self {
-        self.bar.set_position(before as u64);
-        self.bar.reset_eta();
-        self.before = before;
-        self
-    }
-
-    /// Moves the bar to a number of runs.
-    pub fn show(&self, done: usize) {
-        self.bar.set_position((self.before + done) as u64);
-    }
-}
-
 fn show_eta(state: &ProgressState, output: &mut dyn fmt::Write) {
     // A state that cannot be written is not worth a panic.
     let _ = output.write_str(&eta_text(state.eta()));
@@ -340,32 +342,6 @@ fn eta_text(eta: Duration) -> String {
         String::new()
     } else {
         format!("  {:#} left", HumanDuration(eta))
-    }
-}
-
-/// Bar on the runs of a campaign on other machines: the number of completed runs, their pace, and the state of the parts. It is
-/// drawn on a terminal only.
-pub struct PartsBar(ProgressBar);
-
-impl PartsBar {
-    /// Makes a bar for `runs` runs, of which `before` are completed.
-    pub fn new(runs: usize, before: usize, is_shown: bool) -> Self {
-        let template = "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}";
-        let bar = new_bar(Some(runs as u64), template, is_shown);
-        bar.set_position(before as u64);
-        bar.reset_eta();
-        Self(bar)
-    }
-
-    /// Moves the bar to a number of runs, with a text on the parts.
-    pub fn show(&self, done: usize, parts: &str) {
-        self.0.set_position(done as u64);
-        self.0.set_message(printable(parts).into_owned());
-    }
-
-    /// Prints a line above the bar.
-    pub fn print(&self, text: &str) {
-        self.0.suspend(|| print(text));
     }
 }
 
@@ -505,10 +481,10 @@ mod tests {
 
     #[test]
     fn no_time_is_left_that_nobody_knows() {
-        let eta = |bar: &RunsBar| eta_text(bar.bar.eta());
+        let eta = |bar: &Bar| eta_text(bar.0.eta());
         for bar in [
-            RunsBar::new(Some(1000), false),
-            RunsBar::new(Some(1000), false).going_on_from(400),
+            Bar::runs(Some(1000), 0, false),
+            Bar::runs(Some(1000), 400, false),
         ] {
             bar.show(0);
             assert_eq!(eta(&bar), "");

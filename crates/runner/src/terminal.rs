@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::console::{ScenarioBar, WorkBar, print, print_error, print_text};
+use crate::console::{Bar, WorkBar, print, print_error, print_text};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::run::Judged;
@@ -25,7 +25,7 @@ pub(crate) struct Terminal {
 
 /// Progress that is drawn while the user waits.
 enum Progress {
-    Scenario(ScenarioBar),
+    Scenario(Bar),
     /// Bar that draws itself until it is dropped.
     Work(#[expect(dead_code, reason = "it draws itself")] WorkBar),
 }
@@ -88,12 +88,12 @@ impl Listener for Terminal {
             RunEvent::Note(text) => self.note(text),
             RunEvent::Preflight(step) => self.note(&preflight_text(step)),
             RunEvent::Began { duration_seconds } => {
-                let bar = ScenarioBar::new(*duration_seconds, self.prints_notes());
+                let bar = Bar::scenario(*duration_seconds, self.prints_notes());
                 *self.progress() = Some(Progress::Scenario(bar));
             }
             RunEvent::Reached(reading) => {
                 if let Some(Progress::Scenario(bar)) = &*self.progress() {
-                    bar.show(reading);
+                    bar.show_run(reading);
                 }
             }
             RunEvent::Played { passes } => {

@@ -21,7 +21,7 @@ use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
 use plan::Plan;
 use recording::run_folder::WriteError;
-use runner::console::{PartsBar, print};
+use runner::console::{Bar, print};
 use runner::exit::Exit;
 use runner::identity::identity;
 use runner::play::ValueArgs;
@@ -209,7 +209,7 @@ fn play(
     let counter = Mutex::new(RowCounter(campaign.rows(record.parts)));
     let locked = || counter.lock().unwrap_or_else(PoisonError::into_inner);
     locked().count()?;
-    let bar = PartsBar::new(campaign.cases.runs(), locked().rows(), !args.quiet);
+    let bar = Bar::parts(campaign.cases.runs(), locked().rows(), !args.quiet);
     let engine = record.engine.engine();
     let mut begun = 0;
     loop {
@@ -275,7 +275,7 @@ fn hand_over(
 
 /// Prints the parts that a job did not complete.
 fn print_missing(
-    bar: &PartsBar,
+    bar: &Bar,
     campaign: &SharedCampaign<'_>,
     counter: &RowCounter,
     failed: &BTreeMap<usize, String>,

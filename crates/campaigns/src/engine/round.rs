@@ -5,7 +5,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use runner::console::PartsBar;
+use runner::console::Bar;
 use runner::observer::observed;
 
 use super::campaign::{SharedCampaign, Submitted};
@@ -25,7 +25,7 @@ pub(super) fn wait(
     campaign: &SharedCampaign<'_>,
     submitted: &Submitted,
     counter: &Mutex<RowCounter>,
-    bar: &PartsBar,
+    bar: &Bar,
 ) -> Result<Option<BTreeMap<usize, String>>, EngineError> {
     let (stop, stopped) = mpsc::channel::<()>();
     let work = || {
@@ -43,7 +43,8 @@ pub(super) fn wait(
             match engine.state(&submitted.id, &file, &submitted.parts) {
                 Ok(state) => {
                     silences = 0;
-                    bar.show(counter.rows(), &state_text(&state, &counter));
+                    bar.show(counter.rows() as u64);
+                    bar.say(&state_text(&state, &counter));
                     // Work of the engine on completed parts, such as a repetition, does not matter.
                     if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
                         return Ok(Some(state.failed));

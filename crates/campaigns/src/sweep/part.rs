@@ -2,6 +2,7 @@
 //! played.
 
 use std::env;
+use std::fmt::Display;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -19,7 +20,7 @@ use crate::error::CampaignError;
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
-use runner::console::{RunsBar, print};
+use runner::console::{Bar, print};
 use runner::exit::Exit;
 use runner::identity::identity;
 use runner::lines::EventLines;
@@ -49,7 +50,9 @@ impl PartArgs {
     pub(crate) fn shard(&self) -> Result<Shard, NoPart> {
         match (self.shard, self.shards) {
             (Wanted::This(shard), None) => Ok(shard),
-            (Wanted::This(_), Some(_)) => Err(NoPart::NotAuto),
+            (Wanted::This(_), Some(_)) => Err(NoPart(
+                "--shards goes with --shard auto only; a part is written as --shard 2/4".to_owned(),
+            )),
             (Wanted::Auto, shards) => engine_shard(|name| env::var(name).ok(), shards),
         }
     }
@@ -80,35 +83,25 @@ impl FromStr for Wanted {
 
 /// Reason why the part to play is unknown.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub(crate) enum NoPart {
-    #[error("--shards goes with --shard auto only; a part is written as --shard 2/4")]
-    NotAuto,
-    #[error(
-        "--shard auto: no engine runs this command (SLURM_ARRAY_TASK_ID, HQ_TASK_ID and JOB_COMPLETION_INDEX are not set); name the part, such as --shard 2/4"
-    )]
-    NoEngine,
-    #[error("--shard auto: {name} is \"{value}\", which is not the number of a task")]
-    NoNumber { name: &'static str, value: String },
-    #[error(
-        "--shard auto: {name} says which task this is, but not how many there are; add --shards COUNT"
-    )]
-    NoCount { name: &'static str },
-    #[error(
-        "--shard auto: the tasks of the array are not evenly spaced; number them from 1 to the count of parts, and add --shards COUNT"
-    )]
-    Gaps,
-    #[error(
-        "--shard auto: {name} makes this task {number} of {of}; number the tasks from {first} to {last}"
-    )]
-    Outside {
-        name: &'static str,
-        number: usize,
-        of: usize,
-        first: usize,
-        last: usize,
-    },
-    #[error("--shards {0}: there are 1 to {SHARDS_MAX} parts")]
-    Count(usize),
+#[error("{0}")]
+pub(crate) struct NoPart(String);
+
+impl NoPart {
+    fn auto(reason: impl Display) -> Self {
+        Self(format!("--shard auto: {reason}"))
+    }
+
+    fn no_count(name: &str) -> Self {
+        Self::auto(format!(
+            "{name} says which task this is, but not how many there are; add --shards COUNT"
+        ))
+    }
+
+    fn count(count: usize) -> Self {
+        Self(format!(
+            "--shards {count}: there are 1 to {SHARDS_MAX} parts"
+        ))
+    }
 }
 
 const SLURM: &str = "SLURM_ARRAY_TASK_ID";
@@ -121,16 +114,15 @@ fn engine_shard(
     shards: Option<usize>,
 ) -> Result<Shard, NoPart> {
     if let Some(count) = shards.filter(|count| !(1..=SHARDS_MAX).contains(count)) {
-        return Err(NoPart::Count(count));
+        return Err(NoPart::count(count));
     }
     let number = |name: &'static str| -> Result<Option<usize>, NoPart> {
         let Some(value) = variable(name) else {
             return Ok(None);
         };
         let number = value.trim().parse();
-        number
-            .map(Some)
-            .map_err(|_| NoPart::NoNumber { name, value })
+        let wrong = || format!("{name} is \"{value}\", which is not the number of a task");
+        number.map(Some).map_err(|_| NoPart::auto(wrong()))
     };
     for (name, first) in [(SLURM, 1), (HYPERQUEUE, 1), (KUBERNETES, 0)] {
         let Some(task) = number(name)? else {
@@ -139,23 +131,20 @@ fn engine_shard(
         let of = match shards {
             Some(of) => of,
             None if name == SLURM => return slurm_shard(task, &number),
-            None => return Err(NoPart::NoCount { name }),
+            None => return Err(NoPart::no_count(name)),
         };
         let last = of + first - 1;
         if !(first..=last).contains(&task) {
-            let number = task;
-            return Err(NoPart::Outside {
-                name,
-                number,
-                of,
-                first,
-                last,
-            });
+            return Err(NoPart::auto(format!(
+                "{name} makes this task {task} of {of}; number the tasks from {first} to {last}"
+            )));
         }
         let number = task - first + 1;
         return Ok(Shard { number, of });
     }
-    Err(NoPart::NoEngine)
+    Err(NoPart::auto(
+        "no engine runs this command (SLURM_ARRAY_TASK_ID, HQ_TASK_ID and JOB_COMPLETION_INDEX are not set); name the part, such as --shard 2/4",
+    ))
 }
 
 /// Returns the place of a task in an array, from the bounds that Slurm gives of the array.
@@ -163,24 +152,29 @@ fn slurm_shard(
     task: usize,
     number: &impl Fn(&'static str) -> Result<Option<usize>, NoPart>,
 ) -> Result<Shard, NoPart> {
-    let missing = NoPart::NoCount { name: SLURM };
-    let of = number("SLURM_ARRAY_TASK_COUNT")?.ok_or(missing.clone())?;
-    let first = number("SLURM_ARRAY_TASK_MIN")?.ok_or(missing)?;
+    let missing = || NoPart::no_count(SLURM);
+    let of = number("SLURM_ARRAY_TASK_COUNT")?.ok_or_else(missing)?;
+    let first = number("SLURM_ARRAY_TASK_MIN")?.ok_or_else(missing)?;
     let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
     let last = number("SLURM_ARRAY_TASK_MAX")?;
     // For a list such as 3,7,9, Slurm gives no step that would lead from its first to its last number.
-    let place = task.checked_sub(first).ok_or(NoPart::Gaps)?;
+    let gaps = || {
+        NoPart::auto(
+            "the tasks of the array are not evenly spaced; number them from 1 to the count of parts, and add --shards COUNT",
+        )
+    };
+    let place = task.checked_sub(first).ok_or_else(gaps)?;
     let steps = of.checked_sub(1).and_then(|gaps| gaps.checked_mul(step));
     let end = steps.and_then(|steps| steps.checked_add(first));
     let is_even = end.is_some_and(|end| last.is_none_or(|last| last == end));
     if !is_even || !place.is_multiple_of(step) || place / step >= of {
-        return Err(NoPart::Gaps);
+        return Err(gaps());
     }
     let number = place / step + 1;
     if of <= SHARDS_MAX {
         Ok(Shard { number, of })
     } else {
-        Err(NoPart::Count(of))
+        Err(NoPart::count(of))
     }
 }
 
@@ -278,7 +272,7 @@ impl PartPlay<'_> {
         let all = self.shard.cases(cases.runs());
         let (of, mut done) = (all.len(), rows.len());
         let left = all.filter(|case| !rows.has(*case));
-        let bar = RunsBar::new(Some(of), campaign.is_shown).going_on_from(done);
+        let bar = Bar::runs(Some(of), done, campaign.is_shown);
         let keep = |case: usize, row: Result<SweepRow, NoResult>| {
             files.check()?;
             let row = match row {

@@ -3,7 +3,6 @@
 use crate::identify::start::Start;
 use clap::Args;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use dbc::Database;
 use scenario::plant::Sma;
@@ -20,7 +19,7 @@ use super::search::{self, SearchError, Solution};
 use super::start;
 use super::statistics::FitStatistics;
 use recording::run_folder::{RunFolder, file};
-use runner::console::{Spinner, print, print_error};
+use runner::console::{Bar, print, print_error};
 use runner::exit::Exit;
 use runner::run::RUNS;
 
@@ -78,7 +77,7 @@ pub struct IdentifyArgs {
     pub start: Start,
     /// The values of the other parameters: `nominal`, `scenario` (the recording's plant), or a file with a table [plant.NAME]
     #[arg(long, value_name = "PLANT", default_value = "nominal")]
-    pub known: KnownChoice,
+    pub known: PathBuf,
     /// The scenario that was played, for logs; it gives cycle time and sensor
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -91,29 +90,6 @@ pub struct IdentifyArgs {
     /// Print failures only
     #[arg(long, short)]
     pub quiet: bool,
-}
-
-/// Source of the parameters that are not identified.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum KnownChoice {
-    /// The nominal plant.
-    Nominal,
-    /// The plant of the first recording's scenario.
-    Scenario,
-    /// The plant of a file.
-    File(PathBuf),
-}
-
-impl FromStr for KnownChoice {
-    type Err = std::convert::Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(match text {
-            "nominal" => Self::Nominal,
-            "scenario" => Self::Scenario,
-            path => Self::File(path.into()),
-        })
-    }
 }
 
 /// Executes the command.
@@ -134,9 +110,9 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
     let measurements = load(args)?;
     let known = known(args, &measurements)?;
     let fit = Fit::new(&measurements, parameters, known.plant);
-    let activity = Spinner::new(!args.quiet);
+    let activity = Bar::spinner(!args.quiet);
     let progress = |iteration: u64, metres_rms: f64| {
-        activity.show(&format!(
+        activity.say(&format!(
             "iteration {iteration}, residual {:.3} mm RMS",
             1e3 * metres_rms
         ));
@@ -219,19 +195,19 @@ fn known(
         .first()
         .and_then(|measurement| measurement.control_loop.trial.plant.actuator())
         .unwrap_or_default();
-    Ok(match &args.known {
-        KnownChoice::Nominal => {
+    Ok(match args.known.to_str() {
+        Some("nominal") => {
             let mut notes = vec!["All other parameters of the plant are taken to be nominal.".to_owned()];
             notes.extend(differences(&scenario));
             KnownPlant { plant: Sma::default(), notes }
         }
-        KnownChoice::Scenario => KnownPlant {
+        Some("scenario") => KnownPlant {
             plant: scenario,
             notes: vec!["All other parameters of the plant are taken from the scenario of the first recording.".to_owned()],
         },
-        KnownChoice::File(path) => KnownPlant {
-            plant: start::read_plant(path).map_err(|error| IdentifyFailure::new(Exit::Usage)(&error))?,
-            notes: vec![format!("All other parameters of the plant are taken from `{}`.", path.display())],
+        _ => KnownPlant {
+            plant: start::read_plant(&args.known).map_err(|error| IdentifyFailure::new(Exit::Usage)(&error))?,
+            notes: vec![format!("All other parameters of the plant are taken from `{}`.", args.known.display())],
         },
     })
 }

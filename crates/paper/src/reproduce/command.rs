@@ -12,7 +12,7 @@ use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, FailedRun, Interrupted, one_loop_plan};
 use recording::run_folder::{RunFolder, WriteError, file};
-use runner::console::{Spinner, print, print_error, print_text};
+use runner::console::{Bar, print, print_error, print_text};
 use runner::exit::Exit;
 use runner::observer::observed;
 use runner::run::RUNS;
@@ -102,13 +102,13 @@ fn evaluated(
     kept: Vec<Kept>,
     is_shown: bool,
 ) -> Result<Vec<ExperimentResult>, Interrupted> {
-    let (activity, is_interrupted) = (Spinner::new(is_shown), AtomicBool::new(false));
+    let (activity, is_interrupted) = (Bar::spinner(is_shown), AtomicBool::new(false));
     let mut kept = kept.into_iter();
     let evaluate = |experiment: Experiment| {
         if is_interrupted.load(Ordering::Relaxed) {
             return Err(Interrupted);
         }
-        activity.show(experiment.title);
+        activity.say(experiment.title);
         let runs: Vec<Kept> = kept.by_ref().take(experiment.runs.len()).collect();
         Ok(ExperimentResult {
             evaluation: (experiment.evaluate)(&runs),
