@@ -97,6 +97,9 @@ pub enum RecordedError {
         /// Name that was probably meant.
         meant: Option<String>,
     },
+    /// Neither recording that is compared has something of this name.
+    #[error("--tolerance: no signal, metric or unit is called `{0}`")]
+    NoSuchName(String),
 }
 
 impl RecordedError {
@@ -330,6 +333,7 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
 pub fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => invalid(*error),
+        error @ RecordedError::NoSuchName(_) => failed(Exit::Usage, error),
         error => failed(Exit::CannotStart, error),
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::page::{self, Compared, ComparedRun, LETTERS};
-use crate::console::{WorkBar, failed, print, print_text};
+use crate::console::{WorkBar, print, print_text};
 use crate::exit::Exit;
 use crate::output::{link, write};
 use crate::play_record::PlayRecord;
@@ -83,32 +83,7 @@ pub fn compare(args: &CompareArgs) -> Exit {
                 Exit::VerdictFailed
             }
         }
-        Err(error) => error.print(),
-    }
-}
-
-/// Reason why the runs were not compared.
-enum CompareError {
-    Recorded(RecordedError),
-    NoSuchName(String),
-}
-
-impl<E: Into<RecordedError>> From<E> for CompareError {
-    fn from(error: E) -> Self {
-        Self::Recorded(error.into())
-    }
-}
-
-impl CompareError {
-    /// Prints the reason and returns its exit code.
-    fn print(self) -> Exit {
-        match self {
-            Self::Recorded(error) => refuse(error),
-            Self::NoSuchName(name) => {
-                let error = format!("--tolerance: no signal, metric or unit is called `{name}`");
-                failed(Exit::Usage, error)
-            }
-        }
+        Err(error) => refuse(error),
     }
 }
 
@@ -117,7 +92,7 @@ type Page<'a> = Option<(&'a Path, String)>;
 fn compared<'a>(
     args: &'a CompareArgs,
     bar: &WorkBar,
-) -> Result<(Comparison, Page<'a>), CompareError> {
+) -> Result<(Comparison, Page<'a>), RecordedError> {
     let [a, b] = [&args.a, &args.b].map(|path| Recorded::load(path, None, catalogue()));
     let (a, b) = (a?, b?);
     bar.expect(2 * PASSES + a.passes_for_timing() + b.passes_for_timing() + SIGNAL_PASSES);
@@ -133,7 +108,7 @@ fn compared<'a>(
         scales: a.plan.loops.iter().map(Scale::of).collect(),
     };
     if let Some(name) = tolerances.unknown_name(&a_timelines, [&a_verdict, &b_verdict]) {
-        return Err(CompareError::NoSuchName(name));
+        return Err(RecordedError::NoSuchName(name));
     }
     let mut comparison = compare_runs(
         &tolerances,
