@@ -116,8 +116,8 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     page::page(&title, &body)
 }
 
-/// Ranks an outcome; urgent ones come first.
-fn urgency(outcome: Outcome) -> u8 {
+/// Ranks an outcome: the less, the worse.
+pub fn urgency(outcome: Outcome) -> u8 {
     match outcome {
         Outcome::Fail => 0,
         Outcome::Incomplete => 1,

@@ -8,6 +8,7 @@ use serde::{Serialize, Serializer};
 
 use super::play::{Play, Tested};
 use judge::verdict::Outcome;
+use report::overview::urgency;
 
 /// Requirement with all its tests.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -72,21 +73,9 @@ impl Requirement {
     /// Returns the worst outcome of the tests; `None` if there are no tests.
     pub(super) fn outcome(&self) -> Option<Outcome> {
         let outcomes = self.tests.iter().map(|test| test.outcome);
-        outcomes.max_by_key(|outcome| severity(*outcome))
+        outcomes.min_by_key(|outcome| urgency(*outcome))
     }
-}
 
-/// Ranks an outcome: the greater, the worse.
-pub(super) fn severity(outcome: Outcome) -> u8 {
-    match outcome {
-        Outcome::Pass => 0,
-        Outcome::Inconclusive => 1,
-        Outcome::Incomplete => 2,
-        Outcome::Fail => 3,
-    }
-}
-
-impl Requirement {
     /// Adds the outcomes of one play of a test, which has been played `plays` times.
     pub(super) fn add(&mut self, name: &str, play: &Play, plays: usize, tested: &[Tested]) {
         let known = self.tests.iter().position(|test| test.scenario == name);
@@ -97,7 +86,7 @@ impl Requirement {
         let test = &mut self.tests[place];
         for one in tested {
             let Tested { row, outcome, .. } = one;
-            let is_worse = severity(*outcome) > severity(test.outcome);
+            let is_worse = urgency(*outcome) < urgency(test.outcome);
             if is_worse {
                 test.add(play);
                 (test.outcome, test.case) = (*outcome, one.case);

@@ -7,13 +7,13 @@ use jiff::Timestamp;
 use judge::verdict::{Outcome, Verdict};
 use plan::Plan;
 use recording::session::read_plan;
+use report::overview::urgency;
 use report::terminal;
 use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run};
 use scenario::expect::Limit;
 use worlds::catalogue::catalogue;
 
-use super::matrix::severity;
 use crate::sweep::Shard;
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::{Header, Rows, StoreError};
@@ -179,7 +179,7 @@ impl Play {
 impl Tested {
     /// Takes an outcome that is worse, with its case. Returns whether it was worse.
     fn worsen(&mut self, outcome: Outcome, case: Option<usize>) -> bool {
-        let is_worse = severity(outcome) > severity(self.outcome);
+        let is_worse = urgency(outcome) < urgency(self.outcome);
         if is_worse {
             (self.outcome, self.case) = (outcome, case);
         }

@@ -1,7 +1,8 @@
 //! The address of a viewer.
 
 use std::fmt;
-use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::io;
+use std::net::{TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -10,23 +11,12 @@ const CONNECT_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Host and port of a viewer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ViewerAddress {
-    host: String,
-    port: u16,
-}
+pub struct ViewerAddress(String);
 
 impl ViewerAddress {
     /// Returns a port of this machine, which other machines cannot reach.
     pub fn loopback(port: u16) -> Self {
-        Self {
-            host: "127.0.0.1".to_owned(),
-            port,
-        }
-    }
-
-    /// Returns the port.
-    pub fn port(&self) -> u16 {
-        self.port
+        Self(format!("127.0.0.1:{port}"))
     }
 
     /// Returns the address as the viewer itself writes it.
@@ -39,33 +29,25 @@ impl ViewerAddress {
     /// # Errors
     /// No viewer listens there.
     pub fn answers(&self) -> Result<(), String> {
-        let connected = self.sockets().and_then(|sockets| {
-            let mut last = Err(format!("{} has no address", self.host));
+        let mut last = Err(io::Error::other("the host has no address"));
+        let connected = self.0.to_socket_addrs().and_then(|sockets| {
             for socket in sockets {
-                last = TcpStream::connect_timeout(&socket, CONNECT_PATIENCE)
-                    .map_err(|error| error.to_string());
+                last = TcpStream::connect_timeout(&socket, CONNECT_PATIENCE);
                 if last.is_ok() {
                     break;
                 }
             }
             last
         });
-        connected.map(|_| ()).map_err(|error| {
+        connected.map(drop).map_err(|error| {
             format!("no viewer answers at {self} ({error}); start one with: rerun --bind 127.0.0.1")
         })
-    }
-
-    fn sockets(&self) -> Result<impl Iterator<Item = SocketAddr>, String> {
-        let host = self.host.trim_matches(['[', ']']);
-        (host, self.port)
-            .to_socket_addrs()
-            .map_err(|error| error.to_string())
     }
 }
 
 impl fmt::Display for ViewerAddress {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}:{}", self.host, self.port)
+        formatter.write_str(&self.0)
     }
 }
 
@@ -79,14 +61,12 @@ impl FromStr for ViewerAddress {
         if let Ok(port) = bare.parse() {
             return Ok(Self::loopback(port));
         }
-        let parts = bare
-            .rsplit_once(':')
-            .and_then(|(host, port)| Some((host, port.parse().ok()?)));
-        match parts {
-            Some((host, port)) if !host.is_empty() && !host.contains('/') => Ok(Self {
-                host: host.to_owned(),
-                port,
-            }),
+        match bare.rsplit_once(':') {
+            Some((host, port))
+                if !host.is_empty() && !host.contains('/') && port.parse::<u16>().is_ok() =>
+            {
+                Ok(Self(bare.to_owned()))
+            }
             _ => Err("expected PORT, HOST:PORT or rerun+http://HOST:PORT/proxy".to_owned()),
         }
     }

@@ -29,7 +29,7 @@ pub(super) fn open() -> Result<ViewerAddress, String> {
     if address.answers().is_ok() {
         return Ok(address);
     }
-    let mut viewer = start(&address).map_err(|error| match error.kind() {
+    let mut viewer = start().map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => {
             format!("there is no program `rerun`; install the viewer with: {INSTALL}")
         }
@@ -54,10 +54,10 @@ pub(super) fn open() -> Result<ViewerAddress, String> {
 }
 
 /// Starts the viewer on loopback only. It stays when the run ends, and yields when processors are scarce.
-fn start(address: &ViewerAddress) -> io::Result<Child> {
+fn start() -> io::Result<Child> {
     let mut command = Command::new("rerun");
     command
-        .args(["--bind", "127.0.0.1", "--port", &address.port().to_string()])
+        .args(["--bind", "127.0.0.1", "--port", &PORT.to_string()])
         .args(["--expect-data-soon", "--hide-welcome-screen"])
         .args(["--memory-limit", MEMORY_MAX])
         .args(["--server-memory-limit", SERVER_MEMORY_MAX])
