@@ -44,7 +44,6 @@ pub(crate) struct Draws {
 /// Random mixes of faults in a scenario.
 pub(crate) struct TortureCases {
     plan: Plan,
-    nodes: Nodes,
     draws: Draws,
     id: String,
     keys: Vec<String>,
@@ -53,7 +52,6 @@ pub(crate) struct TortureCases {
 impl TortureCases {
     /// Returns the mixes in the scenario of a plan.
     pub(crate) fn new(plan: &Plan, draws: Draws) -> Self {
-        let nodes = Nodes::of(plan);
         let text = format!(
             "{} {} {} {}",
             env!("CARGO_PKG_VERSION"),
@@ -63,8 +61,7 @@ impl TortureCases {
         );
         Self {
             id: id(&text, &plan.shared.tables),
-            keys: draw::kinds(&nodes),
-            nodes,
+            keys: draw::kinds(&Nodes(plan)),
             plan: plan.clone(),
             draws,
         }
@@ -87,7 +84,7 @@ impl TortureCases {
     /// Returns the scenario with the mix of a case, numbered from 1.
     pub(super) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
-        let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
+        let faults = draw::mix(&mut stream, &Nodes(&self.plan), self.duration_seconds());
         let (text, tables) = (&self.plan.shared.text, &self.plan.shared.tables);
         let case = TortureCase::new(text, tables, faults, stream.bits())?;
         Ok(case.beside(&self.plan.shared.beside))
@@ -165,7 +162,7 @@ impl Cases for TortureCases {
     fn values(&self, number: usize) -> Vec<f64> {
         let mix = draw::mix(
             &mut self.stream(number),
-            &self.nodes,
+            &Nodes(&self.plan),
             self.duration_seconds(),
         );
         let count = |key: &String| {

@@ -3,7 +3,7 @@
 use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::scenario_clock::SYNC_COB_ID;
 use faults::Stream;
-use plan::Plan;
+use plan::{ControlLoop, Plan};
 use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
 use scenario::wiring::Wiring;
 use toml::{Table, Value};
@@ -14,48 +14,18 @@ const FAULTS_MAX: u64 = 4;
 /// Probability of a fault of the boot in a mix: many such runs never begin.
 const BOOT_PROBABILITY: f64 = 0.1;
 
-/// Nodes that can fail, by their names in the scenario.
-pub(super) struct Nodes {
-    controller: String,
-    controller_id: u8,
-    drives: Vec<Drive>,
+/// Nodes of a plan, which can fail.
+pub(super) struct Nodes<'a>(pub(super) &'a Plan);
+
+/// Returns whether a kind of fault has a meaning for a loop's plant.
+fn has(one: &ControlLoop, kind: &Kind) -> bool {
+    kind.group != Group::Plant || one.trial.plant.faults().contains(&kind.name)
 }
 
-struct Drive {
-    name: String,
-    node_id: u8,
-    /// Faults that have a meaning for its plant.
-    plant_faults: &'static [&'static str],
-    /// Unit and range of its positions.
-    wiring: Wiring,
-}
-
-impl Drive {
-    /// Returns whether a kind of fault has a meaning for the drive's plant.
-    fn has(&self, kind: &Kind) -> bool {
-        kind.group != Group::Plant || self.plant_faults.contains(&kind.name)
-    }
-}
-
-impl Nodes {
-    /// Returns the nodes of a plan.
-    pub(super) fn of(plan: &Plan) -> Self {
-        let drives = plan.loops.iter().map(|one| Drive {
-            name: one.nodes.drive.name.clone(),
-            node_id: one.place.drive_node_id,
-            plant_faults: one.trial.plant.faults(),
-            wiring: one.trial.wiring.clone(),
-        });
-        Self {
-            controller: plan.controller().name.clone(),
-            controller_id: plan.controller().id,
-            drives: drives.collect(),
-        }
-    }
-
+impl Nodes<'_> {
     fn nodes(&self) -> Vec<&str> {
-        let drives = self.drives.iter().map(|drive| drive.name.as_str());
-        [self.controller.as_str()]
+        let drives = self.0.loops.iter().map(|one| one.nodes.drive.name.as_str());
+        [self.0.controller().name.as_str()]
             .into_iter()
             .chain(drives)
             .collect()
@@ -69,15 +39,14 @@ impl Nodes {
     /// Returns the identifiers of the frames that a fault hits for preference: SYNC, TPDO1, RPDO1, heartbeats.
     fn identifiers(&self) -> Vec<u32> {
         let of = |base: u32| {
-            self.drives
-                .iter()
-                .map(move |drive| base + u32::from(drive.node_id))
+            let loops = self.0.loops.iter();
+            loops.map(move |one| base + u32::from(one.place.drive_node_id))
         };
         let pdos = of(0x180).chain(of(0x200));
         [u32::from(SYNC_COB_ID)]
             .into_iter()
             .chain(pdos)
-            .chain([u32::from(ERROR_CONTROL_ID) + u32::from(self.controller_id)])
+            .chain([u32::from(ERROR_CONTROL_ID) + u32::from(self.0.controller().id)])
             .chain(of(ERROR_CONTROL_ID.into()))
             .collect()
     }
@@ -86,8 +55,8 @@ impl Nodes {
     fn free(&self, drawn: Value) -> Value {
         let first = drawn.as_integer().unwrap_or_default();
         let taken = |id: &i64| {
-            let mut drives = self.drives.iter();
-            drives.any(|drive| i64::from(drive.node_id) == *id)
+            let mut loops = self.0.loops.iter();
+            loops.any(|one| i64::from(one.place.drive_node_id) == *id)
         };
         let mut candidates = (first..=127).chain(FREE_NODE_ID_MIN.into()..first);
         candidates.find(|id| !taken(id)).unwrap_or(first).into()
@@ -95,8 +64,8 @@ impl Nodes {
 
     /// Returns the largest identifier below those with which plants publish the truth, which no node may forge.
     fn below_truth(&self) -> u32 {
-        let truths = self.drives.iter();
-        let lowest = truths.map(|drive| drive.wiring.identifiers.truth).min();
+        let loops = self.0.loops.iter();
+        let lowest = loops.map(|one| one.trial.wiring.identifiers.truth).min();
         u32::from(lowest.unwrap_or_default()) - 1
     }
 
@@ -104,9 +73,9 @@ impl Nodes {
     fn in_unit(&self, fault: Table) -> Table {
         // With a single drive, a fault need not name it.
         let name = fault.get("node").and_then(Value::as_str);
-        let mut drives = self.drives.iter();
-        let drive = drives.find(|drive| name.is_none_or(|name| name == drive.name));
-        let Some(wiring) = drive.map(|drive| &drive.wiring) else {
+        let mut loops = self.0.loops.iter();
+        let named = loops.find(|one| name.is_none_or(|name| name == one.nodes.drive.name));
+        let Some(wiring) = named.map(|one| &one.trial.wiring) else {
             return fault;
         };
         // Heights are drawn for the travel of the default rig.
@@ -131,7 +100,7 @@ impl Nodes {
 
     /// Returns the kinds that have a meaning for one of the drives: those of the boot, or all others.
     fn kinds(&self, is_of_boot: bool) -> Vec<&'static Kind> {
-        let is_able = |kind: &&Kind| self.drives.iter().any(|drive| drive.has(kind));
+        let is_able = |kind: &&Kind| self.0.loops.iter().any(|one| has(one, kind));
         let kinds = KINDS.iter().filter(is_able);
         kinds
             .filter(|kind| (kind.time == Time::Boot) == is_of_boot)
@@ -140,10 +109,10 @@ impl Nodes {
 
     /// Draws the drive whose part fails; `None` if the only drive needs no name.
     fn draw(&self, stream: &mut Stream, kind: &Kind) -> Option<Value> {
-        let able = Vec::from_iter(self.drives.iter().filter(|drive| drive.has(kind)));
+        let able = Vec::from_iter(self.0.loops.iter().filter(|one| has(one, kind)));
         match able.as_slice() {
-            [_] if self.drives.len() == 1 => None,
-            able => Some(pick(stream, able).name.clone().into()),
+            [_] if self.0.loops.len() == 1 => None,
+            able => Some(pick(stream, able).nodes.drive.name.clone().into()),
         }
     }
 }
@@ -155,7 +124,7 @@ const BENCH: &str = "bench";
 const FREE_NODE_ID_MIN: u32 = 0x20;
 
 /// Returns the kinds that are drawn, each with its group: `bus.lose`.
-pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
+pub(super) fn kinds(nodes: &Nodes<'_>) -> Vec<String> {
     let kinds = [false, true]
         .map(|is_of_boot| nodes.kinds(is_of_boot))
         .into_iter()
@@ -166,7 +135,7 @@ pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
 }
 
 /// Draws a mix of faults for a run of some length, as far as they have a meaning for the plants: the `[fault]` table.
-pub(super) fn mix(stream: &mut Stream, nodes: &Nodes, duration_seconds: f64) -> Table {
+pub(super) fn mix(stream: &mut Stream, nodes: &Nodes<'_>, duration_seconds: f64) -> Table {
     let (kinds, of_boot) = (nodes.kinds(false), nodes.kinds(true));
     let mut faults = Table::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
@@ -209,7 +178,7 @@ fn push(faults: &mut Table, kind: &Kind, fault: Table) {
 }
 
 /// Draws the keys of a kind other than those of its time.
-fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
+fn parameters(stream: &mut Stream, nodes: &Nodes<'_>, kind: &Kind) -> Table {
     let mut table = Table::new();
     if kind.time == Time::Boot && kind.is_drive_fault() {
         set_drive(&mut table, stream, nodes, kind);
@@ -225,14 +194,14 @@ fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
     table
 }
 
-fn set_drive(table: &mut Table, stream: &mut Stream, nodes: &Nodes, kind: &Kind) {
+fn set_drive(table: &mut Table, stream: &mut Stream, nodes: &Nodes<'_>, kind: &Kind) {
     if let Some(drive) = nodes.draw(stream, kind) {
         table.insert("node".to_owned(), drive);
     }
 }
 
 /// Draws the value of a key; `None` if it is left out this time.
-fn drawn(stream: &mut Stream, nodes: &Nodes, drawn: Drawn) -> Option<Value> {
+fn drawn(stream: &mut Stream, nodes: &Nodes<'_>, drawn: Drawn) -> Option<Value> {
     Some(match drawn {
         Drawn::Between(lowest, highest) => between(stream, lowest, highest),
         Drawn::Whole(lowest, highest) => whole(stream, lowest, highest),
@@ -278,16 +247,17 @@ mod tests {
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
-    fn nodes(text: &str) -> Nodes {
+    fn mix_of(text: &str, seed: u64) -> Table {
         let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        Nodes::of(&Plan::new(scenario, catalogue()))
+        let plan = Plan::new(scenario, catalogue());
+        mix(&mut Stream::new(seed), &Nodes(&plan), 2.0)
     }
 
     #[test]
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
-            let faults = mix(&mut Stream::new(seed), &nodes(BASE), 2.0);
+            let faults = mix_of(BASE, seed);
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.only_loop().unwrap().trial;
@@ -303,7 +273,7 @@ mod tests {
         let base = BASE.replace("sma_actuator", "dc_motor");
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
-            let faults = mix(&mut Stream::new(seed), &nodes(&base), 2.0);
+            let faults = mix_of(&base, seed);
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.only_loop().unwrap().trial;
@@ -327,10 +297,10 @@ mod tests {
             |_| Ok(rig.clone()),
             catalogue(),
         );
-        let nodes = Nodes::of(&plan.unwrap_or_else(|error| panic!("{error:?}")));
+        let plan = plan.unwrap_or_else(|error| panic!("{error:?}"));
         let tables = BTreeMap::from([("rig.toml".to_owned(), rig)]);
         for seed in 0..100 {
-            let faults = mix(&mut Stream::new(seed), &nodes, 2.0);
+            let faults = mix(&mut Stream::new(seed), &Nodes(&plan), 2.0);
             let case = TortureCase::new(&base, &tables, faults, seed).unwrap();
             let problems = case.plan().err();
             assert!(problems.is_none(), "{}", problems.unwrap());
@@ -339,7 +309,7 @@ mod tests {
 
     #[test]
     fn a_seed_gives_one_mix() {
-        let draw = |seed| mix(&mut Stream::new(seed), &nodes(BASE), 2.0);
+        let draw = |seed| mix_of(BASE, seed);
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }
