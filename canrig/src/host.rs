@@ -16,14 +16,14 @@ use platform::real_time::{RunError, RunReport};
 use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
-use scenario::{ScenarioError, without_colours};
+use scenario::without_colours;
 
 use crate::bench::Bench;
 use crate::cli::Cli;
 use plan::Plan;
 use recording::latency::{NodeReport, Quantiles};
 use runner::console::{print, print_error};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use worlds::catalogue::catalogue;
 use worlds::law_process::LawPlace;
 use worlds::names::emulator_names;
@@ -105,51 +105,29 @@ pub fn by_hand(name: &'static str, about: &'static str) -> ExitCode {
     exit(ended).into()
 }
 
-/// Reason why a node's process ends early. The exit code tells the bench which part has caused it.
-struct Failure {
-    exit: Exit,
-    reason: String,
+/// Returns the failure of a node that cannot be set up, so that the run does not begin.
+fn in_plan(error: impl ToString) -> Failure {
+    Exit::CannotStart.because(error)
 }
 
-impl Failure {
-    /// The node cannot be set up, so the run does not begin.
-    fn in_plan(error: impl ToString) -> Self {
-        Self::new(Exit::CannotStart, error)
-    }
+/// Returns the failure of the bus or the system, not of the node.
+fn on_bus(error: impl ToString) -> Failure {
+    Exit::BenchFailed.because(error)
+}
 
-    /// A file is not valid; the reason lists every error in it.
-    fn in_file(error: ScenarioError) -> Self {
-        Self::new(Exit::CannotStart, without_colours(&error))
-    }
-
-    /// The bus or the system failed, not the node.
-    fn on_bus(error: impl ToString) -> Self {
-        Self::new(Exit::BenchFailed, error)
-    }
-
-    fn new(exit: Exit, error: impl ToString) -> Self {
-        Self {
-            exit,
-            reason: error.to_string(),
+/// Returns the failure of a node's loop. The exit code tells the bench which part has caused it.
+fn in_loop(error: RunError) -> Failure {
+    match error {
+        RunError::Bus(_) | RunError::System { .. } => on_bus(error),
+        RunError::Node(_) | RunError::NotStopped | RunError::Stuck { .. } => {
+            Exit::VerdictFailed.because(error)
         }
-    }
-}
-
-impl From<RunError> for Failure {
-    fn from(error: RunError) -> Self {
-        let exit = match error {
-            RunError::Bus(_) | RunError::System { .. } => Exit::BenchFailed,
-            RunError::Node(_) | RunError::NotStopped | RunError::Stuck { .. } => {
-                Exit::VerdictFailed
-            }
-        };
-        Self::new(exit, error)
     }
 }
 
 /// Reads the plan of the scenario.
 fn load_plan(args: &NodeArgs) -> Result<Plan, Failure> {
-    Plan::load(&args.scenario, catalogue()).map_err(Failure::in_file)
+    Plan::load(&args.scenario, catalogue()).map_err(|error| in_plan(without_colours(&error)))
 }
 
 /// Makes the controller.
@@ -167,7 +145,7 @@ fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn N
         ..planned
     };
     let make = move || make_controller(&views, &place);
-    faulty_controller(make, &plan, is_caused_by_bench(args)).map_err(Failure::in_plan)
+    faulty_controller(make, &plan, is_caused_by_bench(args)).map_err(in_plan)
 }
 
 /// Returns whether the bench causes a fault from outside the process, as it does with crash and hang in real time.
@@ -182,14 +160,14 @@ fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
     let plant = match (args.plant.as_deref(), &names[..]) {
         (None, [only]) => only,
         (Some(named), names) if names.contains(&named) => named,
-        (_, [_]) => return Err(Failure::in_plan("there is one plant: leave out --plant")),
+        (_, [_]) => return Err(in_plan("there is one plant: leave out --plant")),
         (_, names) => {
             let known = names.join("`, `");
             let reason = format!("name a plant of the scenario by --plant: `{known}`");
-            return Err(Failure::in_plan(reason));
+            return Err(in_plan(reason));
         }
     };
-    plant_emulator(&plan, plant).map_err(Failure::in_plan)
+    plant_emulator(&plan, plant).map_err(in_plan)
 }
 
 /// Runs one node as this process, for the hidden subcommand `node`.
@@ -225,14 +203,14 @@ fn run_by_hand(
     address: &BusAddress,
     fifo: Result<(), scheduling::Refused>,
 ) -> Result<(), Failure> {
-    let stop = StopSignal::from_signals().map_err(Failure::on_bus)?;
-    let mut bus = platform::open(address, &node.filters()).map_err(Failure::on_bus)?;
+    let stop = StopSignal::from_signals().map_err(on_bus)?;
+    let mut bus = platform::open(address, &node.filters()).map_err(on_bus)?;
     let memory = scheduling::lock_memory();
     let scheduling = Scheduling { fifo, memory };
     scheduling
         .refusals()
         .for_each(|refused| print_error(&format!("warning: {refused}")));
-    let report = real_time::run(node, &mut *bus, &stop).map_err(Failure::on_bus)?;
+    let report = real_time::run(node, &mut *bus, &stop).map_err(on_bus)?;
     print_error(&report.to_string());
     Ok(())
 }
@@ -282,18 +260,18 @@ fn run_on_bus(
     fifo: Fifo,
     late: &AtomicU64,
 ) -> Result<(), Failure> {
-    let stop = StopSignal::from_parent().map_err(Failure::on_bus)?;
+    let stop = StopSignal::from_parent().map_err(on_bus)?;
     let filters = match args.lockstep {
         None => node.filters(),
         Some(_) => node.filters_as_configured(),
     };
     let opened = (args.bus.as_ref()).map(|address| platform::open(address, &filters));
-    let mut wire = opened.transpose().map_err(Failure::on_bus)?;
+    let mut wire = opened.transpose().map_err(on_bus)?;
     let bus = wire.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
     match (args.lockstep, bus) {
         (Some(number), wire) => {
-            let channel = inherited_channel(number).map_err(Failure::on_bus)?;
-            lockstep::follow(node, channel, wire).map_err(Failure::on_bus)
+            let channel = inherited_channel(number).map_err(on_bus)?;
+            lockstep::follow(node, channel, wire).map_err(on_bus)
         }
         (None, Some(bus)) => {
             let scheduling = Scheduling {
@@ -302,9 +280,9 @@ fn run_on_bus(
             };
             let (report, ended) = real_time::run_reporting(node, bus, &stop);
             let report = node_report(&report, &scheduling, late);
-            print(&serde_json::to_string(&report).map_err(Failure::on_bus)?);
-            Ok(ended?)
+            print(&serde_json::to_string(&report).map_err(on_bus)?);
+            ended.map_err(in_loop)
         }
-        (None, None) => Err(Failure::in_plan("a node needs --bus or --lockstep")),
+        (None, None) => Err(in_plan("a node needs --bus or --lockstep")),
     }
 }

@@ -1,7 +1,7 @@
 //! `canrig fmu --export`: writes plants as FMUs.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -10,7 +10,7 @@ use fmu::export::{Exported, write_fmu};
 
 use recording::run_folder::write_new;
 use runner::console::ended;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 
 /// Shared library with the plants that ship.
 const SHIPPED_LIBRARY: &str = "libcanrig_plants.so";
@@ -25,41 +25,12 @@ pub(crate) fn register(models: Vec<OwnModel>) {
     let _ = OWN.set(models);
 }
 
-/// Reason why no FMU was written.
-#[derive(Debug, thiserror::Error)]
-enum ExportError {
-    #[error("there is no plant `{name}` to export; there are: {known}")]
-    Unknown { name: String, known: String },
-    #[error("the plant `{name}` cannot be made from its defaults: {reason}")]
-    NoModel { name: String, reason: String },
-    #[error("the shared library {name} is not in {places}; {advice}")]
-    NoLibrary {
-        name: String,
-        places: String,
-        advice: &'static str,
-    },
-    #[error("{} cannot be read: {source}", path.display())]
-    Read { path: PathBuf, source: io::Error },
-    #[error("`{}` cannot be written: {source}", path.display())]
-    Write { path: PathBuf, source: io::Error },
-}
-
-impl ExportError {
-    fn exit(&self) -> Exit {
-        match self {
-            Self::Unknown { .. } => Exit::Usage,
-            Self::NoModel { .. } | Self::NoLibrary { .. } => Exit::CannotStart,
-            Self::Read { .. } | Self::Write { .. } => Exit::BenchFailed,
-        }
-    }
-}
-
 /// Writes the FMU of a plant, and prints its path.
 pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Exit {
-    ended(written(plant, output, fmi), ExportError::exit)
+    ended(written(plant, output, fmi), |failure| failure.exit)
 }
 
-fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, ExportError> {
+fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Failure> {
     let version = match fmi {
         2 => Version::Two,
         _ => Version::Three,
@@ -73,25 +44,23 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
         (None, None) => {
             let known = shipped.iter().chain(&custom);
             let names = known.map(|exported| exported.name());
-            return Err(ExportError::Unknown {
-                name: plant.to_owned(),
-                known: Vec::from_iter(names).join(", "),
-            });
+            let known = Vec::from_iter(names).join(", ");
+            return Err(Exit::Usage.because(format!(
+                "there is no plant `{plant}` to export; there are: {known}"
+            )));
         }
     };
-    let model = exported.model().map_err(|reason| ExportError::NoModel {
-        name: plant.to_owned(),
-        reason,
+    let model = exported.model().map_err(|reason| {
+        let text = "cannot be made from its defaults";
+        Exit::CannotStart.because(format!("the plant `{plant}` {text}: {reason}"))
     })?;
-    let bytes = fs::read(&library).map_err(|source| ExportError::Read {
-        path: library.clone(),
-        source,
+    let bytes = fs::read(&library).map_err(|error| {
+        Exit::BenchFailed.because(format!("{} cannot be read: {error}", library.display()))
     })?;
     let path = output.map_or_else(|| PathBuf::from(format!("{plant}.fmu")), Path::to_owned);
     let write = |file: &mut BufWriter<File>| write_fmu(file, &model, version, &bytes);
-    write_new(&path, write).map_err(|source| ExportError::Write {
-        path: path.clone(),
-        source,
+    write_new(&path, write).map_err(|error| {
+        Exit::BenchFailed.because(format!("`{}` cannot be written: {error}", path.display()))
     })?;
     let (version, count) = (version.name(), model.variables.len());
     Ok(format!(
@@ -117,7 +86,7 @@ fn beside() -> PathBuf {
 
 /// Finds the library of the plants that ship. Cargo and the archive put it next to the program; the wheel puts it into
 /// its package below the same prefix.
-fn shipped_library() -> Result<PathBuf, ExportError> {
+fn shipped_library() -> Result<PathBuf, Failure> {
     let beside = beside();
     let mut places = vec![beside.clone(), beside.join("../lib")];
     let pythons = fs::read_dir(beside.join("../lib"))
@@ -130,7 +99,7 @@ fn shipped_library() -> Result<PathBuf, ExportError> {
 }
 
 /// Finds the library of the program's own crate. Cargo builds both together.
-fn library_of_program() -> Result<PathBuf, ExportError> {
+fn library_of_program() -> Result<PathBuf, Failure> {
     let program = std::env::current_exe().unwrap_or_default();
     let stem = program
         .file_stem()
@@ -141,12 +110,13 @@ fn library_of_program() -> Result<PathBuf, ExportError> {
     found(format!("lib{stem}.so"), &[beside()], advice)
 }
 
-fn found(name: String, places: &[PathBuf], advice: &'static str) -> Result<PathBuf, ExportError> {
+fn found(name: String, places: &[PathBuf], advice: &'static str) -> Result<PathBuf, Failure> {
     let mut paths = places.iter().map(|place| place.join(&name));
     let found = paths.find(|path| path.is_file());
-    found.ok_or_else(|| ExportError::NoLibrary {
-        places: places[0].display().to_string(),
-        name: name.clone(),
-        advice,
+    found.ok_or_else(|| {
+        let place = places[0].display();
+        Exit::CannotStart.because(format!(
+            "the shared library {name} is not in {place}; {advice}"
+        ))
     })
 }

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use scenario::custom::is_name;
+use runner::exit::Failure;
 
-use super::{IGNORED, NewError, in_new_folder, write_files};
+use super::{IGNORED, in_new_folder, require_name, write_files};
 
 /// Placeholder in the files for the controller's name.
 const NAME: &str = "my_controller";
@@ -68,11 +68,9 @@ impl Language {
 }
 
 /// Writes the files, and returns the next steps for the user.
-pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
+pub(super) fn written(args: &ControllerArgs) -> Result<String, Failure> {
     let name = &args.name;
-    if !is_name(name) {
-        return Err(NewError::PlainName(name.clone(), "controller"));
-    }
+    require_name(name, "controller")?;
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
     let [program, build, test] = args.language.commands();
     let renamed = |text: &str| text.replace(NAME, name);
@@ -145,7 +143,7 @@ mod tests {
                 "{readme}"
             );
             let again = written(&args).unwrap_err();
-            assert!(matches!(again, NewError::Exists(_)), "{again}");
+            assert_eq!(again, super::super::exists(&folder));
         }
     }
 }

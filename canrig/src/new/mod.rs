@@ -13,16 +13,16 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use scenario::custom::Section;
+use scenario::custom::{Section, is_name};
 
 use controller::ControllerArgs;
-use name::{InvalidName, Name};
+use name::Name;
 use platform::unfinished::Unfinished;
 use profile::{MANIFEST_BYTES_MAX, release_profile};
 use recording::run_folder::{write_new, write_whole};
 use rig::RigArgs;
 use runner::console::ended;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 
 /// Checkout that this program was built from. It may be gone, or on another machine.
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -126,36 +126,28 @@ const LAW_OF_LOOPS: Skeleton = Skeleton {
     ..LAW
 };
 
-/// Reason why no file was written.
-#[derive(Debug, thiserror::Error)]
-enum NewError {
-    #[error(transparent)]
-    Name(#[from] InvalidName),
-    #[error("{} is there already; nothing is overwritten, so name another folder with --path", .0.display())]
-    Exists(PathBuf),
-    #[error(
-        "`{0}` cannot be the name of a {1}; use small letters, digits and underscores, a letter first"
-    )]
-    PlainName(String, &'static str),
-    #[error("`{}` is not a checkout of canrig (no canrig/Cargo.toml in it)", .0.display())]
-    NoCheckout(PathBuf),
-    #[error(
-        "the sources that this canrig was built from are not on this machine; name a checkout with --canrig FOLDER"
-    )]
-    SourcesGone,
-    #[error("`{}` is not the manifest of canrig: {reason}", path.display())]
-    Manifest { path: PathBuf, reason: String },
-    #[error("`{}` cannot be written: {source}", path.display())]
-    Write { path: PathBuf, source: io::Error },
+/// Returns the failure of files that exist already.
+fn exists(path: &Path) -> Failure {
+    let path = path.display();
+    Exit::Usage.because(format!(
+        "{path} is there already; nothing is overwritten, so name another folder with --path"
+    ))
 }
 
-impl NewError {
-    fn exit(&self) -> Exit {
-        match self {
-            Self::Write { .. } => Exit::BenchFailed,
-            _ => Exit::Usage,
-        }
-    }
+fn unwritten(path: &Path, error: &io::Error) -> Failure {
+    Exit::BenchFailed.because(format!("`{}` cannot be written: {error}", path.display()))
+}
+
+/// Refuses a name for files that are no crate.
+fn require_name(name: &str, of: &str) -> Result<(), Failure> {
+    let refused = || {
+        format!(
+            "`{name}` cannot be the name of a {of}; use small letters, digits and underscores, a letter first"
+        )
+    };
+    is_name(name)
+        .then_some(())
+        .ok_or_else(|| Exit::Usage.because(refused()))
 }
 
 /// Writes the requested files, and prints the next steps.
@@ -169,7 +161,7 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
         What::Rig(args) => rig::written(args),
         What::Controller(args) => controller::written(args),
     };
-    ended(written, NewError::exit)
+    ended(written, |failure| failure.exit)
 }
 
 impl Crate {
@@ -182,13 +174,16 @@ impl Crate {
     }
 }
 
-fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
+fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, Failure> {
     let name = Name::new(&args.name, skeleton.section)?;
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name.snake()));
     let checkout = checkout(args.canrig.as_deref())?;
-    let profile = release_profile(&checkout).map_err(|reason| NewError::Manifest {
-        path: checkout.join("Cargo.toml"),
-        reason,
+    let profile = release_profile(&checkout).map_err(|reason| {
+        let path = checkout.join("Cargo.toml");
+        Exit::Usage.because(format!(
+            "`{}` is not the manifest of canrig: {reason}",
+            path.display()
+        ))
     })?;
     in_new_folder(&folder, |folder| {
         write_files(folder, skeleton.files(&name, &checkout, &profile))?;
@@ -208,22 +203,17 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
 /// Makes a new folder with the files that `write` puts into it. The folder appears complete, or not at all.
 fn in_new_folder(
     folder: &Path,
-    write: impl FnOnce(&Path) -> Result<(), NewError>,
-) -> Result<(), NewError> {
+    write: impl FnOnce(&Path) -> Result<(), Failure>,
+) -> Result<(), Failure> {
     if let Some(parent) = folder.parent() {
         make(parent, |parent| fs::create_dir_all(parent))?;
     }
-    let failed = |path: &Path, source: io::Error| match source.kind() {
-        io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => {
-            NewError::Exists(path.to_owned())
-        }
-        _ => NewError::Write {
-            path: path.to_owned(),
-            source,
-        },
+    let failed = |path: &Path, error: io::Error| match error.kind() {
+        io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => exists(path),
+        _ => unwritten(path, &error),
     };
     if folder.symlink_metadata().is_ok() {
-        return Err(NewError::Exists(folder.to_owned()));
+        return Err(exists(folder));
     }
     // Of two processes that start at once, one succeeds.
     let partial = folder.with_added_extension("partial");
@@ -242,7 +232,7 @@ fn in_new_folder(
 fn write_files(
     folder: &Path,
     files: impl IntoIterator<Item = (impl AsRef<Path>, String)>,
-) -> Result<(), NewError> {
+) -> Result<(), Failure> {
     for (file, text) in files {
         make(&folder.join(file), |path| {
             write_new(path, |output| output.write_all(text.as_bytes()))
@@ -251,15 +241,12 @@ fn write_files(
     Ok(())
 }
 
-fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {
-    make(path).map_err(|source| NewError::Write {
-        path: path.to_owned(),
-        source,
-    })
+fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), Failure> {
+    make(path).map_err(|error| unwritten(path, &error))
 }
 
 /// Returns the absolute path of the checkout to depend on.
-fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
+fn checkout(named: Option<&Path>) -> Result<PathBuf, Failure> {
     let is_canrig = |path: &Path| {
         let manifest = scenario::read_text(&path.join("canrig/Cargo.toml"), MANIFEST_BYTES_MAX);
         manifest.is_ok_and(|text| text.contains("name = \"canrig\""))
@@ -267,8 +254,13 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
     let path = named.unwrap_or(Path::new(BUILT_FROM));
     match path.canonicalize() {
         Ok(path) if is_canrig(&path) => Ok(path),
-        _ if named.is_none() => Err(NewError::SourcesGone),
-        _ => Err(NewError::NoCheckout(path.to_owned())),
+        _ if named.is_none() => Err(Exit::Usage.because(
+            "the sources that this canrig was built from are not on this machine; name a checkout with --canrig FOLDER",
+        )),
+        _ => Err(Exit::Usage.because(format!(
+            "`{}` is not a checkout of canrig (no canrig/Cargo.toml in it)",
+            path.display()
+        ))),
     }
 }
 
@@ -324,14 +316,14 @@ mod tests {
             assert!(!folder.exists());
             make(partial, |_| Err(io::Error::other("the disk is full")))
         });
-        assert!(matches!(failed, Err(NewError::Write { .. })));
+        assert_eq!(failed.unwrap_err().exit, Exit::BenchFailed);
         let left = || fs::read_dir(parent.path().join("deep")).unwrap().count();
         assert_eq!(left(), 0);
         let write = |partial: &Path| make(&partial.join("file"), |path| fs::write(path, "all"));
         assert!(in_new_folder(&folder, write).is_ok());
         assert!(folder.join("file").exists() && left() == 1);
         let again = in_new_folder(&folder, |_| unreachable!("it is there"));
-        assert!(matches!(again, Err(NewError::Exists(path)) if path == folder));
+        assert_eq!(again, Err(exists(&folder)));
     }
 
     #[test]
@@ -355,7 +347,7 @@ mod tests {
                 assert!(!text.contains("CANRIG"), "{}", path.display());
             }
             let again = written(skeleton, &args).unwrap_err();
-            assert!(matches!(again, NewError::Exists(_)), "{again}");
+            assert_eq!(again, exists(&written_to));
             assert_eq!(fs::read_to_string(&scenario).unwrap(), text);
         }
     }
@@ -367,10 +359,8 @@ mod tests {
             canrig: Some(folder.path().to_owned()),
             ..args(folder.path(), "swing_arm")
         };
-        assert!(matches!(
-            written(&PLANT, &args),
-            Err(NewError::NoCheckout(_))
-        ));
+        let refused = written(&PLANT, &args).unwrap_err();
+        assert!(refused.reason.contains("is not a checkout"), "{refused}");
         assert!(!folder.path().join("deep").exists());
     }
 

@@ -1,7 +1,9 @@
 //! The name of a plant or a law, of its crate and of its type.
 
 use scenario::custom::Section;
-use scenario::registration::{InvalidRegistration, is_free};
+use scenario::registration::is_free;
+
+use runner::exit::{Exit, Failure};
 
 /// Names of crates that Rust or cargo reserves, in addition to Rust's keywords.
 const KEPT: [&str; 10] = [
@@ -56,45 +58,30 @@ const TAKEN: [&str; 35] = [
     "state",
 ];
 
-/// Reason why a name is invalid.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum InvalidName {
-    /// A table cannot have this name.
-    #[error(transparent)]
-    Table(#[from] InvalidRegistration),
-    /// A crate cannot have this name.
-    #[error(
-        "`{0}` has a meaning of its own in Rust, so no crate can have this name; choose another one"
-    )]
-    Kept(String),
-    /// The skeleton uses the name itself.
-    #[error("`{0}` is the name of something that the crate uses; choose another one")]
-    Taken(String),
-    /// Two underscores in a row, or one at the end.
-    #[error("`{0}` cannot become the name of a type; write single underscores between words")]
-    NoWords(String),
-}
-
 /// A valid name.
 pub(super) struct Name(String);
 
 impl Name {
     /// Checks a name for a section's table, a crate and a type.
-    pub(super) fn new(text: &str, section: Section) -> Result<Self, InvalidName> {
-        is_free(section, text)?;
-        let name = text.to_owned();
+    pub(super) fn new(text: &str, section: Section) -> Result<Self, Failure> {
+        let refused = |why: &str| Err(Exit::Usage.because(format!("`{text}` {why}")));
+        is_free(section, text).map_err(|error| Exit::Usage.because(error))?;
         // A number sticks to the word before it, so `a_1` and `a1` are the same type.
         if text.split('_').any(str::is_empty) {
-            return Err(InvalidName::NoWords(name));
+            return refused(
+                "cannot become the name of a type; write single underscores between words",
+            );
         }
         let is_keyword = syn::parse_str::<syn::Ident>(text).is_err();
         if is_keyword || KEPT.contains(&text) {
-            return Err(InvalidName::Kept(name));
+            return refused(
+                "has a meaning of its own in Rust, so no crate can have this name; choose another one",
+            );
         }
         if TAKEN.contains(&text) {
-            return Err(InvalidName::Taken(name));
+            return refused("is the name of something that the crate uses; choose another one");
         }
-        Ok(Self(name))
+        Ok(Self(text.to_owned()))
     }
 
     /// Returns the name for crates, modules and tables: `my_plant`.

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use scenario::custom::is_name;
+use runner::exit::Failure;
 
-use super::{NewError, in_new_folder, write_files};
+use super::{in_new_folder, require_name, write_files};
 
 /// Placeholder in the files for the rig's name.
 const NAME: &str = "my_rig";
@@ -23,11 +23,9 @@ pub(crate) struct RigArgs {
 }
 
 /// Writes the files, and returns the next steps for the user.
-pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
+pub(super) fn written(args: &RigArgs) -> Result<String, Failure> {
     let name = &args.name;
-    if !is_name(name) {
-        return Err(NewError::PlainName(name.clone(), "rig"));
-    }
+    require_name(name, "rig")?;
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
     in_new_folder(&folder, |folder| write_files(folder, files(name)))?;
     let folder = folder.display();
@@ -75,7 +73,7 @@ mod tests {
         assert_eq!(Rig::parse(&rig, "gantry.toml").unwrap().name, "gantry");
         assert!(!rig.contains("my_"), "{rig}");
         let again = written(&args).unwrap_err();
-        assert!(matches!(again, NewError::Exists(_)), "{again}");
+        assert_eq!(again, super::super::exists(&folder));
     }
 
     #[test]
@@ -83,7 +81,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for name in ["", "Gantry", "../gantry", "two axes"] {
             let error = written(&args(folder.path(), name)).unwrap_err();
-            assert!(matches!(error, NewError::PlainName(..)), "{error}");
+            assert!(
+                error.reason.contains("cannot be the name of a rig"),
+                "{error}"
+            );
         }
         assert!(!folder.path().join("deep").exists());
     }

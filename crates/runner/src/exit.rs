@@ -3,6 +3,10 @@
 use std::process::ExitCode;
 
 use judge::verdict::Outcome;
+use recording::run_folder::WriteError;
+
+use crate::identity::NoIdentity;
+use crate::recorded::RecordedError;
 
 /// End of a command, from best to worst in the order that decides between several scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -27,6 +31,12 @@ pub enum Exit {
 }
 
 impl Exit {
+    /// Returns the failure with this exit code, from an error or a text.
+    pub fn because(self, reason: impl ToString) -> Failure {
+        let (exit, reason) = (self, reason.to_string());
+        Failure { exit, reason }
+    }
+
     /// Returns the exit code of the process.
     pub fn code(self) -> u8 {
         match self {
@@ -51,6 +61,32 @@ impl From<Outcome> for Exit {
             Outcome::Inconclusive => Self::Inconclusive,
             Outcome::Incomplete => Self::BenchFailed,
         }
+    }
+}
+
+/// Reason why a command did not complete, and its exit code.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{reason}")]
+pub struct Failure {
+    pub exit: Exit,
+    pub reason: String,
+}
+
+impl From<RecordedError> for Failure {
+    fn from(error: RecordedError) -> Self {
+        Exit::CannotStart.because(error)
+    }
+}
+
+impl From<WriteError> for Failure {
+    fn from(error: WriteError) -> Self {
+        Exit::BenchFailed.because(error)
+    }
+}
+
+impl From<NoIdentity> for Failure {
+    fn from(error: NoIdentity) -> Self {
+        Exit::BenchFailed.because(error)
     }
 }
 

@@ -9,6 +9,7 @@ use plan::Plan;
 use recording::session::read_plan;
 use report::overview::urgency;
 use report::terminal;
+use runner::exit::Failure;
 use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run};
 use scenario::expect::Limit;
@@ -16,7 +17,7 @@ use worlds::catalogue::catalogue;
 
 use crate::sweep::Shard;
 use crate::sweep::row::{Ended, SweepRow};
-use crate::sweep::store::{Header, Rows, StoreError};
+use crate::sweep::store::{Header, Rows};
 use crate::torture::cases::is_torture;
 
 /// Reason why a folder or a list cannot be used for the matrix.
@@ -25,7 +26,7 @@ pub(super) enum PlayError {
     #[error(transparent)]
     Run(#[from] RecordedError),
     #[error(transparent)]
-    Rows(#[from] StoreError),
+    Rows(#[from] Failure),
     #[error("{} is the folder of torture, which plays without the scenario's limits and tests no requirement", .0.display())]
     Torture(PathBuf),
     #[error("`{}` is not a list of requirements: {reason}", path.display())]

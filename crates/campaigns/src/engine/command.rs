@@ -9,20 +9,20 @@ use clap::Args;
 use super::campaign::{RECORD, Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, wait};
 use super::{EngineKind, Limits};
-use crate::error::{CampaignError, run};
+use crate::error::run;
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
 use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::merge::merge_parts;
 use crate::sweep::shard::SHARDS_MAX;
-use crate::sweep::store::StoreError;
+use crate::sweep::store::read_error;
 use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
 use plan::Plan;
 use recording::run_folder::WriteError;
 use runner::console::{Bar, print};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
@@ -89,7 +89,7 @@ pub fn submit(args: &SubmitArgs) -> Exit {
     run(&args.scenario, &args.values, |plan| submitted(args, plan))
 }
 
-fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, CampaignError> {
+fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
     let seed = args.seed;
     let (cases, arguments): (Box<dyn Cases>, _) = match args.torture {
         Some(runs) => {
@@ -130,12 +130,10 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, CampaignError> {
 }
 
 /// Returns the record of the campaign, changed as the command line says.
-fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, CampaignError> {
+fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Failure> {
     let path = campaign.path();
-    let known = campaign.record().map_err(|source| StoreError::Read {
-        path: path.join(RECORD),
-        source,
-    })?;
+    let known = campaign.record().map_err(read_error(&path.join(RECORD)))?;
+    let refused = |reason: String| Err(Exit::CannotStart.because(reason));
     let limits = |known: Limits| Limits {
         minutes: args.task_minutes.or(known.minutes),
         mebibytes: args.task_mebibytes.or(known.mebibytes),
@@ -148,7 +146,10 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Ca
     match (known, args.engine) {
         (Some(known), _) if known.program != campaign.identity.program => {
             let program = path.join("engine/canrig");
-            Err(CampaignError::Program { program })
+            refused(format!(
+                "this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away",
+                program.display()
+            ))
         }
         (
             Some(Record {
@@ -158,25 +159,32 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Ca
                 ..
             }),
             Some(_),
-        ) if !args.dry_run => Err(CampaignError::Submitted {
-            engine: format!("{engine:?}"),
-            cancel: (engine.engine()).cancel_command(&job.id, limits.queue.as_deref()),
-            job: job.id,
-        }),
+        ) if !args.dry_run => {
+            let job = job.id;
+            let cancel = engine
+                .engine()
+                .cancel_command(&job, limits.queue.as_deref());
+            refused(format!(
+                "this campaign was submitted already ({engine:?}, job {job}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again"
+            ))
+        }
         // The parts exist already, cut for that number.
         (Some(known), _) if parts.is_some_and(|wanted| wanted != known.parts) => {
-            Err(CampaignError::Parts {
-                found: known.parts,
-                wanted: parts.unwrap_or_default(),
-                path,
-            })
+            let (found, wanted) = (known.parts, parts.unwrap_or_default());
+            refused(format!(
+                "this campaign has {found} parts, not {wanted}: leave out --parts, or move {} away",
+                path.display()
+            ))
         }
         (Some(known), engine) => Ok(Record {
             engine: engine.unwrap_or(known.engine),
             limits: limits(known.limits),
             ..known
         }),
-        (None, None) => Err(CampaignError::NothingToResume { path }),
+        (None, None) => refused(format!(
+            "nothing was submitted from here that could be resumed ({} is not there); submit it with --engine",
+            path.display()
+        )),
         (None, Some(engine)) => Ok(Record {
             program: campaign.identity.program.clone(),
             engine,
@@ -192,7 +200,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Ca
 }
 
 /// Returns the number of parts of which each is worth the start of a task.
-fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, CampaignError> {
+fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, Failure> {
     let estimate = Estimate::probe(campaign.cases, args.task_cores.unwrap_or(1))?;
     if !args.quiet && !args.dry_run {
         print(&estimate.to_string());
@@ -205,7 +213,7 @@ fn play(
     args: &SubmitArgs,
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
-) -> Result<(), CampaignError> {
+) -> Result<(), Failure> {
     let counter = Mutex::new(RowCounter(campaign.rows(record.parts)));
     let locked = || counter.lock().unwrap_or_else(PoisonError::into_inner);
     locked().count()?;
@@ -221,12 +229,12 @@ fn play(
                     break;
                 }
                 if begun > args.retries {
-                    return Err(CampaignError::Lost {
-                        missing: missing.len(),
-                        of: record.parts,
-                        rounds: begun,
-                        logs: campaign.path().join("engine/log"),
-                    });
+                    let (missing, of) = (missing.len(), record.parts);
+                    let logs = campaign.path().join("engine/log");
+                    return Err(Exit::BenchFailed.because(format!(
+                        "{missing} of {of} parts were lost, and were submitted {begun} times. What they did is kept: look at what their tasks printed in {}, then give the command again with --resume",
+                        logs.display()
+                    )));
                 }
                 let submitted = hand_over(campaign, record, missing)?;
                 let (count, id) = (submitted.parts.len(), &submitted.id);
@@ -240,7 +248,9 @@ fn play(
         let Some(failed) = wait(engine, campaign, &submitted, &counter, &bar)? else {
             let queue = record.limits.queue.as_deref();
             let cancel = engine.cancel_command(&submitted.id, queue);
-            return Err(CampaignError::LeftToEngine { cancel });
+            return Err(Exit::Interrupted.because(format!(
+                "the job goes on without this command: give it again with --resume and without --engine and --parts, or take the job away with `{cancel}`"
+            )));
         };
         record.job = None;
         campaign.keep(record)?;
@@ -257,7 +267,7 @@ fn hand_over(
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
     parts: Vec<usize>,
-) -> Result<Submitted, CampaignError> {
+) -> Result<Submitted, Failure> {
     let engine = record.engine.engine();
     let path = campaign.path();
     let (name, text) = engine.file(&campaign.job(&path, record, &parts));

@@ -3,6 +3,8 @@
 use std::io;
 use std::process::{Command, Stdio};
 
+use runner::exit::{Exit, Failure};
+
 /// Largest part of a program's error output that a message repeats.
 const SAID_CHARACTERS_MAX: usize = 600;
 
@@ -23,6 +25,12 @@ pub(crate) enum EngineError {
     },
     #[error("{program} said what canrig does not understand: {said}")]
     Unclear { program: String, said: String },
+}
+
+impl From<EngineError> for Failure {
+    fn from(error: EngineError) -> Self {
+        Exit::BenchFailed.because(error)
+    }
 }
 
 impl EngineError {

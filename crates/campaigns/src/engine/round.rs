@@ -6,11 +6,12 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use runner::console::Bar;
+use runner::exit::Failure;
 use runner::observer::observed;
 
 use super::campaign::{SharedCampaign, Submitted};
 use super::{Engine, EngineError, JobState};
-use crate::sweep::store::{Rows, StoreError};
+use crate::sweep::store::Rows;
 
 /// First and longest interval between two questions to the engine.
 const PERIOD_MIN: Duration = Duration::from_millis(250);
@@ -86,7 +87,7 @@ pub(super) struct RowCounter(pub(super) BTreeMap<usize, Rows>);
 
 impl RowCounter {
     /// Reads the rows that were added to incomplete parts.
-    pub(super) fn count(&mut self) -> Result<(), StoreError> {
+    pub(super) fn count(&mut self) -> Result<(), Failure> {
         let mut parts = self.0.values_mut().filter(|rows| !rows.is_whole());
         parts.try_for_each(Rows::look)
     }

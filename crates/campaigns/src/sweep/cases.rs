@@ -4,12 +4,12 @@ use std::path::Path;
 
 use plan::Plan;
 use recording::capture::Watch;
+use runner::exit::Failure;
 use scenario::expect::Limit;
 
 use super::row::SweepRow;
 use super::store::Rows;
 use crate::campaign::NoResult;
-use crate::error::CampaignError;
 
 /// Cases of a sweep or of torture. Any of them may be played on any machine, in any order.
 pub(crate) trait Cases: Sync {
@@ -80,7 +80,7 @@ pub(crate) trait Cases: Sync {
     ///
     /// # Errors
     /// It cannot be shown.
-    fn show_more(&self, _rows: &Rows, _output: &Path) -> Result<(), CampaignError> {
+    fn show_more(&self, _rows: &Rows, _output: &Path) -> Result<(), Failure> {
         Ok(())
     }
 }

@@ -8,10 +8,10 @@ use super::estimate::Estimate;
 use super::finish::Shown;
 use super::part::{PartArgs, PartPlay};
 use super::sweep_cases::SweepCases;
-use crate::error::{CampaignError, run};
+use crate::error::run;
 use plan::Plan;
 use runner::console::print_error;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::lines::EventLines;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
@@ -49,7 +49,7 @@ pub fn sweep(args: &SweepArgs) -> Exit {
     run(&args.scenario, &args.values, |plan| play(args, plan))
 }
 
-fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, CampaignError> {
+fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, Failure> {
     let cases = SweepCases::new(plan)?;
     started_by(plan).iter().for_each(|line| print_error(line));
     if args.plan {

@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use recording::capture::Watch;
 use runner::console::print;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::machine::{Stopwatch, memory_bytes_max};
 use runner::observer::observed;
 
 use super::cases::Cases;
 use crate::campaign::{NoResult, caught};
-use crate::error::CampaignError;
+use crate::error::{interrupted, machine};
 
 /// Largest number of runs in the probe, spread over all cases.
 const PROBES_MAX: usize = 24;
@@ -45,7 +45,7 @@ pub(crate) struct Estimate {
 
 impl Estimate {
     /// Plays some of the cases, one at a time, and discards the results.
-    pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, CampaignError> {
+    pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, Failure> {
         let runs = cases.runs();
         let probes = runs.min(PROBES_MAX);
         let watch = Watch::default();
@@ -59,12 +59,11 @@ impl Estimate {
                     Ok(row) => row,
                     Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
                     Err(NoResult::Machine(reason)) => {
-                        return Err(CampaignError::Machine { case, reason });
+                        return Err(machine(case, &reason));
                     }
                 };
                 if watch.is_interrupted() {
-                    let (done, of) = (0, runs);
-                    return Err(CampaignError::Interrupted { done, of });
+                    return Err(interrupted(0, runs));
                 }
                 probed += 1;
                 bytes += serde_json::to_string(&row).map_or(0, |text| text.len());
@@ -92,7 +91,7 @@ impl Estimate {
         cases: &dyn Cases,
         cores: Option<u16>,
         submit: &str,
-    ) -> Result<Exit, CampaignError> {
+    ) -> Result<Exit, Failure> {
         let estimate = Self::probe(cases, cores.unwrap_or(1))?;
         let options = estimate.options();
         print(&format!(

@@ -8,12 +8,11 @@ use super::page;
 use super::store::Rows;
 use super::summary::{FAILING, Failing, Summary};
 use super::tables::{self, Tables};
-use crate::error::CampaignError;
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use recording::session::write_tables;
 use runner::console::{print, print_text};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 
 /// Output of a sweep on the terminal.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -38,7 +37,7 @@ pub(crate) fn finish(
     cases: &dyn Cases,
     rows: &Rows,
     shown: Shown,
-) -> Result<Exit, CampaignError> {
+) -> Result<Exit, Failure> {
     let summary = Summary::read(cases, plan, rows)?;
     let metrics = summary.metrics();
     let tables = Tables {

@@ -8,14 +8,14 @@ use super::Shard;
 use super::cases::Cases;
 use super::finish::{Shown, finish};
 use super::part::open_folder;
-use super::store::{Header, Rows, StoreError, Writer};
+use super::store::{Header, Rows, Writer};
 use super::sweep_cases::SweepCases;
-use crate::error::{CampaignError, run};
+use crate::error::run;
 use crate::torture::cases::TortureCases;
 use plan::Plan;
 use recording::run_folder::{RunFolder, file, file_in};
 use runner::console::print_error;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
@@ -73,7 +73,7 @@ pub(crate) fn merge_parts(
     plan: &Plan,
     output: &Path,
     shown: Shown,
-) -> Result<Exit, CampaignError> {
+) -> Result<Exit, Failure> {
     let folder = open_folder(output, plan, cases, Shard::WHOLE)?;
     let header = Header::new(cases, &identity(plan)?);
     let mut rows = Rows::read(folder.path(), &header, Shard::WHOLE)?;
@@ -109,7 +109,7 @@ fn add(
     folder: &RunFolder,
     rows: &mut Rows,
     writer: &mut Option<Writer>,
-) -> Result<(), StoreError> {
+) -> Result<(), Failure> {
     let found = Rows::read(part, header, Shard::WHOLE)?;
     found.print_damaged();
     for row in found.iter()? {
@@ -158,7 +158,7 @@ mod tests {
         let output = folder.path().join("merged");
         let merge = |parts: &[PathBuf]| merge_parts(parts, &cases, &plan, &output, Shown::Nothing);
         let error = merge(&parts[1..2]).unwrap_err();
-        assert_eq!(error.exit(), Exit::CannotStart);
+        assert_eq!(error.exit, Exit::CannotStart);
         assert!(
             error
                 .to_string()

@@ -16,12 +16,12 @@ use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
 use crate::campaign::{Campaign, NoResult, Stopped};
-use crate::error::CampaignError;
+use crate::error::{interrupted, machine};
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
 use runner::console::{Bar, print};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::identity::identity;
 use runner::lines::EventLines;
 use runner::play_record::PlayRecord;
@@ -47,12 +47,11 @@ pub struct PartArgs {
 
 impl PartArgs {
     /// Returns the part.
-    pub(crate) fn shard(&self) -> Result<Shard, NoPart> {
+    pub(crate) fn shard(&self) -> Result<Shard, Failure> {
         match (self.shard, self.shards) {
             (Wanted::This(shard), None) => Ok(shard),
-            (Wanted::This(_), Some(_)) => Err(NoPart(
-                "--shards goes with --shard auto only; a part is written as --shard 2/4".to_owned(),
-            )),
+            (Wanted::This(_), Some(_)) => Err(Exit::CannotStart
+                .because("--shards goes with --shard auto only; a part is written as --shard 2/4")),
             (Wanted::Auto, shards) => engine_shard(|name| env::var(name).ok(), shards),
         }
     }
@@ -81,27 +80,21 @@ impl FromStr for Wanted {
     }
 }
 
-/// Reason why the part to play is unknown.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-#[error("{0}")]
-pub(crate) struct NoPart(String);
+/// Returns the failure of a command that does not say which part to play.
+fn no_part(reason: impl Display) -> Failure {
+    Exit::CannotStart.because(format!("--shard auto: {reason}"))
+}
 
-impl NoPart {
-    fn auto(reason: impl Display) -> Self {
-        Self(format!("--shard auto: {reason}"))
-    }
+fn no_count(name: &str) -> Failure {
+    no_part(format!(
+        "{name} says which task this is, but not how many there are; add --shards COUNT"
+    ))
+}
 
-    fn no_count(name: &str) -> Self {
-        Self::auto(format!(
-            "{name} says which task this is, but not how many there are; add --shards COUNT"
-        ))
-    }
-
-    fn count(count: usize) -> Self {
-        Self(format!(
-            "--shards {count}: there are 1 to {SHARDS_MAX} parts"
-        ))
-    }
+fn bad_count(count: usize) -> Failure {
+    Exit::CannotStart.because(format!(
+        "--shards {count}: there are 1 to {SHARDS_MAX} parts"
+    ))
 }
 
 const SLURM: &str = "SLURM_ARRAY_TASK_ID";
@@ -112,17 +105,17 @@ const KUBERNETES: &str = "JOB_COMPLETION_INDEX";
 fn engine_shard(
     variable: impl Fn(&str) -> Option<String>,
     shards: Option<usize>,
-) -> Result<Shard, NoPart> {
+) -> Result<Shard, Failure> {
     if let Some(count) = shards.filter(|count| !(1..=SHARDS_MAX).contains(count)) {
-        return Err(NoPart::count(count));
+        return Err(bad_count(count));
     }
-    let number = |name: &'static str| -> Result<Option<usize>, NoPart> {
+    let number = |name: &'static str| -> Result<Option<usize>, Failure> {
         let Some(value) = variable(name) else {
             return Ok(None);
         };
         let number = value.trim().parse();
         let wrong = || format!("{name} is \"{value}\", which is not the number of a task");
-        number.map(Some).map_err(|_| NoPart::auto(wrong()))
+        number.map(Some).map_err(|_| no_part(wrong()))
     };
     for (name, first) in [(SLURM, 1), (HYPERQUEUE, 1), (KUBERNETES, 0)] {
         let Some(task) = number(name)? else {
@@ -131,18 +124,18 @@ fn engine_shard(
         let of = match shards {
             Some(of) => of,
             None if name == SLURM => return slurm_shard(task, &number),
-            None => return Err(NoPart::no_count(name)),
+            None => return Err(no_count(name)),
         };
         let last = of + first - 1;
         if !(first..=last).contains(&task) {
-            return Err(NoPart::auto(format!(
+            return Err(no_part(format!(
                 "{name} makes this task {task} of {of}; number the tasks from {first} to {last}"
             )));
         }
         let number = task - first + 1;
         return Ok(Shard { number, of });
     }
-    Err(NoPart::auto(
+    Err(no_part(
         "no engine runs this command (SLURM_ARRAY_TASK_ID, HQ_TASK_ID and JOB_COMPLETION_INDEX are not set); name the part, such as --shard 2/4",
     ))
 }
@@ -150,16 +143,16 @@ fn engine_shard(
 /// Returns the place of a task in an array, from the bounds that Slurm gives of the array.
 fn slurm_shard(
     task: usize,
-    number: &impl Fn(&'static str) -> Result<Option<usize>, NoPart>,
-) -> Result<Shard, NoPart> {
-    let missing = || NoPart::no_count(SLURM);
+    number: &impl Fn(&'static str) -> Result<Option<usize>, Failure>,
+) -> Result<Shard, Failure> {
+    let missing = || no_count(SLURM);
     let of = number("SLURM_ARRAY_TASK_COUNT")?.ok_or_else(missing)?;
     let first = number("SLURM_ARRAY_TASK_MIN")?.ok_or_else(missing)?;
     let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
     let last = number("SLURM_ARRAY_TASK_MAX")?;
     // For a list such as 3,7,9, Slurm gives no step that would lead from its first to its last number.
     let gaps = || {
-        NoPart::auto(
+        no_part(
             "the tasks of the array are not evenly spaced; number them from 1 to the count of parts, and add --shards COUNT",
         )
     };
@@ -174,7 +167,7 @@ fn slurm_shard(
     if of <= SHARDS_MAX {
         Ok(Shard { number, of })
     } else {
-        Err(NoPart::count(of))
+        Err(bad_count(of))
     }
 }
 
@@ -199,7 +192,7 @@ impl PartPlay<'_> {
         &self,
         cases: &dyn Cases,
         plan: &Plan,
-    ) -> Result<(Exit, Rows, Option<Writer>), CampaignError> {
+    ) -> Result<(Exit, Rows, Option<Writer>), Failure> {
         let files = Uncopied::new(plan)?;
         let folder = open_folder(self.output, plan, cases, self.shard)?;
         let header = Header::new(cases, &identity(plan)?);
@@ -267,7 +260,7 @@ impl PartPlay<'_> {
         writer: &mut Writer,
         folder: &RunFolder,
         files: &Uncopied,
-    ) -> Result<(), CampaignError> {
+    ) -> Result<(), Failure> {
         PlayRecord::now(self.overrides).write(folder)?;
         let all = self.shard.cases(cases.runs());
         let (of, mut done) = (all.len(), rows.len());
@@ -280,7 +273,7 @@ impl PartPlay<'_> {
                 // The panic hook of the program prints the panic; the row says in which case it happened.
                 Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
                 Err(NoResult::Machine(reason)) => {
-                    return Err(CampaignError::Machine { case, reason });
+                    return Err(machine(case, &reason));
                 }
             };
             writer.append(&row)?;
@@ -297,7 +290,7 @@ impl PartPlay<'_> {
         match ended {
             Ok(()) => Ok(()),
             Err(Stopped::Refused(error)) => Err(error),
-            Err(Stopped::Interrupted) => Err(CampaignError::Interrupted { done, of }),
+            Err(Stopped::Interrupted) => Err(interrupted(done, of)),
         }
     }
 }
@@ -331,7 +324,7 @@ pub(crate) fn folder_id(cases: &dyn Cases, shard: Shard) -> String {
 mod tests {
     use super::*;
 
-    fn shard(variables: &[(&str, &str)], shards: Option<usize>) -> Result<String, NoPart> {
+    fn shard(variables: &[(&str, &str)], shards: Option<usize>) -> Result<String, Failure> {
         let variable = |name: &str| {
             let found = variables.iter().find(|(known, _)| *known == name);
             found.map(|(_, value)| (*value).to_owned())

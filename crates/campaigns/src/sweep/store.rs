@@ -18,7 +18,7 @@ use crate::engine::quoted;
 use judge::verdict::Identity;
 use recording::run_folder::{file, file_in};
 use runner::console::print_error;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::machine;
 
 /// Beginning of each line.
@@ -30,38 +30,6 @@ const LINE_BYTES_MAX: u64 = 1 << 20;
 /// Lines and cases that a message names.
 const NAMED_MAX: usize = 10;
 
-/// Reason for which rows cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum StoreError {
-    #[error("{} cannot be read: {source}", path.display())]
-    Read { path: PathBuf, source: io::Error },
-    #[error("`{}` cannot be written: {source}. What is done is kept: {}, and give the same command again", path.display(), cure(source))]
-    Write { path: PathBuf, source: io::Error },
-    #[error("{} is being written by {writer}: wait until it has ended, or end it", path.display())]
-    Busy { path: PathBuf, writer: String },
-    #[error("{} has {found}, and nothing of it counts here. `rm {}/rows*.jsonl` makes a new start: then play it again", path.display(), parent_text(path))]
-    Foreign { path: PathBuf, found: String },
-    #[error("the row of case {case} in {} has changed since it was read: give the same command again", path.display())]
-    Changed { path: PathBuf, case: usize },
-    #[error(
-        "{count} of {of} cases are missing: {cases}. Name all parts, and play those again that are not done"
-    )]
-    Missing {
-        count: usize,
-        of: usize,
-        cases: String,
-    },
-}
-
-impl StoreError {
-    pub(crate) fn exit(&self) -> Exit {
-        match self {
-            Self::Foreign { .. } | Self::Missing { .. } => Exit::CannotStart,
-            _ => Exit::BenchFailed,
-        }
-    }
-}
-
 /// Remedy for a file that cannot be written.
 fn cure(error: &io::Error) -> &'static str {
     match error.kind() {
@@ -70,19 +38,30 @@ fn cure(error: &io::Error) -> &'static str {
     }
 }
 
-/// Folder of a file as a word of a shell.
-fn parent_text(path: &Path) -> String {
-    quoted(&path.parent().unwrap_or(path).to_string_lossy())
+fn broken(reason: impl ToString) -> Failure {
+    Exit::BenchFailed.because(reason)
 }
 
-fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
-    let path = path.to_owned();
-    move |source| StoreError::Read { path, source }
+pub(crate) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> Failure {
+    move |error| broken(format!("{} cannot be read: {error}", path.display()))
 }
 
-fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
-    let path = path.to_owned();
-    move |source| StoreError::Write { path, source }
+fn write_error(path: &Path) -> impl FnOnce(io::Error) -> Failure {
+    move |error| {
+        let (path, cure) = (path.display(), cure(&error));
+        broken(format!(
+            "`{path}` cannot be written: {error}. What is done is kept: {cure}, and give the same command again"
+        ))
+    }
+}
+
+/// Returns the failure of a file with something else than rows of the campaign.
+fn foreign(path: &Path, found: &str) -> Failure {
+    let folder = quoted(&path.parent().unwrap_or(path).to_string_lossy());
+    let path = path.display();
+    Exit::CannotStart.because(format!(
+        "{path} has {found}, and nothing of it counts here. `rm {folder}/rows*.jsonl` makes a new start: then play it again"
+    ))
 }
 
 /// First line of a file: the campaign whose rows follow, and their writer.
@@ -115,7 +94,7 @@ impl Header {
     }
 
     /// Reads the header in a folder, whatever its campaign; `None` if there is none.
-    pub(crate) fn read(folder: &Path) -> Result<Option<Self>, StoreError> {
+    pub(crate) fn read(folder: &Path) -> Result<Option<Self>, Failure> {
         for path in files_in(folder)? {
             if let Some(found) = Self::of(&path)? {
                 return Ok(Some(found));
@@ -124,7 +103,7 @@ impl Header {
         Ok(None)
     }
 
-    fn of(path: &Path) -> Result<Option<Self>, StoreError> {
+    fn of(path: &Path) -> Result<Option<Self>, Failure> {
         let mut line = Vec::new();
         let mut input = BufReader::new(opened(path)?).take(LINE_BYTES_MAX);
         let read = input.read_until(b'\n', &mut line);
@@ -200,7 +179,7 @@ fn numbered(folder: &Path, number: usize) -> PathBuf {
 }
 
 /// Files of rows in a folder, in the order in which they were begun.
-fn files_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+fn files_in(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries.map_err(read_error(folder))?,
@@ -218,7 +197,7 @@ fn files_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 }
 
 /// Opens a file of rows, which no link may lead out of its folder.
-fn opened(path: &Path) -> Result<File, StoreError> {
+fn opened(path: &Path) -> Result<File, Failure> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let inside = file_in(folder, path.file_name().unwrap_or_default());
     let file = inside.and_then(|path| scenario::open_file(&path));
@@ -265,7 +244,7 @@ impl Rows {
     }
 
     /// Rows of a part of a campaign in a folder, which may not be there yet.
-    pub(crate) fn read(folder: &Path, header: &Header, shard: Shard) -> Result<Self, StoreError> {
+    pub(crate) fn read(folder: &Path, header: &Header, shard: Shard) -> Result<Self, Failure> {
         let mut rows = Self::unread(folder, header, shard);
         rows.look()?;
         Ok(rows)
@@ -284,7 +263,7 @@ impl Rows {
     }
 
     /// Reads the lines that were added since the last look.
-    pub(crate) fn look(&mut self) -> Result<(), StoreError> {
+    pub(crate) fn look(&mut self) -> Result<(), Failure> {
         for path in files_in(&self.folder)? {
             if !self.files.iter().any(|file| file.path == path) {
                 self.files.push(RowsFile {
@@ -299,7 +278,7 @@ impl Rows {
         Ok(())
     }
 
-    fn look_at(&mut self, number: usize) -> Result<(), StoreError> {
+    fn look_at(&mut self, number: usize) -> Result<(), Failure> {
         let file = &mut self.files[number];
         let mut input = opened(&file.path)?;
         let start = input.seek(SeekFrom::Start(file.end));
@@ -314,10 +293,9 @@ impl Rows {
                 .map_err(read_error(&file.path))?;
             let Some(line) = line.strip_suffix(b"\n") else {
                 file.is_cut = length > 0;
-                let path = file.path.clone();
                 let found = format!("a line of more than {LINE_BYTES_MAX} bytes");
                 return if length as u64 == LINE_BYTES_MAX {
-                    Err(StoreError::Foreign { path, found })
+                    Err(foreign(&file.path, &found))
                 } else {
                     Ok(())
                 };
@@ -327,8 +305,7 @@ impl Rows {
             file.end += length as u64;
             if let Some(found) = Header::open(line).filter(|_| offset == 0) {
                 if let Some(found) = self.header.foreign(&found) {
-                    let path = file.path.clone();
-                    return Err(StoreError::Foreign { path, found });
+                    return Err(foreign(&file.path, &found));
                 }
                 file.node = Some(found.node);
             } else if let Some(row) = open::<SweepRow>("row", &self.key, line) {
@@ -347,22 +324,24 @@ impl Rows {
     }
 
     /// Refuses files that another process is writing, where the file system has locks.
-    pub(crate) fn require_unwritten(&self) -> Result<(), StoreError> {
+    pub(crate) fn require_unwritten(&self) -> Result<(), Failure> {
         for RowsFile { path, .. } in &self.files {
             if let Err(TryLockError::WouldBlock) = opened(path)?.try_lock_shared() {
                 let writer = match Header::of(path)? {
                     Some(Header { node, process, .. }) => format!("process {process} on {node}"),
                     None => "another process".to_owned(),
                 };
-                let path = path.clone();
-                return Err(StoreError::Busy { path, writer });
+                let path = path.display();
+                return Err(broken(format!(
+                    "{path} is being written by {writer}: wait until it has ended, or end it"
+                )));
             }
         }
         Ok(())
     }
 
     /// Refuses rows among which cases are missing.
-    pub(crate) fn require_all(&self) -> Result<(), StoreError> {
+    pub(crate) fn require_all(&self) -> Result<(), Failure> {
         if self.is_whole() {
             return Ok(());
         }
@@ -376,11 +355,10 @@ impl Rows {
         } else {
             ""
         };
-        Err(StoreError::Missing {
-            count: of - self.len(),
-            of,
-            cases: named.join(", ") + more,
-        })
+        let (count, cases) = (of - self.len(), named.join(", ") + more);
+        Err(Exit::CannotStart.because(format!(
+            "{count} of {of} cases are missing: {cases}. Name all parts, and play those again that are not done"
+        )))
     }
 
     /// Prints the lines that do not check.
@@ -401,9 +379,7 @@ impl Rows {
     }
 
     /// Rows in the order of their cases, each checked again.
-    pub(crate) fn iter(
-        &self,
-    ) -> Result<impl Iterator<Item = Result<SweepRow, StoreError>>, StoreError> {
+    pub(crate) fn iter(&self) -> Result<impl Iterator<Item = Result<SweepRow, Failure>>, Failure> {
         let files = self
             .files
             .iter()
@@ -416,9 +392,11 @@ impl Rows {
             read.map_err(read_error(path))?;
             let row = open("row", &self.key, &line[..place.length - 1]);
             let row = row.filter(|row: &SweepRow| row.case == *case);
-            row.ok_or_else(|| StoreError::Changed {
-                path: path.clone(),
-                case: *case,
+            row.ok_or_else(|| {
+                let path = path.display();
+                broken(format!(
+                    "the row of case {case} in {path} has changed since it was read: give the same command again"
+                ))
             })
         }))
     }
@@ -454,7 +432,7 @@ pub(crate) struct Writer {
 
 impl Writer {
     /// Begins the first file that is not there yet.
-    pub(crate) fn begin(folder: &Path, header: &Header) -> Result<Self, StoreError> {
+    pub(crate) fn begin(folder: &Path, header: &Header) -> Result<Self, Failure> {
         let mut number = 1;
         let (path, mut file) = loop {
             let path = numbered(folder, number);
@@ -472,14 +450,14 @@ impl Writer {
     }
 
     /// Appends a row.
-    pub(crate) fn append(&mut self, row: &SweepRow) -> Result<(), StoreError> {
+    pub(crate) fn append(&mut self, row: &SweepRow) -> Result<(), Failure> {
         let line = close("row", &self.key, row);
         let written = self.file.write_all(line.as_bytes());
         written.map_err(write_error(&self.path))
     }
 
     /// Waits until the disk has all rows.
-    pub(crate) fn sync(&mut self) -> Result<(), StoreError> {
+    pub(crate) fn sync(&mut self) -> Result<(), Failure> {
         self.file.sync_data().map_err(write_error(&self.path))
     }
 }
@@ -517,7 +495,7 @@ pub(super) mod tests {
         row
     }
 
-    fn read(folder: &Path) -> Result<Rows, StoreError> {
+    fn read(folder: &Path) -> Result<Rows, Failure> {
         Rows::read(folder, &header("s"), SHARD)
     }
 
@@ -746,7 +724,7 @@ pub(super) mod tests {
             let mut writer = Writer::begin(&folder, &theirs).unwrap();
             writer.append(&row(2)).unwrap();
             let error = read(&folder).unwrap_err();
-            assert_eq!(error.exit(), Exit::CannotStart);
+            assert_eq!(error.exit, Exit::CannotStart);
             let path = folder.join("rows-2.jsonl");
             let message = format!(
                 "{} has rows of {other}, and nothing of it counts here.",
@@ -825,8 +803,11 @@ pub(super) mod tests {
         lines[4] = last.as_bytes();
         fs::write(folder.path().join("rows.jsonl"), lines.concat()).unwrap();
         let found = rows.iter().unwrap().map(|row| match row {
-            Err(StoreError::Changed { case, .. }) => case,
-            row => row.map(|_| 0).unwrap(),
+            Err(failure) => {
+                assert!(failure.reason.contains("has changed since it was read"));
+                failure.reason.split(' ').nth(4).unwrap().parse().unwrap()
+            }
+            Ok(_) => 0,
         });
         assert_eq!(Vec::from_iter(found), [0, 5, 8, 11]);
     }

@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use plan::Plan;
 use recording::run_folder::file;
 use report::terminal;
+use runner::exit::Failure;
 use scenario::expect::Limit;
 
 use super::cases::Cases;
 use super::drivers::{Driven, Sampler};
 use super::row::{Ended, SweepRow};
-use super::store::{Rows, StoreError};
+use super::store::Rows;
 use crate::distribution::{quantile, staircase};
 
 /// Folder of the scenarios of cases that do not pass.
@@ -93,7 +94,7 @@ fn missed(row: &SweepRow, limits: &BTreeMap<String, Limit>) -> String {
 
 impl<'a> Summary<'a> {
     /// Summarizes the rows of all cases.
-    pub(super) fn read(cases: &'a dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, StoreError> {
+    pub(super) fn read(cases: &'a dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, Failure> {
         let limits = cases.limits(plan);
         let limited = limits.iter().map(|(name, _)| name.clone());
         let limited = Vec::from_iter(limited);
@@ -184,7 +185,7 @@ fn spreads(
     limits: &BTreeMap<String, Limit>,
     missed: &BTreeMap<String, usize>,
     rows: &Rows,
-) -> Result<Vec<MetricSpread>, StoreError> {
+) -> Result<Vec<MetricSpread>, Failure> {
     let group = (VALUES_MAX / runs.max(1)).max(1);
     let mut spreads = Vec::new();
     for names in metrics.chunks(group) {

@@ -15,6 +15,7 @@ use crate::campaign::{NoResult, play_one};
 use plan::Plan;
 use recording::capture::Watch;
 use report::terminal::as_written;
+use runner::exit::{Exit, Failure};
 use scenario::hexadecimal;
 use worlds::catalogue::catalogue;
 
@@ -45,22 +46,18 @@ pub struct SweepCase<'a> {
     base: &'a Plan,
 }
 
-/// Error of a scenario without a sweep.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "`{0}` has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
-)]
-pub struct NoSweep(String);
-
 impl SweepCases {
     /// Returns the sweep of a plan that was read from a file.
     ///
     /// # Errors
     /// The plan has no sweep.
-    pub fn new(plan: &Plan) -> Result<Self, NoSweep> {
+    pub fn new(plan: &Plan) -> Result<Self, Failure> {
         let shared = &plan.shared;
         let Some(sweep) = &shared.sweep else {
-            return Err(NoSweep(shared.beside.scenario().display().to_string()));
+            let path = shared.beside.scenario().display();
+            return Err(Exit::CannotStart.because(format!(
+                "`{path}` has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
+            )));
         };
         let mut document: Table = shared.text.parse().expect("the loader has read it");
         document.remove("sweep");

@@ -4,13 +4,15 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use plan::Plan;
+use runner::exit::{Exit, Failure};
 use scenario::{HASH_SUFFIX, file_hash, hash_in, open_file};
 
-/// Error of a file that changed or vanished meanwhile.
-#[derive(Debug, thiserror::Error)]
-#[error("{} is gone or another file than at the start, and rows of both do not go together. What is done is kept: put the first one back and give the same command again, or do so for another campaign with the new one", path.display())]
-pub(crate) struct Changed {
-    path: PathBuf,
+/// Returns the failure of a file that changed or vanished meanwhile.
+fn changed(path: &Path) -> Failure {
+    let path = path.display();
+    Exit::BenchFailed.because(format!(
+        "{path} is gone or another file than at the start, and rows of both do not go together. What is done is kept: put the first one back and give the same command again, or do so for another campaign with the new one"
+    ))
 }
 
 /// Identity of a file: its number on the disk, its length, and the time of its last change.
@@ -22,7 +24,7 @@ pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
 
 impl Uncopied {
     /// Stamps the files of a plan, which must be the same as when it was loaded.
-    pub(super) fn new(plan: &Plan) -> Result<Self, Changed> {
+    pub(super) fn new(plan: &Plan) -> Result<Self, Failure> {
         let files = plan.shared.tables.iter().filter_map(|(name, line)| {
             let file = name.strip_suffix(HASH_SUFFIX)?;
             Some((plan.shared.beside.place(file), hash_in(line)))
@@ -32,17 +34,17 @@ impl Uncopied {
             let stamp = stamp(&path);
             match open_file(&path).and_then(file_hash) {
                 Ok(found) if found == hash => Ok((path, stamp)),
-                _ => Err(Changed { path }),
+                _ => Err(changed(&path)),
             }
         });
         stamped.collect::<Result<_, _>>().map(Self)
     }
 
     /// Checks that all files are as they were.
-    pub(super) fn check(&self) -> Result<(), Changed> {
+    pub(super) fn check(&self) -> Result<(), Failure> {
         let mut files = self.0.iter();
         match files.find(|(path, before)| stamp(path) != *before) {
-            Some((path, _)) => Err(Changed { path: path.clone() }),
+            Some((path, _)) => Err(changed(path)),
             None => Ok(()),
         }
     }

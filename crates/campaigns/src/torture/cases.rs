@@ -7,6 +7,7 @@ use faults::Stream;
 use plan::Plan;
 use recording::capture::Watch;
 use recording::run_folder::file_in;
+use runner::exit::Failure;
 use runner::recorded::RecordedError;
 use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,6 @@ use super::draw::{self, Nodes};
 use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{PANIC, TortureCase};
 use crate::campaign::{NoResult, play_one};
-use crate::error::CampaignError;
 use crate::sweep::cases::Cases;
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::Rows;
@@ -186,7 +186,7 @@ impl Cases for TortureCases {
         drawn.collect::<Vec<_>>().join(", ")
     }
 
-    fn show_more(&self, rows: &Rows, output: &Path) -> Result<(), CampaignError> {
+    fn show_more(&self, rows: &Rows, output: &Path) -> Result<(), Failure> {
         shrink_all(output, &broken_in(rows)?, self)
     }
 

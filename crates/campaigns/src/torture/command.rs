@@ -9,15 +9,15 @@ use clap::Args;
 use super::cases::{Draws, TortureCases};
 use super::shrink::TortureCase;
 use crate::campaign::caught;
-use crate::error::{CampaignError, run};
+use crate::error::run;
 use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::part::{PartArgs, PartPlay};
-use crate::sweep::store::{Rows, StoreError};
+use crate::sweep::store::Rows;
 use plan::Plan;
 use recording::capture::Watch;
 use runner::console::{print, print_error};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::{self, RUNS, RunPlace};
 use worlds::law_process::started_by;
@@ -72,7 +72,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
 
 /// Plays the mixes that have no row yet, and makes tables and page. Of all mixes together, it shrinks the first that broke each
 /// invariant; `canrig merge` does so for parts.
-fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, CampaignError> {
+fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
     let draws = Draws {
         runs: args.runs,
         seed: args.seed,
@@ -121,7 +121,7 @@ struct FirstBroken {
 }
 
 /// Returns the invariants that the rows broke.
-pub(super) fn broken_in(rows: &Rows) -> Result<Broken, StoreError> {
+pub(super) fn broken_in(rows: &Rows) -> Result<Broken, Failure> {
     let mut broken = Broken::default();
     for row in rows.iter()? {
         let row = row?;
@@ -143,12 +143,19 @@ pub(super) fn shrink_all(
     output: &Path,
     broken: &Broken,
     cases: &TortureCases,
-) -> Result<(), CampaignError> {
+) -> Result<(), Failure> {
+    let not_shrunk = |reason: String| {
+        let text = "a broken invariant cannot be shown by a smaller scenario";
+        Exit::BenchFailed.because(format!("{text}: {reason}"))
+    };
     for (invariant, first) in broken.0.iter().take(SHRUNK_MAX) {
         print(&format!("run {}: {invariant}: {}", first.case, first.text));
-        let case = cases.case(first.case).map_err(CampaignError::Shrink)?;
-        let shrunk = case.shrunk(invariant)?;
-        let folder = keep(&shrunk, output).map_err(CampaignError::Shrink)?;
+        let case = cases.case(first.case).map_err(not_shrunk)?;
+        let shrunk = case.shrunk(invariant).map_err(|interrupted| {
+            let text = "before a broken run was made small; the runs are kept: give the same command again";
+            Exit::Interrupted.because(format!("{interrupted} {text}"))
+        })?;
+        let folder = keep(&shrunk, output).map_err(not_shrunk)?;
         print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
     Ok(())

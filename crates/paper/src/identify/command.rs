@@ -19,8 +19,8 @@ use super::search::{self, SearchError, Solution};
 use super::start;
 use super::statistics::FitStatistics;
 use recording::run_folder::{RunFolder, file};
-use runner::console::{Bar, print, print_error};
-use runner::exit::Exit;
+use runner::console::{Bar, failed, print};
+use runner::exit::{Exit, Failure};
 use runner::run::RUNS;
 
 /// Largest number of recordings in one identification.
@@ -47,21 +47,6 @@ const CALIBRATED_LAW: &str = "\
 # reference_launch_jerk_metres_per_second_cubed = 500.0
 
 ";
-
-/// Reason why there is no result, with the exit code.
-struct IdentifyFailure {
-    message: String,
-    exit: Exit,
-}
-
-impl IdentifyFailure {
-    fn new(exit: Exit) -> impl Fn(&dyn std::error::Error) -> Self {
-        move |error| Self {
-            message: error.to_string(),
-            exit,
-        }
-    }
-}
 
 /// Arguments of `identify`.
 #[derive(Args, Debug)]
@@ -94,19 +79,16 @@ pub struct IdentifyArgs {
 
 /// Executes the command.
 pub fn identify(args: &IdentifyArgs) -> Exit {
-    match run(args) {
-        Ok(exit) => exit,
-        Err(failure) => {
-            print_error(&format!("canrig: {}", failure.message));
-            failure.exit
-        }
-    }
+    run(args).unwrap_or_else(|failure| failed(failure.exit, failure))
 }
 
-fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
-    let usage = IdentifyFailure::new(Exit::Usage);
-    let parameters = parameter::parse_list(&args.parameters).map_err(|error| usage(&error))?;
-    let start = args.start.plant().map_err(|error| usage(&error))?;
+fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
+    let parameters =
+        parameter::parse_list(&args.parameters).map_err(|error| Exit::Usage.because(error))?;
+    let start = args
+        .start
+        .plant()
+        .map_err(|error| Exit::Usage.because(error))?;
     let measurements = load(args)?;
     let known = known(args, &measurements)?;
     let fit = Fit::new(&measurements, parameters, known.plant);
@@ -120,11 +102,11 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
     let found = search::search(&fit, &fit.values_in(&start), &progress);
     drop(activity);
     let found = found.map_err(|error| match error {
-        SearchError::Start(_) => IdentifyFailure::new(Exit::Usage)(&error),
-        _ => IdentifyFailure::new(Exit::Inconclusive)(&error),
+        SearchError::Start(_) => Exit::Usage.because(error),
+        _ => Exit::Inconclusive.because(error),
     })?;
     let folder = write(args, &fit, &found, &known.notes)
-        .map_err(|error| IdentifyFailure::new(Exit::BenchFailed)(error.as_ref()))?;
+        .map_err(|error| Exit::BenchFailed.because(error))?;
     let exit = exit(&fit, &found);
     if !args.quiet || exit != Exit::Pass {
         print(&report::summary(&fit, &found));
@@ -150,32 +132,26 @@ fn exit(fit: &Fit<'_>, found: &Solution) -> Exit {
     }
 }
 
-fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, IdentifyFailure> {
+fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, Failure> {
     let database = args.dbc.as_deref().map(read_database).transpose()?;
     if args.recordings.len() > RECORDINGS_MAX {
-        return Err(IdentifyFailure {
-            message: format!(
-                "{} recordings are given (limit {RECORDINGS_MAX})",
-                args.recordings.len()
-            ),
-            exit: Exit::Usage,
-        });
+        return Err(Exit::Usage.because(format!(
+            "{} recordings are given (limit {RECORDINGS_MAX})",
+            args.recordings.len()
+        )));
     }
-    let invalid = IdentifyFailure::new(Exit::CannotStart);
     let measurements = args
         .recordings
         .iter()
         .map(|path| IdentificationData::load(path, args.scenario.as_deref(), database.as_ref()));
     measurements
         .collect::<Result<Vec<_>, _>>()
-        .map_err(|error| invalid(&error))
+        .map_err(|error| Exit::CannotStart.because(error))
 }
 
-fn read_database(path: &Path) -> Result<Database, IdentifyFailure> {
-    let fault = |reason: String| IdentifyFailure {
-        message: format!("{} is no DBC: {reason}", path.display()),
-        exit: Exit::Usage,
-    };
+fn read_database(path: &Path) -> Result<Database, Failure> {
+    let fault =
+        |reason: String| Exit::Usage.because(format!("{} is no DBC: {reason}", path.display()));
     let text = scenario::read_text(path, plan::FILE_BYTES_MAX)
         .map_err(|error| fault(error.to_string()))?;
     Database::parse(&text).map_err(|error| fault(error.to_string()))
@@ -187,10 +163,7 @@ struct KnownPlant {
     notes: Vec<String>,
 }
 
-fn known(
-    args: &IdentifyArgs,
-    measurements: &[IdentificationData],
-) -> Result<KnownPlant, IdentifyFailure> {
+fn known(args: &IdentifyArgs, measurements: &[IdentificationData]) -> Result<KnownPlant, Failure> {
     let scenario = measurements
         .first()
         .and_then(|measurement| measurement.control_loop.trial.plant.actuator())
@@ -206,7 +179,7 @@ fn known(
             notes: vec!["All other parameters of the plant are taken from the scenario of the first recording.".to_owned()],
         },
         _ => KnownPlant {
-            plant: start::read_plant(&args.known).map_err(|error| IdentifyFailure::new(Exit::Usage)(&error))?,
+            plant: start::read_plant(&args.known).map_err(|error| Exit::Usage.because(error))?,
             notes: vec![format!("All other parameters of the plant are taken from `{}`.", args.known.display())],
         },
     })
