@@ -190,12 +190,14 @@ fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     let steady = steady(folder.path(), 2.0, 2, 0.0);
     let run = Run::begin(&steady, "lockstep");
     let (emulator, worker) = emulator_and_worker(&run);
-    kill_process(emulator, Signal::KILL).unwrap();
     let runtime = run.runtime();
+    // The folder with the worker's seat is there until the worker comes.
+    wait_for("the worker at its seat", || left(&runtime).len() == 1);
+    kill_process(emulator, Signal::KILL).unwrap();
     let (code, text, _folder) = run.end();
     assert_eq!(code, Some(4), "{text}");
     wait_for("the worker's end", || is_gone(worker));
-    assert_eq!(left(&runtime).len(), 1);
+    assert_eq!(left(&runtime).len(), 1, "{:?}", left(&runtime));
     let mut next = canrig(&folder.path().join("next"), "simulate");
     let sound = ["--set", "plant.cart.start.mode=0"];
     let next = next.arg(steady).args(sound).env("TMPDIR", &runtime);

@@ -216,6 +216,7 @@ pub struct Instance {
     has_events: bool,
     next_event_seconds: f64,
     time_seconds: f64,
+    /// Whether the FMU is to be terminated: after its start, and until a fatal error.
     is_initialized: bool,
 }
 
@@ -532,6 +533,7 @@ impl Instance {
         }
         let fault = self.failed(function, status.outcome(), time_seconds);
         if status == Status::Fatal {
+            self.is_initialized = false;
             self.slave.forsake();
         }
         Err(fault)

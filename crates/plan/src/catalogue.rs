@@ -140,7 +140,8 @@ impl Catalogue {
                 range: [min, max],
                 ..
             } = ports.find(|port| port.name == change.output)?;
-            (!(*min..=*max).contains(&change.value)).then(|| {
+            let is_wrong = change.value.is_finite() && !(*min..=*max).contains(&change.value);
+            is_wrong.then(|| {
                 let path = format!("{}.value", change.path);
                 let message = format!("`{name}` cannot be {} {symbol}", change.value);
                 Objection::new(path, message, format!("must be {min} to {max}"))

@@ -346,7 +346,7 @@ impl IoOutput {
 fn fan_or_load(name: &str) -> Option<Port> {
     match name {
         FAN_OUTPUT => Some(
-            Port::input(name, [0.0, 32.767])
+            Port::input(name, [0.0, 30.0])
                 .in_steps(1e3)
                 .resting_at(1.0)
                 .with_comment("Multiplies the convection coefficient of the wire; 1 is still air."),

@@ -20,7 +20,7 @@ const STEP_PATIENCE: Duration = Duration::from_secs(5);
 const TERMINATE_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for a worker that closed its channel to end.
 const CLOSED_PATIENCE: Duration = Duration::from_secs(1);
-/// What the worker does meanwhile, for messages.
+/// Actions of the worker, for messages.
 const LOADED: &str = "loaded it";
 const STEPPED: &str = "stepped";
 
