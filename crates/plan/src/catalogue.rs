@@ -1,7 +1,7 @@
 //! The plants and laws that a bench knows, and the frames of each pair of them.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
@@ -38,6 +38,8 @@ pub struct Catalogue {
     law_objection: FindLawObjection,
     /// `None` if all laws publish the terms of the shipped DBC.
     find_terms: Option<FindTerms>,
+    /// Frames of single loops that were asked for so far.
+    frames: Mutex<Vec<Arc<Frames>>>,
 }
 
 /// The part of a loop's frames that depends on its plant, its law and its io nodes.
@@ -60,6 +62,7 @@ impl Catalogue {
             find_ports: None,
             law_objection: |_| None,
             find_terms: None,
+            frames: Mutex::default(),
         }
     }
 
@@ -93,7 +96,16 @@ impl Catalogue {
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
         };
-        Arc::new(Frames::new(published, &trial.wiring))
+        // An incomplete entry is still correct.
+        let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_it =
+            |frames: &&Arc<Frames>| frames.published == published && frames.wiring == trial.wiring;
+        if let Some(frames) = known.iter().find(is_it) {
+            return Arc::clone(frames);
+        }
+        let frames = Arc::new(Frames::new(published, trial));
+        known.push(Arc::clone(&frames));
+        frames
     }
 
     /// Returns the signals of its plant that the drive of a scenario publishes.
@@ -311,7 +323,8 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(published: Published, wiring: &Wiring) -> Self {
+    fn new(published: Published, trial: &Trial) -> Self {
+        let wiring = &trial.wiring;
         let controller = &wiring.nodes.controller;
         let composer = Composer::new(&controller.name, controller.id);
         let composer = if wiring.follows_itself() {

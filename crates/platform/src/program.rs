@@ -324,7 +324,7 @@ impl Seat {
             let (header, body) = Header::split(message).map_err(io::Error::other)?;
             let mut values = numbers(body);
             if header.kind == Kind::Stop as u8 {
-                // What it does at its end is done when canrig hears of it.
+                // Its end is over when canrig hears of it.
                 drop(law);
                 write_done(&mut self.answer, header.number, STOPPED);
                 return self.send();
