@@ -213,7 +213,7 @@ pub(crate) fn describe(schema: &mut Value) {
 /// Reads a table under a name that the format does not have.
 pub(crate) fn read<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Custom>, D::Error> {
     let tables = toml::Table::deserialize(deserializer)?;
-    Ok((!tables.is_empty()).then(|| Custom(tables)))
+    Ok((!tables.is_empty()).then_some(Custom(tables)))
 }
 
 /// Table of a plant or a law from outside, as a scenario has it. Its parameters are checked, except in a recorded scenario.

@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn advice_on_a_key_in_another_unit_says_the_factor() {
-        let advice = meant_or_known("duration_minutes", &["duration_seconds", "name"]);
+        let advice = meant_or_known("duration_minutes", ["duration_seconds", "name"]);
         assert_eq!(
             advice,
             "did you mean `duration_seconds`, 60 times the number?"

@@ -335,7 +335,7 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Plot<'static>> {
             Colour::Measured,
             Shape::Line,
             times,
-            &millimetres(&measurement.positions_metres),
+            millimetres(&measurement.positions_metres),
         );
         figure.draw(
             "identified",

@@ -79,7 +79,7 @@ fn rig_text(
     if !rig.ends_with(".toml") {
         let Some(text) = shipped::text(rig) else {
             let message = format!("no rig that ships is called `{rig}`");
-            let label = meant_or_known(rig, &shipped::names());
+            let label = meant_or_known(rig, shipped::names());
             let help =
                 "a rig file beside the scenario is named with its ending: rig = \"FILE.toml\"";
             return Err(problem(message, &label).with_help(help));
