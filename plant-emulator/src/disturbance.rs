@@ -40,6 +40,8 @@ pub struct DisturbanceModule {
     outputs: Vec<Output>,
     /// Output values, in the units of 0x6411.
     values: Vec<i16>,
+    /// Whether they may have changed since the last look.
+    is_changed: bool,
 }
 
 impl DisturbanceModule {
@@ -54,10 +56,16 @@ impl DisturbanceModule {
             .collect::<Result<Vec<_>, _>>()?;
         let mut module = Self {
             values: vec![0; outputs.len()],
+            is_changed: true,
             outputs,
         };
         module.put_out(dictionary);
         Ok(module)
+    }
+
+    /// Returns whether the outputs may have changed since the last look.
+    pub(crate) fn look(&mut self) -> bool {
+        std::mem::take(&mut self.is_changed)
     }
 
     /// Returns the value of an output, in the units of 0x6411; 0 if there is no such output.
@@ -67,6 +75,7 @@ impl DisturbanceModule {
 
     /// Outputs the values in the dictionary.
     fn put_out(&mut self, dictionary: &ObjectDictionary) {
+        self.is_changed = true;
         for (value, output) in self.values.iter_mut().zip(&self.outputs) {
             *value = objects::integer16(dictionary, output.value);
         }
@@ -114,6 +123,7 @@ impl Application for DisturbanceModule {
             <[u8; 2]>::try_from(bytes),
         ) {
             *value = i16::from_le_bytes(bytes);
+            self.is_changed = true;
         }
         Ok(())
     }

@@ -275,8 +275,11 @@ impl PlantEmulator {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
         };
-        for Module { device, outputs } in &self.modules {
-            let module = device.application();
+        for Module { device, outputs } in &mut self.modules {
+            let module = device.application_mut();
+            if !module.look() {
+                continue;
+            }
             for output in outputs {
                 if let Some(input) = output.input {
                     let value = output.input_value(module.steps(output.place));
