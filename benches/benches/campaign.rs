@@ -7,6 +7,7 @@ use std::path::Path;
 use campaigns::campaign::play_one;
 use campaigns::sweep::row::{Ended, SweepRow};
 use campaigns::sweep::sweep_cases::SweepCases;
+use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 use plan::Plan;
 use recording::capture::Watch;
 use worlds::catalogue::catalogue;
@@ -27,6 +28,15 @@ const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 23_270;
 fn cases() -> SweepCases {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
     let plan = Plan::load(&file, catalogue()).expect("the shipped sweep is valid");
+    // Read once for all cases of a sweep, however many they are.
+    let sheets = [
+        (CONTROLLER_EDS, 0x01),
+        (DRIVE_EDS, 0x10),
+        (DISTURBANCE_EDS, 0x11),
+    ];
+    for (sheet, node_id) in sheets {
+        dbc::dictionary(sheet, node_id).expect("the data sheets ship");
+    }
     SweepCases::new(&plan).expect("it is a sweep")
 }
 
