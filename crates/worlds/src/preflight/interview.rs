@@ -105,8 +105,12 @@ impl<'a> Interview<'a> {
         }
         let found = Vec::from_iter(nodes.iter().map(named)).join(", ");
         checks.push(Check::passed("nodes", format!("found: {found}")));
-        checks.push(check("identity", self.identity()?));
-        checks.push(check("objects", self.objects()?));
+        let identity = self.identity()?;
+        let is_the_drive = identity.is_ok();
+        checks.push(check("identity", identity));
+        if is_the_drive {
+            checks.push(check("objects", self.objects()?));
+        }
         Ok(checks)
     }
 
@@ -277,4 +281,114 @@ fn unsigned(bytes: &[u8]) -> Option<u32> {
     let mut buffer = [0; 4];
     buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
     (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::fs::File;
+    use std::os::fd::{AsFd, BorrowedFd};
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use can::CanFrame;
+    use canopen::object_dictionary::Preset;
+    use platform::bus::{Bus, BusError};
+    use scenario::rig::{Limits, RealDrive, RigDrive};
+
+    use super::super::checklist::CheckOutcome;
+    use super::*;
+
+    /// Drive that answers expedited transfers (CiA 301, 7.2.4.3) with the values of a data sheet.
+    struct Answering {
+        dictionary: ObjectDictionary,
+        answers: VecDeque<CanFrame>,
+        written: Arc<AtomicUsize>,
+        nothing: File,
+    }
+
+    impl Bus for Answering {
+        fn send(&mut self, frame: &CanFrame) -> Result<(), BusError> {
+            let [command, low, high, sub_index, ..] = *frame.data() else {
+                return Ok(());
+            };
+            let mut answer = [0x60, low, high, sub_index, 0, 0, 0, 0];
+            if command == 0x40 {
+                let index = u16::from_le_bytes([low, high]);
+                let handle = self.dictionary.find(index, sub_index).unwrap();
+                let value = &self.dictionary.entry(handle).default;
+                let unused = u8::try_from(4 - value.len()).unwrap();
+                answer[0] = 0x43 | unused << 2;
+                answer[4..][..value.len()].copy_from_slice(value);
+            } else {
+                self.written.fetch_add(1, Ordering::Relaxed);
+            }
+            self.answers.push_back(CanFrame::new(0x590, &answer));
+            Ok(())
+        }
+
+        fn receive(&mut self, timeout: Duration) -> Result<Option<CanFrame>, BusError> {
+            let answer = self.answers.pop_front();
+            if answer.is_none() {
+                platform::clock::sleep(timeout);
+            }
+            Ok(answer)
+        }
+
+        fn as_fd(&self) -> BorrowedFd<'_> {
+            self.nothing.as_fd()
+        }
+
+        fn dropped(&self) -> u64 {
+            0
+        }
+
+        fn delayed(&self) -> u64 {
+            0
+        }
+    }
+
+    #[test]
+    fn nothing_is_written_to_another_drive() {
+        let checks_made = ["other manager", "nodes", "identity", "objects"];
+        for (device_type, made) in [
+            (0x0002_0192, &checks_made[..]),
+            (0x0003_0192, &checks_made[..3]),
+        ] {
+            let limits = Limits {
+                current_amperes: 1.0,
+                min: 0.0,
+                max: 60.0,
+                rate_max: 1e4,
+            };
+            let drive =
+                LoadedDrive::new(RealDrive::new(RigDrive::default(), limits), None).unwrap();
+            let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
+            let mut answering = dictionary.clone();
+            answering.preset(&Preset::new(0x1000, 0, device_type));
+            let written = Arc::new(AtomicUsize::new(0));
+            let bus = Answering {
+                dictionary: answering,
+                answers: VecDeque::new(),
+                written: Arc::clone(&written),
+                nothing: File::open("/dev/null").unwrap(),
+            };
+            let guest = Guest::new(Box::new(bus), || false);
+            let interview = Interview::new(guest, &drive, dictionary, 1);
+            let node = (NodeId::new(0x10).unwrap(), "drive".to_owned());
+            let Ok(checks) = interview.checks(&[node], 1) else {
+                panic!("nobody else is there");
+            };
+            let names = Vec::from_iter(checks.iter().map(|check| check.name));
+            assert_eq!(names, made);
+            let has_passed = checks.last().unwrap().outcome == CheckOutcome::Passed;
+            assert_eq!(
+                has_passed,
+                device_type == 0x0002_0192,
+                "{:?}",
+                checks.last()
+            );
+            assert_eq!(written.load(Ordering::Relaxed) > 0, has_passed);
+        }
+    }
 }
