@@ -4,6 +4,8 @@ use std::ops::RangeInclusive;
 
 use canopen::object_dictionary::Preset;
 
+use crate::names::{ADDED_LOAD, CONVECTION_FACTOR};
+
 /// The controller, node 0x01 (`controller.eds`).
 pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
 /// The drive, node 0x10, CiA 402 (`drive.eds`).
@@ -167,8 +169,9 @@ const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
 /// Section before which new sections are inserted.
 const MANUFACTURER_OBJECTS: &str = "[ManufacturerObjects]";
 
-/// Returns the EDS of an io node with these outputs, from the place of the first one on; outputs before it stay.
-pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
+/// Returns the EDS of an io node with these outputs. The sheet has the fan and the load as they are, before all others.
+pub fn with_outputs(eds: &str, mut outputs: Vec<AnalogueOutput>) -> String {
+    outputs.retain(|output| ![CONVECTION_FACTOR, ADDED_LOAD].contains(&&*output.name));
     let (Some(first), Some(last)) = (outputs.first(), outputs.last()) else {
         return eds.to_owned();
     };
@@ -286,12 +289,14 @@ mod tests {
 
     #[test]
     fn an_io_node_has_the_outputs_that_the_rig_wires() {
-        assert_eq!(with_outputs(DISTURBANCE_EDS, &[]), DISTURBANCE_EDS);
-        let outputs = [
+        assert_eq!(with_outputs(DISTURBANCE_EDS, Vec::new()), DISTURBANCE_EDS);
+        let outputs = vec![
+            output(0, CONVECTION_FACTOR, 1000),
+            output(1, ADDED_LOAD, 0),
             output(2, "valve_percent", 500),
             output(3, "tilt_degrees", -3),
         ];
-        let text = with_outputs(DISTURBANCE_EDS, &outputs);
+        let text = with_outputs(DISTURBANCE_EDS, outputs);
         let beside = eds::parse(&text, 0x11).unwrap().dictionary;
         let values = |index: u16| {
             [1, 2, 3, 4].map(|sub_index| {
@@ -306,7 +311,7 @@ mod tests {
         assert_eq!(beside.unsigned(0x1600, 0), Some(4));
         assert_eq!(beside.unsigned(0x1600, 3), Some(0x6411_0310));
 
-        let text = with_outputs(DISTURBANCE_EDS, &[output(0, "valve_percent", 7)]);
+        let text = with_outputs(DISTURBANCE_EDS, vec![output(0, "valve_percent", 7)]);
         let alone = eds::parse(&text, 0x11).unwrap().dictionary;
         let handle = alone.find(0x6411, 1).unwrap();
         assert_eq!(alone.entry(handle).name, "valve_percent");

@@ -427,13 +427,12 @@ fn disturbance(
     manager: u8,
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
-    let outputs = outputs.iter().filter(|output| !output.is_fan_or_load());
-    let outputs = outputs.map(|output| AnalogueOutput {
+    let outputs = outputs.iter().map(|output| AnalogueOutput {
         place: output.place,
         name: output.port.name.clone(),
         at_rest: output.raw_at_rest(),
     });
-    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, &Vec::from_iter(outputs));
+    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, outputs.collect());
     let mut objects = dictionary(node_id, &text)?;
     objects.preset(&dbc::data_sheets::io_watch(manager));
     let module = DisturbanceModule::new(&objects)?;

@@ -65,7 +65,10 @@ impl BusShare {
     }
 
     fn comes_in(&self, cycle: u32) -> bool {
-        matches!(self.pace, Pace::Cycles { every, remainder } if cycle % u32::from(every) == u32::from(remainder))
+        match self.pace {
+            Pace::Cycles { every, remainder } => cycle % u32::from(every) == u32::from(remainder),
+            Pace::Milliseconds(_) => false,
+        }
     }
 }
 

@@ -68,14 +68,12 @@ fn loop_sheets(one: &ControlLoop) -> Vec<NodeSheet> {
         }
     };
     let io_sheets = one.nodes.io.iter().map(|io| {
-        let outputs = one.io_outputs(io).iter();
-        let outputs = outputs.filter(|output| !output.is_fan_or_load());
-        let outputs = outputs.map(|output| AnalogueOutput {
+        let outputs = one.io_outputs(io).iter().map(|output| AnalogueOutput {
             place: output.place,
             name: output.port.name.clone(),
             at_rest: output.raw_at_rest(),
         });
-        let eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
+        let eds = data_sheets::with_outputs(DISTURBANCE_EDS, outputs.collect());
         let values = NodeValues {
             presets: vec![data_sheets::io_watch(one.nodes.controller.id)],
             unit: None,

@@ -1,7 +1,7 @@
 //! Checks that the drives and io nodes of a rig file are wired to ports that its plants have.
 
 use scenario::port::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
-use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+use scenario::rig::nodes::{FAN_OUTPUT, kind_of_output};
 use scenario::wiring::RECORDED_MAX;
 use scenario::{Objection, Scenario, Trial, nearest};
 
@@ -190,7 +190,7 @@ impl Wired<'_> {
             };
             return Err(Objection::new(path, message, label));
         }
-        if !port.has_range() && ![FAN_OUTPUT, LOAD_OUTPUT].contains(&output) {
+        if !port.has_range() && kind_of_output(output).is_none() {
             let message = format!("nobody knows which values `{name}` can have");
             return Err(Objection::new(path, message, "the port has no range"));
         }

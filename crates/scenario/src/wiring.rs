@@ -12,7 +12,7 @@ use crate::port::{
     Command, Measurand, Port, Ports, Unit, conversion, local_name, plant_of_port, steps_for,
     symbol_of, unit_in,
 };
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
 
 /// Largest number of outputs that a drive can publish: TPDO2, with the true position, and TPDO3 hold them.
 pub const RECORDED_MAX: usize = 6;
@@ -270,22 +270,22 @@ pub struct IoWiring {
 impl IoWiring {
     /// Checks whether the outputs are fan and load alone, which need no port to be known.
     pub fn has_fan_and_load_only(&self) -> bool {
-        self.outputs.keys().all(|name| fan_or_load(name).is_some())
+        let mut names = self.outputs.keys();
+        names.all(|name| kind_of_output(name).is_some())
     }
 
     /// Returns the outputs in the order of their places, without those that fit no port. Fan and load have the first two, whether
     /// one of them is wired or both.
     pub fn outputs(&self, ports: &Ports) -> Vec<IoOutput> {
         let wired = |name: &str| ports.input(self.outputs.get(name)?);
-        let is_one_there = self.outputs.keys().any(|name| fan_or_load(name).is_some());
-        let first = [FAN_OUTPUT, LOAD_OUTPUT].into_iter();
-        let first = first.filter(|_| is_one_there).map(|name| {
-            let port = fan_or_load(name)?;
-            Some(IoOutput::new(port, wired(name), ports))
+        let is_other = |name: &&String| kind_of_output(name).is_none();
+        let first = [fan(), load()].into_iter();
+        let first = first.filter(|_| !self.outputs.keys().all(|name| is_other(&name)));
+        let first = first.map(|port| {
+            let input = wired(&port.name);
+            Some(IoOutput::new(port, input, ports))
         });
-        let others = self.outputs.keys();
-        let others = others.filter(|name| fan_or_load(name).is_none());
-        let others = others.map(|name| {
+        let others = self.outputs.keys().filter(is_other).map(|name| {
             let input = wired(name)?;
             let port = output_like(name, &ports.inputs[input])?;
             Some(IoOutput::new(port, Some(input), ports))
@@ -335,29 +335,21 @@ impl IoOutput {
     pub fn raw_at_rest(&self) -> i16 {
         libm::round(self.port.at_rest * self.port.steps_per_unit) as i16
     }
-
-    /// Checks whether it is the fan or the load, which the shipped data sheet has.
-    pub fn is_fan_or_load(&self) -> bool {
-        fan_or_load(&self.port.name).is_some()
-    }
 }
 
-/// Returns the fan or the load as an output.
-fn fan_or_load(name: &str) -> Option<Port> {
-    match name {
-        FAN_OUTPUT => Some(
-            Port::input(name, [0.0, 30.0])
-                .in_steps(1e3)
-                .resting_at(1.0)
-                .with_comment("Multiplies the convection coefficient of the wire; 1 is still air."),
-        ),
-        LOAD_OUTPUT => Some(
-            Port::input(name, [-3_276.8, 3_276.7])
-                .in_steps(10.0)
-                .with_comment("Added to the load on the pulley; may be negative."),
-        ),
-        _ => None,
-    }
+/// Returns the fan as an output.
+fn fan() -> Port {
+    Port::input(FAN_OUTPUT, [0.0, 30.0])
+        .in_steps(1e3)
+        .resting_at(1.0)
+        .with_comment("Multiplies the convection coefficient of the wire; 1 is still air.")
+}
+
+/// Returns the load as an output.
+fn load() -> Port {
+    Port::input(LOAD_OUTPUT, [-3_276.8, 3_276.7])
+        .in_steps(10.0)
+        .with_comment("Added to the load on the pulley; may be negative.")
 }
 
 /// Returns an output of this name that drives a port, in the unit in the name, or in that of the port if there is none; `None` if

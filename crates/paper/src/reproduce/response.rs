@@ -431,20 +431,18 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
         let positions = &run.signals.position_millimetres;
         figure.draw(&*run.label, *colour, Shape::Line, times, positions);
     }
-    let blows = runs
-        .first()
-        .and_then(|(run, _)| run.scenario.disturbances().first().cloned());
-    let patch = |Window {
-                     from_seconds,
-                     until_seconds,
-                 }| Patch {
-        class: "span",
-        x: (0.0, until_seconds - from_seconds),
-        y: (f64::NEG_INFINITY, f64::INFINITY),
-    };
-    figure
-        .patches
-        .extend(blows.map(|disturbance| patch(disturbance.window)));
+    let disturbances = runs.first().map(|(run, _)| run.scenario.disturbances());
+    if let Some([first, ..]) = disturbances.as_deref() {
+        let Window {
+            from_seconds,
+            until_seconds,
+        } = first.window;
+        figure.patches.push(Patch {
+            class: "span",
+            x: (0.0, until_seconds - from_seconds),
+            y: (f64::NEG_INFINITY, f64::INFINITY),
+        });
+    }
     figure
 }
 

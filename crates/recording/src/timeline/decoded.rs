@@ -10,7 +10,7 @@ use scenario::expect::Emergency;
 use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
-use crate::events::{Event, Events};
+use crate::events::Events;
 use crate::losses::LostHeartbeat;
 use crate::occurrences::{Occurrence, in_order};
 use crate::sources::Sources;
@@ -247,10 +247,9 @@ pub fn all_events(timelines: &[Timeline]) -> Events {
     let each = timelines.iter().flat_map(|timeline| &timeline.events);
     let mut all = in_order(each.cloned());
     if timelines.len() > 1 {
-        let is_same = |one: &Occurrence<Event>, other: &Occurrence<Event>| {
-            one.time_seconds == other.time_seconds && one.text == other.text
-        };
-        all.dedup_by(|later, earlier| is_same(later, earlier));
+        all.dedup_by(|later, earlier| {
+            later.time_seconds == earlier.time_seconds && later.text == earlier.text
+        });
     }
     all
 }

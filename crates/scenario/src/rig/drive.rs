@@ -82,22 +82,20 @@ impl Pdo {
 
     /// Returns the PDO with these objects: with the mapping of the EDS if it has them all, else with these objects alone.
     fn with(mut self, objects: &[Object]) -> Result<Self, DriveError> {
-        for (place, object) in objects.iter().enumerate() {
-            if objects[..place]
-                .iter()
-                .any(|other| other.entry == object.entry)
-            {
-                return Err(DriveError(format!(
-                    "the rig file gives object 0x{:04X}:{:02X} two meanings in PDO mapping 0x{:04X}",
-                    object.entry >> 16,
-                    object.entry >> 8 & 0xFF,
-                    self.mapping
-                )));
-            }
+        let entries = Vec::from_iter(objects.iter().map(|object| object.entry));
+        let mut places = 1..entries.len();
+        if let Some(place) = places.find(|place| entries[..*place].contains(&entries[*place])) {
+            let object = entries[place] >> 8;
+            return Err(DriveError(format!(
+                "the rig file gives object 0x{:04X}:{:02X} two meanings in PDO mapping 0x{:04X}",
+                object >> 8,
+                object & 0xFF,
+                self.mapping
+            )));
         }
         let is_mapped = |object: &Object| self.place(object).is_some();
         if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
-            self.entries = objects.iter().map(|object| object.entry).collect();
+            self.entries = entries;
         }
         // Some drives wait for a SYNC or send by themselves; here the controller sets the cycle.
         if self.transmission_type == 0 || self.transmission_type > 240 {

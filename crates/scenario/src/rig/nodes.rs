@@ -702,8 +702,8 @@ pub(crate) fn output_of_kind(kind: &str) -> Option<&'static str> {
         .map(|(_, output)| *output)
 }
 
-/// Returns the kind of the disturbances that set an output, if there is one for it alone.
-pub(crate) fn kind_of_output(output: &str) -> Option<&'static str> {
+/// Returns the kind of the disturbances that set an output alone: the fan's or the load's.
+pub fn kind_of_output(output: &str) -> Option<&'static str> {
     let mut kinds = OUTPUT_OF_KINDS.iter();
     kinds
         .find(|(_, name)| *name == output)
