@@ -19,6 +19,7 @@ mod kernel_format;
 pub mod link;
 pub mod lockstep;
 pub mod memory;
+mod netlink;
 mod open;
 pub mod port_seat;
 pub mod private_bus;

@@ -1,11 +1,36 @@
 //! State of a CAN interface as the kernel reports it (netlink): error state, bit rate and error counters.
 
+use std::ffi::CString;
 use std::io;
 
-use socketcan::CanInterface;
-use socketcan::nl::CanCtrlMode;
-/// Error state of a CAN controller, by the kernel's names.
-pub use socketcan::nl::CanState;
+use crate::netlink::{ask, attribute, push_attribute, word};
+
+/// Length of a link's description before its attributes (`struct ifinfomsg`), and the place of the flags in it.
+const DESCRIPTION_BYTES: usize = 16;
+const FLAGS: usize = 2;
+/// Attributes of `IFLA_LINKINFO`, and of a CAN interface in it (linux/can/netlink.h).
+const INFO_DATA: u16 = 2;
+const BIT_TIMING: u16 = 1;
+const STATE: u16 = 4;
+const CONTROL_MODE: u16 = 5;
+const ERROR_COUNTERS: u16 = 8;
+const LOOPBACK: u32 = 0x01;
+const LISTEN_ONLY: u32 = 0x02;
+
+/// Error state of a CAN controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CanState {
+    /// Less than 96 errors.
+    ErrorActive,
+    /// Less than 128 errors.
+    ErrorWarning,
+    /// Less than 256 errors.
+    ErrorPassive,
+    /// 256 errors or more: it is off the bus.
+    BusOff,
+    /// Not started, or in a state that this program does not know.
+    Stopped,
+}
 
 /// CAN interface. A value that its driver does not report is `None`; a vcan reports only whether it is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,23 +54,105 @@ pub struct Link {
 /// # Errors
 /// If there is no such interface, or the kernel does not answer.
 pub fn link(name: &str) -> io::Result<Link> {
-    let details = CanInterface::open(name)
-        .and_then(|interface| interface.details())
-        .map_err(io::Error::other)?;
-    let can = details.can;
-    let has = |mode| can.ctrl_mode.is_some_and(|modes| modes.has_mode(mode));
-    Ok(Link {
-        is_up: details.is_up,
+    let mut request = vec![0; DESCRIPTION_BYTES];
+    let name = CString::new(name)?;
+    push_attribute(&mut request, libc::IFLA_IFNAME, name.as_bytes_with_nul());
+    Ok(read(&ask(libc::RTM_GETLINK, 1, &request)?)) // NLM_F_REQUEST
+}
+
+/// Reads the kernel's answer.
+fn read(answer: &[u8]) -> Link {
+    let attributes = answer.get(DESCRIPTION_BYTES..).unwrap_or_default();
+    let of_can = attribute(attributes, libc::IFLA_LINKINFO)
+        .and_then(|info| attribute(info, INFO_DATA))
+        .unwrap_or_default();
+    let number = |kind| word(attribute(of_can, kind)?, 0);
+    // A mask comes before the modes.
+    let modes = attribute(of_can, CONTROL_MODE).and_then(|modes| word(modes, 1));
+    let has = |mode| modes.is_some_and(|modes| modes & mode != 0);
+    let counters = |counters: &[u8]| {
+        let (counters, _) = counters.as_chunks().0.split_first_chunk()?;
+        Some(counters.map(u16::from_ne_bytes))
+    };
+    Link {
+        is_up: word(answer, FLAGS).is_some_and(|flags| flags & 1 != 0), // IFF_UP
         // A controller that was never configured has 0.
-        bit_rate: can
-            .bit_timing
-            .map(|timing| timing.bitrate)
-            .filter(|rate| *rate != 0),
-        state: can.state,
-        errors: can
-            .berr_counter
-            .map(|counter| [counter.txerr, counter.rxerr]),
-        is_listen_only: has(CanCtrlMode::ListenOnly),
-        is_loopback: has(CanCtrlMode::Loopback),
-    })
+        bit_rate: number(BIT_TIMING).filter(|rate| *rate != 0),
+        state: number(STATE).map(|state| match state {
+            0 => CanState::ErrorActive,
+            1 => CanState::ErrorWarning,
+            2 => CanState::ErrorPassive,
+            3 => CanState::BusOff,
+            _ => CanState::Stopped,
+        }),
+        errors: attribute(of_can, ERROR_COUNTERS).and_then(counters),
+        is_listen_only: has(LISTEN_ONLY),
+        is_loopback: has(LOOPBACK),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Answer about an interface that is up, with these attributes of CAN.
+    fn answer(of_can: &[(u16, &[u32])]) -> Vec<u8> {
+        let mut data = Vec::new();
+        for (kind, words) in of_can {
+            let value = Vec::from_iter(words.iter().flat_map(|word| word.to_ne_bytes()));
+            push_attribute(&mut data, *kind, &value);
+        }
+        let mut info = Vec::new();
+        push_attribute(&mut info, 1, b"can\0");
+        push_attribute(&mut info, INFO_DATA, &data);
+        let mut answer = vec![0; DESCRIPTION_BYTES];
+        answer[4 * FLAGS..][..4].copy_from_slice(&1_u32.to_ne_bytes());
+        push_attribute(&mut answer, libc::IFLA_IFNAME, b"can0\0");
+        push_attribute(&mut answer, libc::IFLA_LINKINFO | 0x8000, &info);
+        answer
+    }
+
+    #[test]
+    fn each_value_of_a_controller_is_read() {
+        let counters = u32::from_ne_bytes([128, 0, 3, 0]);
+        let told = answer(&[
+            (BIT_TIMING, &[500_000, 875]),
+            (STATE, &[2]),
+            (CONTROL_MODE, &[0, LISTEN_ONLY]),
+            (ERROR_COUNTERS, &[counters]),
+        ]);
+        let expected = Link {
+            is_up: true,
+            bit_rate: Some(500_000),
+            state: Some(CanState::ErrorPassive),
+            errors: Some([128_u16.to_le(), 3_u16.to_le()]),
+            is_listen_only: true,
+            is_loopback: false,
+        };
+        assert_eq!(read(&told), expected);
+    }
+
+    #[test]
+    fn what_is_not_told_or_cut_short_is_not_known() {
+        let up = Link {
+            is_up: true,
+            ..Link::default()
+        };
+        assert_eq!(read(&answer(&[])), up);
+        assert_eq!(read(&answer(&[(BIT_TIMING, &[0])])), up);
+        let told = answer(&[(BIT_TIMING, &[500_000]), (STATE, &[0])]);
+        for length in 0..told.len() {
+            let link = read(&told[..length]);
+            assert_eq!(link.is_up, length >= 12);
+            assert!(link.bit_rate.is_none() && link.state.is_none());
+        }
+    }
+
+    #[test]
+    fn the_kernel_knows_the_loopback_interface_and_no_other_name() {
+        let loopback = link("lo").unwrap();
+        assert_eq!((loopback.bit_rate, loopback.state), (None, None));
+        assert!(link("no_such_link").is_err());
+        assert!(link("0123456789abcdef0").is_err());
+    }
 }

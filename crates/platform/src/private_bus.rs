@@ -17,8 +17,8 @@ use std::time::Duration;
 use can::{CanFrame, Filter};
 use rustix::event::PollFlags;
 use rustix::net::{
-    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
-    SendAncillaryMessage, SendFlags, SocketFlags, SocketType, recvmsg, sendmsg, socket_with,
+    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
+    SendAncillaryMessage, SendFlags, recvmsg, sendmsg,
 };
 use rustix::process::{getegid, geteuid};
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
@@ -26,6 +26,7 @@ use socketcan::CanSocket;
 
 use crate::bus::{Bus, BusError, wait_ready};
 use crate::lockstep::channel;
+use crate::netlink::{ask, push_attribute};
 use crate::process;
 use crate::recorder::Recorder;
 use crate::socketcan_bus::SocketCanBus;
@@ -196,30 +197,8 @@ fn unshare(flags: libc::c_int) -> io::Result<()> {
     }
 }
 
-/// Asks the kernel (rtnetlink) for an interface of kind vcan that is up.
+/// Makes an interface of kind vcan that is up.
 fn make_interface() -> io::Result<()> {
-    let socket = socket_with(
-        AddressFamily::NETLINK,
-        SocketType::RAW,
-        SocketFlags::CLOEXEC,
-        None, // NETLINK_ROUTE is 0
-    )?;
-    rustix::net::send(&socket, &new_link_request(), SendFlags::empty())?;
-    let mut answer = [0; 256];
-    let (_, length) = rustix::net::recv(&socket, &mut answer[..], RecvFlags::empty())?;
-    // A header of 16 bytes, then the negative error number; 0 is an acknowledgement.
-    let error = answer[..length]
-        .get(16..20)
-        .and_then(|bytes| bytes.try_into().ok())
-        .map_or(-libc::EPROTO, i32::from_ne_bytes);
-    match error {
-        0 => Ok(()),
-        error => Err(io::Error::from_raw_os_error(-error)),
-    }
-}
-
-/// Returns `RTM_NEWLINK` for an interface that is up, with its name and kind.
-fn new_link_request() -> Vec<u8> {
     // NLM_F_REQUEST, NLM_F_ACK, NLM_F_EXCL, NLM_F_CREATE
     const ACKNOWLEDGED_NEW: u16 = 0x001 | 0x004 | 0x200 | 0x400;
     const IFF_UP: u32 = 1;
@@ -232,22 +211,7 @@ fn new_link_request() -> Vec<u8> {
     let mut kind = Vec::new();
     push_attribute(&mut kind, INFO_KIND, b"vcan");
     push_attribute(&mut body, libc::IFLA_LINKINFO, &kind);
-    let length = u32::try_from(16 + body.len()).expect("a short message");
-    let mut message = length.to_ne_bytes().to_vec();
-    message.extend_from_slice(&libc::RTM_NEWLINK.to_ne_bytes());
-    message.extend_from_slice(&ACKNOWLEDGED_NEW.to_ne_bytes());
-    message.extend_from_slice(&[0; 8]); // sequence number and port
-    message.extend_from_slice(&body);
-    message
-}
-
-/// Appends length, type and value, padded to a multiple of four bytes.
-fn push_attribute(message: &mut Vec<u8>, kind: u16, value: &[u8]) {
-    let length = u16::try_from(4 + value.len()).expect("a short attribute");
-    message.extend_from_slice(&length.to_ne_bytes());
-    message.extend_from_slice(&kind.to_ne_bytes());
-    message.extend_from_slice(value);
-    message.resize(message.len().next_multiple_of(4), 0);
+    ask(libc::RTM_NEWLINK, ACKNOWLEDGED_NEW, &body).map(drop)
 }
 
 /// Enters the namespaces of a helper, for a node's process while it has a single thread. Request real-time priority before: a

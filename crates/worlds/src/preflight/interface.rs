@@ -92,7 +92,7 @@ fn bus_errors(name: &str, link: &Link) -> Check {
         CanState::ErrorWarning => ("error warning", look),
         CanState::ErrorPassive => ("error passive", look),
         CanState::BusOff => ("bus-off", restart.as_str()),
-        CanState::Stopped | CanState::Sleeping => ("stopped", restart.as_str()),
+        CanState::Stopped => ("stopped", restart.as_str()),
     };
     Check::failed(BUS_ERRORS, format!("{state}{counters}; {advice}"))
 }
