@@ -71,7 +71,7 @@ impl Language {
 pub(super) fn written(args: &ControllerArgs) -> Result<String, Failure> {
     let name = &args.name;
     require_name(name, "controller")?;
-    let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
+    let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
     let [program, build, test] = args.language.commands();
     let renamed = |text: &str| text.replace(NAME, name);
     let readme = renamed(README).replace("    BUILD\n", &indented(build));

@@ -5,7 +5,6 @@
 
 mod controller;
 mod name;
-mod profile;
 mod rig;
 
 use std::fs;
@@ -18,7 +17,6 @@ use scenario::custom::{Section, is_name};
 use controller::ControllerArgs;
 use name::Name;
 use platform::unfinished::Unfinished;
-use profile::{MANIFEST_BYTES_MAX, release_profile};
 use recording::run_folder::{write_new, write_whole};
 use rig::RigArgs;
 use runner::console::ended;
@@ -28,6 +26,10 @@ use runner::exit::{Exit, Failure};
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// Placeholder in the skeletons for the path of that checkout.
 const CHECKOUT: &str = "CANRIG";
+/// Configuration of cargo: a crate is built as canrig is, so that both build their dependencies alike and may share them.
+const CONFIG: &str = "# The profile is canrig's own, so that a target folder can be shared.\ninclude = [\"CANRIG/Cargo.toml\"]\n";
+/// Largest size of a manifest.
+const MANIFEST_BYTES_MAX: u64 = 1 << 20;
 /// Folders that cargo and the bench write, for `.gitignore`.
 const IGNORED: &str = "/target\n/runs\n";
 
@@ -176,17 +178,13 @@ impl Crate {
 
 fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, Failure> {
     let name = Name::new(&args.name, skeleton.section)?;
-    let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name.snake()));
+    let folder = args
+        .path
+        .clone()
+        .unwrap_or_else(|| PathBuf::from(name.snake()));
     let checkout = checkout(args.canrig.as_deref())?;
-    let profile = release_profile(&checkout).map_err(|reason| {
-        let path = checkout.join("Cargo.toml");
-        Exit::Usage.because(format!(
-            "`{}` is not the manifest of canrig: {reason}",
-            path.display()
-        ))
-    })?;
     in_new_folder(&folder, |folder| {
-        write_files(folder, skeleton.files(&name, &checkout, &profile))?;
+        write_files(folder, skeleton.files(&name, &checkout))?;
         // The versions that canrig is tested with; cargo adds the new crate.
         let lock = checkout.join("Cargo.lock");
         if lock.is_file() {
@@ -266,13 +264,13 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, Failure> {
 
 impl Skeleton {
     /// Returns the files of the crate: the path in its folder, and the content.
-    fn files(&self, name: &Name, checkout: &Path, profile: &str) -> Vec<(PathBuf, String)> {
+    fn files(&self, name: &Name, checkout: &Path) -> Vec<(PathBuf, String)> {
         let renamed = |text: &str| {
             let text = text.replace(self.name, name.snake());
             text.replace(&name::camel(self.name), &name.camel())
         };
         let checkout = escaped(&checkout.display().to_string());
-        let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout) + profile;
+        let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout);
         let scenario = format!("scenarios/{}.toml", name.snake());
         let rig = self.rig.map(|rig| {
             let path = format!("scenarios/{}_rig.toml", name.snake());
@@ -280,6 +278,10 @@ impl Skeleton {
         });
         let files = [
             ("Cargo.toml".into(), manifest),
+            (
+                ".cargo/config.toml".into(),
+                CONFIG.replace(CHECKOUT, &checkout),
+            ),
             (".gitignore".into(), IGNORED.to_owned()),
             ("README.md".into(), renamed(self.readme)),
             ("src/lib.rs".into(), renamed(self.library)),
@@ -338,11 +340,9 @@ mod tests {
             assert!(names_it.iter().any(|name| text.contains(name)), "{text}");
             let program = fs::read_to_string(written_to.join("src/main.rs")).unwrap();
             assert!(program.contains("::<SwingArm>()"), "{program}");
-            for (path, text) in skeleton.files(
-                &Name::new("x1", skeleton.section).unwrap(),
-                folder.path(),
-                "",
-            ) {
+            for (path, text) in
+                skeleton.files(&Name::new("x1", skeleton.section).unwrap(), folder.path())
+            {
                 assert!(!text.to_lowercase().contains("my_"), "{}", path.display());
                 assert!(!text.contains("CANRIG"), "{}", path.display());
             }

@@ -26,7 +26,7 @@ pub(crate) struct RigArgs {
 pub(super) fn written(args: &RigArgs) -> Result<String, Failure> {
     let name = &args.name;
     require_name(name, "rig")?;
-    let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
+    let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
     in_new_folder(&folder, |folder| write_files(folder, files(name)))?;
     let folder = folder.display();
     Ok(format!(
