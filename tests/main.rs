@@ -33,6 +33,7 @@ mod programs;
 mod real_time;
 mod replay;
 mod report;
+mod reports;
 mod reproduce;
 mod rigs;
 mod rooms;
