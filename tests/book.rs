@@ -295,7 +295,9 @@ fn miette_text(error: impl std::fmt::Debug) -> String {
 /// Writes the FMU of the motor with this library.
 fn motor_fmu(folder: &Path, library: &[u8]) {
     let shipped = fmu_plants::shipped();
-    let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
+    let motor = shipped
+        .iter()
+        .find(|exported| exported.name() == "dc_motor");
     let model = motor.unwrap().model().unwrap();
     let file = fs::File::create(folder.join("motor.fmu")).unwrap();
     write_fmu(file, &model, Version::Three, library).unwrap();

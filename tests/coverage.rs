@@ -114,8 +114,11 @@ fn a_play_with_another_value_of_the_command_line_is_another_test() {
     let (code, stdout, _) = coverage(&["--json"], &[&missed, &met]);
     assert_eq!(code, Some(1), "{stdout}");
     let matrix: serde_json::Value = serde_json::from_str(&stdout).unwrap();
-    let tests = matrix[0]["tests"].as_array().unwrap().iter();
-    let tests = tests.map(|test| (test["scenario"].as_str().unwrap(), &test["outcome"]));
+    let tests = matrix[0]["tests"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|test| (test["scenario"].as_str().unwrap(), &test["outcome"]));
     let other = "hold (--set expect.current_amperes_rms.max=0.0)";
     let [pass, fail] = ["pass", "fail"].map(serde_json::Value::from);
     assert_eq!(Vec::from_iter(tests), [(other, &fail), ("hold", &pass)]);
@@ -144,8 +147,12 @@ fn a_sweep_counts_by_its_worst_run_and_one_that_lacks_runs_is_incomplete() {
     assert!(row(&stdout, "hold (sweep)").contains("FAIL"), "{stdout}");
     assert!(stdout.contains("(the worst of 4 runs: case 3)"), "{stdout}");
     let page = fs::read_to_string(page).unwrap();
-    let link = sweep.strip_prefix(folder.path()).unwrap();
-    let link = link.join("report.html").display().to_string();
+    let link = sweep
+        .strip_prefix(folder.path())
+        .unwrap()
+        .join("report.html")
+        .display()
+        .to_string();
     assert!(page.contains(&link), "{page}");
 
     axis("[5.0, 4.0]");

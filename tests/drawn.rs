@@ -151,7 +151,7 @@ pub(crate) fn scenario(draw: &mut Draw, axes: &[Axis], rig_file: &str) -> String
     if let [one, other, ..] = axes
         && one.measurand.unit == other.measurand.unit
     {
-        let limit = (one.measurand).name("contour_error_{unit}_max = { max = 3 }");
+        let limit = one.measurand.name("contour_error_{unit}_max = { max = 3 }");
         let loops = [&one.name, &other.name];
         text += &format!("[[expect.contour]]\nloops = {loops:?}\n{limit}\n");
     }
@@ -249,7 +249,9 @@ impl Axis {
     fn law(&self, draw: &mut Draw, below: &str) -> String {
         let unit = &self.measurand.unit;
         if draw.below(4) == 0 {
-            let step = (self.measurand).name("at_seconds = 0.5\n{command}_{command_unit} = 0.4\n");
+            let step = self
+                .measurand
+                .name("at_seconds = 0.5\n{command}_{command_unit} = 0.4\n");
             return format!("[[controller{below}.open_loop.step]]\n{step}");
         }
         if self.plant.name == "sma" && self.measurand == Measurand::default() {

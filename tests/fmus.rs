@@ -24,7 +24,9 @@ fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
 /// Writes the FMU of the motor, with a library that cannot be loaded.
 pub(crate) fn motor(folder: &Path, version: Version) {
     let shipped = fmu_plants::shipped();
-    let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
+    let motor = shipped
+        .iter()
+        .find(|exported| exported.name() == "dc_motor");
     let model = motor.unwrap().model().unwrap();
     let file = fs::File::create(folder.join("motor.fmu")).unwrap();
     write_fmu(file, &model, version, b"no library").unwrap();
@@ -565,7 +567,10 @@ fn a_library_for_another_platform_or_machine_is_refused_before_anything_moves() 
     let elsewhere = &"riscv64-linux"[..here.len()];
     let path = folder.path().join("rigs/cart.fmu");
     let mut bytes = fs::read(&path).unwrap();
-    while let Some(place) = (bytes.windows(here.len())).position(|some| some == here.as_bytes()) {
+    while let Some(place) = bytes
+        .windows(here.len())
+        .position(|some| some == here.as_bytes())
+    {
         bytes[place..place + here.len()].copy_from_slice(elsewhere.as_bytes());
     }
     fs::write(&path, bytes).unwrap();
@@ -672,8 +677,11 @@ fn a_sweep_ends_when_its_fmu_becomes_another_one() {
     fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
     let place = folder.path().join("runs");
     let mut command = canrig(&place, "sweep");
-    let command = command.arg(&step).args(["--threads", "1"]);
-    let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
+    let command = command
+        .arg(&step)
+        .args(["--threads", "1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
     let mut child = command.spawn().unwrap();
     let rows = || {
         let part = runs(&place).pop();

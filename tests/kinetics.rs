@@ -20,8 +20,9 @@ fn limits(kinetics: &str) -> [[f64; 2]; 2] {
 /// Returns whether a run with one kinetics is within the limits of one.
 fn passes(folder: &Path, kinetics: &str, judged_as: &str) -> bool {
     let recorded = "[node.drive]\nrecord = [\"martensite_fraction\", \"turns_not_remembered\"]";
-    let rig = fs::read_to_string(scenario("rigs/sma_actuator.toml")).unwrap();
-    let rig = rig.replace("[node.drive]", recorded);
+    let rig = fs::read_to_string(scenario("rigs/sma_actuator.toml"))
+        .unwrap()
+        .replace("[node.drive]", recorded);
     fs::write(folder.join("wire.toml"), rig).unwrap();
     let mut text = format!(
         "schema = 1\nrig = \"wire.toml\"\nname = \"loops\"\nduration_seconds = 30.0\n\

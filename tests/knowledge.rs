@@ -87,8 +87,9 @@ fn plant(folder: &Path, text: &str) -> Table {
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
     let numbers = |numbers: &[(&str, f64)], resolution_bits: u32| {
-        let numbers = numbers.iter();
-        let numbers = numbers.map(|(name, number)| ((*name).to_owned(), Value::from(*number)));
+        let numbers = numbers
+            .iter()
+            .map(|(name, number)| ((*name).to_owned(), Value::from(*number)));
         let bits = ("resolution_bits".to_owned(), Value::from(resolution_bits));
         Value::from(Table::from_iter(numbers.chain([bits])))
     };

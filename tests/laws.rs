@@ -116,8 +116,8 @@ fn a_pid_in_python_leaves_the_same_bytes_beside_busy_processes() {
         let world = [SIMULATED, IN_LOCKSTEP][number % 2];
         let (code, said, run) = played(&pid, &folder.path().join(number.to_string()), world);
         assert_eq!(code, Some(0), "{said}");
-        let files = ["bus.log", "signals.csv", "verdict.json"];
-        let files = files.map(|name| fs::read(run.join(name)).unwrap());
+        let files = ["bus.log", "signals.csv", "verdict.json"]
+            .map(|name| fs::read(run.join(name)).unwrap());
         assert!(*first.get_or_insert_with(|| files.clone()) == files);
     }
     drop(busy);
@@ -197,8 +197,8 @@ fn recorded(folder: &Path) -> Vec<[f64; 2]> {
     let table = fs::read_to_string(run.join("signals.csv")).unwrap();
     let mut rows = table.lines();
     let names = Vec::from_iter(rows.next().unwrap().split(','));
-    let places = ["position_millimetres", "set_point_millimetres"];
-    let places = places.map(|name| names.iter().position(|other| *other == name).unwrap());
+    let places = ["position_millimetres", "set_point_millimetres"]
+        .map(|name| names.iter().position(|other| *other == name).unwrap());
     let read = |row: &str| {
         let cells = Vec::from_iter(row.split(','));
         places.map(|place| 1e-3 * cells[place].parse().unwrap_or(f64::NAN))
@@ -835,11 +835,14 @@ fn in_rust(folder: &Path) -> PathBuf {
 fn metrics(run: &Path) -> Vec<(String, f64)> {
     let text = fs::read_to_string(run.join("verdict.json")).unwrap();
     let verdict: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let rows = verdict["metrics"].as_array().unwrap().iter();
-    let rows = rows.filter_map(|row| {
-        let value = row["value"].as_f64().or(row["measured"].as_f64())?;
-        Some((row["name"].as_str()?.to_owned(), value))
-    });
+    let rows = verdict["metrics"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|row| {
+            let value = row["value"].as_f64().or(row["measured"].as_f64())?;
+            Some((row["name"].as_str()?.to_owned(), value))
+        });
     rows.collect()
 }
 

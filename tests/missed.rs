@@ -56,8 +56,8 @@ fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) ->
 
 /// Judges frames by a scenario with these faults, with a foreign node.
 fn judged(frames: &[Stamped], text: &str, external: &str) -> Verdict {
-    let plan = Plan::new(scenario(text), &Catalogue::shipped());
-    let plan = plan.recorded_external(&[external.to_owned()]);
+    let plan =
+        Plan::new(scenario(text), &Catalogue::shipped()).recorded_external(&[external.to_owned()]);
     let timelines = decode(frames, &plan).unwrap();
     judge(&plan, &timelines, &Circumstances::default())
 }
@@ -246,10 +246,13 @@ fn no_command_of_several_loops_is_due_where_a_position_is_missing() {
     let path = support::scenario("two_axes_circle.toml");
     let mut plan = Plan::load(&path, &Catalogue::shipped()).unwrap();
     let campaign = Campaign::on_all_cores(false);
-    let frames = campaign.play([plan.clone()].into_iter(), |played| {
-        played.frames.iter().collect::<Vec<Stamped>>()
-    });
-    let frames = frames.unwrap().remove(0).unwrap();
+    let frames = campaign
+        .play([plan.clone()].into_iter(), |played| {
+            played.frames.iter().collect::<Vec<Stamped>>()
+        })
+        .unwrap()
+        .remove(0)
+        .unwrap();
     plan = plan.recorded_external(&[CONTROLLER.to_owned()]);
     let id = |place: usize, service: &str| {
         let one = &plan.loops[place];

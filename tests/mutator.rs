@@ -146,8 +146,9 @@ fn token(
         }
         begin += part.len();
     }
-    let (begin, end, new) =
-        (changed.iter()).min_by_key(|(begin, end, _)| dice.roll(&piece[*begin..*end]))?;
+    let (begin, end, new) = changed
+        .iter()
+        .min_by_key(|(begin, end, _)| dice.roll(&piece[*begin..*end]))?;
     Some([&piece[..*begin], new, &piece[*end..]].concat())
 }
 
@@ -214,8 +215,10 @@ pub(crate) fn mutant(text: &str, seed: &str) -> (String, String) {
     };
     for attempt in 0..100 {
         dice.seed = format!("{seed} {attempt}");
-        let drawn = EDITS.iter().enumerate();
-        let drawn = drawn.min_by_key(|(place, _)| dice.roll(&place.to_string()));
+        let drawn = EDITS
+            .iter()
+            .enumerate()
+            .min_by_key(|(place, _)| dice.roll(&place.to_string()));
         let (_, (kind, edit)) = drawn.unwrap();
         let pieces = pieces(text, *kind);
         let edited = pieces.iter().enumerate().filter_map(|(place, piece)| {

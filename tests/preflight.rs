@@ -286,8 +286,9 @@ fn a_drive_in_degrees_is_flown_in_degrees() {
         let slow = light.replace("period_milliseconds = 2.0", "period_milliseconds = 20.0");
         assert!(slow != light && light != rig);
         fs::write(folder.path().join("press.toml"), slow).unwrap();
-        let text = fs::read_to_string(&shipped).unwrap();
-        let text = text.replace("rig = \"press\"", "rig = \"press.toml\"");
+        let text = fs::read_to_string(&shipped)
+            .unwrap()
+            .replace("rig = \"press\"", "rig = \"press.toml\"");
         let run = Run::of(
             &text,
             folder.path(),

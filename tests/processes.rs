@@ -202,8 +202,9 @@ fn last_current(log: &str, one: &plan::ControlLoop) -> f64 {
     let frames = log.lines().rev().filter_map(|line| {
         let (id, data) = line.rsplit_once(' ')?.1.split_once('#')?;
         let id = u16::from_str_radix(id, 16).ok()?;
-        let bytes = (0..data.len() / 2).map(|place| &data[2 * place..2 * place + 2]);
-        let bytes = bytes.map(|byte| u8::from_str_radix(byte, 16).unwrap());
+        let bytes = (0..data.len() / 2)
+            .map(|place| &data[2 * place..2 * place + 2])
+            .map(|byte| u8::from_str_radix(byte, 16).unwrap());
         Some(can::CanFrame::new(id, &Vec::from_iter(bytes)))
     });
     let mut currents = frames.filter_map(|frame| current.decode(&frame));

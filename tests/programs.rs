@@ -796,8 +796,9 @@ fn a_node_whose_keeper_is_killed_is_named_with_that_and_ends() {
 #[test]
 fn a_grandchild_ends_with_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let does = STUBBORN.replace("play(300)\nwhile True: time.sleep(60)", "play()");
-    let does = does.replace("signal.signal(signal.SIGTERM, signal.SIG_IGN)\n", "");
+    let does = STUBBORN
+        .replace("play(300)\nwhile True: time.sleep(60)", "play()")
+        .replace("signal.signal(signal.SIGTERM, signal.SIG_IGN)\n", "");
     let node = controller_that(folder.path(), &does);
     let (code, said, _) = played(&node, &folder.path().join("runs"), SIMULATED);
     assert_eq!(code, Some(0), "{said}");

@@ -313,8 +313,10 @@ fn the_folder_of_a_sweep_is_no_run_and_beside_runs_it_is_left_out() {
     fs::write(&path, format!("{text}{axis}")).unwrap();
     assert_eq!(output(canrig(&runs, "sweep").arg(&path)).0, Some(0));
     let is_other = |path: &PathBuf| *path != run;
-    let sweep = crate::support::runs(&runs).into_iter().find(is_other);
-    let sweep = sweep.unwrap();
+    let sweep = crate::support::runs(&runs)
+        .into_iter()
+        .find(is_other)
+        .unwrap();
     let page = fs::read(sweep.join("report.html")).unwrap();
     let reason = format!(
         "`{}` is the folder of a sweep or of torture, not of a run",

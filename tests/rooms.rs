@@ -79,8 +79,10 @@ fn rules(root: &Path) -> Vec<Rule> {
                 None => names(list),
                 Some(others) => {
                     let others: BTreeSet<String> = names(others);
-                    let above = rules.iter().map(|rule| rule.room.clone());
-                    let above = above.collect::<BTreeSet<_>>();
+                    let above = rules
+                        .iter()
+                        .map(|rule| rule.room.clone())
+                        .collect::<BTreeSet<_>>();
                     assert!(others.is_subset(&above), "{row}");
                     &above - &others
                 }

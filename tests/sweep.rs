@@ -50,8 +50,9 @@ fn whole(folder: &Path, path: &Path) -> PathBuf {
     assert_eq!(cells[6..], ["≤ 60", "0 │"], "{check}");
     let swept = only_run(&runs);
     let failing = swept.join("failing");
-    let cases = self::runs(&failing).into_iter();
-    let cases = cases.filter(|path| path.extension().is_some_and(|end| end == "toml"));
+    let cases = self::runs(&failing)
+        .into_iter()
+        .filter(|path| path.extension().is_some_and(|end| end == "toml"));
     let (failing, count) = (failing.display(), cases.count());
     let line = format!("failing  {failing} (all {count}, for canrig simulate)");
     assert!(stdout.contains(&line), "{stdout}");

@@ -57,8 +57,7 @@ const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 47_270;
 
 /// Returns the plan of the shipped joint with two wires, under its law along a sine: two drives on one plant in one loop.
 fn pair() -> Plan {
-    let rig = include_str!("../../scenarios/rigs/sma_pair.toml");
-    let rig = rig.replace(
+    let rig = include_str!("../../scenarios/rigs/sma_pair.toml").replace(
         "sync_period_milliseconds = 2.0",
         "sync_period_milliseconds = 4.0",
     );

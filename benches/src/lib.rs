@@ -59,7 +59,9 @@ pub fn law_in_a_hold(controller: &Controller) -> Box<HeldLaw> {
     let law = catalogue::law(controller, &scenario::wiring::Wiring::default())
         .expect("the table holds one law");
     let outputs = &law.ports().outputs;
-    let on_stop = (outputs.iter()).position(|port| port.name == "saturation_on_stop");
+    let on_stop = outputs
+        .iter()
+        .position(|port| port.name == "saturation_on_stop");
     let hold = |position| LoopReads {
         position: 0.025,
         set_point: SetPoint {

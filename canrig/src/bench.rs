@@ -72,8 +72,7 @@ impl Bench {
                 console::failed(Exit::Internal, format!("this bench cannot begin: {error}"))
             }
         });
-        let exit = std::panic::catch_unwind(run);
-        let exit = exit.unwrap_or_else(|panic| {
+        let exit = std::panic::catch_unwind(run).unwrap_or_else(|panic| {
             if panic.is::<LogChanged>() {
                 Exit::BenchFailed
             } else {

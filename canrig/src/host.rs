@@ -265,7 +265,10 @@ fn run_on_bus(
         None => node.filters(),
         Some(_) => node.filters_as_configured(),
     };
-    let opened = (args.bus.as_ref()).map(|address| platform::open(address, &filters));
+    let opened = args
+        .bus
+        .as_ref()
+        .map(|address| platform::open(address, &filters));
     let mut wire = opened.transpose().map_err(on_bus)?;
     let bus = wire.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
     match (args.lockstep, bus) {

@@ -143,8 +143,11 @@ pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError>
         return Ok(AnyLaw::of_process(law, wiring));
     }
     let own = OWN.get().map_or(&[][..], Vec::as_slice);
-    let row = SHIPPED.iter().chain(own).find(|row| row.name == name);
-    let row = row.ok_or_else(|| LawError::Unknown(name.to_owned()))?;
+    let row = SHIPPED
+        .iter()
+        .chain(own)
+        .find(|row| row.name == name)
+        .ok_or_else(|| LawError::Unknown(name.to_owned()))?;
     (row.make)(controller, wiring)
 }
 

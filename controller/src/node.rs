@@ -98,8 +98,11 @@ impl ControllerNode {
         let own_id = NodeId::new(own_id).ok_or(ControllerError::NodeId(own_id))?;
         let sync_period = view.bus.sync_period();
         // All drives begin together, when the last one is ready.
-        let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
-        let bring_up = bring_up.max().unwrap_or_default();
+        let bring_up = plans
+            .iter()
+            .map(|plan| plan.timeouts.bring_up())
+            .max()
+            .unwrap_or_default();
         let mut laws = laws_of(&plans)?;
         for (law, _) in &mut laws {
             let started = law.start(sync_period, start);
@@ -124,8 +127,10 @@ impl ControllerNode {
             Ok(LeadingLaw::new(law, places))
         });
         let laws = laws.collect::<Result<_, ControllerError>>()?;
-        let follows = plans.iter().map(|plan| followed_place(&plans, plan));
-        let follows = follows.collect::<Result<Vec<_>, _>>()?;
+        let follows = plans
+            .iter()
+            .map(|plan| followed_place(&plans, plan))
+            .collect::<Result<Vec<_>, _>>()?;
         let loops = plans.into_iter().zip(follows).map(|(plan, follows)| {
             let view = plan.view;
             let limits = plan.limits.map(|limits| {
@@ -261,8 +266,10 @@ fn with_clients(
     servers: impl Iterator<Item = NodeId>,
 ) -> ObjectDictionary {
     let mut dictionary = ObjectDictionary::new();
-    let (clients, others): (Vec<_>, Vec<_>) =
-        (shipped.entries().iter()).partition(|entry| SDO_CLIENTS.contains(&entry.index));
+    let (clients, others): (Vec<_>, Vec<_>) = shipped
+        .entries()
+        .iter()
+        .partition(|entry| SDO_CLIENTS.contains(&entry.index));
     let others = others.into_iter();
     others
         .filter(|entry| !terms::is_of_law(entry.index))
@@ -275,8 +282,9 @@ fn with_clients(
     }
     for (index, server) in SDO_CLIENTS.zip(once) {
         let id = server.get();
-        let first = clients.iter();
-        let first = first.filter(|entry| entry.index == *SDO_CLIENTS.start());
+        let first = clients
+            .iter()
+            .filter(|entry| entry.index == *SDO_CLIENTS.start());
         for entry in first {
             let default = match entry.sub_index {
                 1 => (0x600 + u32::from(id)).to_le_bytes().to_vec(),
@@ -303,8 +311,9 @@ fn dictionary(
     let servers = drives.iter().chain(io_nodes).copied();
     let mut dictionary = with_clients(&shipped, servers);
     // The object is checked here, since it is written only when the drives are configured.
-    let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
-    let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
+    let watch = dictionary
+        .find(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
+        .map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
     let watch = dictionary.entry(watch).clone();
     for (place, (terms, identifiers)) in loops.iter().enumerate() {
         terms::declare(&mut dictionary, &shipped, terms, identifiers, place);
@@ -315,8 +324,10 @@ fn dictionary(
     let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
     dictionary.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 0, count.into()));
     // The data sheet watches the module of the shipped rig. Its node-ID may belong to a drive here.
-    let time = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
-    let time = time.unwrap_or_default() & u32::from(u16::MAX);
+    let time = dictionary
+        .unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY)
+        .unwrap_or_default()
+        & u32::from(u16::MAX);
     let watch = io_nodes
         .first()
         .map_or(0, |id| u32::from(id.get()) << 16 | time);

@@ -554,7 +554,7 @@ mod tests {
             let warming = |start: [f64; STATES]| {
                 let liveliness = 1.0 + start[MEMORY] * (relative - 1.0);
                 let state = model_state(start);
-                (observer.model).warming(&state, squared_current, liveliness)
+                observer.model.warming(&state, squared_current, liveliness)
             };
             let step = |start: [f64; STATES]| {
                 let end = observer.model.advance_from(

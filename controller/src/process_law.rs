@@ -103,7 +103,9 @@ impl Part {
             writes: named(&law.writes),
             terms: named(&law.terms),
             variables: variables.collect(),
-            ranges: (law.writes.iter())
+            ranges: law
+                .writes
+                .iter()
                 .map(|write| range_of(write, wiring))
                 .collect(),
             plays: law.plays,
@@ -111,8 +113,10 @@ impl Part {
             period: Duration::ZERO,
         };
         let outputs = law.writes.iter().map(|port| output(port, wiring));
-        let terms = law.terms.iter();
-        let terms = terms.map(|term| Port::term(&whole_name(&term.signal, wiring)));
+        let terms = law
+            .terms
+            .iter()
+            .map(|term| Port::term(&whole_name(&term.signal, wiring)));
         let ports = Ports {
             inputs: law.reads.iter().map(|port| input(port, wiring)).collect(),
             outputs: outputs.chain(terms).collect(),

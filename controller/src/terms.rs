@@ -205,8 +205,9 @@ impl TermObjects {
         let mut objects = Vec::new();
         for (object, laid_out) in layout.iter().enumerate() {
             let index = u16::try_from(first + object).unwrap_or(u16::MAX);
-            let handle = dictionary.find(index, 0);
-            let handle = handle.map_err(|_| ControllerError::NoObject(index))?;
+            let handle = dictionary
+                .find(index, 0)
+                .map_err(|_| ControllerError::NoObject(index))?;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];
                 Part {
@@ -288,8 +289,11 @@ mod tests {
             Port::position_term("reference_{unit}"),
         ];
         let mut dictionary = dictionary(&ports);
-        let terms = ports.iter().zip([1.0, 1.0, 1.0, 1e3]).enumerate();
-        let terms = terms.map(|(place, (port, factor))| (place, port, factor));
+        let terms = ports
+            .iter()
+            .zip([1.0, 1.0, 1.0, 1e3])
+            .enumerate()
+            .map(|(place, (port, factor))| (place, port, factor));
         let objects = TermObjects::find(&dictionary, 0, terms).unwrap();
         let mut stored = |writes: [f64; 4]| {
             objects.store(&mut dictionary, &writes);

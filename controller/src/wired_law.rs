@@ -77,8 +77,10 @@ impl WiredLaw {
 
     /// Returns the indices of the loops whose positions it reads; if it reads none, of the loops that it leads.
     pub(crate) fn waits_for(&self) -> Vec<usize> {
-        let positions = self.readings.iter();
-        let positions = positions.filter(|reading| reading.quantity == Quantity::Position);
+        let positions = self
+            .readings
+            .iter()
+            .filter(|reading| reading.quantity == Quantity::Position);
         let mut places = Vec::from_iter(positions.map(|reading| reading.index));
         if places.is_empty() {
             places = self.currents.iter().map(|wire| wire.place).collect();
@@ -99,7 +101,7 @@ impl WiredLaw {
             *value = seen(reading.index)[reading.quantity as usize] * reading.factor;
         }
         self.has_new_terms = true;
-        (self.law).step(cycle, window, &self.reads, &mut self.writes)
+        self.law.step(cycle, window, &self.reads, &mut self.writes)
     }
 
     /// Stores the terms of the latest step in the dictionary. Does not allocate.

@@ -459,7 +459,9 @@ fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
             },
             labels: Vec::new(),
             receivers: like[0].receivers.clone(),
-            object: (like.iter().find(|known| known.name == signal.name))
+            object: like
+                .iter()
+                .find(|known| known.name == signal.name)
                 .map_or_else(String::new, |known| known.object.clone()),
             comment: signal.comment.clone(),
         });

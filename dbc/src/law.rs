@@ -94,7 +94,7 @@ fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
     let objects = numbered.filter(|(_, object)| object.message == place);
     let length_bits: u8 = objects.clone().map(|(_, object)| object.bits).sum();
     let signals = objects.flat_map(|(number, object)| {
-        let terms = (object.terms.iter()).map(|(term, bit)| (&terms[*term], bit));
+        let terms = object.terms.iter().map(|(term, bit)| (&terms[*term], bit));
         terms.map(move |(term, bit)| signal(number, term, object.start_bit + bit))
     });
     Message {

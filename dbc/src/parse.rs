@@ -31,8 +31,11 @@ impl Database {
         let dbc = Dbc::try_from(text)
             .map_err(|error| DbcError::Syntax(with_short_lines(&error.to_string())))?;
         let is_used = |message: &&can_dbc::Message| message.name != UNUSED_SIGNALS;
-        let messages = dbc.messages.iter().filter(is_used);
-        let messages = messages.map(|message| read_message(&dbc, message));
+        let messages = dbc
+            .messages
+            .iter()
+            .filter(is_used)
+            .map(|message| read_message(&dbc, message));
         let database = Self::from_messages(messages.collect::<Result<_, _>>()?);
         refuse_duplicates(database.messages())?;
         Ok(database)

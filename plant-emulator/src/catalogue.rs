@@ -141,10 +141,13 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
 /// # Errors
 /// As [`emulator`], or a port that the plants lack.
 pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
-    let plants = drives.first().map(|drive| drive.trial.plants());
-    let plants = plants.into_iter().flatten();
-    let plants = plants.map(|(name, model)| Ok((name.to_owned(), plant(model)?)));
-    let plants = plants.collect::<Result<Vec<_>, InvalidEmulator>>()?;
+    let plants = drives
+        .first()
+        .map(|drive| drive.trial.plants())
+        .into_iter()
+        .flatten()
+        .map(|(name, model)| Ok((name.to_owned(), plant(model)?)))
+        .collect::<Result<Vec<_>, InvalidEmulator>>()?;
     Ok(Box::new(PlantEmulator::of(plants, drives)?))
 }
 

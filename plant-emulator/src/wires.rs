@@ -74,7 +74,8 @@ impl Wires {
             counts_per_output: wiring.sensor.counts_per_unit() * units_per_output,
             true_steps_per_output: true_steps * units_per_output,
             is_true_float,
-            published: (recorded.into_iter())
+            published: recorded
+                .into_iter()
                 .map(|(output, port)| published(output, port, wiring))
                 .collect(),
         })

@@ -133,8 +133,7 @@ fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
     let (name, table) = plant_table(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let archive = Archive::open(&folder.join(&table.file))?;
-    let wiring = wiring(&table, &name, &archive.description);
-    let wiring = wiring.map_err(|misfit| FmuError {
+    let wiring = wiring(&table, &name, &archive.description).map_err(|misfit| FmuError {
         file: archive.file.clone(),
         fault: misfit.fault,
     })?;

@@ -103,7 +103,10 @@ impl RollCall {
     fn identity(&self, guest: &mut Guest<'_>, node_id: u8) -> Result<Identity, ToolError> {
         let refused = |reason: &str| Err(ToolError::Refused(reason.to_owned()));
         let channel = second_channel(node_id, &self.sheets);
-        let is_taken = (self.presence.why_not_default_channel(node_id, &self.sheets)).is_some();
+        let is_taken = self
+            .presence
+            .why_not_default_channel(node_id, &self.sheets)
+            .is_some();
         if self.presence.states().get(&node_id) == Some(&NmtState::Stopped) {
             return refused("not asked: a stopped node answers no SDO");
         }
@@ -142,8 +145,10 @@ impl RollCall {
 
     /// Returns the text for a node: `18 (0x12) y`.
     fn node(&self, node_id: u8) -> String {
-        let name = self.names.get(&node_id);
-        let name = name.map_or_else(String::new, |name| format!(" {name}"));
+        let name = self
+            .names
+            .get(&node_id)
+            .map_or_else(String::new, |name| format!(" {name}"));
         format!("{node_id} (0x{node_id:02X}){name}")
     }
 
@@ -151,8 +156,10 @@ impl RollCall {
     /// with a question mark.
     fn data_sheet(&self, node_id: u8, identity: Option<&Identity>) -> String {
         // Drives of one product differ in their node-IDs only.
-        let (with_id, others): (Vec<_>, Vec<_>) =
-            (self.sheets.iter()).partition(|sheet| sheet.node_id == node_id);
+        let (with_id, others): (Vec<_>, Vec<_>) = self
+            .sheets
+            .iter()
+            .partition(|sheet| sheet.node_id == node_id);
         let Some(identity) = identity else {
             let expected = with_id.first();
             return expected.map_or_else(String::new, |sheet| format!("{}?", sheet.name));
@@ -221,7 +228,11 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
     let mut names = BTreeMap::new();
     if args.names.rig.is_some() {
-        names.extend((sheets.iter()).map(|sheet| (sheet.node_id, sheet.node_name.clone())));
+        names.extend(
+            sheets
+                .iter()
+                .map(|sheet| (sheet.node_id, sheet.node_name.clone())),
+        );
     }
     for path in &args.eds {
         // The sheet is used for its identity only; the node-ID is not known yet.
@@ -268,8 +279,11 @@ fn report(roll_call: &RollCall) -> String {
         "EDS",
     ]);
     for node_id in &nodes {
-        let state = roll_call.presence.states().get(node_id);
-        let state = state.map_or("no heartbeat", |state| state_name(*state));
+        let state = roll_call
+            .presence
+            .states()
+            .get(node_id)
+            .map_or("no heartbeat", |state| state_name(*state));
         let identity = roll_call.identities.get(node_id);
         let known = identity.and_then(|identity| identity.as_ref().ok());
         let data_sheet = roll_call.data_sheet(*node_id, known);

@@ -337,8 +337,9 @@ mod tests {
         let channel = target.second_channel();
         assert!(channel.is_none_or(|channel| channel == (0x690, 0x6D0)));
         let on_default = || target.may_ask_on_default(&presence);
-        let asked =
-            (target.may_ask(&presence)).and_then(|()| channel.map_or_else(on_default, |_| Ok(())));
+        let asked = target
+            .may_ask(&presence)
+            .and_then(|()| channel.map_or_else(on_default, |_| Ok(())));
         let error = asked.err()?;
         assert_eq!(error.exit(), Exit::BenchFailed);
         Some(error.to_string())

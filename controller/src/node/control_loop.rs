@@ -101,8 +101,9 @@ impl ControlLoop {
         }
         // A drive whose loop follows another one has no target.
         let set_point = (self.follows == place).then(|| self.look(number, feedback.position));
-        let wanted = set_point.filter(|_| self.has_set_point);
-        let wanted = wanted.map_or(f64::NAN, |set_point| set_point.position);
+        let wanted = set_point
+            .filter(|_| self.has_set_point)
+            .map_or(f64::NAN, |set_point| set_point.position);
         self.has_sample = self.is_plausible(feedback.position, wanted)?;
         if self.has_sample {
             self.missing = 0;

@@ -214,7 +214,9 @@ pub fn play_one<T>(
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, NoResult> {
-    let clock = { plan.scenario_clock() }.map_err(|error| NoResult::of(&error))?;
+    let clock = plan
+        .scenario_clock()
+        .map_err(|error| NoResult::of(&error))?;
     let mut capture = Capture::in_memory(clock, watch);
     let ended =
         lockstep::simulate(plan, &Hosting::default(), &mut capture).map(Played::in_virtual_time);

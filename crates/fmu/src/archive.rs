@@ -289,8 +289,8 @@ pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<Pat
 
 /// Returns the folder of resources in the form that the version requires: a URI, or a path.
 pub(crate) fn resources_in(folder: &Path, version: Version) -> String {
-    let path = folder.join("resources");
-    let path = path.to_string_lossy();
+    let folder = folder.join("resources");
+    let path = folder.to_string_lossy();
     match version {
         Version::Two => {
             let is_plain = |byte: &u8| byte.is_ascii_alphanumeric() || b"/-_.~".contains(byte);

@@ -369,8 +369,8 @@ impl Instance {
         let is_changed = |((access, value), last): ((&Access, &f64), &f64)| {
             access.is_discrete && value.to_bits() != last.to_bits()
         };
-        let pairs = self.inputs.iter().zip(inputs).zip(&self.last_inputs);
-        if self.has_events && { pairs }.any(is_changed) {
+        let mut pairs = self.inputs.iter().zip(inputs).zip(&self.last_inputs);
+        if self.has_events && pairs.any(is_changed) {
             let status = self.slave.enter_events();
             self.good("EnterEventMode", status, Some(self.time_seconds))?;
             self.set_those(inputs, true)?;

@@ -177,7 +177,10 @@ fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result
 pub fn proposed(name: &str, file: &str, description: &Description) -> String {
     let mut text = format!("[plant.{name}.fmu]\nfile = {}\n", quoted(file));
     let of = |wanted: fn(&Variable) -> bool| {
-        (description.variables.iter()).filter(move |variable| wanted(variable))
+        description
+            .variables
+            .iter()
+            .filter(move |variable| wanted(variable))
     };
     let parameters = of(|variable| {
         variable.causality == Causality::Parameter

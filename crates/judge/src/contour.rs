@@ -51,12 +51,15 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
         Some((axis, absence)) => (axis, none(absence)),
         None => (first, values(contour, axes, end_seconds)),
     };
-    let rows = contour.rows().into_iter().zip(values);
-    let rows = rows.filter_map(|((name, limit), value)| {
-        let mut row = Measurement::from(value).metric(axis, &name, limit)?;
-        row.requirements.clone_from(&contour.requirements);
-        Some(row)
-    });
+    let rows = contour
+        .rows()
+        .into_iter()
+        .zip(values)
+        .filter_map(|((name, limit), value)| {
+            let mut row = Measurement::from(value).metric(axis, &name, limit)?;
+            row.requirements.clone_from(&contour.requirements);
+            Some(row)
+        });
     rows.collect()
 }
 
@@ -70,8 +73,8 @@ fn none(absence: impl Into<Absence>) -> [MetricValue; 2] {
 fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [MetricValue; 2] {
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let is_left_out = |time: f64| axes.iter().any(|axis| axis.leaves_out(time, time));
-    let errors = contour_errors(contour, &timelines, end_seconds);
-    let errors = errors.filter(|(time, _)| !is_left_out(*time));
+    let errors =
+        contour_errors(contour, &timelines, end_seconds).filter(|(time, _)| !is_left_out(*time));
     let (mut longest, mut squares, mut count) = (0.0, 0.0, 0.0);
     for (_, error) in errors {
         longest = f64::max(longest, error);

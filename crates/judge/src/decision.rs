@@ -45,8 +45,10 @@ type Decision = (Outcome, Option<String>, Option<NamedCause>);
 pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances) -> Verdict {
     let loops = Vec::from_iter(plan.loops.iter().zip(timelines));
     let mut pass = Pass::new(loops.len() as u64);
-    let end = circumstances.ended_early.as_ref();
-    let end = end.filter(|end| end.by == EndedBy::Node);
+    let end = circumstances
+        .ended_early
+        .as_ref()
+        .filter(|end| end.by == EndedBy::Node);
     let evidence = loops.iter().map(|(control_loop, timeline)| {
         Evidence::new(timeline, control_loop, circumstances).among(&plan.shared.contours, &loops)
     });
@@ -66,8 +68,8 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         let verdict = match node.zip(elsewhere.as_ref()) {
             None => judge_loop(plan, evidence, broke_off.as_ref()),
             Some((node, elsewhere)) => {
-                let cut = Evidence::new(evidence.timeline, evidence.control_loop, elsewhere);
-                let cut = cut.among(evidence.contours, evidence.loops);
+                let cut = Evidence::new(evidence.timeline, evidence.control_loop, elsewhere)
+                    .among(evidence.contours, evidence.loops);
                 let verdict = judge_loop(plan, &cut, broke_off.as_ref());
                 ended_elsewhere(verdict, node, end)
             }

@@ -369,9 +369,9 @@ impl<'a> Evidence<'a> {
         let silences = silences(times_seconds, window, seconds_max);
         let left_out = |silence: &Window| match &self.left_out {
             None => 0.0,
-            Some(left_out) => {
-                (left_out.times).seconds_in(silence.from_seconds, silence.until_seconds)
-            }
+            Some(left_out) => left_out
+                .times
+                .seconds_in(silence.from_seconds, silence.until_seconds),
         };
         let mut silences = silences.filter(|silence| {
             let seconds = silence.until_seconds - silence.from_seconds - left_out(silence);
@@ -442,7 +442,10 @@ impl<'a> Evidence<'a> {
         &self,
         window: Window,
     ) -> Result<impl Iterator<Item = CycleSample>, Absence> {
-        let mut times = (self.samples(window).map(|sample| sample.time_seconds)).peekable();
+        let mut times = self
+            .samples(window)
+            .map(|sample| sample.time_seconds)
+            .peekable();
         if times.peek().is_none() {
             return Err(self.no_position(window));
         }

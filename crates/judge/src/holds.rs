@@ -93,8 +93,11 @@ pub fn swing(positions: &[(f64, f64)], from_seconds: f64) -> Option<f64> {
 /// after the last start or end of a disturbance or a fault.
 fn calm(evidence: &Evidence<'_>) -> Window {
     let until_seconds = evidence.trial.judged_end_seconds();
-    let edges = evidence.trial.edges_seconds().into_iter();
-    let edges = edges.filter(|time| *time < until_seconds);
+    let edges = evidence
+        .trial
+        .edges_seconds()
+        .into_iter()
+        .filter(|time| *time < until_seconds);
     let changed = evidence.set_point_changes().last().unwrap_or_default();
     Window::new(edges.fold(changed, f64::max), until_seconds)
 }

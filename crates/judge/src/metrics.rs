@@ -173,8 +173,9 @@ fn sync_interval(evidence: &Evidence<'_>) -> Measurement {
         return Absence::from("the scenario never began").into();
     }
     // If the bench ended the SYNC, the recording still shows the run until then.
-    let silence = evidence.silence_of_sync();
-    let silence = silence.filter(|silence| !evidence.is_cut_before(silence.until_seconds));
+    let silence = evidence
+        .silence_of_sync()
+        .filter(|silence| !evidence.is_cut_before(silence.until_seconds));
     let longest = evidence.timeline.sync_interval_milliseconds_max;
     match silence {
         Some(silence) if !longest.is_nan() || !evidence.has_all() => {

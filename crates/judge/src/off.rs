@@ -30,8 +30,8 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     }
     let sampled = timeline
         .column(names::STATUSWORD)
-        .map(|column| &column.values);
-    let sampled = sampled.and_then(|values| latest(evidence, values));
+        .map(|column| &column.values)
+        .and_then(|values| latest(evidence, values));
     let reports = &timeline.drive_reports;
     let (state_at, word) = later(sampled, reports.statuswords.last())?;
     let sampled = timeline

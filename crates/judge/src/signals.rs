@@ -108,7 +108,8 @@ fn measure(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
         return Measurement::at(Err(reason.into()), sample.time_seconds);
     }
     let times = samples.iter().map(|sample| sample.time_seconds);
-    let silence = (trace.silence_seconds_max)
+    let silence = trace
+        .silence_seconds_max
         .and_then(|seconds_max| silences(times, window, seconds_max).next());
     if let Some(silence) = silence {
         return Absence::silent(silence).into();

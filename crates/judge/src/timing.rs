@@ -332,8 +332,10 @@ mod tests {
             round_trip_microseconds: limits,
             ..TimingLimits::default()
         };
-        let rows = timing.metrics(&limits).into_iter();
-        let rows = rows.map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
+        let rows = timing
+            .metrics(&limits)
+            .into_iter()
+            .map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
         let expected = [
             ("round_trip_microseconds_median", 1.0, true),
             ("round_trip_microseconds_p99_9", 3.0, false),

@@ -134,8 +134,10 @@ impl Catalogue {
     fn outputs(&self, trial: &Trial) -> Vec<Vec<IoOutput>> {
         let nodes = trial.wiring.io.iter();
         let needs_ports = !nodes.clone().all(IoWiring::has_fan_and_load_only);
-        let ports = needs_ports.then(|| self.ports(trial)).flatten();
-        let ports = ports.unwrap_or_default();
+        let ports = needs_ports
+            .then(|| self.ports(trial))
+            .flatten()
+            .unwrap_or_default();
         nodes.map(|io| io.outputs(&ports)).collect()
     }
 
@@ -384,8 +386,8 @@ impl Published {
         } = wiring;
         let is_emulated = matches!(player, Player::Emulator);
         let name = |pattern: &str| sensor.measurand.name(pattern);
-        let unit = unit_of(sensor, &name, !matches!(player, Player::Real(_)));
-        let unit = unit.as_ref();
+        let units = unit_of(sensor, &name, !matches!(player, Player::Real(_)));
+        let unit = units.as_ref();
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match player {
@@ -415,8 +417,9 @@ impl Published {
 
 /// Adds the frames of an io node with these outputs.
 fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
-    let outputs = outputs.iter();
-    let outputs = outputs.map(|output| signal_of(&output.port, output.port.name.clone()));
+    let outputs = outputs
+        .iter()
+        .map(|output| signal_of(&output.port, output.port.name.clone()));
     composer.with_io((&io.name, io.id), &Vec::from_iter(outputs))
 }
 

@@ -171,11 +171,11 @@ impl DataSheet {
         let nearest = scenario::nearest(text, entries.iter().map(|entry| entry.name.as_str()));
         let meant = entries
             .iter()
-            .find(|entry| Some(entry.name.as_str()) == nearest);
-        let meant = meant.map_or_else(String::new, |entry| {
-            let (name, index, sub_index) = (&entry.name, entry.index, entry.sub_index);
-            format!("; did you mean \"{name}\" (0x{index:04X}:{sub_index:02X})?")
-        });
+            .find(|entry| Some(entry.name.as_str()) == nearest)
+            .map_or_else(String::new, |entry| {
+                let (name, index, sub_index) = (&entry.name, entry.index, entry.sub_index);
+                format!("; did you mean \"{name}\" (0x{index:04X}:{sub_index:02X})?")
+            });
         format!(
             "{} has no object \"{text}\": give an index such as 0x6064:00, or a name from the EDS{meant}",
             self.name

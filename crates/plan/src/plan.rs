@@ -153,8 +153,9 @@ impl Plan {
     /// Returns the names of the external nodes, each once: the drives of a loop before its controller and its io node.
     pub fn external_names(&self) -> Vec<String> {
         let external = self.loops.iter().flat_map(|one| {
-            let nodes = [&one.nodes.drive, &one.nodes.controller].into_iter();
-            let nodes = nodes.chain(&one.nodes.io);
+            let nodes = [&one.nodes.drive, &one.nodes.controller]
+                .into_iter()
+                .chain(&one.nodes.io);
             nodes.filter(|node| one.external.has(node))
         });
         each_once(external.map(|node| node.name.clone()))

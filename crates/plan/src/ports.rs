@@ -220,8 +220,10 @@ impl Wired<'_> {
             count * BITS
         );
         let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
-        let names = recorded.iter().take(RECORDED_MAX);
-        let names = names.map(|(_, port)| format!("\"{}\"", port.local_name()));
+        let names = recorded
+            .iter()
+            .take(RECORDED_MAX)
+            .map(|(_, port)| format!("\"{}\"", port.local_name()));
         let names = Vec::from_iter(names).join(", ");
         let path = match wiring.record {
             Some(_) => path,

@@ -100,8 +100,9 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
     let mut next: Option<(Duration, Signal)> = None;
     let (mut is_wanted, mut is_open) = (true, true);
     loop {
-        let timeout = next.map(|(time, _)| time.saturating_sub(monotonic()));
-        let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
+        let timeout = next
+            .map(|(time, _)| time.saturating_sub(monotonic()))
+            .and_then(|timeout| Timespec::try_from(timeout).ok());
         let handle_fd = handle.as_fd();
         let stdin = stdin();
         // A descriptor that has ended stays readable, so the program's own takes its place.
@@ -152,9 +153,9 @@ fn end_descendants() {
 /// Returns the child processes of `parent`.
 pub(crate) fn children(parent: u32) -> Vec<Pid> {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
-    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let processes = numbers.filter_map(Pid::from_raw);
-    { processes }
+    processes
+        .filter_map(|entry| entry.file_name().to_str()?.parse().ok())
+        .filter_map(Pid::from_raw)
         .filter(|process| stat(*process, PARENT_FIELD) == Some(parent))
         .collect()
 }

@@ -77,10 +77,10 @@ impl PortSeat {
             .map_err(|wrong| NotReady::Wrong(format!("spoke what is no HELLO: {wrong}")))?;
         write_welcome(&mut self.message, seed, part);
         self.program.send(&self.message).map_err(unreachable)?;
-        let ready = read_answer(self.first_answer(closed_patience)?, Kind::Done, 0);
-        let ready = ready.map_err(|wrong| {
-            NotReady::Wrong(format!("answered WELCOME with what is no answer: {wrong}"))
-        })?;
+        let ready =
+            read_answer(self.first_answer(closed_patience)?, Kind::Done, 0).map_err(|wrong| {
+                NotReady::Wrong(format!("answered WELCOME with what is no answer: {wrong}"))
+            })?;
         ready.map(drop).map_err(NotReady::GaveUp)
     }
 

@@ -255,8 +255,9 @@ impl Seat {
     /// # Errors
     /// If there is no such variable, or no socket listens there.
     pub fn join(name: &str) -> io::Result<Self> {
-        let path = std::env::var_os(PORTS_VARIABLE).map(PathBuf::from);
-        let path = path.ok_or_else(|| io::Error::other("no seat is named: runs start this"))?;
+        let path = std::env::var_os(PORTS_VARIABLE)
+            .map(PathBuf::from)
+            .ok_or_else(|| io::Error::other("no seat is named: runs start this"))?;
         let socket = seqpacket(SocketFlags::empty())?;
         connect(&socket, &SocketAddrUnix::new(path.as_path())?)?;
         let mut seat = Self {

@@ -157,7 +157,9 @@ impl Bus for SocketCanBus {
     fn count_fd_frames(&mut self) {
         // A kernel without CAN FD refuses the option; then none are counted.
         let option = libc::CAN_RAW_FD_FRAMES;
-        let _ = (self.socket).set_socket_option_int(libc::SOL_CAN_RAW, option, 1);
+        let _ = self
+            .socket
+            .set_socket_option_int(libc::SOL_CAN_RAW, option, 1);
     }
 
     fn fd_frames(&self) -> u64 {

@@ -95,7 +95,9 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
         self.is_over.store(true, Ordering::Relaxed);
         let threads = [self.thread].into_iter().chain(self.processors);
         merged(threads.flat_map(|thread| {
-            { thread.join() }.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            thread
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         }))
     }
 }

@@ -134,7 +134,11 @@ impl BusLog {
     /// If the disk does not take it, or the log is not at its path any more: a folder without its log is no recording.
     pub(crate) fn finish(mut self) -> Result<OpenLog, WriteError> {
         self.write()?;
-        if (self.path.as_ref()).is_some_and(|path| !has_name(&self.file, path)) {
+        if self
+            .path
+            .as_ref()
+            .is_some_and(|path| !has_name(&self.file, path))
+        {
             let gone = io::Error::other("somebody removed or replaced it during the run");
             return Err(self.error(gone));
         }

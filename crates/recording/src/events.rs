@@ -134,8 +134,9 @@ pub(crate) struct EventReader {
 impl EventReader {
     /// Makes the reader of one loop.
     pub(crate) fn new(database: &Database, node_names: NodeNames) -> Self {
-        let signals = event_signals(database, &node_names).into_iter();
-        let signals = signals.map(|signal| (signal.signal.raw_id(), signal));
+        let signals = event_signals(database, &node_names)
+            .into_iter()
+            .map(|signal| (signal.signal.raw_id(), signal));
         Self {
             signals: signals.collect(),
             node_names,
@@ -179,8 +180,9 @@ impl EventReader {
             }
             EventKind::Emergency => {
                 self.emergencies.add(at_seconds, emergency(node, value));
-                let cause = signal.cause(stamped, &self.node_names);
-                let cause = cause.map_or_else(String::new, |cause| format!(": {cause}"));
+                let cause = signal
+                    .cause(stamped, &self.node_names)
+                    .map_or_else(String::new, |cause| format!(": {cause}"));
                 (Level::Error, format!("{node}: emergency {label}{cause}"))
             }
         };

@@ -102,7 +102,10 @@ impl NodeReport {
     #[must_use]
     pub fn beside(self, other: Self) -> Self {
         let new = Vec::from_iter(
-            (other.refused.into_iter()).filter(|reason| !self.refused.contains(reason)),
+            other
+                .refused
+                .into_iter()
+                .filter(|reason| !self.refused.contains(reason)),
         );
         let lateness = self.wake_up_lateness_microseconds;
         Self {

@@ -83,8 +83,9 @@ fn parse_line(line: &str) -> Result<(&str, Option<Stamped>), &'static str> {
     else {
         return Err("expected: (seconds.microseconds) interface id#data");
     };
-    let stamp = stamp.strip_prefix('(');
-    let stamp = stamp.and_then(|stamp| stamp.strip_suffix(')')?.split_once('.'));
+    let stamp = stamp
+        .strip_prefix('(')
+        .and_then(|stamp| stamp.strip_suffix(')')?.split_once('.'));
     let (seconds, micros) = stamp.ok_or("no time stamp")?;
     if seconds.len() > SECONDS_DIGITS_MAX {
         return Err("seconds have more than ten digits");
@@ -202,7 +203,10 @@ impl Unread {
     /// Describes the unreadable parts of the log, for the user.
     pub fn remarks(&self) -> Vec<String> {
         let unreadable = self.unreadable_until(Duration::MAX);
-        let broken = (self.broken.as_ref()).map(|broken| format!("the log breaks off ({broken})"));
+        let broken = self
+            .broken
+            .as_ref()
+            .map(|broken| format!("the log breaks off ({broken})"));
         unreadable.into_iter().chain(broken).collect()
     }
 }
@@ -404,8 +408,11 @@ fn refuse_many(unreadable: &[UnreadableLine]) -> io::Result<()> {
 
 /// Parses a line into its frame, `None` for one of CAN FD. The first frame decides on the interface.
 fn whole_line(line: &[u8], interface: &mut Option<String>) -> Result<Option<Stamped>, String> {
-    let text = str::from_utf8(line).map_err(|_| "not text".to_owned())?;
-    let text = text.strip_suffix('\n').ok_or("cut before its end")?.trim();
+    let text = str::from_utf8(line)
+        .map_err(|_| "not text".to_owned())?
+        .strip_suffix('\n')
+        .ok_or("cut before its end")?
+        .trim();
     let (name, frame) = parse_line(text).map_err(|reason| {
         let shown: String = text.chars().take(80).collect();
         format!("not a line of candump -L: \"{shown}\" ({reason})")

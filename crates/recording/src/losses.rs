@@ -87,8 +87,9 @@ impl LossReader {
             ),
             (drives(names::TPDO1), format!("position from {drive}")),
             (drives(names::TPDO2), String::new()),
-        ];
-        let cyclic = cyclic.into_iter().filter_map(|(message, what)| {
+        ]
+        .into_iter()
+        .filter_map(|(message, what)| {
             let watched = Watched::new(what, None, sync_period, PERIODS_MAX);
             Some((message?.raw_id, watched))
         });
@@ -96,9 +97,10 @@ impl LossReader {
         let heartbeats = [
             (&nodes.controller, controller, Some(Part::Controller)),
             (&nodes.drive, drive, Some(Part::Drive)),
-        ];
-        let heartbeats = heartbeats.into_iter().chain(io);
-        let heartbeats = heartbeats.filter_map(|(node, name, heartbeat_sender)| {
+        ]
+        .into_iter()
+        .chain(io)
+        .filter_map(|(node, name, heartbeat_sender)| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let what = format!("heartbeat from {name}");

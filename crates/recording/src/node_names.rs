@@ -20,8 +20,11 @@ impl NodeNames {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
         let nodes = &one.nodes;
         let all = nodes.all().map(|node| (node.id, node.name.clone()));
-        let others = shared.rig.node.iter();
-        let others = others.map(|(name, node)| (node.node_id, name.clone()));
+        let others = shared
+            .rig
+            .node
+            .iter()
+            .map(|(name, node)| (node.node_id, name.clone()));
         Self {
             loop_name: one.loop_name().map(str::to_owned),
             nodes: nodes.clone(),

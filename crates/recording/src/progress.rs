@@ -83,7 +83,11 @@ impl ProgressReader {
     /// If the database lacks the position of a loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         Ok(Self {
-            loops: (plan.loops.iter().map(LoopReader::new)).collect::<Result<_, _>>()?,
+            loops: plan
+                .loops
+                .iter()
+                .map(LoopReader::new)
+                .collect::<Result<_, _>>()?,
             period: plan.sync_period(),
         })
     }

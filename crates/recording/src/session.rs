@@ -161,8 +161,7 @@ fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FileError> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(FileError::at(folder, file::FRAMES)(error)),
         Ok(text) => {
-            let database = Database::parse(&text);
-            let database = database.map_err(FileError::at(folder, file::FRAMES))?;
+            let database = Database::parse(&text).map_err(FileError::at(folder, file::FRAMES))?;
             Ok(Some(Arc::new(database)))
         }
     }

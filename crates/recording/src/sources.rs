@@ -486,8 +486,8 @@ impl SourceReader {
     }
 
     fn on_foreign_nmt(&mut self, at: Duration, specifier: u8, node: u8) {
-        let command = canopen::NmtCommand::from_specifier(specifier);
-        let command = command.map_or_else(|| format!("{specifier}"), |one| format!("{one:?}"));
+        let command = canopen::NmtCommand::from_specifier(specifier)
+            .map_or_else(|| format!("{specifier}"), |one| format!("{one:?}"));
         let what = format!("NMT {command} to node {node}");
         self.sources.add(NMT, COMMAND_ID, what, at);
     }

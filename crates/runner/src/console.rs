@@ -89,7 +89,10 @@ impl<W: Write> PrintableLines<W> {
 
 impl<W: Write> Write for PrintableLines<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let whole = (bytes.iter().rposition(|byte| *byte == b'\n')).map_or(0, |end| end + 1);
+        let whole = bytes
+            .iter()
+            .rposition(|byte| *byte == b'\n')
+            .map_or(0, |end| end + 1);
         let (lines, begun) = bytes.split_at(whole);
         if !lines.is_empty() {
             self.begun.extend(lines);

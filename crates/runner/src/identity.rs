@@ -63,7 +63,8 @@ fn build_id(program: File) -> Option<Vec<u8>> {
     let header = FileHeader64::<Endianness>::parse(&file).ok()?;
     let endian = header.endian().ok()?;
     let segments = header.program_headers(endian, &file).ok()?;
-    let mut notes = (segments.iter())
+    let mut notes = segments
+        .iter()
         .filter_map(|segment| segment.notes(endian, &file).ok()?)
         .flatten()
         .flatten();

@@ -183,8 +183,11 @@ pub fn verdict(
             End::ByNode(end) => Some(end.clone()),
         },
     };
-    let host = ended.as_ref().ok().and_then(|played| played.host.clone());
-    let host = host.unwrap_or_default();
+    let host = ended
+        .as_ref()
+        .ok()
+        .and_then(|played| played.host.clone())
+        .unwrap_or_default();
     let circumstances = Circumstances {
         unrecorded: unrecorded.clone(),
         ended_early,

@@ -139,8 +139,9 @@ fn led_by(
         .and_then(|rig| controller_in(&rig))
         .unwrap_or_else(|| Part::Controller.word().to_owned());
     let command = toml::Value::from(command.to_vec());
-    let program = format!("node.{controller}.program={command}").parse();
-    let program = program.map(|program: Override| overridden(text, &[program]));
+    let program = format!("node.{controller}.program={command}")
+        .parse()
+        .map(|program: Override| overridden(text, &[program]));
     Ok(program
         .expect("a key and a value")
         .expect("tables on the way are made"))

@@ -76,7 +76,7 @@ impl<'text> Document<'text> {
             let end = headings.get(next);
             second_table = heading.start..end.map_or(text.len(), |(next, _)| next.start);
             let message = format!("[{path}] stands twice");
-            let mut problem = (self.source).problem(span, message, "for the second time");
+            let mut problem = self.source.problem(span, message, "for the second time");
             let mut before = headings.iter().take(next - 1);
             if let Some((first, _)) = before.find(|(_, other)| other == path) {
                 let first = first.start..first.start + text[first.clone()].trim_end().len();
@@ -88,7 +88,8 @@ impl<'text> Document<'text> {
     }
 
     fn syntax_error(&self, span: Range<usize>, error: &toml::de::Error) -> Problem {
-        (self.source).problem(span, "TOML syntax error", error.message())
+        self.source
+            .problem(span, "TOML syntax error", error.message())
     }
 
     /// Makes a document of parts of this one, whose problems point into its text.
@@ -102,8 +103,10 @@ impl<'text> Document<'text> {
 
     /// Makes a document of the values at some keys, as [`Document::with_root`].
     pub(crate) fn only(&self, keys: &[&str]) -> Self {
-        let values = self.root().iter();
-        let values = values.filter(|(key, _)| keys.contains(&key.get_ref().as_ref()));
+        let values = self
+            .root()
+            .iter()
+            .filter(|(key, _)| keys.contains(&key.get_ref().as_ref()));
         let copies = values.map(|(key, value)| (key.clone(), value.clone()));
         self.with_root(copies.collect())
     }

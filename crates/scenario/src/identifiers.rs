@@ -81,8 +81,9 @@ impl Rig {
     /// Gives the loops their identifiers: the preferred one of CiA 301 or canrig, and if another node has it, the highest free
     /// one, in the order of node-IDs.
     pub(crate) fn assign_identifiers(&mut self) {
-        let controller = self.controller();
-        let controller = controller.map_or(CONTROLLER_NODE_ID, |(_, node)| node.node_id);
+        let controller = self
+            .controller()
+            .map_or(CONTROLLER_NODE_ID, |(_, node)| node.node_id);
         let loops = (0..).zip(self.loops.keys()).map(|(number, name)| {
             let node = self.node.get(self.drive_of_loop(name));
             let drive = node.map_or(0, |node| node.node_id);

@@ -140,7 +140,11 @@ impl LawWires {
         each_once(&ports.outputs)?;
         Ok(Self {
             inputs: ports.inputs.iter().map(reading).collect::<Result<_, _>>()?,
-            outputs: (ports.outputs.iter().map(writing)).collect::<Result<_, _>>()?,
+            outputs: ports
+                .outputs
+                .iter()
+                .map(writing)
+                .collect::<Result<_, _>>()?,
         })
     }
 }

@@ -193,7 +193,11 @@ fn check_custom(
         && problems.is_empty()
     {
         let span = error.span().unwrap_or_else(|| value.span());
-        problems.push((document.source).problem(span, "invalid value", error.message()));
+        problems.push(
+            document
+                .source
+                .problem(span, "invalid value", error.message()),
+        );
     }
 }
 

@@ -174,20 +174,30 @@ impl Reference {
     /// Prepares the set-point for a look-up in every cycle.
     pub fn trajectory(&self) -> Trajectory {
         let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
-        let holds = (self.hold.iter()).map(|hold| constant(hold.at_seconds, hold.position));
-        let steps = (self.step.iter()).map(|step| constant(step.at_seconds, step.position));
+        let holds = self
+            .hold
+            .iter()
+            .map(|hold| constant(hold.at_seconds, hold.position));
+        let steps = self
+            .step
+            .iter()
+            .map(|step| constant(step.at_seconds, step.position));
         let ramps = self.ramp.iter().map(|ramp| {
             let (until_seconds, end) = (ramp.until_seconds, ramp.position);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
-        let sines = self.sine.iter();
-        let sines = sines.map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
+        let sines = self
+            .sine
+            .iter()
+            .map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
         let tables = self.table.iter().map(|table| {
             let rows = table.rows.clone();
             (table.from_seconds, Piece::Table { rows })
         });
-        let chirps = self.chirp.iter();
-        let chirps = chirps.map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
+        let chirps = self
+            .chirp
+            .iter()
+            .map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
         let moving = ramps.chain(sines).chain(chirps).chain(tables);
         Trajectory::new(holds.chain(steps).chain(moving).collect())
     }

@@ -226,7 +226,10 @@ impl<'text> Reader<'text> {
         let blank = part.len() - part.trim_start().len();
         let part = part.trim();
         // `part` is a slice of `text`, so the difference of the addresses is its place.
-        let start = (part.as_ptr().addr()).saturating_sub(self.text.as_ptr().addr());
+        let start = part
+            .as_ptr()
+            .addr()
+            .saturating_sub(self.text.as_ptr().addr());
         let start = if part.is_empty() {
             start.saturating_sub(blank)
         } else {

@@ -67,8 +67,10 @@ impl Trial {
 
     /// Returns the plants that are emulated together by name, its own among them.
     pub fn plants(&self) -> BTreeMap<&str, &PlantModel> {
-        let others = self.plants_beside.iter();
-        let others = others.map(|(name, plant)| (name.as_str(), plant));
+        let others = self
+            .plants_beside
+            .iter()
+            .map(|(name, plant)| (name.as_str(), plant));
         let own = (self.wiring.plant.as_str(), &self.plant);
         others.chain([own]).collect()
     }
@@ -112,8 +114,10 @@ impl Trial {
         });
         let identifiers = &self.wiring.identifiers;
         let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0);
-        let channel = (1..).zip(identifiers.second_sdo).zip(usual.second_sdo);
-        let channel = channel.filter(|((_, channel), usual)| channel != usual);
+        let channel = (1..)
+            .zip(identifiers.second_sdo)
+            .zip(usual.second_sdo)
+            .filter(|((_, channel), usual)| channel != usual);
         let channel = channel
             .map(|((sub_index, channel), _)| Preset::new(SECOND_SDO, sub_index, channel.into()));
         let drive_presets = amplifier.into_iter().chain(truth);

@@ -279,19 +279,21 @@ impl IoWiring {
     pub fn outputs(&self, ports: &Ports) -> Vec<IoOutput> {
         let wired = |name: &str| ports.input(self.outputs.get(name)?);
         let is_other = |name: &&String| kind_of_output(name).is_none();
-        let first = [fan(), load()].into_iter();
-        let first = first.filter(|_| !self.outputs.keys().all(|name| is_other(&name)));
-        let first = first.map(|port| {
-            let input = wired(&port.name);
-            Some(IoOutput::new(port, input, ports))
-        });
+        let first = [fan(), load()]
+            .into_iter()
+            .filter(|_| !self.outputs.keys().all(|name| is_other(&name)))
+            .map(|port| {
+                let input = wired(&port.name);
+                Some(IoOutput::new(port, input, ports))
+            });
         let others = self.outputs.keys().filter(is_other).map(|name| {
             let input = wired(name)?;
             let port = output_like(name, &ports.inputs[input])?;
             Some(IoOutput::new(port, Some(input), ports))
         });
-        let outputs = (0..).zip(first.chain(others));
-        let outputs = outputs.filter_map(|(place, output)| Some(IoOutput { place, ..output? }));
+        let outputs = (0..)
+            .zip(first.chain(others))
+            .filter_map(|(place, output)| Some(IoOutput { place, ..output? }));
         outputs.collect()
     }
 }

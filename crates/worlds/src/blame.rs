@@ -271,8 +271,9 @@ impl<'a> Seen<'a> {
         };
         let position = before.last_position(drive);
         let patience = SILENT_PERIODS * self.plan.sync_period();
-        let silent = position.filter(|position| given_up > *position + patience);
-        let silent = silent.and_then(|position| self.seconds(position));
+        let silent = position
+            .filter(|position| given_up > *position + patience)
+            .and_then(|position| self.seconds(position));
         let silent =
             silent.map_or_else(String::new, |since| format!("silent since {since:.3} s; "));
         let when = self.when_at(Some(given_up));

@@ -59,9 +59,10 @@ impl Vigil {
         let (stopper, stop) = stop_signal()?;
         let mut guest = Guest::new(bus, move || stop.is_raised());
         guest.keep_place_of(manager);
-        let thread = std::thread::Builder::new().name("vigil".into());
-        let thread = thread.spawn(move || keep(guest, manager));
-        let thread = thread.map_err(WorldError::spawn(BENCH))?;
+        let thread = std::thread::Builder::new()
+            .name("vigil".into())
+            .spawn(move || keep(guest, manager))
+            .map_err(WorldError::spawn(BENCH))?;
         Ok(Self {
             kept: Some((stopper, thread)),
         })

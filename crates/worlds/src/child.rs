@@ -63,8 +63,8 @@ impl NodeProcess {
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
     ) -> Result<Self, WorldError> {
-        let spawned = OwnProcess::spawn(name, plan, folder, bus, side_channel);
-        let spawned = spawned.map_err(WorldError::spawn(name))?;
+        let spawned = OwnProcess::spawn(name, plan, folder, bus, side_channel)
+            .map_err(WorldError::spawn(name))?;
         Ok(Self::new(Process::Own(spawned)))
     }
 

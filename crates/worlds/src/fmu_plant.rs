@@ -75,8 +75,7 @@ fn unfit(fmu: &Fmu, misfit: Misfit) -> InvalidPlant {
 }
 
 fn fmu_ports(wiring: &table::Wiring) -> Ports {
-    let inputs = wiring.inputs.iter();
-    let inputs = inputs.map(|port| {
+    let inputs = wiring.inputs.iter().map(|port| {
         let input = Port::input(&port.name, port.range).resting_at(port.at_rest);
         described(input, port)
     });

@@ -84,8 +84,8 @@ impl RemoteFmu {
     }
 
     fn meet(&mut self, configuration: &Configuration) -> Result<(), Fault> {
-        let part = postcard::to_allocvec(configuration);
-        let part = part.map_err(|error| Fault::Table(error.to_string()))?;
+        let part = postcard::to_allocvec(configuration)
+            .map_err(|error| Fault::Table(error.to_string()))?;
         let values = configuration.inputs.len().max(configuration.outputs.len());
         // Beside the start values or the values of a step there are a header and a few numbers.
         let bytes = part.len().max(8 * values) + 64;

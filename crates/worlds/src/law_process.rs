@@ -115,8 +115,12 @@ impl LawPlace {
 
 /// Returns the folder of a plan's scenario.
 pub fn scenario_folder(plan: &Plan) -> PathBuf {
-    let folder = plan.shared.beside.scenario().parent();
-    let folder = folder.filter(|folder| *folder != Path::new(""));
+    let folder = plan
+        .shared
+        .beside
+        .scenario()
+        .parent()
+        .filter(|folder| *folder != Path::new(""));
     folder.unwrap_or(Path::new(".")).to_owned()
 }
 
@@ -273,8 +277,8 @@ impl LawProcess {
 /// # Errors
 /// If it is no such answer, or the law gave up.
 fn answer(message: &[u8], number: u32, count: usize) -> Result<&[u8], String> {
-    let told = read_values(message, number, count);
-    let told = told.map_err(|wrong| format!("answered what is no answer: {wrong}"))?;
+    let told = read_values(message, number, count)
+        .map_err(|wrong| format!("answered what is no answer: {wrong}"))?;
     told.map_err(|text| format!("gave up: {text}"))
 }
 

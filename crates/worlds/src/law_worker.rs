@@ -41,8 +41,10 @@ pub(crate) fn command(
 
 /// Returns the objection to the FMU of a law, by the FMU's description.
 pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
-    let variables = ports(law).into_iter().flat_map(|(_, ports)| ports);
-    let variables = variables.map(|(variable, signal)| (signal.clone(), variable.clone()));
+    let variables = ports(law)
+        .into_iter()
+        .flat_map(|(_, ports)| ports)
+        .map(|(variable, signal)| (signal.clone(), variable.clone()));
     let objection = |place: String, what: String| {
         let path = format!("controller.fmu.{place}");
         objection_to(&law.file, path, format!("law: {what}"))
@@ -83,8 +85,9 @@ fn place_in_law(place: &str, law: &FmuLaw) -> String {
     if let Some(start) = place.strip_prefix("start.") {
         return format!("parameters.{start}");
     }
-    let signal = place.strip_prefix("ports.");
-    let signal = signal.map(|signal| signal.strip_suffix(".variable").unwrap_or(signal));
+    let signal = place
+        .strip_prefix("ports.")
+        .map(|signal| signal.strip_suffix(".variable").unwrap_or(signal));
     let found = ports(law).into_iter().find_map(|(key, ports)| {
         let mut ports = ports.iter();
         let (variable, _) = ports.find(|(_, port)| Some(port.as_str()) == signal)?;

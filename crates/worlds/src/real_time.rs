@@ -149,7 +149,9 @@ fn start_nodes(
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
     // One controller leads all loops.
-    let controller = (plan.loops.iter())
+    let controller = plan
+        .loops
+        .iter()
         .all(|one| one.is_ours(Part::Controller))
         .then_some(plan.controller().name.as_str());
     let address = connection.address();

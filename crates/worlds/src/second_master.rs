@@ -22,7 +22,10 @@ impl SecondMasterWatch {
         let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
         Ok(Self {
             clock: plan.scenario_clock()?,
-            drives: (plan.loops.iter().filter(is_real))
+            drives: plan
+                .loops
+                .iter()
+                .filter(is_real)
                 .map(SourceReader::new)
                 .collect(),
             taken: 0,

@@ -66,8 +66,11 @@ impl Objects {
         } else {
             DataType::Integer32
         };
-        let signals = wires.published.iter().zip(PLANT_SIGNALS);
-        let signals = signals.map(|(one, index)| Ok((at(index, data_type(one))?, one.clone())));
+        let signals = wires
+            .published
+            .iter()
+            .zip(PLANT_SIGNALS)
+            .map(|(one, index)| Ok((at(index, data_type(one))?, one.clone())));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
             statusword: at(cia402::STATUSWORD, DataType::Unsigned16)?,

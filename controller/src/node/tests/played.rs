@@ -62,7 +62,11 @@ fn a_law_has_until_a_tenth_of_a_period_before_the_next_sync() {
     let windows = std::mem::take(&mut asked.lock().unwrap().windows);
     assert_eq!(windows.len(), 10);
     let left = |window: &Window| window.until - window.now;
-    assert!((windows.iter()).all(|(window, _)| left(window) == MILLISECOND * 9 / 10));
+    assert!(
+        windows
+            .iter()
+            .all(|(window, _)| left(window) == MILLISECOND * 9 / 10)
+    );
     // A step without a command is not waited for: the SYNC comes after it.
     bus.lost = Some(0x190);
     bus.run_for(3 * MILLISECOND);

@@ -71,7 +71,9 @@ pub(super) fn to_html(
 }
 
 fn name(requirement: &Requirement) -> String {
-    let text = (requirement.text.as_deref())
+    let text = requirement
+        .text
+        .as_deref()
         .map(|text| format!(" {text}"))
         .unwrap_or_default();
     if requirement.is_listed {
@@ -123,8 +125,10 @@ fn played(test: &RequirementTest, between: &str) -> String {
         Some(at) => at.strftime("%Y-%m-%d %H:%M UTC").to_string(),
         None => "no date".to_owned(),
     };
-    let version = test.version.as_deref();
-    let version = version.map(|version| format!("canrig {version}"));
+    let version = test
+        .version
+        .as_deref()
+        .map(|version| format!("canrig {version}"));
     let plays = (test.plays > 1).then(|| format!("(the latest of {})", test.plays));
     let parts = [Some(at), version, plays].into_iter().flatten();
     parts.collect::<Vec<_>>().join(between)

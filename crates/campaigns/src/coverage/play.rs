@@ -132,8 +132,10 @@ impl Play {
                 for one in tested.values_mut().flatten() {
                     let outcome = outcome_in(&row, one.row.as_ref(), &untimed);
                     if one.worsen(outcome, Some(row.case)) {
-                        one.measured =
-                            (one.row.as_ref()).and_then(|name| measured(name, &row, &limits));
+                        one.measured = one
+                            .row
+                            .as_ref()
+                            .and_then(|name| measured(name, &row, &limits));
                     }
                 }
             }

@@ -123,7 +123,9 @@ impl Sampler {
         if keys.is_empty() {
             return Vec::new();
         }
-        let key_values: Vec<Vec<f64>> = (self.sample.iter())
+        let key_values: Vec<Vec<f64>> = self
+            .sample
+            .iter()
             .map(|one| cases.values(one.case))
             .collect();
         let names = self.worst.keys();
@@ -143,7 +145,10 @@ impl Sampler {
             None if !is_limited => Some(0.0),
             value => value.copied(),
         };
-        let runs: Vec<(usize, f64)> = (self.sample.iter().enumerate())
+        let runs: Vec<(usize, f64)> = self
+            .sample
+            .iter()
+            .enumerate()
             .filter_map(|(place, one)| Some((place, value(one)?)))
             .collect();
         let values = ranks(runs.iter().map(|(_, value)| *value));
@@ -169,7 +174,8 @@ impl Sampler {
         Some(Driven {
             name: name.to_owned(),
             limit: self.limits.get(name).copied(),
-            keys: (found.iter())
+            keys: found
+                .iter()
                 .map(|(key, correlation)| (keys[*key].to_owned(), *correlation))
                 .collect(),
             sample: drawn.filter(|(_, value)| value.is_finite()).collect(),

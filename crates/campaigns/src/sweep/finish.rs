@@ -77,8 +77,8 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
     };
     for entry in entries {
         let entry = entry.map_err(WriteError::at(&path))?;
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
+        let file_name = entry.file_name();
+        let name = file_name.to_string_lossy();
         if is_case(&name) && !kept.contains(&format!("{FAILING}/{name}")) {
             match fs::remove_file(entry.path()) {
                 // Another machine that completes the same part was faster.
@@ -92,8 +92,9 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
 
 /// Checks whether a file has a name as [`Failing::place`] gives it.
 fn is_case(name: &str) -> bool {
-    let name = name.strip_prefix("case-");
-    let name = name.and_then(|name| name.strip_suffix(".toml"));
+    let name = name
+        .strip_prefix("case-")
+        .and_then(|name| name.strip_suffix(".toml"));
     let parts = name.and_then(|name| name.split_once('-'));
     parts.is_some_and(|(case, id)| {
         let is_id = !id.is_empty() && id.bytes().all(|digit| digit.is_ascii_hexdigit());

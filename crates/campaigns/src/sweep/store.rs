@@ -287,8 +287,9 @@ impl Rows {
         let mut line = Vec::new();
         loop {
             line.clear();
-            let bounded = input.by_ref().take(LINE_BYTES_MAX);
-            let length = { bounded }
+            let length = input
+                .by_ref()
+                .take(LINE_BYTES_MAX)
                 .read_until(b'\n', &mut line)
                 .map_err(read_error(&file.path))?;
             let Some(line) = line.strip_suffix(b"\n") else {
@@ -390,8 +391,7 @@ impl Rows {
             let path = &self.files[place.file].path;
             let read = files[place.file].read_exact_at(&mut line, place.offset);
             read.map_err(read_error(path))?;
-            let row = open("row", &self.key, &line[..place.length - 1]);
-            let row = row.filter(|row: &SweepRow| row.case == *case);
+            let row = open("row", &self.key, &line[..place.length - 1]).filter(|row: &SweepRow| row.case == *case);
             row.ok_or_else(|| {
                 let path = path.display();
                 broken(format!(

@@ -131,7 +131,7 @@ impl<'a> Summary<'a> {
             self.failing.push(Failing {
                 case: row.case,
                 ended: row.ended,
-                why: (row.reason.clone()).unwrap_or_else(|| missed(&row, limits)),
+                why: row.reason.clone().unwrap_or_else(|| missed(&row, limits)),
                 values: self.cases.values_text(row.case, terminal::rounded),
                 id: row.id,
             });

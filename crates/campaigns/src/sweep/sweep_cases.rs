@@ -167,10 +167,14 @@ impl Cases for SweepCases {
     }
 
     fn variations(&self) -> Vec<(String, String)> {
-        let axes = self.axes.iter();
-        let axes = axes.map(|axis| (axis.key.clone(), values_text(&axis.values)));
-        let drawn = self.sweep.distributions();
-        let drawn = drawn.map(|one| (one.key().to_owned(), distribution_text(one)));
+        let axes = self
+            .axes
+            .iter()
+            .map(|axis| (axis.key.clone(), values_text(&axis.values)));
+        let drawn = self
+            .sweep
+            .distributions()
+            .map(|one| (one.key().to_owned(), distribution_text(one)));
         axes.chain(drawn).collect()
     }
 

@@ -175,14 +175,15 @@ impl Cases for TortureCases {
 
     fn values_text(&self, number: usize, _: fn(f64) -> String) -> String {
         let values = self.keys.iter().zip(self.values(number));
-        let drawn = values.filter(|(_, count)| *count > 0.0);
-        let drawn = drawn.map(|(key, count)| {
-            if count > 1.0 {
-                format!("{count} × {key}")
-            } else {
-                key.clone()
-            }
-        });
+        let drawn = values
+            .filter(|(_, count)| *count > 0.0)
+            .map(|(key, count)| {
+                if count > 1.0 {
+                    format!("{count} × {key}")
+                } else {
+                    key.clone()
+                }
+            });
         drawn.collect::<Vec<_>>().join(", ")
     }
 

@@ -296,8 +296,8 @@ mod tests {
             base.clone(),
             |_| Ok(rig.clone()),
             catalogue(),
-        );
-        let plan = plan.unwrap_or_else(|error| panic!("{error:?}"));
+        )
+        .unwrap_or_else(|error| panic!("{error:?}"));
         let tables = BTreeMap::from([("rig.toml".to_owned(), rig)]);
         for seed in 0..100 {
             let faults = mix(&mut Stream::new(seed), &Nodes(&plan), 2.0);

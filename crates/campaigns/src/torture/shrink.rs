@@ -55,8 +55,10 @@ impl TortureCase {
         document.insert("fault".to_owned(), Value::Table(faults));
         let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
         document.insert("seed".to_owned(), seed.into());
-        let rig = document.get("rig").and_then(Value::as_str);
-        let rig = rig.and_then(|rig| files.get_key_value(rig));
+        let rig = document
+            .get("rig")
+            .and_then(Value::as_str)
+            .and_then(|rig| files.get_key_value(rig));
         let hashes = files.iter().filter(|(name, _)| name.ends_with(HASH_SUFFIX));
         let files = rig
             .into_iter()

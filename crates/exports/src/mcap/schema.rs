@@ -88,8 +88,9 @@ fn comment(signal: &Signal) -> String {
     let labels = signal
         .labels
         .iter()
-        .map(|(value, label)| format!("{value} = {}", one_line(label)));
-    let labels = labels.collect::<Vec<_>>().join(", ");
+        .map(|(value, label)| format!("{value} = {}", one_line(label)))
+        .collect::<Vec<_>>()
+        .join(", ");
     if !labels.is_empty() {
         parts.push(format!("({labels})"));
     }

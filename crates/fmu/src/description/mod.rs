@@ -135,7 +135,9 @@ impl Description {
             return Ok(variable);
         }
         let similarity = |variable: &&Variable| strsim::jaro_winkler(&variable.name, name);
-        let nearest = (self.variables.iter())
+        let nearest = self
+            .variables
+            .iter()
             .map(|variable| (similarity(&variable), variable))
             .max_by(|(one, _), (other, _)| one.total_cmp(other));
         let hint = match nearest {

@@ -196,8 +196,9 @@ fn variable(
         ))
     })?;
     let causality = element.word("causality")?.unwrap_or(Causality::Local);
-    let variability = element.word("variability")?;
-    let variability = variability.unwrap_or_else(|| default_variability(causality, kind, version));
+    let variability = element
+        .word("variability")?
+        .unwrap_or_else(|| default_variability(causality, kind, version));
     let initial = element.word("initial")?;
     let type_defaults = value.text("declaredType").and_then(|name| types.get(name));
     let declared = declared(value)?;

@@ -105,9 +105,9 @@ pub(super) unsafe fn set<T: Copy>(
 ) -> c_int {
     // SAFETY: by the caller.
     unsafe {
-        let pairs = slice(references, count).iter().zip(slice(values, count));
+        let mut pairs = slice(references, count).iter().zip(slice(values, count));
         on(component, |played| {
-            { pairs }.try_for_each(|(reference, value)| set(played, *reference, *value))
+            pairs.try_for_each(|(reference, value)| set(played, *reference, *value))
         })
     }
 }

@@ -58,8 +58,8 @@ impl Played {
     fn place(&self, reference: u32) -> Result<usize, String> {
         let place = usize::try_from(reference)
             .ok()
-            .and_then(|place| place.checked_sub(1));
-        let place = place.filter(|place| *place < self.model.variables.len());
+            .and_then(|place| place.checked_sub(1))
+            .filter(|place| *place < self.model.variables.len());
         place.ok_or_else(|| format!("there is no variable {reference} to be set"))
     }
 

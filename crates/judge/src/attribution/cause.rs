@@ -159,8 +159,9 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         // A stall explains a breach that began in it only if it covers half of the missing time.
         cause: {
             let node = one.duty.node();
-            let stall = attribution.stall(node, one.from_seconds, until);
-            let stall = stall.or_else(|| attribution.stood_since(node, one.from_seconds));
+            let stall = attribution
+                .stall(node, one.from_seconds, until)
+                .or_else(|| attribution.stood_since(node, one.from_seconds));
             match (one.cause, stall) {
                 (Cause::Node(_) | Cause::Host(_), Some(stretch)) => Cause::Host(stretch),
                 (Cause::Host(_), None) => Cause::Node(one.duty),

@@ -107,8 +107,8 @@ impl SignalDeviation {
         let shifts = (0_u32..).map(f64::from);
         let earlier = Vec::from_iter(shifts.clone().zip(earlier).skip(1))
             .into_iter()
-            .rev();
-        let earlier = earlier.map(|(rows, found)| (-rows, found));
+            .rev()
+            .map(|(rows, found)| (-rows, found));
         // The shifts go from the earliest to the latest. The first of equal ones counts.
         for (shift, found) in earlier.chain(shifts.zip(later)) {
             if let Some(found) = found.filter(|found| straight > 0.0 && *found < least.0) {

@@ -161,8 +161,9 @@ impl Tolerances<'_> {
     fn position_metric_default(&self, name: &str) -> Option<f64> {
         let scales = self.scales.iter();
         let ranges = scales.filter(|scale| {
-            let in_loop = name.strip_prefix(&scale.prefix);
-            let in_loop = in_loop.map(|in_loop| in_loop.strip_prefix(TRUE).unwrap_or(in_loop));
+            let in_loop = name
+                .strip_prefix(&scale.prefix)
+                .map(|in_loop| in_loop.strip_prefix(TRUE).unwrap_or(in_loop));
             let is_contour = name.contains(CONTOUR);
             is_contour && name.contains(scale.measurand.unit.word())
                 || in_loop.is_some_and(|in_loop| is_in_unit_of_loop(in_loop, &scale.measurand))

@@ -234,8 +234,9 @@ fn of_other_dbc(error: SignalMissing) -> String {
 
 /// Returns the current up to each row, in amperes.
 fn flowed(timeline: &Timeline) -> Series<f64> {
-    let reported = timeline.current();
-    let reported = reported.filter(|values| values.iter().any(|value| !value.is_nan()));
+    let reported = timeline
+        .current()
+        .filter(|values| values.iter().any(|value| !value.is_nan()));
     let Some(reported) = reported else {
         return commanded(timeline);
     };

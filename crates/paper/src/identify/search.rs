@@ -231,7 +231,9 @@ fn without_statistics(fit: &Fit<'_>, values: &[f64]) -> SearchError {
     let Some(columns) = fit.jacobian(values) else {
         return SearchError::NoDerivatives(symbols.join(", "));
     };
-    let without: Vec<_> = (symbols.into_iter().zip(&columns))
+    let without: Vec<_> = symbols
+        .into_iter()
+        .zip(&columns)
         .filter(|(_, column)| column.iter().all(|part| *part == 0.0))
         .map(|(symbol, _)| symbol)
         .collect();

@@ -131,18 +131,20 @@ fn cooled(runs: &[Kept]) -> Evaluation {
         at_least(FASTER_TIMES),
     );
     let limited = with.numbers(&[TIME], &[]);
-    let rows = CONVECTIONS.iter().zip(runs.chunks_exact(2));
-    let rows = rows.map(|(convection, pair)| {
-        let cell = |value: Option<f64>| value.map_or_else(|| NEVER.to_owned(), significant);
-        let down = pair.iter().map(|run| cell(seconds_down(run)));
-        let settled = pair.iter().map(settled);
-        let times = cell(times_longer(&pair[0], &pair[1]));
-        let cells = [significant(*convection)]
-            .into_iter()
-            .chain(down)
-            .chain([times]);
-        cells.chain(settled).collect()
-    });
+    let rows = CONVECTIONS
+        .iter()
+        .zip(runs.chunks_exact(2))
+        .map(|(convection, pair)| {
+            let cell = |value: Option<f64>| value.map_or_else(|| NEVER.to_owned(), significant);
+            let down = pair.iter().map(|run| cell(seconds_down(run)));
+            let settled = pair.iter().map(settled);
+            let times = cell(times_longer(&pair[0], &pair[1]));
+            let cells = [significant(*convection)]
+                .into_iter()
+                .chain(down)
+                .chain([times]);
+            cells.chain(settled).collect()
+        });
     let header = [
         "h (W/(m² K))",
         "down with the element (s)",

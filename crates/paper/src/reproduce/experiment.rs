@@ -243,7 +243,8 @@ impl PlannedRun {
                 .map_or_else(Signals::default, |(window, timeline)| {
                     Signals::new(timeline, window)
                 }),
-            swings_millimetres: (played.only_timeline())
+            swings_millimetres: played
+                .only_timeline()
                 .filter(|_| self.keep == Keep::Swings)
                 .and_then(|timeline| {
                     swings_millimetres(&timeline.time_seconds, timeline.position())

@@ -68,8 +68,10 @@ fn loops(run: &Kept) -> Evaluation {
         .windows(2)
         .map(|pair| largest_difference(pair[0], pair[1]))
         .collect();
-    let closed_after = gaps.iter().position(|gap| *gap <= CLOSED);
-    let closed_after = closed_after.map(|place| (place + 1) as f64);
+    let closed_after = gaps
+        .iter()
+        .position(|gap| *gap <= CLOSED)
+        .map(|place| (place + 1) as f64);
     let numbers = vec![
         Quantity::derived(
             "gap_of_the_last_loop",

@@ -139,11 +139,14 @@ impl Plan {
             ..Asked::default()
         };
         let scenario = Scenario::parse(&beside, text.to_owned(), &mut read_file, &asked)?;
-        let varied = self.loops.iter().zip(scenario.loops);
-        let varied = varied.map(|(base, trial)| ControlLoop {
-            trial,
-            ..base.clone()
-        });
+        let varied = self
+            .loops
+            .iter()
+            .zip(scenario.loops)
+            .map(|(base, trial)| ControlLoop {
+                trial,
+                ..base.clone()
+            });
         let plan = Self::from_loops(scenario.shared, varied.collect());
         let [are_sent, were_sent] =
             [&plan, self].map(|plan| plan.set_points_every_cycles().is_some());

@@ -165,8 +165,10 @@ impl Timeline {
             unit: column.unit.clone(),
             values: part(&column.values),
         });
-        let events = self.events.iter();
-        let events = events.filter(|event| is_inside(event.time_seconds));
+        let events = self
+            .events
+            .iter()
+            .filter(|event| is_inside(event.time_seconds));
         Self {
             loop_name: self.loop_name.clone(),
             cycle: self.cycle.part(rows.clone()),

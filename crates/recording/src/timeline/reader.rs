@@ -148,8 +148,11 @@ impl TimelineReader {
                 .chain(io_nodes.raw_ids())
         };
         let cyclic = traces.raw_ids().chain(columns.raw_ids());
-        let read_ids = cyclic.chain(sources.raw_ids()).chain([SYNC_COB_ID.into()]);
-        let read_ids = read_ids.chain(rare()).collect();
+        let read_ids = cyclic
+            .chain(sources.raw_ids())
+            .chain([SYNC_COB_ID.into()])
+            .chain(rare())
+            .collect();
         let rare = rare().collect();
         Ok(Self {
             loop_name: one.name().to_owned(),

@@ -37,7 +37,8 @@ impl View {
         let shown = curves.iter().map(|curve| curve.within(x_range).1);
         let shown = Vec::from_iter(shown);
         let range = shown.iter().fold(NOTHING, extended);
-        let range = (patches.iter())
+        let range = patches
+            .iter()
             .filter(|patch| patch.x.1 > x.0 && patch.x.0 < x.1)
             .fold(range, |range, patch| {
                 extended(range, [patch.y.0, patch.y.1])

@@ -108,7 +108,7 @@ impl Hysteresis {
         // A new frame moves every point.
         let first = if is_new_frame { 0 } else { self.points.len() };
         let mut last = self.points.last().map(|point| point.place(frame));
-        let mut next_seconds = (self.points.last()).map_or(f64::NEG_INFINITY, |point| {
+        let mut next_seconds = self.points.last().map_or(f64::NEG_INFINITY, |point| {
             point.moment.seconds + self.pause_seconds
         });
         for ((row, moment), (celsius, fraction)) in rows {

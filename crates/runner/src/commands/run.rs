@@ -181,7 +181,8 @@ impl<'a> RunTestbed<'a> {
         watch: &Watch,
     ) -> Result<End, WorldError> {
         let report = |step: &PreflightEvent| self.listener.on_event(&RunEvent::Preflight(step));
-        (self.preflight).make(plan, parent, &self.bus, line, watch, &report)
+        self.preflight
+            .make(plan, parent, &self.bus, line, watch, &report)
     }
 
     /// Makes the pre-flight of the first scenario, which counts for all: they share rig and bus.

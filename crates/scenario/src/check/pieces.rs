@@ -21,8 +21,12 @@ pub(super) fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<
     let kinds = document.keys(table).into_iter();
     let pieces = kinds.flat_map(|kind| {
         let path = format!("{table}.{kind}");
-        let entries = document.spanned(&path).map(Spanned::get_ref);
-        let entries = entries.and_then(DeValue::as_array).into_iter().flatten();
+        let entries = document
+            .spanned(&path)
+            .map(Spanned::get_ref)
+            .and_then(DeValue::as_array)
+            .into_iter()
+            .flatten();
         entries.enumerate().filter_map(move |(index, entry)| {
             let entry = entry.get_ref().as_table()?;
             let seconds = |key: &str| number(entry.get(key)?.get_ref());

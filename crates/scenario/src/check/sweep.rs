@@ -321,11 +321,14 @@ impl<'a> Checker<'a, '_> {
         } else if !self.has_few_runs {
             let runs = format!("[sweep] has {} runs", sweep.runs());
             let label = "at most 1000000 are admitted";
-            return (self.problems).push(self.document.key_problem("sweep", runs, label));
+            return self
+                .problems
+                .push(self.document.key_problem("sweep", runs, label));
         } else {
             return;
         };
-        (self.problems).push(self.document.key_problem("sweep", message, label));
+        self.problems
+            .push(self.document.key_problem("sweep", message, label));
     }
 }
 

@@ -44,8 +44,10 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
     let mut faults = Vec::new();
     for kind in KINDS {
         let path = format!("{FAULT}.{}.{}", kind.group.name(), kind.name);
-        let entries = document.spanned(&path).map(Spanned::get_ref);
-        let entries = entries.and_then(DeValue::as_array);
+        let entries = document
+            .spanned(&path)
+            .map(Spanned::get_ref)
+            .and_then(DeValue::as_array);
         for (index, entry) in entries.into_iter().flatten().enumerate() {
             match reader.fault(kind, index, entry) {
                 Ok(fault) => faults.extend(fault),
@@ -132,7 +134,9 @@ impl<'text> Reader<'_, 'text> {
         }
         let message = format!("the rig has no plant `{name}`");
         let label = meant_or_known(name, self.rig.plant.keys());
-        Err((self.document).problem(&format!("{path}.{PLANT}"), message, label))
+        Err(self
+            .document
+            .problem(&format!("{path}.{PLANT}"), message, label))
     }
 
     /// Returns the node to which a fault happens; `None` if it happens to the bus, or if the schema does not admit the name.
@@ -175,7 +179,9 @@ impl<'text> Reader<'_, 'text> {
                 (message, meant_or_known(name, self.rig.node.keys()))
             }
         };
-        Err((self.document).problem(&format!("{path}.{key}"), message, label))
+        Err(self
+            .document
+            .problem(&format!("{path}.{key}"), message, label))
     }
 
     /// Refuses a current that the amplifier of the drive never gives.
@@ -206,8 +212,9 @@ impl<'text> Reader<'_, 'text> {
         node: Option<&Node>,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
         let drive = node.filter(|node| node.part == Part::Drive);
-        let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
-        let wiring = wiring.unwrap_or_default();
+        let wiring = drive
+            .map(|node| self.rig.wiring_of(&node.name))
+            .unwrap_or_default();
         let measurand = wiring.sensor.measurand;
         let part = &schema::FAULTS["definitions"][definition(kind)];
         if drive.is_some() {

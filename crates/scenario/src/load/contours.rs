@@ -19,8 +19,10 @@ pub(super) fn read_contours(
     scenario: &Document<'_>,
     rig: &Rig,
 ) -> Result<Vec<Contour>, Vec<Problem>> {
-    let expect = scenario.root().get(EXPECT);
-    let expect = expect.and_then(|expect| expect.get_ref().as_table());
+    let expect = scenario
+        .root()
+        .get(EXPECT)
+        .and_then(|expect| expect.get_ref().as_table());
     let entry = expect.and_then(|table| table.get_key_value(CONTOUR));
     let tree = entry.map(|(key, value)| (key.clone(), value.clone()));
     let mut tree: DeTable<'_> = tree.into_iter().collect();
@@ -72,7 +74,7 @@ fn to_patterns(scenario: &Document<'_>, entry: &mut DeValue<'_>, rig: &Rig) -> R
             "`{first}` is in {unit} and `{name}` in {other}: there is no distance between them"
         );
         let label = format!("a contour is of loops of one unit, here {unit}");
-        return Err((scenario.source).problem(span.clone(), message, label));
+        return Err(scenario.source.problem(span.clone(), message, label));
     }
     let naming = Naming {
         source: &scenario.source,

@@ -51,8 +51,10 @@ impl<'text> Selector<'_, 'text> {
             let first = self.rig.loops.keys().next();
             if first.is_some_and(|first| first == name) {
                 let is_for_bus = |key: &str| is_bus_key(key) || key == REQUIREMENTS;
-                let for_bus = whole.iter().filter(|(key, _)| is_for_bus(key.get_ref()));
-                let for_bus = for_bus.map(|(key, value)| (key.clone(), value.clone()));
+                let for_bus = whole
+                    .iter()
+                    .filter(|(key, _)| is_for_bus(key.get_ref()))
+                    .map(|(key, value)| (key.clone(), value.clone()));
                 add(table, &for_bus.collect());
             }
         }
@@ -71,7 +73,9 @@ impl<'text> Selector<'_, 'text> {
             let problems = shared.map(|key| {
                 let message = format!("`{key}` is of the whole bus, not of one loop");
                 let path = format!("{path}.{key}");
-                let problem = (self.scenario).key_problem(&path, message, "all loops share it");
+                let problem = self
+                    .scenario
+                    .key_problem(&path, message, "all loops share it");
                 problem.with_help(format!("move it to [{EXPECT}]"))
             });
             Vec::from_iter(problems)
@@ -82,7 +86,8 @@ impl<'text> Selector<'_, 'text> {
         let without_loop = keys.filter(is_loop_key).map(|key| {
             let message = format!("`{key}` of which loop?");
             let label = format!("write [{EXPECT}.LOOP.{REQUIREMENTS}]");
-            (self.scenario).key_problem(&format!("{path}.{key}"), message, label)
+            self.scenario
+                .key_problem(&format!("{path}.{key}"), message, label)
         });
         misplaced.chain(without_loop).collect()
     }

@@ -136,8 +136,9 @@ fn no_rig(document: &Document<'_>) -> Option<Problem> {
 /// Refuses a table with more entries than any rig has; then no other problem is reported.
 fn too_many(document: &Document<'_>) -> Option<Problem> {
     let counts = TABLES.iter().map(|(table, max)| {
-        let names = document.spanned(table);
-        let names = names.and_then(|names| names.get_ref().as_table());
+        let names = document
+            .spanned(table)
+            .and_then(|names| names.get_ref().as_table());
         (table, names.map_or(0, DeTable::len), max)
     });
     let mut excess = counts.filter(|(_, count, max)| count > max);
@@ -304,7 +305,8 @@ impl Check<'_> {
                 let (document, path) = (self.document, format!("node.{second}.kind"));
                 let problem = document.problem(&path, "a bus has one controller", "a second one");
                 let first = document.span(&format!("node.{first}.kind"));
-                (self.problems).push(problem.with_place(first, "the first one"));
+                self.problems
+                    .push(problem.with_place(first, "the first one"));
             }
         }
     }
@@ -436,7 +438,10 @@ impl Check<'_> {
                 format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
             )
         };
-        Some((self.document).key_problem(&format!("node.{name}"), message, label))
+        Some(
+            self.document
+                .key_problem(&format!("node.{name}"), message, label),
+        )
     }
 
     /// Checks that each port exists, and that one node drives it.

@@ -94,8 +94,9 @@ impl<'text> Overlay<'_, 'text> {
     /// Returns the scenario's values in the form of a rig file, without wrong ones.
     fn values(&self, problems: &mut Vec<Problem>) -> DeTable<'text> {
         let mut values = DeTable::new();
-        let sections = SECTIONS.iter();
-        let sections = sections.filter_map(|name| self.scenario.root().get_key_value(*name));
+        let sections = SECTIONS
+            .iter()
+            .filter_map(|name| self.scenario.root().get_key_value(*name));
         for (section, value) in sections {
             let DeValue::Table(entries) = value.get_ref() else {
                 problems.push(self.no_table(section.get_ref(), value));
@@ -155,8 +156,8 @@ impl<'text> Overlay<'_, 'text> {
         let table = self.tree.get(section);
         let entries = table
             .into_iter()
-            .flat_map(|table| table.get_ref().as_table());
-        let entries = entries.flatten();
+            .flat_map(|table| table.get_ref().as_table())
+            .flatten();
         entries.filter_map(|(name, value)| Some((&**name.get_ref(), value.get_ref().as_table()?)))
     }
 
@@ -201,8 +202,10 @@ impl<'text> Overlay<'_, 'text> {
     fn part(&self, name: &Key<'text>, part: &Key<'text>, node: &DeTable<'text>) -> Option<Problem> {
         let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
         if !VALUES.contains(&key) && !node.contains_key(key) {
-            let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
-            let parts = parts.map(|(part, _)| part.get_ref().as_ref());
+            let parts = node
+                .iter()
+                .filter(|(_, value)| value.get_ref().is_table())
+                .map(|(part, _)| part.get_ref().as_ref());
             let label = match nearest(key, parts.chain(VALUES)) {
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => "a scenario gives other values and adds nothing".to_owned(),

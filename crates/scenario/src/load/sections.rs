@@ -113,7 +113,9 @@ impl<'text> Selector<'_, 'text> {
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
         let laws = [name, ALL].map(|table| format!("{CONTROLLER}.{table}"));
         let table = laws.iter().find(|path| self.scenario.has(path));
-        let place = (self.scenario).key_span(table.map_or(CONTROLLER, String::as_str));
+        let place = self
+            .scenario
+            .key_span(table.map_or(CONTROLLER, String::as_str));
         tables.insert(Spanned::new(place, CONTROLLER.into()), self.law(name)?);
         let sections = [REFERENCE, DISTURBANCE].into_iter();
         for section in sections.filter(|_| !self.is_led(name)) {
@@ -250,8 +252,10 @@ impl<'text> Selector<'_, 'text> {
             let kinds = self.scenario.keys(section).into_iter();
             for kind in kinds.filter(|kind| schema::is_key(section, kind)) {
                 let path = format!("{section}.{kind}");
-                let entries = self.scenario.spanned(&path);
-                let entries = entries.and_then(|entries| entries.get_ref().as_array());
+                let entries = self
+                    .scenario
+                    .spanned(&path)
+                    .and_then(|entries| entries.get_ref().as_array());
                 for (place, entry) in entries.into_iter().flatten().enumerate() {
                     let path = format!("{path}.{place}");
                     let unknown_name = |table| self.unknown_name(table, [kind, &path], by, known);
@@ -277,7 +281,7 @@ impl<'text> Selector<'_, 'text> {
             } else {
                 meant_or_known(name, &known)
             };
-            (self.scenario.source).problem(key.span(), message, label)
+            self.scenario.source.problem(key.span(), message, label)
         });
         problems.collect()
     }
@@ -302,7 +306,8 @@ impl<'text> Selector<'_, 'text> {
                 let message = format!("the rig has no loop `{key}`");
                 (message, meant_or_known(key, loops))
             };
-            (self.scenario).key_problem(&format!("{section}.{key}"), message, label)
+            self.scenario
+                .key_problem(&format!("{section}.{key}"), message, label)
         });
         problems.collect()
     }

@@ -281,8 +281,8 @@ impl DriveLayout {
             ))
         };
         let pdo = |parameters, mapping| {
-            let pdo = Pdo::read(&dictionary, parameters, mapping);
-            let pdo = pdo.ok_or_else(|| no_pdo(parameters))?;
+            let pdo =
+                Pdo::read(&dictionary, parameters, mapping).ok_or_else(|| no_pdo(parameters))?;
             // Cut to 11 bits, an identifier of 29 bits would be another one.
             canopen::pdo::identifier(pdo.cob_id).map_err(|_| {
                 DriveError(format!(
@@ -293,8 +293,9 @@ impl DriveLayout {
             Ok::<_, DriveError>(pdo)
         };
         let object = |text: &str| {
-            let address = text.parse();
-            let address = address.map_err(|_| DriveError(format!("\"{text}\" names no object")))?;
+            let address = text
+                .parse()
+                .map_err(|_| DriveError(format!("\"{text}\" names no object")))?;
             Object::find(&dictionary, address)
         };
         let word = |index| {

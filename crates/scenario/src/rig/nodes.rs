@@ -225,7 +225,9 @@ impl Rig {
         Wiring {
             nodes: self.nodes_of(drive, node.node_id),
             plant: plant.to_owned(),
-            emulated_with: (self.emulated_with(drive).first())
+            emulated_with: self
+                .emulated_with(drive)
+                .first()
                 .map_or_else(String::new, |one| (*one).to_owned()),
             input: amplifier_port(node).unwrap_or_default(),
             output: sensor.port.unwrap_or_default(),
@@ -236,10 +238,11 @@ impl Rig {
                 .commanding(node.command_quantity()),
             io: self.io_beside(drive),
             truth_every_cycles: node.truth_every_cycles,
-            record: (node.record.as_ref()).map(|ports| ports.iter().map(in_full).collect()),
-            beside: (others.iter().copied())
-                .filter_map(amplifier_port)
-                .collect(),
+            record: node
+                .record
+                .as_ref()
+                .map(|ports| ports.iter().map(in_full).collect()),
+            beside: others.iter().copied().filter_map(amplifier_port).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
             also_leads: rig_loop.map_or(0, |one| one.drives.len().saturating_sub(1)),
@@ -290,7 +293,9 @@ impl Rig {
         let amplifier = node.and_then(|node| node.amplifier.as_ref());
         LoopFacts {
             name: name.clone(),
-            measurand: (self.node.get(one.followed()))
+            measurand: self
+                .node
+                .get(one.followed())
                 .map(RigNode::measurand)
                 .unwrap_or_default()
                 .commanding(node.map(RigNode::command_quantity).unwrap_or_default()),
@@ -661,7 +666,9 @@ impl Sensor {
         let default = plant::Sensor::default();
         plant::Sensor {
             resolution_bits: self.resolution_bits.unwrap_or(default.resolution_bits),
-            span: (self.max).map_or(default.span, |max| max - self.min.unwrap_or_default()),
+            span: self
+                .max
+                .map_or(default.span, |max| max - self.min.unwrap_or_default()),
             noise_rms: self.noise_rms.unwrap_or(default.noise_rms),
         }
     }

@@ -186,12 +186,12 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         let has = toml::Table::try_from(node).expect("plain data");
         let parts = PARTS
             .into_iter()
-            .filter(|(part, _)| has.contains_key(*part));
-        let parts = parts.map(|(part, definition)| {
-            let definition = reference(&values(definition));
-            let part_schema = json!({"allOf": [definition], "default": {}});
-            (part.to_owned(), part_schema)
-        });
+            .filter(|(part, _)| has.contains_key(*part))
+            .map(|(part, definition)| {
+                let definition = reference(&values(definition));
+                let part_schema = json!({"allOf": [definition], "default": {}});
+                (part.to_owned(), part_schema)
+            });
         let parts = Map::from_iter(parts);
         let node = json!({"type": "object", "default": {}, "properties": parts});
         (name.clone(), node)

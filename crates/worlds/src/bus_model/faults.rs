@@ -302,8 +302,10 @@ impl BusFaults {
     /// with this key.
     pub(crate) fn take_foreign(&mut self, now: Duration, rival: Option<u32>) -> Option<CanFrame> {
         let time = now.checked_sub(self.clock.zero()?)?;
-        let due = self.foreign.iter_mut();
-        let due = due.filter(|node| node.next(time) == Some(time));
+        let due = self
+            .foreign
+            .iter_mut()
+            .filter(|node| node.next(time) == Some(time));
         let first = due.min_by_key(|node| node.identifier)?;
         let frame = first.frame();
         if rival.is_some_and(|rival| arbitration_key(&frame) >= rival) {

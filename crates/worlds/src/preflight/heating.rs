@@ -198,8 +198,8 @@ impl<'a> Heating<'a> {
         if self.rest.is_none() && self.motion.is_none() && !is_stop_seen {
             return Err(format!("no PDO 0x{:03X} came", feedback.id()));
         }
-        let pdos = [feedback, command];
-        let pdos = pdos.map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes()));
+        let pdos = [feedback, command]
+            .map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes()));
         passed(format!("PDOs {} are mapped", pdos.join(" and ")))
     }
 

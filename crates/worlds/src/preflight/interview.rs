@@ -147,7 +147,7 @@ impl<'a> Interview<'a> {
     ) -> Result<Answer, BrokenOff> {
         let mut client = SdoClient::new(node.get()).with_timeout(answer_time);
         let presence = &mut self.presence;
-        let answer = (self.guest).transfer(&mut client, address, written, |frame| {
+        let answer = self.guest.transfer(&mut client, address, written, |frame| {
             presence.on_frame(frame);
         });
         self.unless_led(answer)
@@ -262,8 +262,10 @@ fn used_objects(drive: &LoadedDrive) -> impl Iterator<Item = (u16, u8)> + use<> 
         &drive.position.object,
         &drive.current.object,
     ];
-    let addresses = named.map(|text| text.parse::<ObjectAddress>().ok());
-    let addresses = addresses.into_iter().flatten();
+    let addresses = named
+        .map(|text| text.parse::<ObjectAddress>().ok())
+        .into_iter()
+        .flatten();
     addresses
         .map(|address| (address.index, address.sub_index))
         .chain(USED)

@@ -368,9 +368,16 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let io = one.nodes.io.iter().filter(|io| one.external.has(io));
-    let io = io.map(|io| io.name.as_str());
-    let rig = (plan.shared.rig).with_one_drive(&one.nodes.drive.name, &drive.real, io);
+    let io = one
+        .nodes
+        .io
+        .iter()
+        .filter(|io| one.external.has(io))
+        .map(|io| io.name.as_str());
+    let rig = plan
+        .shared
+        .rig
+        .with_one_drive(&one.nodes.drive.name, &drive.real, io);
     let read = |name: &str| match name {
         RIG => Ok(rig.to_toml()),
         _ => Ok(drive.eds.clone()),

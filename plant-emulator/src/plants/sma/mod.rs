@@ -110,8 +110,8 @@ impl Actuator {
         let condition = self.condition;
         let heating_amperes = condition.heating_amperes(inputs);
         Acting {
-            heating: (self.heat).heating(heating_amperes, inputs.convection_factor),
-            load: (self.mechanics).load(condition.added_load_kilograms(inputs)),
+            heating: self.heat.heating(heating_amperes, inputs.convection_factor),
+            load: self.mechanics.load(condition.added_load_kilograms(inputs)),
             condition,
         }
     }

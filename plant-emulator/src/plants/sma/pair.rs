@@ -160,7 +160,9 @@ impl SmaPair {
     /// impact on a stop is inelastic.
     fn advance(&mut self, duration_seconds: f64, acting: &Acting) {
         for (wire, heating) in self.wires.iter_mut().zip(&acting.heating) {
-            let rate = (self.heat).rate_kelvin_per_second(wire.temperature_celsius, heating);
+            let rate = self
+                .heat
+                .rate_kelvin_per_second(wire.temperature_celsius, heating);
             wire.phase.follow(rate, wire.temperature_celsius);
         }
         let state = [

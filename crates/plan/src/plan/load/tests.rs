@@ -93,8 +93,9 @@ fn what_an_external_drive_cannot_be_is_refused() {
 #[test]
 fn a_program_of_a_rig_that_is_read_alone_is_wrong_at_its_place_in_the_rig_file() {
     let program = "node_id = 1\nprogram = [\"./nope.py\"]\n";
-    let rig = two_servos(0x22).replacen("node_id = 1\n", program, 1);
-    let rig = rig.replace("eds = \"sheets/servo.eds\"", "external = true");
+    let rig = two_servos(0x22)
+        .replacen("node_id = 1\n", program, 1)
+        .replace("eds = \"sheets/servo.eds\"", "external = true");
     let error = Plan::from_rig(Path::new("rig.toml"), &rig, &Catalogue::shipped()).unwrap_err();
     let shown = format!("{:?}", miette::Report::new(error));
     assert!(shown.contains("[rig.toml:8:12]"), "{shown}");

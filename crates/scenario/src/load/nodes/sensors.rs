@@ -55,7 +55,8 @@ impl Check<'_> {
                     let message = format!("the range of `{name}` ends where it has not begun");
                     let label = format!("must be above {min}, its lowest");
                     let problem =
-                        (self.document).problem(&path(&format!("{part}.max")), message, label);
+                        self.document
+                            .problem(&path(&format!("{part}.max")), message, label);
                     let lowest = path(&format!("{part}.min"));
                     self.problems.push(if self.document.has(&lowest) {
                         problem.with_place(self.document.span(&lowest), "the lowest")
