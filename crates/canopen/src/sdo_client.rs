@@ -605,125 +605,15 @@ mod tests {
         client
     }
 
-    fn failure(client: &mut SdoClient) -> SdoFailure {
+    fn failure(client: &mut SdoClient, index: u16) -> SdoFailure {
         let error = client.take_result().unwrap().unwrap_err();
         assert!(!client.is_busy());
         assert_eq!(client.next_deadline(), None);
         assert_eq!(
             (error.node_id, error.index, error.sub_index),
-            (0x10, 0x2000, 0)
+            (0x10, index, 0)
         );
         error.failure
-    }
-
-    #[test]
-    fn expedited_upload_of_each_length() {
-        for (command, length) in [(0x4F, 1), (0x4B, 2), (0x47, 3), (0x43, 4), (0x42, 4)] {
-            let mut client = upload();
-            answer(&mut client, &[command, 0, 0x20, 0, 1, 2, 3, 4]);
-            assert_eq!(
-                client.take_result(),
-                Some(Ok(vec![1, 2, 3, 4][..length].to_vec()))
-            );
-            assert_eq!(client.take_result(), None);
-            assert!(sent(&mut client).is_empty());
-        }
-    }
-
-    #[test]
-    fn expedited_download_of_each_length() {
-        for (command, length) in [(0x2F, 1), (0x2B, 2), (0x27, 3), (0x23, 4)] {
-            let mut client = client();
-            client
-                .start_download(NOW, 0x2000, 0, &[1, 2, 3, 4][..length])
-                .unwrap();
-            let mut request = vec![command, 0, 0x20, 0, 1, 2, 3, 4];
-            request[4 + length..].fill(0);
-            assert_eq!(sent(&mut client), [request]);
-            answer(&mut client, b"\x60\x00\x20\0\0\0\0\0");
-            assert_eq!(client.take_result(), Some(Ok(Vec::new())));
-        }
-    }
-
-    #[test]
-    fn the_last_segment_of_a_download_is_marked() {
-        let mut client = client();
-        client.start_download(NOW, 0x2000, 0, b"abcdefghi").unwrap();
-        assert_eq!(sent(&mut client), [b"\x21\x00\x20\0\x09\0\0\0"]);
-        answer(&mut client, b"\x60\x00\x20\0\0\0\0\0");
-        assert_eq!(sent(&mut client), [b"\x00abcdefg"]);
-        answer(&mut client, b"\x20\0\0\0\0\0\0\0");
-        assert_eq!(sent(&mut client), [b"\x1Bhi\0\0\0\0\0"]);
-        answer(&mut client, b"\x30\0\0\0\0\0\0\0");
-        assert_eq!(client.take_result(), Some(Ok(Vec::new())));
-    }
-
-    #[test]
-    fn the_last_segment_is_marked_when_it_is_full() {
-        let mut client = client();
-        client.start_download(NOW, 0x2000, 0, b"abcdefg").unwrap();
-        sent(&mut client);
-        answer(&mut client, b"\x60\x00\x20\0\0\0\0\0");
-        assert_eq!(sent(&mut client), [b"\x01abcdefg"]);
-    }
-
-    #[test]
-    fn answers_for_other_objects_are_dropped() {
-        for stale in [
-            b"\x4F\x00\x20\x01\x63\0\0\0",
-            b"\x4F\x01\x20\x00\x63\0\0\0",
-            b"\x60\x00\x20\x00\0\0\0\0",
-            b"\x80\x00\x20\x01\0\0\x02\x06",
-            b"\x80\x17\x10\x00\0\0\x04\x05",
-            b"\x00abcdefg",
-            b"\xC6\x00\x20\0\x0C\0\0\0",
-            b"\xA1\0\0\0\0\0\0\0",
-        ] {
-            let mut client = upload();
-            answer(&mut client, stale);
-            assert!(client.is_busy(), "{stale:02X?}");
-            answer(&mut client, b"\x4F\x00\x20\0\x05\0\0\0");
-            assert_eq!(client.take_result(), Some(Ok(vec![5])), "{stale:02X?}");
-        }
-    }
-
-    #[test]
-    fn answers_for_other_objects_are_dropped_in_every_kind_of_transfer() {
-        type Start = fn(&mut SdoClient);
-        let starts: [(Start, u8); 4] = [
-            (
-                |client| client.start_download(NOW, 0x2000, 0, &[1]).unwrap(),
-                0x60,
-            ),
-            (
-                |client| client.start_download(NOW, 0x2000, 0, &[1; 9]).unwrap(),
-                0x60,
-            ),
-            (
-                |client| client.start_block_download(NOW, 0x2000, 0, &[1]).unwrap(),
-                0xA4,
-            ),
-            (
-                |client| client.start_block_upload(NOW, 0x2000, 0).unwrap(),
-                0xC6,
-            ),
-        ];
-        for (start, command) in starts {
-            let mut client = client();
-            start(&mut client);
-            sent(&mut client);
-            answer(&mut client, &[command, 0, 0x20, 1, 0x7F, 0, 0, 0]);
-            answer(&mut client, &[command, 1, 0x20, 0, 0x7F, 0, 0, 0]);
-            assert!(
-                client.is_busy() && sent(&mut client).is_empty(),
-                "{command:02X}"
-            );
-            answer(&mut client, &[command, 0, 0x20, 0, 0x7F, 0, 0, 0]);
-            assert!(
-                !client.is_busy() || !sent(&mut client).is_empty(),
-                "{command:02X}"
-            );
-        }
     }
 
     #[test]
@@ -761,89 +651,10 @@ mod tests {
         assert!(client.is_busy());
         client.on_tick(deadline);
         assert_eq!(sent(&mut client), [b"\x80\x00\x20\0\0\0\x04\x05"]);
-        assert_eq!(failure(&mut client), SdoFailure::TimedOut(DEFAULT_TIMEOUT));
-    }
-
-    #[test]
-    fn the_servers_abort_ends_the_transfer() {
-        let mut client = upload();
-        answer(&mut client, b"\x80\x00\x20\0\0\0\x02\x06");
-        assert!(sent(&mut client).is_empty());
         assert_eq!(
-            failure(&mut client),
-            SdoFailure::Aborted(AbortCode::NO_SUCH_OBJECT)
+            failure(&mut client, 0x2000),
+            SdoFailure::TimedOut(DEFAULT_TIMEOUT)
         );
-    }
-
-    #[test]
-    fn toggle_errors_of_the_server_are_aborted() {
-        let mut client = upload();
-        answer(&mut client, b"\x41\x00\x20\0\x0E\0\0\0");
-        assert_eq!(sent(&mut client), [b"\x60\0\0\0\0\0\0\0"]);
-        answer(&mut client, b"\x10abcdefg");
-        assert_eq!(sent(&mut client), [b"\x80\x00\x20\0\0\0\x03\x05"]);
-        let code = AbortCode::TOGGLE_BIT_NOT_ALTERNATED;
-        assert_eq!(failure(&mut client), SdoFailure::Broken(code));
-    }
-
-    #[test]
-    fn announced_lengths_are_held() {
-        for (length, code) in [(6, AbortCode::TOO_LONG), (8, AbortCode::TOO_SHORT)] {
-            let mut client = upload();
-            answer(&mut client, &[0x41, 0, 0x20, 0, length, 0, 0, 0]);
-            answer(&mut client, b"\x01abcdefg");
-            assert_eq!(failure(&mut client), SdoFailure::Broken(code));
-        }
-        let mut client = upload();
-        answer(&mut client, b"\x41\x00\x20\0\x01\0\x01\0");
-        assert_eq!(
-            failure(&mut client),
-            SdoFailure::Broken(AbortCode::OUT_OF_MEMORY)
-        );
-    }
-
-    #[test]
-    fn uploads_without_announced_length_are_read() {
-        let mut client = upload();
-        answer(&mut client, b"\x40\x00\x20\0\0\0\0\0");
-        answer(&mut client, b"\x0Bab\0\0\0\0\0");
-        assert_eq!(client.take_result(), Some(Ok(b"ab".to_vec())));
-    }
-
-    #[test]
-    fn block_upload_checks_the_crc() {
-        let mut client = client();
-        client.start_block_upload(NOW, 0x2000, 0).unwrap();
-        assert_eq!(sent(&mut client), [b"\xA4\x00\x20\0\x7F\0\0\0"]);
-        answer(&mut client, b"\xC6\x00\x20\0\x07\0\0\0");
-        assert_eq!(sent(&mut client), [b"\xA3\0\0\0\0\0\0\0"]);
-        answer(&mut client, b"\x81abcdefg");
-        assert_eq!(sent(&mut client), [b"\xA2\x01\x7F\0\0\0\0\0"]);
-        answer(&mut client, b"\xC1\x12\x34\0\0\0\0\0");
-        assert_eq!(sent(&mut client), [b"\x80\x00\x20\0\x04\0\x04\x05"]);
-        assert_eq!(
-            failure(&mut client),
-            SdoFailure::Broken(AbortCode::CRC_ERROR)
-        );
-    }
-
-    #[test]
-    fn block_upload_accepts_the_plain_answer() {
-        let mut client = client();
-        client.start_block_upload(NOW, 0x2000, 0).unwrap();
-        answer(&mut client, b"\x4F\x00\x20\0\x05\0\0\0");
-        assert_eq!(client.take_result(), Some(Ok(vec![5])));
-    }
-
-    #[test]
-    fn block_download_refuses_block_sizes_outside_1_to_127() {
-        for size in [0, 128] {
-            let mut client = client();
-            client.start_block_download(NOW, 0x2000, 0, b"abc").unwrap();
-            answer(&mut client, &[0xA4, 0, 0x20, 0, size, 0, 0, 0]);
-            let code = AbortCode::INVALID_BLOCK_SIZE;
-            assert_eq!(failure(&mut client), SdoFailure::Broken(code));
-        }
     }
 
     #[test]
@@ -881,6 +692,12 @@ mod tests {
     }
 
     #[test]
+    fn each_exchange_is_led_as_cia_301_says() {
+        let exchanges = include_str!("../tests/data/sdo_client_exchanges.log");
+        exchanges.split("\n\n").for_each(replay);
+    }
+
+    #[test]
     fn requests_satisfy_python_canopens_server() {
         replay(include_str!(
             "../tests/data/sdo_server_of_python_canopen.log"
@@ -892,31 +709,40 @@ mod tests {
         replay(include_str!("../tests/data/sdo_server_of_canopennode.log"));
     }
 
-    /// Replays a session with another server, and compares the client's frames with it.
+    /// Replays a session with a server, and compares the client's frames and results with it.
     fn replay(transcript: &str) {
         let mut client = client();
-        let mut requests = VecDeque::new();
+        let (mut requests, mut index) = (VecDeque::new(), 0);
         for line in transcript.lines().filter(|line| !line.starts_with(';')) {
+            let code = |code| AbortCode(u32::from_str_radix(code, 16).unwrap());
             let parts: Vec<_> = line.split([' ', '#']).collect();
             match parts[..] {
-                [">", ref command @ ..] => start(&mut client, command),
-                ["610", request] => assert_eq!(requests.pop_front(), Some(bytes(request))),
-                ["590", payload] => answer(&mut client, &bytes(payload)),
+                [">", ref command @ ..] => index = start(&mut client, command),
+                ["610", request] => {
+                    let request = Some(bytes(request));
+                    assert_eq!(requests.pop_front(), request, "{line} of {transcript}");
+                }
+                ["590", payload] => {
+                    assert_eq!(requests, [[0; 0]; 0], "before {line} of {transcript}");
+                    answer(&mut client, &bytes(payload));
+                }
                 ["=", value] => assert_eq!(client.take_result(), Some(Ok(bytes(value)))),
-                ["!", code] => {
-                    let code = AbortCode(u32::from_str_radix(code, 16).unwrap());
-                    let error = client.take_result().unwrap().unwrap_err();
-                    assert_eq!(error.failure, SdoFailure::Aborted(code));
+                ["!", text] => {
+                    assert_eq!(failure(&mut client, index), SdoFailure::Aborted(code(text)));
+                }
+                ["?", text] => {
+                    assert_eq!(failure(&mut client, index), SdoFailure::Broken(code(text)));
                 }
                 _ => panic!("{line}"),
             }
             requests.extend(sent(&mut client));
         }
-        assert!(requests.is_empty());
+        assert_eq!(requests, [[0; 0]; 0], "at the end of {transcript}");
+        assert!(client.take_result().is_none() && !client.is_busy());
     }
 
-    /// Starts the transfer of a transcript's command.
-    fn start(client: &mut SdoClient, command: &[&str]) {
+    /// Starts the transfer of a transcript's command; returns the index of its object.
+    fn start(client: &mut SdoClient, command: &[&str]) -> u16 {
         let index = u16::from_str_radix(command[1], 16).unwrap();
         match *command {
             ["UP", _] => client.start_upload(NOW, index, 0).unwrap(),
@@ -927,6 +753,7 @@ mod tests {
                 .unwrap(),
             _ => panic!("{command:?}"),
         }
+        index
     }
 
     /// Effect of the bus on a frame.
