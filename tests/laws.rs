@@ -623,24 +623,31 @@ fn a_program_that_wants_no_end_is_ended_with_all_that_it_started() {
     }
 }
 
+/// Kills canrig in the middle of runs of a file, in each world, and waits for the end of the stubborn processes that are
+/// left in its folder.
+pub(crate) fn leaves_nothing_when_killed(file: &Path, canrig: impl Fn(&Path, &str) -> Command) {
+    let folder = file.parent().unwrap();
+    for world in [SIMULATED, IN_LOCKSTEP] {
+        let _ = fs::remove_file(folder.join("numbers"));
+        let mut canrig = canrig(&folder.join(world[0]), world[0]);
+        canrig.arg(file).args(&world[1..]);
+        canrig.stdout(Stdio::null()).stderr(Stdio::null());
+        let canrig = Started::new(canrig.spawn().unwrap());
+        // In the middle of the run it does not answer.
+        wait_for("the program", || numbers(folder).len() == 2);
+        let process = Process::from_raw(canrig.id().cast_signed()).unwrap();
+        kill_process(process, Signal::KILL).unwrap();
+        canrig.ended();
+        let left = numbers(folder);
+        wait_for("the end of both", || left.iter().copied().all(is_gone));
+    }
+}
+
 #[test]
 fn a_killed_canrig_leaves_no_program() {
     let folder = tempfile::tempdir().unwrap();
     let law = law_that(folder.path(), STUBBORN);
-    for (number, world) in [SIMULATED, IN_LOCKSTEP].into_iter().enumerate() {
-        let _ = fs::remove_file(folder.path().join("numbers"));
-        let mut canrig = with_python(&folder.path().join(number.to_string()), world[0]);
-        canrig.arg(&law).args(&world[1..]);
-        canrig.stdout(Stdio::null()).stderr(Stdio::null());
-        let canrig = Started::new(canrig.spawn().unwrap());
-        // In the middle of the run it does not answer.
-        wait_for("the program", || numbers(folder.path()).len() == 2);
-        let process = Process::from_raw(canrig.id().cast_signed()).unwrap();
-        kill_process(process, Signal::KILL).unwrap();
-        canrig.ended();
-        let left = numbers(folder.path());
-        wait_for("the end of both", || left.iter().copied().all(is_gone));
-    }
+    leaves_nothing_when_killed(&law, with_python);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use rustix::process::{Pid as Process, Signal, kill_process};
 
-use crate::laws::{is_without_current, numbers, processes_in};
+use crate::laws::{is_without_current, leaves_nothing_when_killed, numbers, processes_in};
 use crate::processes::is_gone;
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, root};
@@ -753,19 +753,7 @@ while True: time.sleep(60)
 fn a_killed_canrig_leaves_no_node() {
     let folder = tempfile::tempdir().unwrap();
     let node = controller_that(folder.path(), STUBBORN);
-    for (number, world) in [SIMULATED, IN_LOCKSTEP].into_iter().enumerate() {
-        let _ = fs::remove_file(folder.path().join("numbers"));
-        let mut canrig = canrig(&folder.path().join(number.to_string()), world[0]);
-        canrig.arg(&node).args(&world[1..]);
-        canrig.stdout(Stdio::null()).stderr(Stdio::null());
-        let canrig = Started::new(canrig.spawn().unwrap());
-        wait_for("the program", || numbers(folder.path()).len() == 2);
-        let process = Process::from_raw(canrig.id().cast_signed()).unwrap();
-        kill_process(process, Signal::KILL).unwrap();
-        canrig.ended();
-        let left = numbers(folder.path());
-        wait_for("the end of both", || left.iter().copied().all(is_gone));
-    }
+    leaves_nothing_when_killed(&node, canrig);
 }
 
 #[test]

@@ -98,85 +98,69 @@ fn a_node_is_ticked_at_its_deadlines_and_not_before() {
     assert!(echo.ticks <= 201, "{report}");
 }
 
+/// Echo, with work after each tick.
+struct Watched<F>(Echo, F);
+
+impl<F: FnMut(&mut Echo)> Node for Watched<F> {
+    fn filters(&self) -> Vec<Filter> {
+        self.0.filters()
+    }
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.0.on_frame(now, frame);
+    }
+    fn on_tick(&mut self, now: Duration) {
+        self.0.on_tick(now);
+        (self.1)(&mut self.0);
+    }
+    fn on_stop(&mut self, now: Duration) {
+        self.0.on_stop(now);
+    }
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        self.0.next_frame()
+    }
+    fn next_deadline(&self) -> Option<Duration> {
+        self.0.next_deadline()
+    }
+    fn progress(&self) -> Progress {
+        self.0.progress()
+    }
+}
+
 #[test]
 fn overruns_are_counted() {
-    struct Slow(Echo);
-    impl Node for Slow {
-        fn filters(&self) -> Vec<Filter> {
-            self.0.filters()
-        }
-        fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-            self.0.on_frame(now, frame);
-        }
-        fn on_tick(&mut self, now: Duration) {
-            self.0.on_tick(now);
-            if self.0.ticks.is_multiple_of(10) {
-                crate::clock::sleep(3 * MS);
-            }
-            if self.0.ticks == 50 {
-                self.0.progress = Progress::Stopped;
-            }
-        }
-        fn on_stop(&mut self, now: Duration) {
-            self.0.on_stop(now);
-        }
-        fn next_frame(&mut self) -> Option<CanFrame> {
-            self.0.next_frame()
-        }
-        fn next_deadline(&self) -> Option<Duration> {
-            self.0.next_deadline()
-        }
-        fn progress(&self) -> Progress {
-            self.0.progress()
-        }
-    }
     let (hub, _recorder) = Hub::start().unwrap();
     let mut bus = crate::open(&hub.address(), &[]).unwrap();
     let (_stopper, stop) = StopSignal::manual().unwrap();
-    let report = run(&mut Slow(Echo::new(MS)), bus.as_mut(), &stop).unwrap();
+    let mut slow = Watched(Echo::new(MS), |echo: &mut Echo| {
+        if echo.ticks.is_multiple_of(10) {
+            crate::clock::sleep(3 * MS);
+        }
+        if echo.ticks == 50 {
+            echo.progress = Progress::Stopped;
+        }
+    });
+    let report = run(&mut slow, bus.as_mut(), &stop).unwrap();
     assert!(report.overruns >= 10, "{report}");
     assert!(report.lateness_nanoseconds.max() >= 1_900_000, "{report}");
 }
 
 #[test]
 fn the_loop_allocates_nothing_after_its_start() {
-    /// Node that notes the thread's allocations at its first and its latest tick.
-    struct Witness(Echo, Option<u64>, u64);
-    impl Node for Witness {
-        fn filters(&self) -> Vec<Filter> {
-            self.0.filters()
-        }
-        fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-            self.0.on_frame(now, frame);
-        }
-        fn on_tick(&mut self, now: Duration) {
-            self.0.on_tick(now);
-            self.2 = allocations();
-            self.1.get_or_insert(self.2);
-        }
-        fn on_stop(&mut self, now: Duration) {
-            self.0.on_stop(now);
-        }
-        fn next_frame(&mut self) -> Option<CanFrame> {
-            self.0.next_frame()
-        }
-        fn next_deadline(&self) -> Option<Duration> {
-            self.0.next_deadline()
-        }
-        fn progress(&self) -> Progress {
-            self.0.progress()
-        }
-    }
     let (hub, _recorder) = Hub::start().unwrap();
     let mut other = crate::open(&hub.address(), &[Filter::exact(0x101)]).unwrap();
     let mut bus = crate::open(&hub.address(), &[Filter::exact(0x100)]).unwrap();
     let (stopper, stop) = StopSignal::manual().unwrap();
     let node = std::thread::spawn(move || {
-        let mut node = Witness(Echo::new(MS / 10), None, 0);
+        let (mut first, mut latest) = (None, 0);
+        let mut node = Watched(Echo::new(MS / 10), |_: &mut Echo| {
+            latest = allocations();
+            first.get_or_insert(latest);
+        });
         let before = allocations();
         run(&mut node, bus.as_mut(), &stop).unwrap();
         assert!(allocations() > before, "the allocator does not count");
-        node
+        let echo = node.0;
+        (echo, first, latest)
     });
     let clock = Clock::start();
     let mut pings = 0;
@@ -186,11 +170,11 @@ fn the_loop_allocates_nothing_after_its_start() {
         pings += 1;
     }
     drop(stopper);
-    let node = node.join().unwrap();
-    assert_eq!(node.0.received, pings);
+    let (echo, first, latest) = node.join().unwrap();
+    assert_eq!(echo.received, pings);
     // Their number depends on the machine.
-    assert!(node.0.ticks > 10, "{} ticks", node.0.ticks);
-    assert_eq!(node.1, Some(node.2));
+    assert!(echo.ticks > 10, "{} ticks", echo.ticks);
+    assert_eq!(first, Some(latest));
 }
 
 #[test]

@@ -74,20 +74,18 @@ fn a_second_channel_answers_once_its_cob_ids_are_valid() {
     assert!(bench.send(0x690, &request).is_empty());
 }
 
+/// Returns a bench whose object 0x2500 takes several segments.
+fn bench_with_a_text() -> Bench {
+    let mut dictionary = dictionary();
+    let (kind, rights) = (DataType::VisibleString, Rights::ReadWrite);
+    let text = b"a text of more than seven bytes".to_vec();
+    dictionary.insert(Entry::new(0x2500, 0, "text", kind, rights, text));
+    Bench::with(dictionary)
+}
+
 #[test]
 fn channels_serve_two_clients_at_the_same_time() {
-    let mut dictionary = dictionary();
-    let rights = Rights::ReadWrite;
-    let text = b"a text of more than seven bytes".to_vec();
-    dictionary.insert(Entry::new(
-        0x2500,
-        0,
-        "text",
-        DataType::VisibleString,
-        rights,
-        text,
-    ));
-    let mut bench = Bench::with(dictionary);
+    let mut bench = bench_with_a_text();
     bench.write(0x1201, 1, &0x690_u32.to_le_bytes()).unwrap();
     bench.write(0x1201, 2, &0x691_u32.to_le_bytes()).unwrap();
     let start = [0x40, 0x00, 0x25, 0, 0, 0, 0, 0];
@@ -106,18 +104,7 @@ fn channels_serve_two_clients_at_the_same_time() {
 
 #[test]
 fn a_half_open_transfer_times_out_by_the_devices_deadline() {
-    let mut dictionary = dictionary();
-    let rights = Rights::ReadWrite;
-    let text = b"a text of more than seven bytes".to_vec();
-    dictionary.insert(Entry::new(
-        0x2500,
-        0,
-        "text",
-        DataType::VisibleString,
-        rights,
-        text,
-    ));
-    let mut bench = Bench::with(dictionary);
+    let mut bench = bench_with_a_text();
     bench.send(0x610, &[0x40, 0x00, 0x25, 0, 0, 0, 0, 0]);
     let sent = bench.pass(Duration::from_secs(2));
     assert_eq!(sent, [(1000.0, "590#8000250000000405".to_owned())]);
@@ -125,12 +112,7 @@ fn a_half_open_transfer_times_out_by_the_devices_deadline() {
 
 #[test]
 fn stopped_forgets_a_half_open_transfer_in_silence() {
-    let mut dictionary = dictionary();
-    let rights = Rights::ReadWrite;
-    let text = b"a text of more than seven bytes".to_vec();
-    let kind = DataType::VisibleString;
-    dictionary.insert(Entry::new(0x2500, 0, "text", kind, rights, text));
-    let mut bench = Bench::with(dictionary);
+    let mut bench = bench_with_a_text();
     bench.send(0x610, &[0x40, 0x00, 0x25, 0, 0, 0, 0, 0]);
     bench.send(0, &[2, ID]);
     assert!(bench.pass(Duration::from_secs(2)).is_empty());
