@@ -43,10 +43,10 @@ const DEFAULTS: [(&str, &str); 3] = [
 
 /// Longest time for a program to come to its seat, and to get ready there: some start an interpreter.
 pub const START_PATIENCE: Duration = Duration::from_secs(60);
-/// Longest time for the end of a program, with a reserve for a slow machine.
+/// Longest time for the end of a program, with a reserve for a machine that is slow to take a killed process away.
 pub const END_PATIENCE: Duration = STOP_PATIENCE
     .saturating_add(TERM_PATIENCE)
-    .saturating_add(Duration::from_secs(3));
+    .saturating_add(Duration::from_secs(10));
 /// Period of the check whether a program has ended. A standstill of the machine takes one such period of a patience.
 const LOOK: Duration = Duration::from_millis(20);
 
