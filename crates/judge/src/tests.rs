@@ -783,6 +783,27 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
     assert_eq!(row.unwrap().passed, None);
 }
 
+/// The step is hidden by the stall and its shadow: the largest position that is left says nothing of a least one.
+#[test]
+fn a_largest_value_may_have_been_larger_in_a_stall() {
+    let limit =
+        |min| format!("[expect]\nposition_millimetres_max = {{ min = {min:.1}, max = 60.0 }}\n");
+    let judged = |min, missed, position: fn(f64) -> f64| {
+        beside_a_stall(&limit(min), missed, (1050, 1250), position).outcome
+    };
+    let risen = |time: f64| step_response(1.1)(time);
+    assert_eq!(judged(34.9, 1050..1250, risen), Outcome::Inconclusive);
+    assert_eq!(judged(34.9, 0..0, |_| 10.0), Outcome::Fail);
+    // It was too high before the stall.
+    let verdict = beside_a_stall(
+        "[expect]\nposition_millimetres_max = { max = 9.0 }\n",
+        1050..1250,
+        (1050, 1250),
+        risen,
+    );
+    assert_eq!(verdict.outcome, Outcome::Fail);
+}
+
 /// The run misses 5 %, half of them in a stall. Without the stall it meets a limit of 3 %, and misses one of 2 %.
 #[test]
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
