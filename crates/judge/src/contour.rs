@@ -82,7 +82,8 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Metric
         count += 1.0;
     }
     if count > 0.0 {
-        [longest, f64::sqrt(squares / count)].map(checked)
+        let [longest, rms] = [longest, f64::sqrt(squares / count)].map(checked);
+        [axes[0].of_largest(longest), rms]
     } else if axes.iter().all(Evidence::has_all) {
         none("no sample of all axes in the window")
     } else {

@@ -18,7 +18,7 @@ use scenario::node::Part;
 use crate::attribution::stalls::{Spans, Stretch, shadows};
 use crate::attribution::{Attribution, Commands};
 use crate::circumstances::Circumstances;
-use crate::metric::Metric;
+use crate::metric::{Metric, rounded};
 use crate::quality::reaches;
 
 /// One of several loops, with its timeline.
@@ -70,6 +70,8 @@ enum Why {
     Unseen(Window),
     /// Stalls explain all samples that the value would need.
     LeftOut,
+    /// The value is this, or larger by what stalls explain.
+    AtLeast(f64),
     /// No node on this bus sends the value, so a limit is neither met nor missed.
     Unavailable,
     /// The scenario gives the metric no meaning; relevant only if it has a limit.
@@ -86,6 +88,14 @@ impl Absence {
 
     pub(crate) fn left_out() -> Self {
         Self::new("only in what stalls explain", Why::LeftOut)
+    }
+
+    /// Returns the absence of a value that can only grow by what is left out.
+    fn at_least(value: f64) -> Self {
+        Self::new(
+            "larger, perhaps, by what stalls explain",
+            Why::AtLeast(value),
+        )
     }
 
     pub(crate) fn unseen(reason: impl Into<String>, silence: Window) -> Self {
@@ -119,6 +129,14 @@ impl Absence {
 
     pub(crate) fn silent_between(from_seconds: f64, until_seconds: f64) -> Self {
         Self::silent(Window::new(from_seconds, until_seconds))
+    }
+
+    /// Changes the unit of what is known of the value.
+    pub(crate) fn scaled(self, factor: f64) -> Self {
+        match self.why {
+            Why::AtLeast(least) => Self::at_least(factor * least),
+            _ => self,
+        }
     }
 
     /// Adds the name of the one of several that has no value.
@@ -169,7 +187,7 @@ impl Measurement {
     }
 
     /// Returns the row of the verdict, if there is one. A value that a node kept from being seen is missed; one that the bench
-    /// kept from it is not judged.
+    /// kept from it is not judged, unless what is known of it is too large already.
     pub(crate) fn metric(
         self,
         evidence: &Evidence<'_>,
@@ -178,6 +196,20 @@ impl Measurement {
     ) -> Option<Metric> {
         let why = self.value.as_ref().err().map(|absence| absence.why);
         let is_judged = match why {
+            Some(Why::AtLeast(least)) => {
+                let row = Metric::new(name, Ok(least), limit);
+                let is_too_large = limit
+                    .and_then(|limit| limit.max)
+                    .is_some_and(|max| rounded(least) > max);
+                return Some(if is_too_large {
+                    row
+                } else {
+                    Metric {
+                        passed: None,
+                        ..row
+                    }
+                });
+            }
             Some(Why::NotAsked) => return None,
             Some(Why::Meaningless) if limit.is_none() => return None,
             Some(Why::LeftOut | Why::Unavailable) => false,
@@ -292,8 +324,8 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Returns the value of an event in its window. If a part of the window is left out, the value is that until a stall touches
-    /// the window. From there it can only grow: a time that has not ended by then is longer.
+    /// Returns the value of an event in its window. If a part of the window is left out, it is at least that until a stall touches
+    /// the window. A time that has not ended by then is longer.
     pub(crate) fn of_event(
         &self,
         window: Window,
@@ -317,10 +349,18 @@ impl<'a> Evidence<'a> {
         };
         let longer_than = cut.until_seconds - cut.from_seconds - STAY_SECONDS;
         match value(&all, cut) {
-            Ok(value) => Ok(value),
+            Ok(value) => Err(Absence::at_least(value)),
             Err(absence) if matches!(absence.why, Why::Unseen(_)) => Err(Absence::left_out()),
-            Err(_) if is_time && longer_than > 0.0 => Ok(longer_than),
+            Err(_) if is_time && longer_than > 0.0 => Err(Absence::at_least(longer_than)),
             Err(_) => Err(Absence::left_out()),
+        }
+    }
+
+    /// Returns the largest value of the run. If a part of the run is left out, it is at least that of the rest.
+    pub(crate) fn of_largest(&self, largest: MetricValue) -> MetricValue {
+        match largest {
+            Ok(largest) if !self.has_all() => Err(Absence::at_least(largest)),
+            largest => largest,
         }
     }
 
@@ -571,9 +611,24 @@ pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> MetricValue {
     let worst = values.reduce(|worst, value| match (worst, value) {
         (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
         (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => other,
-        (Err(reason), _) | (_, Err(reason)) => Err(reason),
+        (one, other) => match (least(&one), least(&other)) {
+            (Some(one), Some(other)) => Err(Absence::at_least(one.max(other))),
+            (None, _) => one,
+            (_, None) => other,
+        },
     });
     worst.unwrap_or_else(|| Err(Absence::nothing()))
+}
+
+/// Returns the least that a value can be, if something is known of it.
+fn least(value: &MetricValue) -> Option<f64> {
+    match value {
+        Ok(value) => Some(*value),
+        Err(absence) => match absence.why {
+            Why::AtLeast(least) => Some(least),
+            _ => None,
+        },
+    }
 }
 
 /// Returns the distance of a value to a limit; negative beyond the limit.

@@ -138,8 +138,8 @@ fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
 
 fn position_max(evidence: &Evidence<'_>) -> Measurement {
     let seen = evidence.seen(evidence.whole());
-    seen.and_then(|samples| largest(samples.map(|sample| sample.position)))
-        .into()
+    let largest = seen.and_then(|samples| largest(samples.map(|sample| sample.position)));
+    evidence.of_largest(largest).into()
 }
 
 fn current_rms(evidence: &Evidence<'_>) -> Measurement {
@@ -182,7 +182,10 @@ fn sync_interval(evidence: &Evidence<'_>) -> Measurement {
             Absence::unseen(format!("no SYNC {silence}"), silence).into()
         }
         _ if evidence.has_all() => traffic(longest),
-        _ => Ok(duties::longest_interval_milliseconds(evidence)).into(),
+        _ => {
+            let longest = duties::longest_interval_milliseconds(evidence);
+            evidence.of_largest(Ok(longest)).into()
+        }
     }
 }
 

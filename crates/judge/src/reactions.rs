@@ -45,7 +45,8 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     } else {
         silence_of_truth(evidence).map_or(Ok(()), |silence| Err(truth_silence(silence)))
     };
-    is_seen.and_then(|()| largest(temperatures)).into()
+    let largest = is_seen.and_then(|()| largest(temperatures));
+    evidence.of_largest(largest).into()
 }
 
 /// Returns the reason if the drive sent no temperature for too long, and the plant does not report it by itself.
@@ -157,7 +158,9 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
         })
     };
     let zero = evidence.of_event(window, true, value);
-    zero.map(|seconds| 1e3 * seconds).into()
+    zero.map(|seconds| 1e3 * seconds)
+        .map_err(|absence| absence.scaled(1e3))
+        .into()
 }
 
 /// Returns the measurement of a value that the plant reports only if something can fail. A limit on it is not judged for a

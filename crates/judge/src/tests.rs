@@ -794,6 +794,12 @@ fn a_largest_value_may_have_been_larger_in_a_stall() {
     let risen = |time: f64| step_response(1.1)(time);
     assert_eq!(judged(34.9, 1050..1250, risen), Outcome::Inconclusive);
     assert_eq!(judged(34.9, 0..0, |_| 10.0), Outcome::Fail);
+    // Nor does an overshoot until the stall.
+    let overshoot = "[expect]\novershoot_percent = { min = 1.0 }\n";
+    let judged =
+        |missed| beside_a_stall(overshoot, missed, (1050, 1250), step_response(1.1)).outcome;
+    assert_eq!(judged(1050..1250), Outcome::Inconclusive);
+    assert_eq!(judged(0..0), Outcome::Fail);
     // It was too high before the stall.
     let verdict = beside_a_stall(
         "[expect]\nposition_millimetres_max = { max = 9.0 }\n",

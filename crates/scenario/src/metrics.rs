@@ -19,8 +19,6 @@ pub struct Metric {
     pub subject: Subject,
     /// Part of a scenario that gives it a meaning.
     pub needs: Needs,
-    /// Pieces of the recording that make its value, and so the reach of a host stall.
-    pub pieces: Pieces,
     /// Largest value for a node under test that is not canrig's, if the scenario has no limit.
     pub default_max: Option<f64>,
     /// Form of its limit in `[expect]`.
@@ -42,17 +40,6 @@ pub enum Subject {
     Bus,
     /// Plant and its events.
     Plant,
-}
-
-/// Pieces of the recording that make the value of a metric.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Pieces {
-    /// Single samples, cycles or events of the bus; one of them decides, or all are counted.
-    Sample,
-    /// Steps, disturbances or faults, each from its start to the time at which its value is reached.
-    Event,
-    /// All samples of a window together.
-    Whole,
 }
 
 /// Part of a scenario that gives a metric a meaning.
@@ -102,7 +89,6 @@ pub static METRICS: &[Metric] = &[
         name: "settling_time_seconds",
         unit: "seconds",
         needs: Needs::Step,
-        pieces: Pieces::Event,
         text: "Time from a step to the first sample from which on the position stays within ± 5 % of the step's height.",
         ..POSITION
     },
@@ -110,7 +96,6 @@ pub static METRICS: &[Metric] = &[
         name: "overshoot_percent",
         unit: "percent",
         needs: Needs::Step,
-        pieces: Pieces::Event,
         text: "Largest distance of the position beyond the final set-point, in percent of the step's height.",
         ..POSITION
     },
@@ -164,7 +149,6 @@ pub static METRICS: &[Metric] = &[
         name: "maximum_deviation_{unit}",
         unit: UNIT,
         needs: Needs::Disturbance,
-        pieces: Pieces::Event,
         text: "Largest deviation from the set-point, from the start of a disturbance until the next change of the set-point, a disturbance or a fault, for at least 3 s after its end.",
         ..POSITION
     },
@@ -172,7 +156,6 @@ pub static METRICS: &[Metric] = &[
         name: "recovery_time_seconds",
         unit: "seconds",
         needs: Needs::Disturbance,
-        pieces: Pieces::Event,
         text: "Time from the start of a disturbance until the deviation stays within the recovery band.",
         ..POSITION
     },
@@ -180,7 +163,6 @@ pub static METRICS: &[Metric] = &[
         name: "{signal}_{unit}_max",
         unit: UNIT,
         needs: Needs::Nothing,
-        pieces: Pieces::Sample,
         text: "Largest position over the run.",
         ..POSITION
     },
@@ -240,21 +222,18 @@ pub static METRICS: &[Metric] = &[
     Metric {
         name: "sync_interval_milliseconds_max",
         unit: "milliseconds",
-        pieces: Pieces::Sample,
         text: "Longest time between two SYNCs; longer than the period if the bus or the machine was late.",
         ..BUS
     },
     Metric {
         name: "temperature_celsius",
         unit: "celsius",
-        pieces: Pieces::Sample,
         text: "Highest temperature of the part that the current heats, wire or winding. Only the emulator knows it; a real drive does not.",
         ..PLANT
     },
     Metric {
         name: "no_event",
         form: List,
-        pieces: Pieces::Sample,
         text: "Texts that no event of the run may contain, such as \"emergency\".",
         ..PLANT
     },
@@ -263,7 +242,6 @@ pub static METRICS: &[Metric] = &[
         unit: "milliseconds",
         needs: Needs::Fault,
         form: AtMost(MILLISECONDS_MAX),
-        pieces: Pieces::Event,
         text: "Longest time from the start of the first fault until no current flows through the plant for at least 0.1 s.",
         ..PLANT
     },
@@ -272,7 +250,6 @@ pub static METRICS: &[Metric] = &[
         unit: "seconds",
         needs: Needs::FaultAndSetPoint,
         form: AtMost(crate::TIME_SECONDS_MAX),
-        pieces: Pieces::Event,
         text: "Longest time from the end of the last fault until the deviation from the set-point stays within the recovery band.",
         ..POSITION
     },
@@ -280,7 +257,6 @@ pub static METRICS: &[Metric] = &[
         name: "safe_state",
         needs: Needs::Fault,
         form: Answer,
-        pieces: Pieces::Sample,
         text: "`true`: at the end no current flows, and the drive is disabled or silent. `false`: a current flows, or the drive is enabled.",
         ..PLANT
     },
@@ -288,7 +264,6 @@ pub static METRICS: &[Metric] = &[
         name: "emcy",
         needs: Needs::Fault,
         form: List,
-        pieces: Pieces::Event,
         text: "Emergencies that must be sent, each as node and code: \"drive 0x8130\".",
         ..PLANT
     },
@@ -300,16 +275,12 @@ const POSITION: Metric = Metric {
     unit: "",
     subject: Subject::Position,
     needs: Needs::SetPoint,
-    pieces: Pieces::Whole,
     default_max: None,
     form: TwoSided,
     text: "",
 };
 const CURRENT: Metric = of(Subject::Current);
-const CYCLES: Metric = Metric {
-    pieces: Pieces::Sample,
-    ..of(Subject::Cycles)
-};
+const CYCLES: Metric = of(Subject::Cycles);
 const BUS: Metric = of(Subject::Bus);
 const PLANT: Metric = of(Subject::Plant);
 

@@ -34,7 +34,7 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
         let is_open = match row.passed {
             // A stall kept the window from being seen to the end, but the limit is missed without the stall, too.
             None => {
-                let rest = rest.filter(|rest| is_missed_besides && !may_be_larger(rest));
+                let rest = rest.filter(|_| is_missed_besides);
                 rest.into_iter().for_each(|rest| *row = rest);
                 false
             }
@@ -53,20 +53,6 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
     Some(format!(
         "not judged, since {stall}: {names}; run it again or use --clock lockstep"
     ))
-}
-
-/// Returns whether a value is the largest of those that are left, and too small: what a stall kept from being seen may have been
-/// larger.
-fn may_be_larger(row: &Metric) -> bool {
-    let least = row.limit.and_then(|limit| limit.min);
-    let is_largest = ["_max", "temperature_celsius"]
-        .iter()
-        .any(|end| row.name.ends_with(end));
-    is_largest
-        && row
-            .value
-            .zip(least)
-            .is_some_and(|(value, least)| value < least)
 }
 
 /// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always
