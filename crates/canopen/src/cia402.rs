@@ -89,17 +89,18 @@ impl State {
     }
 }
 
-/// The commands in a controlword (CiA 402-2, table 27).
+/// The commands in a controlword (CiA 402-2, table 27), with the controlwords that give them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
 #[expect(missing_docs, reason = "the names are the standard's")]
 pub enum Command {
-    Shutdown,
+    Shutdown = 0x06,
     /// In Operation enabled the same bits mean "disable operation".
-    SwitchOn,
-    EnableOperation,
-    DisableVoltage,
-    QuickStop,
-    FaultReset,
+    SwitchOn = 0x07,
+    EnableOperation = 0x0F,
+    DisableVoltage = 0x00,
+    QuickStop = 0x02,
+    FaultReset = 0x80,
 }
 
 impl Command {
@@ -116,14 +117,7 @@ impl Command {
 
     /// Returns the controlword that gives the command.
     pub fn controlword(self) -> u16 {
-        match self {
-            Self::Shutdown => 0x06,
-            Self::SwitchOn => 0x07,
-            Self::EnableOperation => 0x0F,
-            Self::DisableVoltage => 0x00,
-            Self::QuickStop => 0x02,
-            Self::FaultReset => 0x80,
-        }
+        self as u16
     }
 }
 

@@ -40,39 +40,36 @@ impl fmt::Display for NodeId {
     }
 }
 
-/// The states of a node (CiA 301, figure 48).
+/// The states of a node (CiA 301, figure 48), with their numbers in a heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum NmtState {
     /// The node is not up yet; as a heartbeat this is the boot-up message.
-    Initialising,
+    Initialising = 0,
     /// Only NMT and heartbeat work.
-    Stopped,
+    Stopped = 4,
     /// Everything works.
-    Operational,
+    Operational = 5,
     /// Everything but PDOs works.
-    PreOperational,
+    PreOperational = 127,
 }
 
 impl NmtState {
     /// Returns the number in a heartbeat.
     pub fn number(self) -> u8 {
-        match self {
-            Self::Initialising => 0,
-            Self::Stopped => 4,
-            Self::Operational => 5,
-            Self::PreOperational => 127,
-        }
+        self as u8
     }
 
     /// Returns the state with this number in a heartbeat.
     pub fn from_number(number: u8) -> Option<Self> {
-        match number {
-            0 => Some(Self::Initialising),
-            4 => Some(Self::Stopped),
-            5 => Some(Self::Operational),
-            127 => Some(Self::PreOperational),
-            _ => None,
-        }
+        let mut states = [
+            Self::Initialising,
+            Self::Stopped,
+            Self::Operational,
+            Self::PreOperational,
+        ]
+        .into_iter();
+        states.find(|state| state.number() == number)
     }
 
     /// Checks whether SDO, SYNC and EMCY work (CiA 301, table 38).
@@ -81,43 +78,39 @@ impl NmtState {
     }
 }
 
-/// Orders of a manager (CiA 301, 7.2.8.3.1).
+/// Orders of a manager (CiA 301, 7.2.8.3.1), with their command specifiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum NmtCommand {
     /// To Operational.
-    Start,
+    Start = 1,
     /// To Stopped.
-    Stop,
+    Stop = 2,
     /// To Pre-operational.
-    EnterPreOperational,
+    EnterPreOperational = 128,
     /// Back to power-on values in the whole dictionary, then boot-up.
-    ResetNode,
+    ResetNode = 129,
     /// Back to power-on values in 0x1000 to 0x1FFF, then boot-up.
-    ResetCommunication,
+    ResetCommunication = 130,
 }
 
 impl NmtCommand {
     /// Returns the command specifier.
     pub fn specifier(self) -> u8 {
-        match self {
-            Self::Start => 1,
-            Self::Stop => 2,
-            Self::EnterPreOperational => 128,
-            Self::ResetNode => 129,
-            Self::ResetCommunication => 130,
-        }
+        self as u8
     }
 
     /// Returns the command with this specifier.
     pub fn from_specifier(specifier: u8) -> Option<Self> {
-        match specifier {
-            1 => Some(Self::Start),
-            2 => Some(Self::Stop),
-            128 => Some(Self::EnterPreOperational),
-            129 => Some(Self::ResetNode),
-            130 => Some(Self::ResetCommunication),
-            _ => None,
-        }
+        let mut commands = [
+            Self::Start,
+            Self::Stop,
+            Self::EnterPreOperational,
+            Self::ResetNode,
+            Self::ResetCommunication,
+        ]
+        .into_iter();
+        commands.find(|command| command.specifier() == specifier)
     }
 
     /// Returns the frame with this order for one node, or for all nodes if `target` is `None`.
