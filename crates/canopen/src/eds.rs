@@ -214,27 +214,15 @@ impl Reader {
         let template = self.entry(index, 1, main)?;
         for sub_index in 1..=count {
             let key = sub_index.to_string();
-            let name = object.names.and_then(|names| names.get(&key));
-            let value = object.values.and_then(|values| values.get(&key));
-            let name = name.map_or_else(
-                || format!("{}{sub_index}", template.name),
-                |item| item.value.to_owned(),
-            );
-            let default = match value {
-                Some(item) => self.default(template.data_type, item)?,
-                None => template.default.clone(),
+            let mut entry = template.clone();
+            entry.sub_index = sub_index;
+            entry.name = match object.names.and_then(|names| names.get(&key)) {
+                Some(item) => item.value.to_owned(),
+                None => format!("{}{sub_index}", template.name),
             };
-            let mut entry = Entry::new(
-                index,
-                sub_index,
-                &name,
-                template.data_type,
-                template.access,
-                default,
-            );
-            entry.is_pdo_mappable = template.is_pdo_mappable;
-            entry.low_limit = template.low_limit;
-            entry.high_limit = template.high_limit;
+            if let Some(item) = object.values.and_then(|values| values.get(&key)) {
+                entry.set_default(self.default(template.data_type, item)?);
+            }
             self.add(entry, main)?;
         }
         Ok(())

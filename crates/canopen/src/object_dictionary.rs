@@ -295,21 +295,24 @@ impl Entry {
         access: Access,
         default: Vec<u8>,
     ) -> Self {
-        let value = default.clone();
-        let name = name.to_owned();
-        let (is_pdo_mappable, low_limit, high_limit) = (false, None, None);
         Self {
             index,
             sub_index,
-            name,
+            name: name.to_owned(),
             data_type,
             access,
-            is_pdo_mappable,
-            low_limit,
-            high_limit,
+            is_pdo_mappable: false,
+            low_limit: None,
+            high_limit: None,
+            value: default.clone(),
             default,
-            value,
         }
+    }
+
+    /// Gives it another default, which it then holds.
+    pub(crate) fn set_default(&mut self, default: Vec<u8>) {
+        self.value.clone_from(&default);
+        self.default = default;
     }
 
     /// Returns the value, little-endian.
@@ -431,8 +434,7 @@ impl ObjectDictionary {
         let entry = &mut self.entries[place];
         let length = entry.default.len();
         let bytes = preset.value.to_le_bytes();
-        entry.default = bytes[..length.min(bytes.len())].to_vec();
-        entry.value.clone_from(&entry.default);
+        entry.set_default(bytes[..length.min(bytes.len())].to_vec());
         if preset.is_real32 {
             entry.data_type = DataType::Real32;
         }
