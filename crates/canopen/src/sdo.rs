@@ -8,7 +8,7 @@ use can::CanFrame;
 /// Longest value that is transferred; longer ones are aborted with [`AbortCode::OUT_OF_MEMORY`].
 pub const MAX_TRANSFER_BYTES: usize = 64 << 10;
 
-/// Time for which server and client wait for the other side unless they are set otherwise.
+/// Time for which a server waits for its client, and a client for its server unless it is set otherwise.
 pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// COB-ID of requests on the default channel, without the node-ID.
@@ -74,11 +74,20 @@ pub(crate) fn data_bytes(payload: &Payload) -> [u8; 4] {
     [payload[4], payload[5], payload[6], payload[7]]
 }
 
-/// Returns bytes 4 to 7 as a length; `None` if it exceeds [`MAX_TRANSFER_BYTES`].
-pub(crate) fn announced_bytes(payload: &Payload) -> Option<usize> {
-    usize::try_from(u32::from_le_bytes(data_bytes(payload)))
-        .ok()
-        .filter(|&length| length <= MAX_TRANSFER_BYTES)
+/// Returns the length that an initiating request or answer announces in bytes 4 to 7.
+///
+/// # Errors
+/// More than [`MAX_TRANSFER_BYTES`].
+pub(crate) fn announced_length(
+    payload: &Payload,
+    is_announced: bool,
+) -> Result<Option<usize>, AbortCode> {
+    let length = usize::try_from(u32::from_le_bytes(data_bytes(payload)));
+    match length {
+        _ if !is_announced => Ok(None),
+        Ok(length) if length <= MAX_TRANSFER_BYTES => Ok(Some(length)),
+        _ => Err(AbortCode::OUT_OF_MEMORY),
+    }
 }
 
 /// Returns command and data of an expedited transfer; `None` for no bytes or more than four.

@@ -1,7 +1,7 @@
 //! The segments of an SDO block transfer (CiA 301, 7.2.4.3.9 to 7.2.4.3.17), the same in both directions.
 
 use crate::object_dictionary::AbortCode;
-use crate::sdo::{MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, crc, unused_bytes};
+use crate::sdo::{MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, crc, segment, unused_bytes};
 
 /// Segments per block that a receiver of this crate grants: the standard's maximum.
 pub(crate) const BLOCK_SIZE: u8 = 127;
@@ -50,12 +50,9 @@ impl BlockSender {
         if self.sent == self.block_size || start >= data.len().max(1) {
             return None;
         }
-        let rest = &data[start..];
-        let length = rest.len().min(SEGMENT_BYTES);
         self.sent += 1;
-        let mut payload = [0; 8];
-        payload[0] = self.sent | if rest.len() <= SEGMENT_BYTES { LAST } else { 0 };
-        payload[1..=length].copy_from_slice(&rest[..length]);
+        let (mut payload, is_last) = segment(data, start, false);
+        payload[0] = self.sent | if is_last { LAST } else { 0 };
         Some(payload)
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::object_dictionary::AbortCode;
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, announced_bytes, append_segment, check_length, check_toggle,
+    Payload, SEGMENT_BYTES, announced_length, append_segment, check_length, check_toggle,
     data_bytes, expedited, expedited_length, payload_with_id, segment,
 };
 use crate::sdo_block::{
@@ -80,17 +80,9 @@ enum State {
     /// The next segment has this toggle bit.
     Upload {
         toggle: bool,
-        announced: Option<usize>,
     },
-    BlockUpload {
-        receiver: BlockReceiver,
-        announced: Option<usize>,
-        with_crc: bool,
-    },
-    BlockUploadEnd {
-        announced: Option<usize>,
-        with_crc: bool,
-    },
+    BlockUpload(BlockReceiver),
+    BlockUploadEnd,
     /// `is_expedited`: the answer ends the transfer.
     DownloadInitiated {
         is_expedited: bool,
@@ -101,10 +93,7 @@ enum State {
         position: usize,
     },
     BlockDownloadInitiated,
-    BlockDownload {
-        sender: BlockSender,
-        with_crc: bool,
-    },
+    BlockDownload(BlockSender),
     BlockDownloadEnd,
 }
 
@@ -129,6 +118,10 @@ pub struct SdoClient {
     timeout: Duration,
     state: State,
     object: Multiplexer,
+    /// Length that the server of an upload has announced.
+    announced: Option<usize>,
+    /// Whether a block transfer ends with a CRC.
+    with_crc: bool,
     buffer: Vec<u8>,
     request: Option<Payload>,
     deadline: Option<Duration>,
@@ -145,6 +138,8 @@ impl SdoClient {
             timeout: DEFAULT_TIMEOUT,
             state: State::Idle,
             object: Multiplexer::default(),
+            announced: None,
+            with_crc: false,
             buffer: Vec::new(),
             request: None,
             deadline: None,
@@ -290,7 +285,7 @@ impl SdoClient {
     pub fn next_frame(&mut self) -> Option<CanFrame> {
         let request = self.request.take();
         let payload = request.or_else(|| match &mut self.state {
-            State::BlockDownload { sender, .. } => sender.next_segment(&self.buffer),
+            State::BlockDownload(sender) => sender.next_segment(&self.buffer),
             _ => None,
         })?;
         Some(CanFrame::new(self.request_id, &payload))
@@ -355,7 +350,7 @@ impl SdoClient {
 
     /// Handles an answer in the present state.
     fn handle(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
-        let is_receiving_block = matches!(self.state, State::BlockUpload { .. });
+        let is_receiving_block = matches!(self.state, State::BlockUpload(_));
         let is_abort = answer[0] >> 5 == 4 && (answer[0] == 0x80 || !is_receiving_block);
         if is_abort {
             return Ok(self.aborted(answer));
@@ -363,18 +358,15 @@ impl SdoClient {
         match self.state {
             State::Idle => Ok(Step::Stale),
             State::UploadInitiated { is_block } => self.upload_initiated(answer, is_block),
-            State::Upload { toggle, announced } => self.upload_segment(answer, toggle, announced),
-            State::BlockUpload { .. } => self.block_upload_segment(answer),
-            State::BlockUploadEnd {
-                announced,
-                with_crc,
-            } => self.block_upload_end(answer, announced, with_crc),
+            State::Upload { toggle } => self.upload_segment(answer, toggle),
+            State::BlockUpload(receiver) => self.block_upload_segment(answer, receiver),
+            State::BlockUploadEnd => self.block_upload_end(answer),
             State::DownloadInitiated { is_expedited } => {
                 Ok(self.download_initiated(answer, is_expedited))
             }
             State::Download { toggle, position } => self.download_segment(answer, toggle, position),
             State::BlockDownloadInitiated => self.block_download_initiated(answer),
-            State::BlockDownload { .. } => self.block_download_acknowledged(answer),
+            State::BlockDownload(sender) => self.block_download_acknowledged(answer, sender),
             State::BlockDownloadEnd => Ok(if answer[0] == 0xA1 {
                 self.written()
             } else {
@@ -410,19 +402,15 @@ impl SdoClient {
                 Ok(Step::Done)
             }
             2 => {
-                self.state = State::Upload {
-                    toggle: false,
-                    announced: announced_length(answer, answer[0] & 1 != 0)?,
-                };
+                self.announced = announced_length(answer, answer[0] & 1 != 0)?;
+                self.state = State::Upload { toggle: false };
                 self.request = Some([0x60, 0, 0, 0, 0, 0, 0, 0]);
                 Ok(Step::Forward)
             }
             6 if is_block && answer[0] & 1 == 0 => {
-                self.state = State::BlockUpload {
-                    receiver: BlockReceiver::default(),
-                    announced: announced_length(answer, answer[0] & 0b10 != 0)?,
-                    with_crc: answer[0] & 0b100 != 0,
-                };
+                self.announced = announced_length(answer, answer[0] & 0b10 != 0)?;
+                self.with_crc = answer[0] & 0b100 != 0;
+                self.state = State::BlockUpload(BlockReceiver::default());
                 self.request = Some([0xA3, 0, 0, 0, 0, 0, 0, 0]);
                 Ok(Step::Forward)
             }
@@ -431,64 +419,50 @@ impl SdoClient {
     }
 
     /// Handles a segment of a segmented upload.
-    fn upload_segment(
-        &mut self,
-        answer: &Payload,
-        toggle: bool,
-        announced: Option<usize>,
-    ) -> Result<Step, AbortCode> {
+    fn upload_segment(&mut self, answer: &Payload, toggle: bool) -> Result<Step, AbortCode> {
         if answer[0] >> 5 != 0 {
             return Ok(Step::Stale);
         }
         check_toggle(answer, toggle)?;
-        append_segment(&mut self.buffer, answer, announced)?;
+        append_segment(&mut self.buffer, answer, self.announced)?;
         if answer[0] & 1 != 0 {
-            check_length(self.buffer.len(), announced)?;
+            check_length(self.buffer.len(), self.announced)?;
             return Ok(Step::Done);
         }
-        let toggle = !toggle;
-        self.state = State::Upload { toggle, announced };
-        self.request = Some([0x60 | u8::from(toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
+        self.state = State::Upload { toggle: !toggle };
+        self.request = Some([0x60 | u8::from(!toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
         Ok(Step::Forward)
     }
 
     /// Handles a segment of a block.
-    fn block_upload_segment(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
-        let State::BlockUpload {
-            receiver,
-            announced,
-            with_crc,
-        } = &mut self.state
-        else {
-            return Ok(Step::Stale);
+    fn block_upload_segment(
+        &mut self,
+        answer: &Payload,
+        mut receiver: BlockReceiver,
+    ) -> Result<Step, AbortCode> {
+        let received = receiver.accept(answer, &mut self.buffer)?;
+        self.state = if receiver.is_complete() {
+            State::BlockUploadEnd
+        } else {
+            State::BlockUpload(receiver)
         };
-        let sequence = match receiver.accept(answer, &mut self.buffer)? {
+        match received {
             Received::Dropped => return Ok(Step::Stale),
-            Received::Stored => return Ok(Step::Forward),
-            Received::BlockEnded(sequence) => sequence,
-        };
-        if receiver.is_complete() {
-            self.state = State::BlockUploadEnd {
-                announced: *announced,
-                with_crc: *with_crc,
-            };
+            Received::Stored => {}
+            Received::BlockEnded(sequence) => {
+                self.request = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
+            }
         }
-        self.request = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
         Ok(Step::Forward)
     }
 
     /// Handles the end of a block upload.
-    fn block_upload_end(
-        &mut self,
-        answer: &Payload,
-        announced: Option<usize>,
-        with_crc: bool,
-    ) -> Result<Step, AbortCode> {
+    fn block_upload_end(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         if answer[0] >> 5 != 6 || answer[0] & 1 == 0 {
             return Ok(Step::Stale);
         }
-        check_end(answer, &mut self.buffer, with_crc)?;
-        check_length(self.buffer.len(), announced)?;
+        check_end(answer, &mut self.buffer, self.with_crc)?;
+        check_length(self.buffer.len(), self.announced)?;
         self.request = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
         Ok(Step::Done)
     }
@@ -538,34 +512,28 @@ impl SdoClient {
             return Ok(Step::Stale);
         }
         check_block_size(answer[4])?;
-        self.state = State::BlockDownload {
-            sender: BlockSender::new(answer[4]),
-            with_crc: answer[0] & 0b100 != 0,
-        };
+        self.with_crc = answer[0] & 0b100 != 0;
+        self.state = State::BlockDownload(BlockSender::new(answer[4]));
         Ok(Step::Forward)
     }
 
     /// Handles the acknowledgement of a block.
-    fn block_download_acknowledged(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
-        let State::BlockDownload { sender, with_crc } = &mut self.state else {
-            return Ok(Step::Stale);
-        };
+    fn block_download_acknowledged(
+        &mut self,
+        answer: &Payload,
+        mut sender: BlockSender,
+    ) -> Result<Step, AbortCode> {
         if answer[0] >> 5 != 5 || answer[0] & 0b11 != 2 {
             return Ok(Step::Stale);
         }
-        if sender.acknowledge(&self.buffer, answer[1], answer[2])? {
-            self.request = Some(end(0xC1, &self.buffer, *with_crc));
-            self.state = State::BlockDownloadEnd;
-        }
+        self.state = if sender.acknowledge(&self.buffer, answer[1], answer[2])? {
+            self.request = Some(end(0xC1, &self.buffer, self.with_crc));
+            State::BlockDownloadEnd
+        } else {
+            State::BlockDownload(sender)
+        };
         Ok(Step::Forward)
     }
-}
-
-/// Returns the length that an initiating answer announces.
-fn announced_length(answer: &Payload, is_announced: bool) -> Result<Option<usize>, AbortCode> {
-    is_announced
-        .then(|| announced_bytes(answer).ok_or(AbortCode::OUT_OF_MEMORY))
-        .transpose()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, announced_bytes, append_segment, check_length, check_toggle,
+    Payload, SEGMENT_BYTES, announced_length, append_segment, check_length, check_toggle,
     data_bytes, expedited, expedited_length, payload_with_id, segment,
 };
 use crate::sdo_block::{
@@ -90,30 +90,16 @@ enum State {
     /// Segmented download; the next segment has this toggle bit.
     Download {
         toggle: bool,
-        announced: Option<usize>,
     },
     /// Segmented upload; the next request has this toggle bit.
     Upload {
         toggle: bool,
         position: usize,
     },
-    BlockDownload {
-        receiver: BlockReceiver,
-        announced: Option<usize>,
-        with_crc: bool,
-    },
-    BlockDownloadEnd {
-        announced: Option<usize>,
-        with_crc: bool,
-    },
-    BlockUploadStart {
-        sender: BlockSender,
-        with_crc: bool,
-    },
-    BlockUpload {
-        sender: BlockSender,
-        with_crc: bool,
-    },
+    BlockDownload(BlockReceiver),
+    BlockDownloadEnd,
+    BlockUploadStart(BlockSender),
+    BlockUpload(BlockSender),
     BlockUploadEnd,
 }
 
@@ -131,9 +117,12 @@ enum Step {
 pub struct SdoServer {
     request_id: u16,
     response_id: u16,
-    timeout: Duration,
     state: State,
     object: Multiplexer,
+    /// Length that the client of a download has announced.
+    announced: Option<usize>,
+    /// Whether a block transfer ends with a CRC.
+    with_crc: bool,
     buffer: Vec<u8>,
     answer: Option<Payload>,
     deadline: Option<Duration>,
@@ -145,9 +134,10 @@ impl SdoServer {
         Self {
             request_id: request_id & 0x7FF,
             response_id: response_id & 0x7FF,
-            timeout: DEFAULT_TIMEOUT,
             state: State::Idle,
             object: Multiplexer::default(),
+            announced: None,
+            with_crc: false,
             buffer: Vec::new(),
             answer: None,
             deadline: None,
@@ -158,13 +148,6 @@ impl SdoServer {
     pub fn for_node(node_id: u8) -> Self {
         let node_id = u16::from(node_id);
         Self::new(DEFAULT_REQUEST_ID + node_id, DEFAULT_RESPONSE_ID + node_id)
-    }
-
-    /// Waits this long for the client within a transfer, instead of [`DEFAULT_TIMEOUT`].
-    #[must_use]
-    pub fn with_timeout(mut self, timeout: Duration) -> Self {
-        self.timeout = timeout;
-        self
     }
 
     /// Returns the COB-ID of requests.
@@ -195,7 +178,7 @@ impl SdoServer {
         };
         match self.handle(&request, objects) {
             Ok(_) if !self.is_busy() => self.deadline = None,
-            Ok(Step::Forward) => self.deadline = Some(now.saturating_add(self.timeout)),
+            Ok(Step::Forward) => self.deadline = Some(now.saturating_add(DEFAULT_TIMEOUT)),
             Ok(Step::None) => {}
             Err(code) => self.fail(code),
         }
@@ -212,7 +195,7 @@ impl SdoServer {
     pub fn next_frame(&mut self) -> Option<CanFrame> {
         let answer = self.answer.take();
         let payload = answer.or_else(|| match &mut self.state {
-            State::BlockUpload { sender, .. } => sender.next_segment(&self.buffer),
+            State::BlockUpload(sender) => sender.next_segment(&self.buffer),
             _ => None,
         })?;
         Some(CanFrame::new(self.response_id, &payload))
@@ -242,31 +225,37 @@ impl SdoServer {
             self.close();
             return Ok(Step::None);
         }
-        if self.is_receiving_block() {
-            return self.block_download_segment(request);
-        }
-        match (command >> 5, command & 0b11) {
-            (0, _) => self.download_segment(request, objects)?,
-            (1, _) => self.initiate_download(request, objects)?,
-            (2, _) => self.initiate_upload(request, objects)?,
-            (3, _) => self.upload_segment(request)?,
-            (5, 0) => self.initiate_block_upload(request, objects)?,
-            (5, 1) => self.end_block_upload()?,
-            (5, 2) => self.acknowledge_block_upload(request)?,
-            (5, _) => self.start_block_upload()?,
-            (6, 0 | 2) => self.initiate_block_download(request, objects)?,
-            (6, _) => self.end_block_download(request, objects)?,
-            _ => {
+        match (self.state, command >> 5, command & 0b11) {
+            (State::BlockDownload(receiver), ..) => {
+                return self.block_download_segment(request, receiver);
+            }
+            (State::Download { toggle }, 0, _) => {
+                self.download_segment(request, toggle, objects)?;
+            }
+            (_, 1, _) => self.initiate_download(request, objects)?,
+            (_, 2, _) => self.initiate_upload(request, objects)?,
+            (State::Upload { toggle, position }, 3, _) => {
+                self.upload_segment(request, toggle, position)?;
+            }
+            (_, 5, 0) => self.initiate_block_upload(request, objects)?,
+            (State::BlockUploadEnd, 5, 1) => self.close(),
+            (State::BlockUpload(sender), 5, 2) => self.acknowledge_block(request, sender)?,
+            // The client is ready: the second part of "SDO block upload initiate".
+            (State::BlockUploadStart(sender), 5, 3) => self.state = State::BlockUpload(sender),
+            (_, 6, 0 | 2) => self.initiate_block_download(request, objects)?,
+            (State::BlockDownloadEnd, 6, _) => self.end_block_download(request, objects)?,
+            (_, 7, _) => {
                 self.object = Multiplexer::from_payload(request);
                 return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
             }
+            _ => return Err(AbortCode::COMMAND_SPECIFIER_INVALID),
         }
         Ok(Step::Forward)
     }
 
     /// Checks whether the next frame must be a segment of a block.
     fn is_receiving_block(&self) -> bool {
-        matches!(self.state, State::BlockDownload { .. })
+        matches!(self.state, State::BlockDownload(_))
     }
 
     /// Drops the current transfer, since the client starts a new one.
@@ -289,63 +278,50 @@ impl SdoServer {
             let length = expedited_length(command).unwrap_or_else(type_bytes);
             objects.write(index, sub_index, &data_bytes(request)[..length])?;
         } else {
-            let announced = self.announced_length(request, command & 1 != 0, objects)?;
-            self.buffer.clear();
-            self.state = State::Download {
-                toggle: false,
-                announced,
-            };
+            self.prepare_download(request, command & 1 != 0, objects)?;
+            self.state = State::Download { toggle: false };
         }
         self.answer = Some(self.object.payload(0x60, [0; 4]));
         Ok(())
     }
 
-    /// Returns the length that an initiating request announces, once object and memory agree to it.
-    fn announced_length(
-        &self,
+    /// Prepares the reception of a value, once object and memory agree to the length that the client announces.
+    fn prepare_download(
+        &mut self,
         request: &Payload,
         is_announced: bool,
         objects: &mut dyn Access,
-    ) -> Result<Option<usize>, AbortCode> {
+    ) -> Result<(), AbortCode> {
         let Multiplexer { index, sub_index } = self.object;
-        let length = is_announced.then(|| announced_bytes(request));
+        let announced = announced_length(request, is_announced);
         // A length beyond the limit may also be beyond the object's, which is the better answer.
-        let asked = length.map(|length| length.unwrap_or(usize::MAX));
+        let asked = announced.unwrap_or(Some(usize::MAX));
         objects.prepare_write(index, sub_index, asked)?;
-        length
-            .map(|length| length.ok_or(AbortCode::OUT_OF_MEMORY))
-            .transpose()
+        self.announced = announced?;
+        self.buffer.clear();
+        Ok(())
     }
 
     /// Handles "SDO download segment".
     fn download_segment(
         &mut self,
         request: &Payload,
+        toggle: bool,
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
-        let State::Download { toggle, announced } = self.state else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
-        };
         check_toggle(request, toggle)?;
-        append_segment(&mut self.buffer, request, announced)?;
-        self.state = State::Download {
-            toggle: !toggle,
-            announced,
-        };
+        append_segment(&mut self.buffer, request, self.announced)?;
+        self.state = State::Download { toggle: !toggle };
         if request[0] & 1 != 0 {
-            self.finish_download(announced, objects)?;
+            self.finish_download(objects)?;
         }
         self.answer = Some([0x20 | u8::from(toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
         Ok(())
     }
 
     /// Writes a value that arrived in segments.
-    fn finish_download(
-        &mut self,
-        announced: Option<usize>,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
-        check_length(self.buffer.len(), announced)?;
+    fn finish_download(&mut self, objects: &mut dyn Access) -> Result<(), AbortCode> {
+        check_length(self.buffer.len(), self.announced)?;
         let Multiplexer { index, sub_index } = self.object;
         objects.write(index, sub_index, &self.buffer)?;
         self.close();
@@ -389,10 +365,12 @@ impl SdoServer {
     }
 
     /// Handles "SDO upload segment".
-    fn upload_segment(&mut self, request: &Payload) -> Result<(), AbortCode> {
-        let State::Upload { toggle, position } = self.state else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
-        };
+    fn upload_segment(
+        &mut self,
+        request: &Payload,
+        toggle: bool,
+        position: usize,
+    ) -> Result<(), AbortCode> {
         check_toggle(request, toggle)?;
         let (answer, is_last) = segment(&self.buffer, position, toggle);
         self.answer = Some(answer);
@@ -414,39 +392,32 @@ impl SdoServer {
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
         self.begin(request);
-        let announced = self.announced_length(request, request[0] & 0b10 != 0, objects)?;
-        self.buffer.clear();
-        self.state = State::BlockDownload {
-            receiver: BlockReceiver::default(),
-            announced,
-            with_crc: request[0] & 0b100 != 0,
-        };
+        self.prepare_download(request, request[0] & 0b10 != 0, objects)?;
+        self.with_crc = request[0] & 0b100 != 0;
+        self.state = State::BlockDownload(BlockReceiver::default());
         self.answer = Some(self.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
         Ok(())
     }
 
     /// Handles "SDO block download sub-block".
-    fn block_download_segment(&mut self, request: &Payload) -> Result<Step, AbortCode> {
-        let State::BlockDownload {
-            receiver,
-            announced,
-            with_crc,
-        } = &mut self.state
-        else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+    fn block_download_segment(
+        &mut self,
+        request: &Payload,
+        mut receiver: BlockReceiver,
+    ) -> Result<Step, AbortCode> {
+        let received = receiver.accept(request, &mut self.buffer)?;
+        self.state = if receiver.is_complete() {
+            State::BlockDownloadEnd
+        } else {
+            State::BlockDownload(receiver)
         };
-        let sequence = match receiver.accept(request, &mut self.buffer)? {
+        match received {
             Received::Dropped => return Ok(Step::None),
-            Received::Stored => return Ok(Step::Forward),
-            Received::BlockEnded(sequence) => sequence,
-        };
-        if receiver.is_complete() {
-            self.state = State::BlockDownloadEnd {
-                announced: *announced,
-                with_crc: *with_crc,
-            };
+            Received::Stored => {}
+            Received::BlockEnded(sequence) => {
+                self.answer = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
+            }
         }
-        self.answer = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
         Ok(Step::Forward)
     }
 
@@ -456,15 +427,8 @@ impl SdoServer {
         request: &Payload,
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
-        let State::BlockDownloadEnd {
-            announced,
-            with_crc,
-        } = self.state
-        else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
-        };
-        check_end(request, &mut self.buffer, with_crc)?;
-        self.finish_download(announced, objects)?;
+        check_end(request, &mut self.buffer, self.with_crc)?;
+        self.finish_download(objects)?;
         self.answer = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
         Ok(())
     }
@@ -483,41 +447,24 @@ impl SdoServer {
         }
         check_block_size(block_size)?;
         self.keep(&value)?;
-        self.state = State::BlockUploadStart {
-            sender: BlockSender::new(block_size),
-            with_crc: request[0] & 0b100 != 0,
-        };
+        self.with_crc = request[0] & 0b100 != 0;
+        self.state = State::BlockUploadStart(BlockSender::new(block_size));
         self.answer = Some(self.object.payload_with_length(0xC6, value.len()));
         Ok(())
     }
 
-    /// Handles the second part of "SDO block upload initiate": the client is ready.
-    fn start_block_upload(&mut self) -> Result<(), AbortCode> {
-        let State::BlockUploadStart { sender, with_crc } = self.state else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
-        };
-        self.state = State::BlockUpload { sender, with_crc };
-        Ok(())
-    }
-
     /// Handles the client's acknowledgement of a block.
-    fn acknowledge_block_upload(&mut self, request: &Payload) -> Result<(), AbortCode> {
-        let State::BlockUpload { sender, with_crc } = &mut self.state else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+    fn acknowledge_block(
+        &mut self,
+        request: &Payload,
+        mut sender: BlockSender,
+    ) -> Result<(), AbortCode> {
+        self.state = if sender.acknowledge(&self.buffer, request[1], request[2])? {
+            self.answer = Some(end(0xC1, &self.buffer, self.with_crc));
+            State::BlockUploadEnd
+        } else {
+            State::BlockUpload(sender)
         };
-        if sender.acknowledge(&self.buffer, request[1], request[2])? {
-            self.answer = Some(end(0xC1, &self.buffer, *with_crc));
-            self.state = State::BlockUploadEnd;
-        }
-        Ok(())
-    }
-
-    /// Handles "SDO block upload end".
-    fn end_block_upload(&mut self) -> Result<(), AbortCode> {
-        let State::BlockUploadEnd = self.state else {
-            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
-        };
-        self.close();
         Ok(())
     }
 }
