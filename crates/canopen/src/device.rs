@@ -16,11 +16,10 @@ use crate::emcy::{self, EmergencyMessage, ErrorCode};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{self, NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
-use crate::pdo::Received;
 use crate::sdo_channels::SdoServers;
 use crate::sdo_server::Access;
 use crate::services::{InvalidPdo, Services};
-use crate::sync::{Reception, Sync};
+use crate::sync::Sync;
 use can::{CanFrame, Filter, frame::REMOTE_FLAG};
 use can::{Node, Progress, earlier};
 
@@ -220,12 +219,12 @@ impl<A: Application> Device<A> {
         }
         let now = self.services.now;
         match self.services.sync.on_frame(now, data) {
-            Reception::Sync(sync) => {
+            Some(sync) => {
                 self.services.clear_from(ErrorCode::SYNC_LENGTH, 0);
                 self.recover(CommunicationLoss::Sync);
                 self.on_sync(&sync);
             }
-            Reception::WrongLength => self.services.raise_from(ErrorCode::SYNC_LENGTH, 0),
+            None => self.services.raise_from(ErrorCode::SYNC_LENGTH, 0),
         }
     }
 
@@ -245,15 +244,8 @@ impl<A: Application> Device<A> {
         if tpdos.any(|tpdo| tpdo.is_sampled_at(sync)) {
             self.application.on_sampling(&mut self.services);
         }
-        for place in 0..self.services.tpdos.len() {
-            let Services {
-                tpdos, dictionary, ..
-            } = &mut self.services;
-            let frame = tpdos[place].on_sync(sync, dictionary);
-            frame
-                .into_iter()
-                .for_each(|frame| self.services.send(frame));
-        }
+        self.services
+            .send_tpdos(|tpdo, dictionary| tpdo.on_sync(sync, dictionary));
     }
 
     fn on_sdo_frame(&mut self, frame: &CanFrame) {
@@ -293,8 +285,7 @@ impl<A: Application> Device<A> {
             return;
         }
         let (number, is_exceeded) = (rpdo.number(), rpdo.is_exceeded_by(frame));
-        let received = rpdo.on_frame(*now, dictionary, frame);
-        if matches!(received, Received::TooShort) {
+        if !rpdo.on_frame(*now, dictionary, frame) {
             self.services.raise_from(ErrorCode::PDO_TOO_SHORT, number);
             return;
         }
@@ -335,18 +326,6 @@ impl<A: Application> Device<A> {
         if let (Some(node_id), Some(message)) = (node_id, EmergencyMessage::decode(data)) {
             self.application
                 .on_emergency(&mut self.services, node_id, &message);
-        }
-    }
-
-    fn on_remote_frame(&mut self, id: u16) {
-        for place in 0..self.services.tpdos.len() {
-            let Services {
-                tpdos, dictionary, ..
-            } = &mut self.services;
-            let frame = tpdos[place].on_remote_frame(id, dictionary);
-            frame
-                .into_iter()
-                .for_each(|frame| self.services.send(frame));
         }
     }
 
@@ -445,15 +424,8 @@ impl<A: Application> Device<A> {
             self.services.send(frame);
             self.on_sync(&sync);
         }
-        for place in 0..self.services.tpdos.len() {
-            let Services {
-                tpdos, dictionary, ..
-            } = &mut self.services;
-            let frame = tpdos[place].on_tick(now, dictionary);
-            frame
-                .into_iter()
-                .for_each(|frame| self.services.send(frame));
-        }
+        self.services
+            .send_tpdos(|tpdo, dictionary| tpdo.on_tick(now, dictionary));
         if self.services.heartbeat.is_due(now) {
             let frame = HeartbeatProducer::frame(self.services.node_id, self.services.state);
             self.services.send(frame);
@@ -505,7 +477,9 @@ impl<A: Application> Node for Device<A> {
         if frame.is_error() {
             self.on_error_frame(frame);
         } else if frame.is_remote() && !frame.is_extended() {
-            self.on_remote_frame((frame.raw_id() & !REMOTE_FLAG & 0x7FF) as u16);
+            let id = (frame.raw_id() & !REMOTE_FLAG & 0x7FF) as u16;
+            self.services
+                .send_tpdos(|tpdo, dictionary| tpdo.on_remote_frame(id, dictionary));
         } else if let Some(id) = frame.standard_id() {
             self.dispatch(id, frame);
         }

@@ -10,6 +10,6 @@ mod transmit;
 
 pub(crate) use configuration::{Direction, Place, check_write, numbers};
 pub use configuration::{Mapping, identifier};
+pub(crate) use receive::Rpdo;
 pub use receive::WaitingPdo;
-pub(crate) use receive::{Received, Rpdo};
 pub(crate) use transmit::Tpdo;

@@ -59,7 +59,8 @@ impl Services {
         mut dictionary: ObjectDictionary,
     ) -> Result<Self, InvalidPdo> {
         dictionary.restore_defaults(0x0000..=0xFFFF);
-        let (rpdos, tpdos) = read_pdos(&dictionary)?;
+        let rpdos = read_pdos(&dictionary, Direction::Receive, Rpdo::new)?;
+        let tpdos = read_pdos(&dictionary, Direction::Transmit, Tpdo::new)?;
         let mut services = Self {
             now: Duration::ZERO,
             node_id,
@@ -143,13 +144,27 @@ impl Services {
     /// Requests a TPDO, as a change of a mapped value does by itself: types 254 and 255 are packed now, or when their inhibit
     /// time has passed; type 0 goes with the next SYNC. Without effect outside Operational and for other types.
     pub fn request_tpdo(&mut self, number: u16) {
-        let (now, dictionary) = (self.now, &self.dictionary);
-        let mut tpdos = self.tpdos.iter_mut();
-        let frame = tpdos.find(|tpdo| tpdo.number() == number).and_then(|tpdo| {
+        let now = self.now;
+        self.send_tpdos(|tpdo, dictionary| {
+            if tpdo.number() != number {
+                return None;
+            }
             tpdo.request();
             tpdo.on_tick(now, dictionary)
         });
-        frame.into_iter().for_each(|frame| self.send(frame));
+    }
+
+    /// Queues the frames of all TPDOs that have one.
+    #[inline]
+    pub(crate) fn send_tpdos(
+        &mut self,
+        frame_of: impl Fn(&mut Tpdo, &ObjectDictionary) -> Option<CanFrame>,
+    ) {
+        for place in 0..self.tpdos.len() {
+            if let Some(frame) = frame_of(&mut self.tpdos[place], &self.dictionary) {
+                self.send(frame);
+            }
+        }
     }
 
     /// Checks whether an RPDO's latest data held a value beyond the limits of its object, which got the limit instead.
@@ -394,18 +409,17 @@ impl Services {
     }
 }
 
-/// Reads all PDOs for which the dictionary has parameters.
-fn read_pdos(dictionary: &ObjectDictionary) -> Result<(Vec<Rpdo>, Vec<Tpdo>), InvalidPdo> {
-    let receive = pdo::numbers(dictionary, Direction::Receive).map(|number| {
-        let index = 0x1400 + number - 1;
-        Rpdo::new(dictionary, number).map_err(|reason| InvalidPdo { index, reason })
+/// Reads all PDOs of a direction for which the dictionary has parameters.
+fn read_pdos<Pdo>(
+    dictionary: &ObjectDictionary,
+    direction: Direction,
+    read: impl Fn(&ObjectDictionary, u16) -> Result<Pdo, AbortCode>,
+) -> Result<Vec<Pdo>, InvalidPdo> {
+    let pdos = pdo::numbers(dictionary, direction).map(|number| {
+        read(dictionary, number).map_err(|reason| InvalidPdo {
+            index: Place::from_parameters(direction, number).parameters_index(),
+            reason,
+        })
     });
-    let transmit = pdo::numbers(dictionary, Direction::Transmit).map(|number| {
-        let index = 0x1800 + number - 1;
-        Tpdo::new(dictionary, number).map_err(|reason| InvalidPdo { index, reason })
-    });
-    Ok((
-        receive.collect::<Result<_, _>>()?,
-        transmit.collect::<Result<_, _>>()?,
-    ))
+    pdos.collect()
 }

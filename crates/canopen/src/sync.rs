@@ -23,15 +23,6 @@ pub struct Sync {
     pub elapsed: u8,
 }
 
-/// Result of a frame for the consumer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Reception {
-    /// A SYNC.
-    Sync(Sync),
-    /// The SYNC's identifier with a wrong length.
-    WrongLength,
-}
-
 /// The objects 0x1005 to 0x1007 and 0x1019.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Parameters {
@@ -142,19 +133,19 @@ impl SyncConsumer {
         self.parameters.cob_id == Some(id) && !self.parameters.is_producer
     }
 
-    /// Handles a frame with SYNC's identifier.
-    pub(crate) fn on_frame(&mut self, now: Duration, data: &[u8]) -> Reception {
+    /// Handles a frame with SYNC's identifier; `None` if its length is wrong.
+    pub(crate) fn on_frame(&mut self, now: Duration, data: &[u8]) -> Option<Sync> {
         let counter = match (data, self.parameters.overflow) {
             ([], _) => None,
             ([counter], overflow) if overflow != 0 => Some(*counter),
-            _ => return Reception::WrongLength,
+            _ => return None,
         };
         self.last = Some(now);
         self.has_timed_out = false;
         self.deadline = self.deadline_from(now);
         let elapsed = self.elapsed_until(counter);
         self.last_counter = counter;
-        Reception::Sync(Sync { counter, elapsed })
+        Some(Sync { counter, elapsed })
     }
 
     /// Returns true once when the time-out has passed.

@@ -56,7 +56,7 @@ impl Place {
     }
 
     /// Returns the place of a PDO's parameters.
-    pub(super) fn from_parameters(direction: Direction, number: u16) -> Self {
+    pub(crate) fn from_parameters(direction: Direction, number: u16) -> Self {
         Self {
             direction,
             number,
@@ -64,7 +64,8 @@ impl Place {
         }
     }
 
-    fn parameters_index(self) -> u16 {
+    /// Returns the index of the PDO's parameters.
+    pub(crate) fn parameters_index(self) -> u16 {
         let base = match self.direction {
             Direction::Receive => RPDO_PARAMETERS,
             Direction::Transmit => TPDO_PARAMETERS,

@@ -26,17 +26,6 @@ impl WaitingPdo {
     }
 }
 
-/// Result of a received PDO.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Received {
-    /// Its data are in the dictionary.
-    Stored,
-    /// Its data wait for the next SYNC.
-    Waiting,
-    /// It was too short and is ignored.
-    TooShort,
-}
-
 /// Receive PDO.
 #[derive(Clone, Debug)]
 pub(crate) struct Rpdo {
@@ -118,23 +107,24 @@ impl Rpdo {
         frame.data().len() > self.mapping.length()
     }
 
-    /// Stores the payload of a frame; the deadline (sub-index 5) runs from here.
+    /// Stores the payload of a frame in the dictionary, or until the next SYNC; the deadline (sub-index 5) runs from here. A frame
+    /// that is too short is ignored, and the result is false.
     pub(crate) fn on_frame(
         &mut self,
         now: Duration,
         dictionary: &mut ObjectDictionary,
         frame: &CanFrame,
-    ) -> Received {
+    ) -> bool {
         if frame.data().len() < self.mapping.length() {
-            return Received::TooShort;
+            return false;
         }
         self.deadline = self.parameters.event_timer.map(|timer| now + timer);
-        if !self.is_synchronous() {
+        if self.is_synchronous() {
+            self.waiting = Some(frame.buffer());
+        } else {
             self.is_cut = self.mapping.unpack(dictionary, &frame.buffer());
-            return Received::Stored;
         }
-        self.waiting = Some(frame.buffer());
-        Received::Waiting
+        true
     }
 
     /// Returns the data that wait for the next SYNC.
