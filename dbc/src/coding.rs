@@ -89,15 +89,35 @@ impl Coding {
     ) -> Self {
         let factor = 1.0 / units;
         Self {
+            offset: -raw_offset * factor,
+            ..Self::little_endian(start_bit, length_bits, kind, factor, None)
+        }
+    }
+
+    /// Makes a little-endian signal without offset.
+    pub(crate) fn little_endian(
+        start_bit: u8,
+        length_bits: u8,
+        kind: Kind,
+        factor: f64,
+        range: Option<Range>,
+    ) -> Self {
+        Self {
             start_bit,
             length_bits,
             byte_order: ByteOrder::LittleEndian,
             kind,
             factor,
-            offset: -raw_offset * factor,
-            range: None,
+            offset: 0.0,
+            range,
             scale: Scale::new(factor),
         }
+    }
+
+    /// Sets the physical value per raw step.
+    pub(crate) fn set_factor(&mut self, factor: f64) {
+        self.factor = factor;
+        self.scale = Scale::new(factor);
     }
 
     /// Moves the signal to another first bit.
@@ -162,10 +182,7 @@ impl Coding {
         reason = "a 32-bit float has 32 bits"
     )]
     pub fn decode(&self, payload: &[u8; 8]) -> f64 {
-        let word = match self.byte_order {
-            ByteOrder::LittleEndian => u64::from_le_bytes(*payload),
-            ByteOrder::BigEndian => u64::from_be_bytes(*payload),
-        };
+        let word = self.word(payload);
         // First shifted to the top: the shift down then leaves only the signal, with its sign.
         let unused = 64 - usize::from(self.length_bits);
         let top = word << (unused - self.shift());
@@ -185,15 +202,19 @@ impl Coding {
     /// not-a-number; for integers it has the value of raw 0.
     pub fn encode(&self, value: f64, payload: &mut [u8; 8]) {
         let raw = self.raw(value) << self.shift() & self.mask();
+        let word = self.word(payload) & !self.mask() | raw;
+        *payload = match self.byte_order {
+            ByteOrder::LittleEndian => word.to_le_bytes(),
+            ByteOrder::BigEndian => word.to_be_bytes(),
+        };
+    }
+
+    /// Returns the 64 bits of a payload in the signal's byte order.
+    #[inline]
+    fn word(&self, payload: &[u8; 8]) -> u64 {
         match self.byte_order {
-            ByteOrder::LittleEndian => {
-                let word = u64::from_le_bytes(*payload) & !self.mask() | raw;
-                *payload = word.to_le_bytes();
-            }
-            ByteOrder::BigEndian => {
-                let word = u64::from_be_bytes(*payload) & !self.mask() | raw;
-                *payload = word.to_be_bytes();
-            }
+            ByteOrder::LittleEndian => u64::from_le_bytes(*payload),
+            ByteOrder::BigEndian => u64::from_be_bytes(*payload),
         }
     }
 

@@ -3,7 +3,7 @@
 //! Each node contributes its messages under its own name. The shipped DBC describes the smallest rig; its messages are the
 //! patterns of all others.
 
-use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::coding::{Coding, Kind, Range};
 use crate::database::{Database, Message, Signal};
 use crate::law::{self, LawTerm};
 use crate::names::{self, TERMS_MAX};
@@ -14,38 +14,20 @@ const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
 /// Messages that belong to the bus.
 const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
-/// Pattern, name behind that of the node, and function code of each message (CiA 301, 7.3.5).
-const CONTROLLER_SERVICES: [(&str, &str, u32); 4] = [
-    ("controller_emergency", names::EMERGENCY, 0x080),
-    ("controller_sdo_answer", names::SDO_ANSWER, 0x580),
-    ("controller_sdo_request", names::SDO_REQUEST, 0x600),
-    ("controller_heartbeat", names::HEARTBEAT, 0x700),
+/// Services of a node with their function codes (CiA 301, 7.3.5).
+const FUNCTION_CODES: [(&str, u32); 11] = [
+    (names::EMERGENCY, 0x080),
+    (names::TPDO1, 0x180),
+    (names::RPDO1, 0x200),
+    (names::TPDO2, 0x280),
+    (names::TPDO3, 0x380),
+    (names::SDO_ANSWER, 0x580),
+    (names::SDO_REQUEST, 0x600),
+    (names::SDO2_REQUEST, 0x680),
+    (names::SDO2_ANSWER, 0x6C0),
+    (names::TRUTH, 0x6A0),
+    (names::HEARTBEAT, 0x700),
 ];
-const DRIVE_SERVICES: [(&str, &str, u32); 8] = [
-    ("drive_emergency", names::EMERGENCY, 0x080),
-    (FEEDBACK, names::TPDO1, 0x180),
-    ("drive_rpdo1", names::RPDO1, 0x200),
-    ("drive_sdo_answer", names::SDO_ANSWER, 0x580),
-    ("drive_sdo_request", names::SDO_REQUEST, 0x600),
-    ("drive_sdo2_request", names::SDO2_REQUEST, 0x680),
-    ("drive_sdo2_answer", names::SDO2_ANSWER, 0x6C0),
-    ("drive_heartbeat", names::HEARTBEAT, 0x700),
-];
-/// Messages in which an emulated drive publishes the truth about its plant.
-const PLANT_SERVICES: [(&str, &str, u32); 3] = [
-    (PLANT_SIGNALS, names::TPDO2, 0x280),
-    (PLANT_SIGNALS, names::TPDO3, 0x380),
-    ("drive_truth", names::TRUTH, 0x6A0),
-];
-const IO_SERVICES: [(&str, &str, u32); 5] = [
-    ("disturbance_emergency", names::EMERGENCY, 0x080),
-    ("disturbance_rpdo1", names::RPDO1, 0x200),
-    ("disturbance_sdo_answer", names::SDO_ANSWER, 0x580),
-    ("disturbance_sdo_request", names::SDO_REQUEST, 0x600),
-    ("disturbance_heartbeat", names::HEARTBEAT, 0x700),
-];
-const FEEDBACK: &str = "drive_tpdo1";
-const PLANT_SIGNALS: &str = "drive_tpdo2";
 /// Signals of a plant before the true position.
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
@@ -117,21 +99,30 @@ impl Composer {
             nodes: Vec::new(),
             messages: BUS_MESSAGES.map(pattern).into(),
         };
-        composer.add_node(controller, node_id, &CONTROLLER_SERVICES);
+        composer.add_node(
+            CONTROLLER,
+            (controller, node_id),
+            &names::CONTROLLER_SERVICES,
+        );
         composer
     }
 
-    fn add_node(&mut self, name: &str, node_id: u8, messages: &[(&str, &str, u32)]) -> usize {
-        let first = self.messages.len();
+    fn add_node(&mut self, like: &str, (name, node_id): (&str, u8), services: &[&str]) {
         self.nodes.push((node_id, name.to_owned()));
-        self.add(name, node_id, messages);
-        first
+        self.add(like, (name, node_id), services);
     }
 
-    fn add(&mut self, name: &str, node_id: u8, messages: &[(&str, &str, u32)]) {
-        let copies = messages.iter().map(|(like, end, function)| {
-            let mut message = pattern(like);
-            message.name = names::message(name, end);
+    /// Adds the messages of a node for these services, like those of a node of the shipped DBC.
+    fn add(&mut self, like: &str, (name, node_id): (&str, u8), services: &[&str]) {
+        let has = |(service, _): &(&str, u32)| services.contains(service);
+        for (service, function) in FUNCTION_CODES.into_iter().filter(has) {
+            // The shipped plant has no more signals than TPDO2 holds.
+            let known = match service {
+                names::TPDO3 => names::TPDO2,
+                service => service,
+            };
+            let mut message = pattern(&names::message(like, known));
+            message.name = names::message(name, service);
             message.raw_id = function + u32::from(node_id);
             message.sender = message.sender.map(|sender| self.renamed(&sender, name));
             for signal in &mut message.signals {
@@ -139,10 +130,8 @@ impl Composer {
                     *receiver = self.renamed(receiver, name);
                 }
             }
-            message
-        });
-        let copies = Vec::from_iter(copies);
-        self.messages.extend(copies);
+            self.messages.push(message);
+        }
     }
 
     /// Returns the message of a node for a service, if it has been added.
@@ -169,7 +158,10 @@ impl Composer {
         layout: Option<&ExternalFrames<'_>>,
         unit: Option<&LoopUnits<'_>>,
     ) -> Self {
-        let first = self.add_node(name, node_id, &DRIVE_SERVICES);
+        let first = self.messages.len();
+        let mut own = Vec::from(names::DRIVE_SERVICES);
+        own.retain(|service| !names::PLANT_SERVICES.contains(service));
+        self.add_node(DRIVE, (name, node_id), &own);
         if let Some(layout) = layout {
             self.lay_out(name, layout);
         }
@@ -215,8 +207,7 @@ impl Composer {
             let name = name(pattern);
             if let Some(signal) = signals.find(|signal| signal.name == name) {
                 let [minimum, maximum] = ends;
-                signal.coding.factor = factor;
-                signal.coding.scale = Scale::new(factor);
+                signal.coding.set_factor(factor);
                 signal.coding.range = Some(Range { minimum, maximum });
                 let rated = format!("of {rated} {}", signal.unit);
                 signal.comment = signal.comment.replace(RATED, &rated);
@@ -252,7 +243,7 @@ impl Composer {
     fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[PlantSignal]) {
         let (first, others) = published.split_at(published.len().min(SIGNALS_IN_TPDO2));
         let place = self.messages.len();
-        self.add(name, node_id, &PLANT_SERVICES);
+        self.add(DRIVE, (name, node_id), &names::PLANT_SERVICES);
         let [tpdo2, tpdo3, _] = &mut self.messages[place..] else {
             return;
         };
@@ -272,7 +263,7 @@ impl Composer {
     /// Adds an io node with these outputs; with those of the shipped one if there are none.
     #[must_use]
     pub fn with_io(mut self, (name, node_id): (&str, u8), outputs: &[PlantSignal]) -> Self {
-        self.add_node(name, node_id, &IO_SERVICES);
+        self.add_node(IO, (name, node_id), &names::IO_SERVICES);
         self.io_nodes.push(name.to_owned());
         let message = self.message_mut(name, names::RPDO1);
         if let Some(message) = message.filter(|_| !outputs.is_empty()) {
@@ -313,7 +304,11 @@ impl Composer {
     ) -> Self {
         let messages = match terms {
             Some(terms) => law::messages(terms),
-            None => Vec::from_iter(law::SHIPPED.map(pattern)),
+            // Those of the sliding-mode law.
+            None => {
+                let names = (0..TERMS_MAX).map(|place| names::terms(CONTROLLER, "", place));
+                names.map(|name| pattern(&name)).collect()
+            }
         };
         let messages = messages.into_iter().zip(identifiers);
         for (place, (mut message, identifier)) in messages.enumerate() {
@@ -338,16 +333,7 @@ impl Composer {
         let float = |name: &str, unit: &str, start_bit, comment: &str| Signal {
             name: name.to_owned(),
             unit: unit.to_owned(),
-            coding: Coding {
-                start_bit,
-                length_bits: FLOAT_BITS,
-                byte_order: ByteOrder::LittleEndian,
-                kind: Kind::Float32,
-                factor: 1.0,
-                offset: 0.0,
-                range: None,
-                scale: Scale::new(1.0),
-            },
+            coding: Coding::little_endian(start_bit, FLOAT_BITS, Kind::Float32, 1.0, None),
             labels: Vec::new(),
             receivers: vec![self.controller.clone()],
             object: String::new(),
@@ -406,11 +392,11 @@ impl LoopUnits<'_> {
             if let Some(resolution) = self.resolution.filter(|_| is_feedback)
                 && pattern == names::POSITION
             {
-                (coding.factor, coding.scale) = (resolution, Scale::new(resolution));
+                coding.set_factor(resolution);
                 coding.range = None;
             }
             if self.is_true_float && pattern == names::TRUE_POSITION {
-                (coding.factor, coding.scale) = (1.0, Scale::new(1.0));
+                coding.set_factor(1.0);
                 (coding.kind, coding.range) = (Kind::Float32, None);
             }
             signal.name = (self.name)(pattern);
@@ -443,20 +429,7 @@ fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
         .map(|(signal, start_bit)| Signal {
             name: signal.name.clone(),
             unit: signal.unit.clone(),
-            coding: Coding {
-                start_bit,
-                length_bits: BITS,
-                byte_order: ByteOrder::LittleEndian,
-                kind: if signal.range.minimum < 0.0 {
-                    Kind::Signed
-                } else {
-                    Kind::Unsigned
-                },
-                factor: signal.resolution,
-                offset: 0.0,
-                range: Some(signal.range),
-                scale: Scale::new(signal.resolution),
-            },
+            coding: coding(signal, start_bit),
             labels: Vec::new(),
             receivers: like[0].receivers.clone(),
             object: like
@@ -466,6 +439,15 @@ fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
             comment: signal.comment.clone(),
         });
     laid_out.collect()
+}
+
+fn coding(signal: &PlantSignal, start_bit: u8) -> Coding {
+    let kind = if signal.range.minimum < 0.0 {
+        Kind::Signed
+    } else {
+        Kind::Unsigned
+    };
+    Coding::little_endian(start_bit, BITS, kind, signal.resolution, Some(signal.range))
 }
 
 #[cfg(test)]

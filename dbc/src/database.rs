@@ -240,7 +240,20 @@ impl Database {
     /// # Errors
     /// The names of both.
     pub fn refuse_duplicates(&self) -> Result<(), DbcError> {
-        refuse_duplicates(&self.messages)
+        // Equal identifiers are neighbours, since the messages are sorted.
+        let mut neighbours = self.messages.windows(2);
+        let same_id = neighbours.find(|pair| pair[0].raw_id == pair[1].raw_id);
+        let mut names = BTreeSet::new();
+        let same_name = self.messages.iter().find(|one| !names.insert(&one.name));
+        let [first, second] = match (same_id, same_name) {
+            (Some(pair), _) => [&pair[0], &pair[1]],
+            (None, Some(message)) => [message, message],
+            (None, None) => return Ok(()),
+        };
+        Err(DbcError::DuplicateMessage {
+            first: first.name.clone(),
+            second: second.name.clone(),
+        })
     }
 
     /// Returns all messages, by identifier.
@@ -302,26 +315,6 @@ impl Database {
         let (message, signal) = path.split_once('.')?;
         let message = self.message(message)?;
         Some((message, message.signal(signal)?))
-    }
-}
-
-/// Refuses two messages of the same identifier (neighbours, since sorted) or name.
-pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
-    let mut names = BTreeSet::new();
-    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;
-    let same_id = messages.windows(2).find(|pair| is_double(pair));
-    if let Some(pair) = same_id {
-        return Err(DbcError::DuplicateMessage {
-            first: pair[0].name.clone(),
-            second: pair[1].name.clone(),
-        });
-    }
-    match messages.iter().find(|message| !names.insert(&message.name)) {
-        Some(message) => Err(DbcError::DuplicateMessage {
-            first: message.name.clone(),
-            second: message.name.clone(),
-        }),
-        None => Ok(()),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The frames in which the controller publishes the terms of a law.
 
-use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::coding::{Coding, Kind, Range};
 use crate::database::{Message, Signal};
 use crate::loops::TERMS_EVERY_CYCLES;
 use crate::names::{BENCH, TERMS_MAX};
@@ -9,14 +9,6 @@ use crate::names::{BENCH, TERMS_MAX};
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
 const MESSAGE_BITS: u8 = 64;
 const BYTE: u8 = 8;
-
-/// Messages of the shipped DBC, which hold the terms of the sliding-mode law.
-pub(crate) const SHIPPED: [&str; TERMS_MAX] = [
-    "controller_tpdo1",
-    "controller_tpdo2",
-    "controller_tpdo3",
-    "controller_tpdo4",
-];
 
 /// Term of a law.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,19 +105,11 @@ fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
 
 fn signal(object: u16, term: &LawTerm, start_bit: u8) -> Signal {
     let factor = 1.0 / term.counts_per_unit;
+    let range = Some(term.range);
     Signal {
         name: term.name.clone(),
         unit: term.unit.clone(),
-        coding: Coding {
-            start_bit,
-            length_bits: term.bits,
-            byte_order: ByteOrder::LittleEndian,
-            kind: term.kind,
-            factor,
-            offset: 0.0,
-            range: Some(term.range),
-            scale: Scale::new(factor),
-        },
+        coding: Coding::little_endian(start_bit, term.bits, term.kind, factor, range),
         labels: match term.bits {
             1 => vec![(0, "no".to_owned()), (1, "yes".to_owned())],
             _ => Vec::new(),

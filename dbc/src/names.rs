@@ -36,6 +36,8 @@ pub const TRUTH: &str = "truth";
 pub const CONTROLLER_SERVICES: [&str; 4] = [EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
 /// The messages of an io node.
 pub const IO_SERVICES: [&str; 5] = [EMERGENCY, RPDO1, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
+/// Messages in which an emulated drive publishes the truth about its plant.
+pub const PLANT_SERVICES: [&str; 3] = [TPDO2, TPDO3, TRUTH];
 /// Messages of a drive, including those of an emulated one.
 pub const DRIVE_SERVICES: [&str; 11] = [
     EMERGENCY,

@@ -5,7 +5,7 @@ use can_dbc::{
 };
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
-use crate::database::{Database, Message, Signal, refuse_duplicates};
+use crate::database::{Database, Message, Signal};
 use crate::error::DbcError;
 use crate::notation::{CYCLE_TIME, LONG_NAME, OBJECT, unescaped};
 
@@ -37,7 +37,7 @@ impl Database {
             .filter(is_used)
             .map(|message| read_message(&dbc, message));
         let database = Self::from_messages(messages.collect::<Result<_, _>>()?);
-        refuse_duplicates(database.messages())?;
+        database.refuse_duplicates()?;
         Ok(database)
     }
 }

@@ -506,11 +506,12 @@ impl ControlLoop {
     /// Checks whether a signal, as `message.signal`, is one that only an emulated drive publishes.
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();
-        let truth = [names::TPDO2, names::TPDO3, names::TRUTH];
         let LoopNodes {
             drive, followed, ..
         } = &self.nodes;
-        belongs_to(drive, &truth, message) || belongs_to(followed, &truth, message)
+        [drive, followed]
+            .into_iter()
+            .any(|node| belongs_to(node, &names::PLANT_SERVICES, message))
     }
 
     /// Returns the terms of its law.
