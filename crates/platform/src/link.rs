@@ -4,10 +4,14 @@ use std::ffi::CString;
 use std::io;
 
 use crate::netlink::{ask, attribute, push_attribute, word};
+use crate::seat::bytes_at;
 
-/// Length of a link's description before its attributes (`struct ifinfomsg`), and the place of the flags in it.
+/// Length of a link's description before its attributes (`struct ifinfomsg`), and the places of hardware type and flags in it.
 const DESCRIPTION_BYTES: usize = 16;
+const TYPE_AT: usize = 2;
 const FLAGS: usize = 2;
+/// Hardware type of CAN interfaces (`linux/if_arp.h`).
+const ARPHRD_CAN: u16 = 280;
 /// Attributes of `IFLA_LINKINFO`, and of a CAN interface in it (linux/can/netlink.h).
 const INFO_DATA: u16 = 2;
 const BIT_TIMING: u16 = 1;
@@ -32,9 +36,11 @@ pub enum CanState {
     Stopped,
 }
 
-/// CAN interface. A value that its driver does not report is `None`; a vcan reports only whether it is up.
+/// Network interface. A value that its driver does not report is `None`; a vcan reports only whether it is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Link {
+    /// Whether the interface is for CAN.
+    pub is_can: bool,
     /// Whether the interface is up.
     pub is_up: bool,
     /// Bits per second.
@@ -75,6 +81,7 @@ fn read(answer: &[u8]) -> Link {
         Some(counters.map(u16::from_ne_bytes))
     };
     Link {
+        is_can: u16::from_ne_bytes(bytes_at(answer, TYPE_AT)) == ARPHRD_CAN,
         is_up: word(answer, FLAGS).is_some_and(|flags| flags & 1 != 0), // IFF_UP
         // A controller that was never configured has 0.
         bit_rate: number(BIT_TIMING).filter(|rate| *rate != 0),
@@ -106,6 +113,7 @@ mod tests {
         push_attribute(&mut info, 1, b"can\0");
         push_attribute(&mut info, INFO_DATA, &data);
         let mut answer = vec![0; DESCRIPTION_BYTES];
+        answer[TYPE_AT..][..2].copy_from_slice(&ARPHRD_CAN.to_ne_bytes());
         answer[4 * FLAGS..][..4].copy_from_slice(&1_u32.to_ne_bytes());
         push_attribute(&mut answer, libc::IFLA_IFNAME, b"can0\0");
         push_attribute(&mut answer, libc::IFLA_LINKINFO | 0x8000, &info);
@@ -122,6 +130,7 @@ mod tests {
             (ERROR_COUNTERS, &[counters]),
         ]);
         let expected = Link {
+            is_can: true,
             is_up: true,
             bit_rate: Some(500_000),
             state: Some(CanState::ErrorPassive),
@@ -135,6 +144,7 @@ mod tests {
     #[test]
     fn what_is_not_told_or_cut_short_is_not_known() {
         let up = Link {
+            is_can: true,
             is_up: true,
             ..Link::default()
         };
@@ -143,7 +153,7 @@ mod tests {
         let told = answer(&[(BIT_TIMING, &[500_000]), (STATE, &[0])]);
         for length in 0..told.len() {
             let link = read(&told[..length]);
-            assert_eq!(link.is_up, length >= 12);
+            assert_eq!((link.is_can, link.is_up), (length >= 4, length >= 12));
             assert!(link.bit_rate.is_none() && link.state.is_none());
         }
     }

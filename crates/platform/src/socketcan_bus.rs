@@ -15,7 +15,8 @@ use socketcan::{CanFilter, CanSocket, Socket, SocketOptions};
 use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, wait_ready};
 use crate::clock::{self, Clock};
 use crate::kernel_format::{decode_frame, encode_frame};
-use crate::probe::{self, Interface};
+use crate::link::link;
+use crate::probe;
 
 /// Time between two attempts to send into a full queue: about one frame at 1 Mbit/s.
 const SEND_RETRY: Duration = Duration::from_micros(100);
@@ -169,24 +170,37 @@ impl Bus for SocketCanBus {
 
 /// Opens an unfiltered socket on an interface, after a check of the system's support.
 pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
-    let address = || BusAddress::Interface(name.into());
-    let system = |source| BusError::System {
-        address: address(),
+    probe::kernel_can()?;
+    check_interface(name)?;
+    CanSocket::open(name).map_err(|error| match error.kind() {
+        io::ErrorKind::PermissionDenied => BusError::NoPermission {
+            address: BusAddress::Interface(name.into()),
+        },
+        _ => not_opened(name, error),
+    })
+}
+
+/// Checks that there is an interface of this name, for CAN and up.
+fn check_interface(name: &str) -> Result<(), BusError> {
+    let link = link(name).map_err(|error| match error.raw_os_error() {
+        Some(libc::ENODEV) => BusError::NoInterface { name: name.into() },
+        _ => not_opened(name, error),
+    })?;
+    if !link.is_can {
+        return Err(BusError::NotCan { name: name.into() });
+    }
+    if !link.is_up {
+        return Err(BusError::InterfaceDown { name: name.into() });
+    }
+    Ok(())
+}
+
+fn not_opened(name: &str, source: io::Error) -> BusError {
+    BusError::System {
+        address: BusAddress::Interface(name.into()),
         action: "open",
         source,
-    };
-    probe::kernel_can()?;
-    let name = name.to_owned();
-    match probe::interface(&name).map_err(system)? {
-        Interface::Missing => return Err(BusError::NoInterface { name }),
-        Interface::NotCan => return Err(BusError::NotCan { name }),
-        Interface::Down => return Err(BusError::InterfaceDown { name }),
-        Interface::Up => {}
     }
-    CanSocket::open(&name).map_err(|error| match error.kind() {
-        io::ErrorKind::PermissionDenied => BusError::NoPermission { address: address() },
-        _ => system(error),
-    })
 }
 
 /// Sets the kernel's receive filters. The kernel reads the error flag in an identifier as an inversion of the filter, which our
@@ -212,4 +226,17 @@ pub(crate) fn kernel_drops(socket: &impl SocketOptions) -> u64 {
     words
         .get(MEMINFO_DROPS)
         .map_or(0, |word| u64::from(u32::from_ne_bytes(*word)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn interfaces_are_distinguished() {
+        let missing = check_interface("no-such-one");
+        assert!(matches!(missing, Err(BusError::NoInterface { .. })));
+        let loopback = check_interface("lo");
+        assert!(matches!(loopback, Err(BusError::NotCan { .. })));
+    }
 }

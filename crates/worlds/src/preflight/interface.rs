@@ -102,6 +102,7 @@ mod tests {
     use super::*;
 
     const GOOD: Link = Link {
+        is_can: true,
         is_up: true,
         bit_rate: Some(1_000_000),
         state: Some(CanState::ErrorActive),
