@@ -138,14 +138,11 @@ pub(crate) fn split(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misre
 /// # Errors
 /// If it is no HELLO, or for another seat or version.
 pub fn read_hello(message: &[u8]) -> Result<(), Misread> {
-    read_hello_name(message, PORT_SEAT).map(drop)
+    read_hello_at(message, PORT_SEAT).map(drop)
 }
 
-/// Returns the header and the name of a HELLO at a seat, and the bytes after them.
-pub(crate) fn read_hello_name(
-    message: &[u8],
-    seat: u8,
-) -> Result<(Header, String, &[u8]), Misread> {
+/// Returns the header of a HELLO at a seat, and the bytes after the name of the program.
+pub(crate) fn read_hello_at(message: &[u8], seat: u8) -> Result<(Header, &[u8]), Misread> {
     let (header, body) = split(message, Kind::Hello)?;
     let Header { a, number, .. } = header;
     if a != VERSION {
@@ -169,9 +166,7 @@ pub(crate) fn read_hello_name(
         let what = format!("seat {}, and {whose} is {seat}", hello[0]);
         return Err(Misread::new(HEADER_BYTES, what));
     }
-    let name = hello[8..].split(|byte| *byte == 0).next();
-    let name = String::from_utf8_lossy(name.unwrap_or_default()).into_owned();
-    Ok((header, name, rest))
+    Ok((header, rest))
 }
 
 /// Writes HELLO at a port seat.

@@ -100,7 +100,6 @@ struct Follower<'a> {
 impl Follower<'_> {
     fn run(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
         let hello = Hello {
-            name: String::new(),
             filters: node.filters_as_configured(),
             silent_filters: node.silent_filters(),
             next_deadline: node.next_deadline(),

@@ -8,7 +8,7 @@ use can::{CanFrame, Filter, FilterSet, Progress};
 use super::answer::Answer;
 use crate::seat::{
     FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, bytes_at, fitting_text,
-    read_hello_name, split, write_name,
+    read_hello_at, split, write_name,
 };
 
 /// Largest number of frames in one message.
@@ -33,7 +33,6 @@ const RECORDS_AT: usize = 24;
 /// HELLO of a node.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Hello {
-    pub(super) name: String,
     pub(super) filters: Vec<Filter>,
     pub(super) silent_filters: Vec<Filter>,
     pub(super) next_deadline: Option<Duration>,
@@ -85,7 +84,7 @@ pub(super) fn encode_hello(packet: &mut Vec<u8>, hello: &Hello) -> Result<(), Mi
     packet.extend_from_slice(&[BUS_SEAT, 0]);
     packet.extend_from_slice(&silent.to_le_bytes());
     packet.extend_from_slice(&[0; 4]);
-    write_name(packet, &hello.name);
+    write_name(packet, "");
     write_filters(packet, &hello.filters);
     write_filters(packet, &hello.silent_filters);
     Ok(())
@@ -93,7 +92,7 @@ pub(super) fn encode_hello(packet: &mut Vec<u8>, hello: &Hello) -> Result<(), Mi
 
 /// Reads HELLO.
 pub(super) fn decode_hello(packet: &[u8]) -> Result<Hello, Misread> {
-    let (header, name, rest) = read_hello_name(packet, BUS_SEAT)?;
+    let (header, rest) = read_hello_at(packet, BUS_SEAT)?;
     let count = counted(header.count.into(), FILTERS_MAX, "filters", COUNT_AT)?;
     let flags = packet[FLAGS_AT];
     if flags & !ERRORS_TOO != 0 {
@@ -110,7 +109,6 @@ pub(super) fn decode_hello(packet: &[u8]) -> Result<Hello, Misread> {
         filters.push(Filter::ERRORS);
     }
     Ok(Hello {
-        name,
         filters,
         silent_filters,
         next_deadline: time_or_never(header.time),

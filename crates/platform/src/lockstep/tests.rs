@@ -527,7 +527,6 @@ fn a_frame_missing_on_the_wire_is_an_error() {
 fn hello_packet() -> Vec<u8> {
     let mut packet = Vec::new();
     let hello = Hello {
-        name: "echo".to_owned(),
         filters: vec![Filter::ALL],
         silent_filters: vec![Filter::exact(0x210)],
         next_deadline: None,
