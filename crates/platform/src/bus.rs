@@ -8,12 +8,13 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use can::CanFrame;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::PollFlags;
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, socket_with};
 
 use crate::clock;
 use crate::probe;
+use crate::wait::wait_once;
 
 /// Longest time that [`Bus::send`] waits for room in a full queue.
 pub const SEND_PATIENCE: Duration = Duration::from_millis(50);
@@ -224,25 +225,6 @@ pub(crate) fn receive_within(
     Ok(None)
 }
 
-/// Waits until `fd` is ready or `timeout` is over; returns whether it is ready. An interrupted wait is resumed.
-pub(crate) fn wait_ready(
-    fd: BorrowedFd<'_>,
-    flags: PollFlags,
-    timeout: Duration,
-) -> Result<bool, Errno> {
-    let end = clock::monotonic().saturating_add(timeout);
-    let mut patience = timeout;
-    loop {
-        if wait_once(fd, flags, patience)? {
-            return Ok(true);
-        }
-        patience = end.saturating_sub(clock::monotonic());
-        if patience.is_zero() {
-            return Ok(false);
-        }
-    }
-}
-
 /// Makes a socket for whole messages between processes. It closes on `exec`.
 pub(crate) fn seqpacket(flags: SocketFlags) -> Result<OwnedFd, Errno> {
     let (family, kind) = (AddressFamily::UNIX, SocketType::SEQPACKET);
@@ -254,15 +236,5 @@ fn why_full(address: &BusAddress) -> &'static str {
     match address {
         BusAddress::Interface(_) => "is anyone else on the bus to acknowledge?",
         BusAddress::Embedded(_) | BusAddress::Private(_) => "the machine is too busy to empty it",
-    }
-}
-
-/// Waits until `fd` is ready, `timeout` is over or a signal comes; returns whether `fd` is ready.
-fn wait_once(fd: BorrowedFd<'_>, flags: PollFlags, timeout: Duration) -> Result<bool, Errno> {
-    let timeout = Timespec::try_from(timeout).map_err(|_| Errno::INVAL)?;
-    match poll(&mut [PollFd::from_borrowed_fd(fd, flags)], Some(&timeout)) {
-        Ok(count) => Ok(count > 0),
-        Err(Errno::INTR) => Ok(false),
-        Err(errno) => Err(errno),
     }
 }

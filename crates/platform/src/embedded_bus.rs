@@ -12,9 +12,10 @@ use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, connect};
 
-use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, seqpacket, wait_ready};
+use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, seqpacket};
 use crate::hub;
 use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_filters, encode_frame};
+use crate::wait::wait_ready;
 
 /// Longest time that the hub may take to let a participant join.
 const JOIN_PATIENCE: Duration = Duration::from_secs(5);

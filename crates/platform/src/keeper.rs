@@ -10,7 +10,6 @@ use std::path::PathBuf;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pipe::{PipeFlags, pipe_with};
@@ -24,6 +23,7 @@ use crate::clock::monotonic;
 use crate::process::{in_new_session, inherit, stat};
 use crate::scheduling::pass_on_fifo;
 use crate::stop::{OF_TERMINAL, ignore};
+use crate::wait::wait_for_any;
 
 /// Hidden subcommand that keeps a program.
 pub const SUBCOMMAND: &str = "program-keeper";
@@ -100,24 +100,16 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
     let mut next: Option<(Duration, Signal)> = None;
     let (mut is_wanted, mut is_open) = (true, true);
     loop {
-        let timeout = next
-            .map(|(time, _)| time.saturating_sub(monotonic()))
-            .and_then(|timeout| Timespec::try_from(timeout).ok());
-        let handle_fd = handle.as_fd();
+        let timeout = next.map(|(time, _)| time.saturating_sub(monotonic()));
         let stdin = stdin();
-        // A descriptor that has ended stays readable, so the program's own takes its place.
-        let mut fds = [
-            handle_fd,
-            if is_wanted { stdin } else { handle_fd },
-            if is_open { output.as_fd() } else { handle_fd },
-        ]
-        .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN));
-        match poll(&mut fds, timeout.as_ref()) {
-            Ok(_) | Err(Errno::INTR) => {}
-            Err(errno) => return Err(errno.into()),
-        }
-        let [has_ended, has_input, has_output] = fds.map(|fd| !fd.revents().is_empty());
-        if is_open && has_output {
+        // A descriptor that has ended stays readable.
+        let fds = [
+            Some(handle.as_fd()),
+            is_wanted.then_some(stdin),
+            is_open.then(|| output.as_fd()),
+        ];
+        let [has_ended, has_input, has_output] = wait_for_any(fds, timeout)?;
+        if has_output {
             is_open = log.take(output);
         }
         if has_ended {
@@ -125,7 +117,7 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
             let status = waited.map_or(0, |(_, status)| status.as_raw());
             return Ok(ExitStatus::from_raw(status));
         }
-        if is_wanted && has_input && !matches!(rustix::io::read(stdin, &mut [0; 64]), Ok(1..)) {
+        if has_input && !matches!(rustix::io::read(stdin, &mut [0; 64]), Ok(1..)) {
             is_wanted = false;
             next = following();
         }

@@ -36,6 +36,7 @@ pub mod stall_watch;
 pub mod stop;
 pub mod terminal;
 pub mod unfinished;
+mod wait;
 
 pub use open::open;
 

@@ -24,12 +24,13 @@ use rustix::process::{getegid, geteuid};
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 use socketcan::CanSocket;
 
-use crate::bus::{Bus, BusError, wait_ready};
+use crate::bus::{Bus, BusError};
 use crate::lockstep::channel;
 use crate::netlink::{ask, push_attribute};
 use crate::process;
 use crate::recorder::Recorder;
 use crate::socketcan_bus::SocketCanBus;
+use crate::wait::wait_ready;
 
 /// Name of the interface in its namespace.
 pub const INTERFACE: &str = "vcan0";

@@ -199,10 +199,10 @@ mod tests {
     use rustix::process::{Pid, kill_process};
 
     use super::*;
-    use crate::bus::wait_ready;
     use crate::clock::Clock;
     use crate::lockstep::channel;
     use crate::stop::StopSignal;
+    use crate::wait::wait_ready;
 
     const SOON: Duration = Duration::from_secs(10);
     const CHANNEL: &str = "PLATFORM_TEST_CHANNEL";

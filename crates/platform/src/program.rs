@@ -20,7 +20,7 @@ use rustix::net::{
 use rustix::process::{Signal, getuid, kill_process_group};
 use tempfile::TempDir;
 
-use crate::bus::{seqpacket, wait_ready};
+use crate::bus::seqpacket;
 use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
 use crate::process::{myself, suspension};
 use crate::scheduling::pass_on_fifo;
@@ -28,6 +28,7 @@ use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, STOPPED, numbers, read_welcome, write_done, write_failure,
     write_hello, write_numbers,
 };
+use crate::wait::wait_ready;
 
 /// Variable with the socket of a law's seat.
 pub const PORTS_VARIABLE: &str = "CANRIG_PORTS";

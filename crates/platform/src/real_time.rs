@@ -12,12 +12,12 @@ use std::time::Duration;
 
 use can::{Node, Progress, STANDARD_IDS};
 use hdrhistogram::Histogram;
-use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
 
 use crate::bus::{Bus, BusError};
 use crate::clock::Clock;
 use crate::stop::StopSignal;
+use crate::wait::wait_for_any;
 use timer::Timer;
 
 /// Longest time for a node to reach its safe state.
@@ -185,23 +185,11 @@ fn wait(timer: &mut Timer, cycle: &Cycle<'_>, stop: &StopSignal) -> Result<Ready
         None => stop.fds(),
         Some(_) => [None, None],
     };
-    let bus = cycle.bus.as_fd();
-    // The timer, which is watched anyway, takes the place of a missing descriptor.
-    let mut fds = [
-        bus,
-        timer.as_fd(),
-        pipe.unwrap_or(timer.as_fd()),
-        event.unwrap_or(timer.as_fd()),
-    ]
-    .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN));
-    match poll(&mut fds, None) {
-        Ok(_) | Err(Errno::INTR) => {}
-        Err(errno) => return Err(system("wait")(errno)),
-    }
-    let is_ready = |index: usize| !fds[index].revents().is_empty();
+    let fds = [Some(cycle.bus.as_fd()), Some(timer.as_fd()), pipe, event];
+    let [frames, _, pipe, event] = wait_for_any(fds, None).map_err(system("wait"))?;
     Ok(Ready {
-        frames: is_ready(0),
-        stop: (pipe.is_some() && is_ready(2)) || (event.is_some() && is_ready(3)),
+        frames,
+        stop: pipe || event,
     })
 }
 

@@ -10,7 +10,6 @@ use std::time::{Duration, SystemTime};
 
 use can::CanFrame;
 use rtrb::{Consumer, Producer, RingBuffer};
-use rustix::event::{PollFd, PollFlags, poll};
 use rustix::net::sockopt::{set_socket_recv_buffer_size, set_socket_recv_buffer_size_force};
 use socketcan::{CanAnyFrame, CanFdSocket, CanSocket, Socket, SocketOptions};
 
@@ -18,6 +17,7 @@ use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
 use crate::socketcan_bus::{kernel_drops, open_socket};
 use crate::stop::StoppedThread;
+use crate::wait::wait_for_any;
 
 /// Largest number of frames that wait for the reader: some 8 s of a full bus at 1 Mbit/s.
 pub const RING_FRAMES: usize = 65_536;
@@ -167,13 +167,8 @@ fn listen(socket: &CanFdSocket, stop: &OwnedFd, ring: &mut Ring) {
         latest: ring.clock.wall_epoch(),
     };
     loop {
-        let mut fds = [
-            PollFd::from_borrowed_fd(socket.as_fd(), PollFlags::IN),
-            PollFd::from_borrowed_fd(stop.as_fd(), PollFlags::IN),
-        ];
-        // An interrupted wait leaves no events and is repeated.
-        let waited = poll(&mut fds, None).is_ok();
-        let is_stop_requested = waited && !fds[1].revents().is_empty();
+        let waited = wait_for_any([Some(socket.as_fd()), Some(stop.as_fd())], None);
+        let is_stop_requested = waited.is_ok_and(|[_, stop]| stop);
         let alive = read_all(socket, &mut stamps, ring);
         if is_stop_requested || !alive {
             break;

@@ -12,11 +12,12 @@ use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags};
 use socketcan::{CanFilter, CanSocket, Socket, SocketOptions};
 
-use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, wait_ready};
+use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within};
 use crate::clock::{self, Clock};
 use crate::kernel_format::{decode_frame, encode_frame};
 use crate::link::link;
 use crate::probe;
+use crate::wait::wait_ready;
 
 /// Time between two attempts to send into a full queue: about one frame at 1 Mbit/s.
 const SEND_RETRY: Duration = Duration::from_micros(100);

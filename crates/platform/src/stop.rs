@@ -6,10 +6,13 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
-use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
+use rustix::event::{EventfdFlags, PollFlags, eventfd};
 use rustix::io::Errno;
 use rustix::pipe::{PipeFlags, pipe_with};
+
+use crate::wait::wait_once;
 
 /// Seconds after a signal to stop in which the process must end by itself; then the kernel ends it.
 const KILL_AFTER_SECONDS: libc::c_uint = 3;
@@ -139,12 +142,7 @@ impl Drop for StoppedThread {
 }
 
 fn is_readable(fd: BorrowedFd<'_>) -> bool {
-    let now = Timespec::default();
-    poll(
-        &mut [PollFd::from_borrowed_fd(fd, PollFlags::IN)],
-        Some(&now),
-    )
-    .is_ok_and(|ready| ready > 0)
+    wait_once(fd, PollFlags::IN, Duration::ZERO).unwrap_or(false)
 }
 
 /// Discards the pending bytes; returns whether the pipe has ended.
