@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use rustix::event::PollFlags;
 use rustix::fs::{OFlags, fcntl_setfl};
-use rustix::io::{Errno, retry_on_intr};
+use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{
     RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, accept_with, bind, connect, listen, recv,
@@ -22,6 +22,7 @@ use tempfile::TempDir;
 
 use crate::bus::seqpacket;
 use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
+use crate::lockstep::receive_packet;
 use crate::process::{myself, suspension};
 use crate::scheduling::pass_on_fifo;
 use crate::seat::{
@@ -263,7 +264,7 @@ impl Seat {
         connect(&socket, &SocketAddrUnix::new(path.as_path())?)?;
         let mut seat = Self {
             channel: socket,
-            message: vec![0; MESSAGE_BYTES_MAX],
+            message: Vec::with_capacity(MESSAGE_BYTES_MAX),
             answer: Vec::with_capacity(MESSAGE_BYTES_MAX),
         };
         write_hello(&mut seat.answer, name);
@@ -276,13 +277,9 @@ impl Seat {
         Ok(())
     }
 
-    /// Waits for a message; returns its length, 0 if canrig is gone.
-    fn receive(&mut self) -> io::Result<usize> {
-        match retry_on_intr(|| recv(&self.channel, &mut self.message[..], RecvFlags::empty())) {
-            Ok((length, _)) => Ok(length),
-            Err(Errno::CONNRESET | Errno::PIPE) => Ok(0),
-            Err(errno) => Err(errno.into()),
-        }
+    /// Waits for a message, which is empty if canrig is gone.
+    fn receive(&mut self) -> io::Result<()> {
+        Ok(receive_packet(&self.channel, &mut self.message)?)
     }
 
     /// Waits for WELCOME; returns its content and the seed.
@@ -290,8 +287,8 @@ impl Seat {
     /// # Errors
     /// If canrig is gone, or speaks another protocol.
     pub fn welcome(&mut self) -> io::Result<(&[u8], u64)> {
-        let length = self.receive()?;
-        read_welcome(&self.message[..length]).map_err(io::Error::other)
+        self.receive()?;
+        read_welcome(&self.message).map_err(io::Error::other)
     }
 
     /// Runs a law, or reports why there is none, until canrig asks it to stop.
@@ -318,12 +315,11 @@ impl Seat {
         self.send()?;
         let (mut read, mut written) = (vec![0.0; reads], vec![0.0; writes]);
         loop {
-            let length = self.receive()?;
-            if length == 0 {
+            self.receive()?;
+            if self.message.is_empty() {
                 return Ok(());
             }
-            let message = &self.message[..length];
-            let (header, body) = Header::split(message).map_err(io::Error::other)?;
+            let (header, body) = Header::split(&self.message).map_err(io::Error::other)?;
             let mut values = numbers(body);
             if header.kind == Kind::Stop as u8 {
                 // Its end is over when canrig hears of it.

@@ -165,7 +165,6 @@ impl Follower<'_> {
         match receive_packet(&self.channel, &mut self.packet) {
             Ok(()) if self.packet.is_empty() => Err(FollowError::CoordinatorGone),
             Ok(()) => Ok(()),
-            Err(Errno::CONNRESET) => Err(FollowError::CoordinatorGone),
             Err(errno) => Err(FollowError::Channel(errno.into())),
         }
     }

@@ -269,12 +269,12 @@ impl Participant for Remote {
 }
 
 /// Receives one packet into `packet`; empty if the other end is closed.
-pub(super) fn receive_packet(channel: impl AsFd, packet: &mut Vec<u8>) -> Result<(), Errno> {
+pub(crate) fn receive_packet(channel: impl AsFd, packet: &mut Vec<u8>) -> Result<(), Errno> {
     packet.clear();
     loop {
         let spare = rustix::buffer::spare_capacity(packet);
         match rustix::net::recv(channel.as_fd(), spare, RecvFlags::empty()) {
-            Ok(_) => return Ok(()),
+            Ok(_) | Err(Errno::CONNRESET | Errno::PIPE) => return Ok(()),
             Err(Errno::INTR) => {}
             Err(errno) => return Err(errno),
         }
