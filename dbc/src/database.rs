@@ -79,6 +79,14 @@ impl Message {
             coding: signal.coding,
         }
     }
+
+    /// Decodes the signals for which the payload of a frame of this message is long enough, in the order of the file.
+    pub fn decode(&self, frame: &CanFrame) -> impl Iterator<Item = (&Signal, f64)> + use<'_> {
+        let (payload, payload_bytes) = (frame.buffer(), frame.data().len());
+        let present = move |signal: &&Signal| signal.coding.payload_bytes() <= payload_bytes;
+        let present = self.signals.iter().filter(present);
+        present.map(move |signal| (signal, signal.coding.decode(&payload)))
+    }
 }
 
 impl Signal {
@@ -160,51 +168,6 @@ impl MessageBuilder {
     pub fn frame(&self) -> CanFrame {
         CanFrame::from_raw(self.raw_id, self.length_bytes, self.payload)
             .expect("messages longer than 8 bytes are refused when parsed")
-    }
-}
-
-/// Decoded frame.
-#[derive(Clone, Copy, Debug)]
-pub struct Decoded<'a> {
-    message: &'a Message,
-    payload: [u8; 8],
-    payload_bytes: usize,
-}
-
-/// Signal of a decoded frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DecodedSignal<'a> {
-    /// Definition, with name and unit.
-    pub signal: &'a Signal,
-    /// Physical value.
-    pub value: f64,
-    /// Label of the value, if the value table has one.
-    pub label: Option<&'a str>,
-}
-
-impl<'a> Decoded<'a> {
-    /// Returns the message.
-    pub fn message(&self) -> &'a Message {
-        self.message
-    }
-
-    /// Returns the signals for which the payload is long enough, in the order of the file.
-    pub fn signals(&self) -> impl Iterator<Item = DecodedSignal<'a>> + use<'a> {
-        let Self {
-            message,
-            payload,
-            payload_bytes,
-        } = *self;
-        let present = move |signal: &&Signal| signal.coding.payload_bytes() <= payload_bytes;
-        message.signals.iter().filter(present).map(move |signal| {
-            let value = signal.coding.decode(&payload);
-            let label = signal.label(value);
-            DecodedSignal {
-                signal,
-                value,
-                label,
-            }
-        })
     }
 }
 
@@ -302,15 +265,6 @@ impl Database {
         })
     }
 
-    /// Decodes a frame; `None` if its identifier is not in the file.
-    pub fn decode(&self, frame: &CanFrame) -> Option<Decoded<'_>> {
-        self.message_of(frame).map(|message| Decoded {
-            message,
-            payload: frame.buffer(),
-            payload_bytes: frame.data().len(),
-        })
-    }
-
     fn find(&self, path: &str) -> Option<(&Message, &Signal)> {
         let (message, signal) = path.split_once('.')?;
         let message = self.message(message)?;
@@ -329,21 +283,22 @@ mod tests {
     fn a_signal_is_found_decoded_and_labelled_by_name() {
         let database = Database::shipped();
         let frame = CanFrame::new(0x190, &[0x37, 0x12, 0xF0, 0xD8, 0xFF, 0xFF, 0xF4, 0x01]);
-        let decoded = database.decode(&frame).unwrap();
-        assert_eq!(decoded.message().name, "drive_tpdo1");
+        let message = database.message_of(&frame).unwrap();
+        assert_eq!(message.name, "drive_tpdo1");
         let by_name = |name| {
-            let mut signals = decoded.signals();
-            signals.find(|found| found.signal.name == name).unwrap()
+            let mut signals = message.decode(&frame);
+            signals.find(|(signal, _)| signal.name == name).unwrap()
         };
-        let position = by_name("position_millimetres");
-        assert_eq!(
-            (position.value, position.signal.unit.as_str()),
-            (-10.0, "mm")
-        );
-        assert_eq!(by_name("current_amperes").value, 0.5);
-        assert_eq!(by_name("statusword_state").label, Some("operation enabled"));
-        assert_eq!(by_name("statusword_follows_command").value, 1.0);
-        assert_eq!(by_name("position_millimetres").label, None);
+        let label = |name| {
+            let (signal, value) = by_name(name);
+            signal.label(value)
+        };
+        let (signal, position) = by_name("position_millimetres");
+        assert_eq!((position, signal.unit.as_str()), (-10.0, "mm"));
+        assert_eq!(by_name("current_amperes").1, 0.5);
+        assert_eq!(label("statusword_state"), Some("operation enabled"));
+        assert_eq!(by_name("statusword_follows_command").1, 1.0);
+        assert_eq!(label("position_millimetres"), None);
     }
 
     #[test]
@@ -378,24 +333,16 @@ mod tests {
     fn signals_beyond_a_short_payload_are_absent() {
         let database = Database::shipped();
         let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0]);
-        let names: Vec<_> = database
+        let message = database.message_of(&frame).unwrap();
+        let names: Vec<_> = message
             .decode(&frame)
-            .unwrap()
-            .signals()
-            .map(|decoded| decoded.signal.name.clone())
+            .map(|(signal, _)| signal.name.clone())
             .collect();
         assert!(names.contains(&"position_millimetres".to_owned()));
         assert!(!names.contains(&"current_amperes".to_owned()));
         let current = database.signal("drive_tpdo1.current_amperes").unwrap();
         assert_eq!(current.decode(&frame), None);
-        assert_eq!(
-            database
-                .decode(&CanFrame::new(0x190, &[]))
-                .unwrap()
-                .signals()
-                .count(),
-            0
-        );
+        assert_eq!(message.decode(&CanFrame::new(0x190, &[])).count(), 0);
     }
 
     #[test]
@@ -404,7 +351,7 @@ mod tests {
         let position = database.signal("drive_tpdo1.position_millimetres").unwrap();
         for id in [0x191, 0x190 | REMOTE_FLAG, 0x190 | EXTENDED_FLAG] {
             let frame = CanFrame::from_raw(id, 8, [0; 8]).unwrap();
-            assert!(database.decode(&frame).is_none(), "{id:#x}");
+            assert!(database.message_of(&frame).is_none(), "{id:#x}");
             assert_eq!(position.decode(&frame), None, "{id:#x}");
         }
     }

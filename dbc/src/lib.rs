@@ -43,9 +43,7 @@ mod write;
 pub use coding::{ByteOrder, Coding, Kind, Range};
 pub use compose::{Composer, ExternalFrames, LoopUnits, PlantSignal};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
-pub use database::{
-    Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
-};
+pub use database::{Database, Message, MessageBuilder, Signal, SignalHandle};
 pub use error::{DbcError, SignalMissing};
 pub use law::{LAW_TERMS_OBJECT, LawTerm, TermObject, layout};
 

@@ -187,12 +187,12 @@ proptest! {
         let messages = database.messages();
         let id = if is_known { messages[id as usize % messages.len()].raw_id } else { id };
         let frame = CanFrame::from_raw(id, length, payload).unwrap();
-        match database.decode(&frame) {
-            Some(decoded) => for signal in decoded.signals() {
-                prop_assert!(signal.signal.coding.payload_bytes() <= usize::from(length));
-                let path = format!("{}.{}", decoded.message().name, signal.signal.name);
+        match database.message_of(&frame) {
+            Some(message) => for (signal, decoded) in message.decode(&frame) {
+                prop_assert!(signal.coding.payload_bytes() <= usize::from(length));
+                let path = format!("{}.{}", message.name, signal.name);
                 let value = database.signal(&path).unwrap().decode(&frame).unwrap();
-                prop_assert!(value == signal.value || value.is_nan());
+                prop_assert!(value == decoded || value.is_nan());
             },
             None => prop_assert!(messages.iter().all(|message| message.raw_id != id)),
         }

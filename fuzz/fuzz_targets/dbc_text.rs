@@ -15,11 +15,11 @@ fuzz_target!(|text: &str| {
             .expect("it has this message");
         for payload in [[0; 8], [0xFF; 8], *b"\x01\x23\x45\x67\x89\xAB\xCD\xEF"] {
             let frame = CanFrame::from_raw(message.raw_id, message.length_bytes, payload).expect("longer messages are refused");
-            let decoded = database.decode(&frame).expect("it has this identifier");
-            for value in decoded.signals() {
-                let path = format!("{}.{}", message.name, value.signal.name);
+            let found = database.message_of(&frame).expect("it has this identifier");
+            for (signal, value) in found.decode(&frame) {
+                let path = format!("{}.{}", message.name, signal.name);
                 if let Some(signal) = database.signal(&path) {
-                    builder.set(&signal, value.value);
+                    builder.set(&signal, value);
                 }
             }
         }

@@ -200,11 +200,11 @@ impl Decoder {
         if let (Some(channel), Ok(payload)) = (channel, frame.data().try_into()) {
             return sdo_text(&channel, payload);
         }
-        if let Some(decoded) = self.database.decode(frame) {
-            let signals = decoded
-                .signals()
-                .filter(|decoded| !value::is_idle(decoded.signal, decoded.value))
-                .map(|decoded| value::show_signal(decoded.signal, decoded.value));
+        if let Some(message) = self.database.message_of(frame) {
+            let signals = message
+                .decode(frame)
+                .filter(|(signal, value)| !value::is_idle(signal, *value))
+                .map(|(signal, value)| value::show_signal(signal, value));
             return signals.collect::<Vec<_>>().join("  ");
         }
         match (frame.standard_id(), frame.data()) {
