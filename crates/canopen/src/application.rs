@@ -41,44 +41,31 @@ impl CommunicationLoss {
 /// All calls come from within the device's `on_frame`, `on_tick` and `on_stop`, with `services.now()` as the time. At a SYNC the
 /// order is: waiting RPDO data become valid ([`Application::on_rpdo`] for each), [`Application::on_sync`] samples and applies,
 /// then the TPDOs of this SYNC are packed, after [`Application::on_sampling`].
+#[expect(unused_variables, reason = "the defaults do nothing")]
 pub trait Application {
     /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows, then
     /// [`Application::on_nmt_state`]. `reset` is [`NmtCommand::ResetNode`] also at power-on. A drive that was Operational
     /// takes the energy away here.
-    fn on_reset(&mut self, services: &mut Services, reset: NmtCommand) {
-        let _ = (services, reset);
-    }
+    fn on_reset(&mut self, services: &mut Services, reset: NmtCommand) {}
 
     /// The node's own NMT state has changed, on arrival of the command. Leaving Operational must take the energy away.
-    fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
-        let _ = (services, state);
-    }
+    fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {}
 
     /// A SYNC has arrived, or was produced by this device.
-    fn on_sync(&mut self, services: &mut Services, sync: &Sync) {
-        let _ = (services, sync);
-    }
+    fn on_sync(&mut self, services: &mut Services, sync: &Sync) {}
 
     /// TPDOs of this SYNC are about to be packed: the last chance to bring mapped objects up to date.
-    fn on_sampling(&mut self, services: &mut Services) {
-        let _ = services;
-    }
+    fn on_sampling(&mut self, services: &mut Services) {}
 
     /// The data of an RPDO are in the dictionary: on arrival for types 254 and 255, at the SYNC for the others.
-    fn on_rpdo(&mut self, services: &mut Services, number: u16) {
-        let _ = (services, number);
-    }
+    fn on_rpdo(&mut self, services: &mut Services, number: u16) {}
 
     /// A synchronous RPDO has arrived and waits for the next SYNC. Orders that take energy away (a controlword that disables or
     /// asks for quick stop) must be obeyed here; everything else must wait.
-    fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
-        let _ = (services, waiting);
-    }
+    fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {}
 
     /// A client is about to read an object: the last chance to bring it up to date.
-    fn on_read(&mut self, services: &mut Services, index: u16, sub_index: u8) {
-        let _ = (services, index, sub_index);
-    }
+    fn on_read(&mut self, services: &mut Services, index: u16, sub_index: u8) {}
 
     /// A client writes an object; existence, access, length, limits and the services' rules have been checked. The
     /// value is stored after this returns `Ok`.
@@ -92,24 +79,17 @@ pub trait Application {
         sub_index: u8,
         bytes: &[u8],
     ) -> Result<(), AbortCode> {
-        let _ = (services, index, sub_index, bytes);
         Ok(())
     }
 
     /// Communication is lost; the EMCY is queued. A drive sets its current to 0 here. The reaction by 0x1029 follows.
-    fn on_communication_loss(&mut self, services: &mut Services, loss: CommunicationLoss) {
-        let _ = (services, loss);
-    }
+    fn on_communication_loss(&mut self, services: &mut Services, loss: CommunicationLoss) {}
 
     /// Communication is back; "no error" is queued.
-    fn on_communication_recovery(&mut self, services: &mut Services, loss: CommunicationLoss) {
-        let _ = (services, loss);
-    }
+    fn on_communication_recovery(&mut self, services: &mut Services, loss: CommunicationLoss) {}
 
     /// Another node's heartbeat, or its boot-up message as [`NmtState::Initialising`].
-    fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, state: NmtState) {
-        let _ = (services, node_id, state);
-    }
+    fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, state: NmtState) {}
 
     /// Another node's emergency.
     fn on_emergency(
@@ -118,18 +98,13 @@ pub trait Application {
         node_id: NodeId,
         message: &EmergencyMessage,
     ) {
-        let _ = (services, node_id, message);
     }
 
     /// A data frame that none of the device's own services takes, such as an answer to an SDO client.
-    fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {
-        let _ = (services, frame);
-    }
+    fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {}
 
     /// Time has passed.
-    fn on_tick(&mut self, services: &mut Services) {
-        let _ = services;
-    }
+    fn on_tick(&mut self, services: &mut Services) {}
 
     /// Returns the time at which the application wants its next tick.
     fn next_deadline(&self) -> Option<Duration> {
@@ -137,9 +112,7 @@ pub trait Application {
     }
 
     /// The node is asked for its safe state.
-    fn on_stop(&mut self, services: &mut Services) {
-        let _ = services;
-    }
+    fn on_stop(&mut self, services: &mut Services) {}
 
     /// Returns the progress of the application; by default it stops as soon as it is asked to.
     fn progress(&self, is_stop_asked: bool) -> Progress {
