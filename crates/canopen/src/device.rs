@@ -14,7 +14,7 @@ use std::time::Duration;
 use crate::application::{Application, CommunicationLoss};
 use crate::emcy::{self, EmergencyMessage, ErrorCode};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
-use crate::nmt::{self, NmtCommand, NmtState, NodeId};
+use crate::nmt::{NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo_channels::SdoServers;
 use crate::sdo_server::Access;
@@ -179,7 +179,8 @@ impl<A: Application> Device<A> {
         self.services.reset(indices);
         self.sdo.reset(&self.services.dictionary);
         self.application.on_reset(&mut self.services, command);
-        let boot_up = nmt::boot_up_frame(self.services.node_id);
+        // The boot-up message (CiA 301, 7.2.8.3.3).
+        let boot_up = HeartbeatProducer::frame(self.services.node_id, NmtState::Initialising);
         self.services.send(boot_up);
         self.services.heartbeat = HeartbeatProducer::default();
         self.enter(NmtState::PreOperational);

@@ -328,12 +328,10 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
         return Ok(None);
     };
     let value = value::integer(item.value, node_id).map_err(|reason| item.error(reason))?;
-    let is_inside = (0..=limit.into()).contains(&value);
-    is_inside
-        .then(|| T::try_from(value).ok())
-        .flatten()
-        .map(Some)
-        .ok_or_else(|| item.error(format!("{value} is outside 0 to {}", limit.into())))
+    match T::try_from(value) {
+        Ok(inside) if (0..=limit.into()).contains(&value) => Ok(Some(inside)),
+        _ => Err(item.error(format!("{value} is outside 0 to {}", limit.into()))),
+    }
 }
 
 /// Reads `AccessType`.

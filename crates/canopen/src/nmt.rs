@@ -139,14 +139,6 @@ impl NmtCommand {
     }
 }
 
-/// Returns the boot-up message (CiA 301, 7.2.8.3.3).
-pub fn boot_up_frame(node_id: NodeId) -> CanFrame {
-    CanFrame::new(
-        node_id.with(ERROR_CONTROL_ID),
-        &[NmtState::Initialising.number()],
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

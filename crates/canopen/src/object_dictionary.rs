@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::sdo::check_length;
+
 /// Reason for which an access was refused: an SDO abort code (CiA 301, table 22).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct AbortCode(pub u32);
@@ -350,11 +352,7 @@ impl Entry {
         let Some(size) = self.data_type.size_bytes() else {
             return Ok(());
         };
-        match bytes.len() {
-            length if length > size => return Err(AbortCode::TOO_LONG),
-            length if length < size => return Err(AbortCode::TOO_SHORT),
-            _ => {}
-        }
+        check_length(bytes.len(), Some(size))?;
         let value = self.data_type.rank(bytes);
         if self.high_limit.is_some_and(|limit| value > limit) {
             return Err(AbortCode::VALUE_TOO_HIGH);

@@ -142,14 +142,14 @@ pub(crate) fn append_segment(
     Ok(())
 }
 
-/// Checks the length of a complete transfer.
+/// Checks the length of a value against that which was announced, or which its type has; `None` if any will do.
 ///
 /// # Errors
-/// More or less than announced.
-pub(crate) fn check_length(length: usize, announced: Option<usize>) -> Result<(), AbortCode> {
-    match announced {
-        Some(announced) if length > announced => Err(AbortCode::TOO_LONG),
-        Some(announced) if length < announced => Err(AbortCode::TOO_SHORT),
+/// More or less.
+pub(crate) fn check_length(length: usize, expected: Option<usize>) -> Result<(), AbortCode> {
+    match expected {
+        Some(expected) if length > expected => Err(AbortCode::TOO_LONG),
+        Some(expected) if length < expected => Err(AbortCode::TOO_SHORT),
         _ => Ok(()),
     }
 }

@@ -71,15 +71,13 @@ impl SdoServers {
     pub(crate) fn new(node_id: NodeId, dictionary: &ObjectDictionary) -> Self {
         let indices =
             (FIRST_ADDITIONAL..=LAST).filter(|index| dictionary.find(*index, REQUEST_ID).is_ok());
-        let server = None;
+        let channels = indices.map(|index| Channel {
+            index,
+            server: None,
+        });
         let mut servers = Self {
             default: SdoServer::for_node(node_id.get()),
-            additional: indices
-                .map(|index| Channel {
-                    index,
-                    server: server.clone(),
-                })
-                .collect(),
+            additional: channels.collect(),
         };
         servers.configure(dictionary);
         servers

@@ -15,6 +15,7 @@ use crate::sdo_block::{
 use can::CanFrame;
 
 /// Objects that a server serves, with their reactions to reads and writes.
+#[expect(unused_variables, reason = "the defaults accept everything")]
 pub trait Access {
     /// Returns the value of an object, little-endian. Borrowed values up to four bytes are served without allocation.
     ///
@@ -39,13 +40,11 @@ pub trait Access {
         sub_index: u8,
         length: Option<usize>,
     ) -> Result<(), AbortCode> {
-        let _ = (index, sub_index, length);
         Ok(())
     }
 
     /// Returns the length of an object's type in bytes, for expedited downloads without a length; `None` means four.
     fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
-        let _ = (index, sub_index);
         None
     }
 }
@@ -71,10 +70,8 @@ impl Access for ObjectDictionary {
         if !entry.access.is_writable() {
             return Err(AbortCode::READ_ONLY);
         }
-        match (length, entry.data_type.size_bytes()) {
-            (Some(length), Some(size)) => check_length(length, Some(size)),
-            _ => Ok(()),
-        }
+        let size = entry.data_type.size_bytes();
+        length.map_or(Ok(()), |length| check_length(length, size))
     }
 
     fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
@@ -221,7 +218,8 @@ impl SdoServer {
     /// Handles a request by its command specifier, which exists only outside the segments of a block.
     fn handle(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
         let command = request[0];
-        if command >> 5 == 4 && (command == 0x80 || !self.is_receiving_block()) {
+        let is_receiving_block = matches!(self.state, State::BlockDownload(_));
+        if command >> 5 == 4 && (command == 0x80 || !is_receiving_block) {
             self.close();
             return Ok(Step::None);
         }
@@ -251,11 +249,6 @@ impl SdoServer {
             _ => return Err(AbortCode::COMMAND_SPECIFIER_INVALID),
         }
         Ok(Step::Forward)
-    }
-
-    /// Checks whether the next frame must be a segment of a block.
-    fn is_receiving_block(&self) -> bool {
-        matches!(self.state, State::BlockDownload(_))
     }
 
     /// Drops the current transfer, since the client starts a new one.

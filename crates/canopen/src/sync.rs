@@ -150,12 +150,9 @@ impl SyncConsumer {
 
     /// Returns true once when the time-out has passed.
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
-        if self.deadline.is_none_or(|deadline| now < deadline) {
-            return false;
-        }
-        self.deadline = None;
-        self.has_timed_out = true;
-        true
+        let passed = self.deadline.take_if(|deadline| now >= *deadline);
+        self.has_timed_out |= passed.is_some();
+        passed.is_some()
     }
 
     /// Returns the time at which the time-out passes.

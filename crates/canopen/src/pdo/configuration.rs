@@ -250,12 +250,6 @@ pub struct Mapping {
 }
 
 impl Mapping {
-    const EMPTY: Self = Self {
-        slots: [Slot::UNUSED; OBJECTS_MAX as usize],
-        count: 0,
-        length: 0,
-    };
-
     /// Reads the mapping of the first `count` entries of a mapping object.
     fn read(
         dictionary: &ObjectDictionary,
@@ -267,8 +261,9 @@ impl Mapping {
             return Err(AbortCode::PDO_TOO_LONG);
         }
         let mut mapping = Self {
+            slots: [Slot::UNUSED; OBJECTS_MAX as usize],
             count: usize::from(count),
-            ..Self::EMPTY
+            length: 0,
         };
         for (sub_index, slot) in (1..=count).zip(&mut mapping.slots) {
             let handle = dictionary.find(index, sub_index)?;
@@ -291,7 +286,7 @@ impl Mapping {
     /// Packs the bytes of the PDO from the dictionary.
     pub(super) fn pack(&self, dictionary: &ObjectDictionary) -> [u8; 8] {
         let mut data = [0; 8];
-        for (range, handle) in self.ranges() {
+        for (range, _, handle) in self.places() {
             copy(&mut data[range], dictionary.entry(handle).value());
         }
         data
@@ -317,11 +312,13 @@ impl Mapping {
         is_cut
     }
 
-    /// Returns each object with its place in the PDO.
-    pub(super) fn ranges(&self) -> impl Iterator<Item = (std::ops::Range<usize>, Handle)> + '_ {
-        self.places().map(|(range, _, handle)| (range, handle))
+    /// Returns the place of an object in the PDO.
+    pub(super) fn place_of(&self, object: Handle) -> Option<std::ops::Range<usize>> {
+        let mut places = self.places();
+        places.find_map(|(range, _, handle)| (handle == object).then_some(range))
     }
 
+    /// Returns the place of each object in the PDO, with its slot.
     fn places(&self) -> impl Iterator<Item = (std::ops::Range<usize>, &Slot, Handle)> + '_ {
         let mut start = 0;
         self.slots[..self.count].iter().filter_map(move |slot| {

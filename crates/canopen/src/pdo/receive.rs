@@ -18,11 +18,8 @@ pub struct WaitingPdo {
 impl WaitingPdo {
     /// Returns the integer that an object will get; `None` if it is not mapped here.
     pub fn integer(&self, dictionary: &ObjectDictionary, wanted: Handle) -> Option<i128> {
-        let (range, handle) = self
-            .mapping
-            .ranges()
-            .find(|(_, handle)| *handle == wanted)?;
-        Some(dictionary.entry(handle).decode_integer(&self.data[range]))
+        let range = self.mapping.place_of(wanted)?;
+        Some(dictionary.entry(wanted).decode_integer(&self.data[range]))
     }
 }
 
@@ -149,11 +146,8 @@ impl Rpdo {
     /// Returns true once when the deadline has passed.
     #[inline]
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
-        let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
-        if has_timed_out {
-            self.deadline = None;
-        }
-        has_timed_out
+        let passed = self.deadline.take_if(|deadline| now >= *deadline);
+        passed.is_some()
     }
 
     /// Returns the time at which the deadline passes.
