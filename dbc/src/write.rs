@@ -163,15 +163,15 @@ impl Display for File<'_> {
 
 impl File<'_> {
     fn write_comments(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(formatter, "CM_ {};", Quoted(COMMENT))?;
+        writeln!(formatter, "CM_ {};", quoted(COMMENT))?;
         for (message, lines) in &self.messages {
             let id = message.raw_id;
             if !message.comment.is_empty() {
-                writeln!(formatter, "CM_ BO_ {id} {};", Quoted(&message.comment))?;
+                writeln!(formatter, "CM_ BO_ {id} {};", quoted(&message.comment))?;
             }
             let commented = lines.iter().filter(|line| !line.signal.comment.is_empty());
             for line in commented {
-                let (name, comment) = (&line.short_name, Quoted(&line.signal.comment));
+                let (name, comment) = (&line.short_name, quoted(&line.signal.comment));
                 writeln!(formatter, "CM_ SG_ {id} {name} {comment};")?;
             }
         }
@@ -203,7 +203,7 @@ impl File<'_> {
             let long_name = (name != &line.short_name).then_some((LONG_NAME, name));
             let object = (!object.is_empty()).then_some((OBJECT, object));
             for (attribute, text) in long_name.into_iter().chain(object) {
-                let (id, name, text) = (line.raw_id, &line.short_name, Quoted(text));
+                let (id, name, text) = (line.raw_id, &line.short_name, quoted(text));
                 writeln!(formatter, "BA_ \"{attribute}\" SG_ {id} {name} {text};")?;
             }
         }
@@ -214,7 +214,7 @@ impl File<'_> {
         for line in self.lines().filter(|line| !line.signal.labels.is_empty()) {
             write!(formatter, "VAL_ {} {}", line.raw_id, line.short_name)?;
             for (value, label) in &line.signal.labels {
-                write!(formatter, " {value} {}", Quoted(label))?;
+                write!(formatter, " {value} {}", quoted(label))?;
             }
             formatter.write_str(" ;\n")?;
         }
@@ -254,8 +254,8 @@ impl Display for Line<'_> {
         };
         let sign = if kind == Kind::Unsigned { '+' } else { '-' };
         let [minimum, maximum] = range.map_or([0.0; 2], |range| [range.minimum, range.maximum]);
-        let [factor, offset, minimum, maximum] = [factor, offset, minimum, maximum].map(Number);
-        let unit = Quoted(&self.signal.unit);
+        let [factor, offset, minimum, maximum] = [factor, offset, minimum, maximum].map(number);
+        let unit = quoted(&self.signal.unit);
         let receivers = match &self.signal.receivers[..] {
             [] => NO_NODE.to_owned(),
             receivers => receivers.join(","),
@@ -268,27 +268,19 @@ impl Display for Line<'_> {
     }
 }
 
-/// Text between quotation marks.
-struct Quoted<'a>(&'a str);
-
-impl Display for Quoted<'_> {
-    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        write!(formatter, "\"{}\"", escaped(self.0))
-    }
+/// Returns a text between quotation marks.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", escaped(text))
 }
 
-/// Number, written with the fewest digits that no other number has.
-struct Number(f64);
-
-impl Display for Number {
-    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        let digits = format!("{:?}", self.0);
-        let is_negative_zero = self.0 == 0.0 && self.0.is_sign_negative();
-        match digits.strip_suffix(".0") {
-            // As a whole number it would lose its sign.
-            Some(whole) if !is_negative_zero => formatter.write_str(whole),
-            _ => formatter.write_str(&digits),
-        }
+/// Writes a number with the fewest digits that no other number has.
+fn number(value: f64) -> String {
+    let digits = format!("{value:?}");
+    let is_negative_zero = value == 0.0 && value.is_sign_negative();
+    match digits.strip_suffix(".0") {
+        // As a whole number it would lose its sign.
+        Some(whole) if !is_negative_zero => whole.to_owned(),
+        _ => digits,
     }
 }
 

@@ -154,7 +154,7 @@ proptest! {
 
     #[test]
     fn numbers_are_read_back_to_the_last_bit(value in finite()) {
-        let text = Number(value).to_string();
+        let text = number(value);
         let read: f64 = text.parse().unwrap();
         prop_assert_eq!(read.to_bits(), value.to_bits(), "{}", text);
     }
