@@ -26,10 +26,13 @@ impl Database {
     pub fn parse(text: &str) -> Result<Self, DbcError> {
         let (bytes, limit) = (text.len(), Self::TEXT_BYTES_MAX);
         if bytes > limit {
-            return Err(DbcError::TextTooLong { bytes, limit });
+            let what = format!("DBC text has {bytes} bytes (limit {limit})");
+            return Err(DbcError(what));
         }
-        let dbc = Dbc::try_from(text)
-            .map_err(|error| DbcError::Syntax(with_short_lines(&error.to_string())))?;
+        let dbc = Dbc::try_from(text).map_err(|error| {
+            let error = with_short_lines(&error.to_string());
+            DbcError(format!("DBC syntax: {error}"))
+        })?;
         let is_used = |message: &&can_dbc::Message| message.name != UNUSED_SIGNALS;
         let messages = dbc
             .messages
@@ -53,29 +56,27 @@ fn with_short_lines(error: &str) -> String {
 
 /// Reads a message with its signals.
 fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcError> {
-    if matches!(message.id, MessageId::Standard(id) if id > 0x7FF) {
-        return Err(DbcError::Identifier {
-            message: message.name.clone(),
-            id: message.id.raw(),
-        });
+    let (name, bytes) = (&message.name, message.size);
+    if let MessageId::Standard(id @ 0x800..) = message.id {
+        let what = format!("message {name}: identifier {id:#x} exceeds 11 bits");
+        return Err(DbcError(what));
     }
-    let length_bytes = u8::try_from(message.size)
-        .ok()
-        .filter(|bytes| *bytes <= 8)
-        .ok_or_else(|| DbcError::MessageTooLong {
-            message: message.name.clone(),
-            bytes: message.size,
-        })?;
+    let length_bytes = u8::try_from(bytes).ok().filter(|bytes| *bytes <= 8);
+    let length_bytes = length_bytes.ok_or_else(|| {
+        DbcError(format!(
+            "message {name} has {bytes} bytes (classical CAN carries 8)"
+        ))
+    })?;
     let signals: Result<Vec<_>, _> = message
         .signals
         .iter()
         .map(|signal| read_signal(dbc, message, signal))
         .collect();
     let signals = signals?;
-    refuse_overlap(&message.name, &signals)?;
+    refuse_overlap(name, &signals)?;
     let cycle_time = dbc.resolved_message_attribute(message.id, CYCLE_TIME);
     Ok(Message {
-        name: message.name.clone(),
+        name: name.clone(),
         raw_id: message.id.raw(),
         length_bytes,
         sender: message.transmitter.clone(),
@@ -93,18 +94,14 @@ fn refuse_overlap(message: &str, signals: &[Signal]) -> Result<(), DbcError> {
     for (place, second) in signals.iter().enumerate() {
         let bits = second.coding.occupied_bits();
         for first in &signals[..place] {
-            if first.name == second.name {
-                return Err(DbcError::DuplicateSignal {
-                    message: message.to_owned(),
-                    signal: first.name.clone(),
-                });
+            let [one, other] = [&first.name, &second.name];
+            if one == other {
+                let what = format!("message {message} has two signals {one}");
+                return Err(DbcError(what));
             }
             if first.coding.occupied_bits() & bits != 0 {
-                return Err(DbcError::Overlap {
-                    message: message.to_owned(),
-                    first: first.name.clone(),
-                    second: second.name.clone(),
-                });
+                let what = format!("message {message}: signals {one} and {other} overlap");
+                return Err(DbcError(what));
             }
         }
     }
@@ -117,11 +114,8 @@ fn read_signal(
     message: &can_dbc::Message,
     signal: &can_dbc::Signal,
 ) -> Result<Signal, DbcError> {
-    let refuse = |reason| DbcError::Signal {
-        message: message.name.clone(),
-        signal: signal.name.clone(),
-        reason,
-    };
+    let refuse =
+        |reason: &str| DbcError(format!("signal {}.{}: {reason}", message.name, signal.name));
     if signal.multiplexer_indicator != MultiplexIndicator::Plain {
         return Err(refuse("multiplexed signals are not supported"));
     }
@@ -275,9 +269,7 @@ mod tests {
             assert!(error.contains(expected), "{text}: {error}");
         }
         let long = " ".repeat(Database::TEXT_BYTES_MAX + 1);
-        assert!(matches!(
-            Database::parse(&long),
-            Err(DbcError::TextTooLong { .. })
-        ));
+        let error = Database::parse(&long).unwrap_err().to_string();
+        assert_eq!(error, "DBC text has 1048577 bytes (limit 1048576)");
     }
 }
