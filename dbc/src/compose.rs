@@ -217,17 +217,13 @@ impl Composer {
     }
 
     fn lay_out(&mut self, name: &str, layout: &ExternalFrames<'_>) {
-        let [feedback, command] = [names::TPDO1, names::RPDO1].map(|end| names::message(name, end));
-        let heartbeat = names::message(name, names::HEARTBEAT);
-        for message in &mut self.messages {
-            let (place, coding) = match &message.name {
-                name if *name == feedback => (0, layout.feedback),
-                name if *name == command => (1, layout.command),
-                name if *name == heartbeat => {
-                    message.cycle_time_milliseconds = layout.heartbeat_milliseconds;
-                    continue;
-                }
-                _ => continue,
+        let pdos = [
+            (names::TPDO1, layout.feedback),
+            (names::RPDO1, layout.command),
+        ];
+        for (place, (service, coding)) in pdos.into_iter().enumerate() {
+            let Some(message) = self.message_mut(name, service) else {
+                continue;
             };
             message.raw_id = layout.identifiers[place].into();
             message.length_bytes = layout.lengths_bytes[place].unwrap_or(message.length_bytes);
@@ -236,6 +232,9 @@ impl Composer {
                 signal.coding = coding.unwrap_or(signal.coding);
                 coding.is_some()
             });
+        }
+        if let Some(heartbeat) = self.message_mut(name, names::HEARTBEAT) {
+            heartbeat.cycle_time_milliseconds = layout.heartbeat_milliseconds;
         }
     }
 
