@@ -13,7 +13,7 @@ pub(crate) const FILTER_BYTES: usize = 8;
 pub(crate) fn encode_frame(frame: &CanFrame) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
     bytes[..4].copy_from_slice(&frame.raw_id().to_ne_bytes());
-    bytes[4] = u8::try_from(frame.data().len()).expect("a frame has at most 8 bytes");
+    bytes[4] = frame.length();
     bytes[8..].copy_from_slice(&frame.buffer());
     bytes
 }

@@ -57,7 +57,8 @@ impl SocketCanBus {
             delayed: 0,
             fd_frames: Cell::new(0),
         };
-        set_filters(&bus.socket, filters).map_err(|error| bus.system("set its filters", error))?;
+        set_filters(&bus.socket, filters)
+            .map_err(|error| system(name, "set its filters", error))?;
         // Frames that came between the opening and the filters are discarded.
         while bus.try_receive()?.is_some() {}
         Ok(bus)
@@ -85,14 +86,6 @@ impl SocketCanBus {
         BusAddress::Interface(self.name.clone())
     }
 
-    fn system(&self, action: &'static str, source: io::Error) -> BusError {
-        BusError::System {
-            address: self.address(),
-            action,
-            source,
-        }
-    }
-
     fn failed(&self, action: &'static str, errno: Errno) -> BusError {
         match errno {
             Errno::NETDOWN => BusError::InterfaceDown {
@@ -101,7 +94,7 @@ impl SocketCanBus {
             Errno::NODEV | Errno::NXIO => BusError::NoInterface {
                 name: self.name.clone(),
             },
-            errno => self.system(action, errno.into()),
+            errno => system(&self.name, action, errno.into()),
         }
     }
 }
@@ -177,7 +170,7 @@ pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
         io::ErrorKind::PermissionDenied => BusError::NoPermission {
             address: BusAddress::Interface(name.into()),
         },
-        _ => not_opened(name, error),
+        _ => system(name, "open", error),
     })
 }
 
@@ -185,7 +178,7 @@ pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
 fn check_interface(name: &str) -> Result<(), BusError> {
     let link = link(name).map_err(|error| match error.raw_os_error() {
         Some(libc::ENODEV) => BusError::NoInterface { name: name.into() },
-        _ => not_opened(name, error),
+        _ => system(name, "open", error),
     })?;
     if !link.is_can {
         return Err(BusError::NotCan { name: name.into() });
@@ -196,10 +189,10 @@ fn check_interface(name: &str) -> Result<(), BusError> {
     Ok(())
 }
 
-fn not_opened(name: &str, source: io::Error) -> BusError {
+fn system(name: &str, action: &'static str, source: io::Error) -> BusError {
     BusError::System {
         address: BusAddress::Interface(name.into()),
-        action: "open",
+        action,
         source,
     }
 }

@@ -154,9 +154,8 @@ impl Switch {
 
 impl Client {
     fn wants(&self, frame: &CanFrame) -> bool {
-        self.filters
-            .as_ref()
-            .is_some_and(|filters| filters.iter().any(|filter| filter.accepts(frame)))
+        let mut filters = self.filters.iter().flatten();
+        filters.any(|filter| filter.accepts(frame))
     }
 
     /// Sends the client a frame, after a notice of lost ones; returns false if its socket is full or gone.
