@@ -57,11 +57,21 @@ pub enum PrivateBusError {
 
 /// Private bus; it ends on drop.
 pub struct PrivateBus {
+    /// The helper ends when this is closed, before it is waited for.
+    channel: OwnedFd,
+    helper: Helper,
     recorder: Option<CanSocket>,
     node_socket: Option<CanSocket>,
-    helper: Child,
-    /// The helper ends when this is closed.
-    channel: Option<OwnedFd>,
+}
+
+/// Process of the helper, whose end the drop awaits.
+struct Helper(Child);
+
+impl Drop for Helper {
+    fn drop(&mut self) {
+        // The kernel ends a helper that does not end by itself when this thread ends.
+        let _ = self.0.wait();
+    }
 }
 
 impl PrivateBus {
@@ -81,13 +91,12 @@ impl PrivateBus {
             .map_err(PrivateBusError::Helper)?;
         drop(command);
         let mut bus = Self {
+            channel: ours,
+            helper: Helper(helper),
             recorder: None,
             node_socket: None,
-            helper,
-            channel: None,
         };
-        let (text, sockets) = receive(&ours).map_err(PrivateBusError::Helper)?;
-        bus.channel = Some(ours);
+        let (text, sockets) = receive(&bus.channel).map_err(PrivateBusError::Helper)?;
         let mut sockets = sockets.into_iter().map(CanSocket::from);
         (bus.recorder, bus.node_socket) = (sockets.next(), sockets.next());
         if bus.node_socket.is_none() {
@@ -98,7 +107,7 @@ impl PrivateBus {
 
     /// Returns the process whose namespaces the nodes [`enter`].
     pub fn process(&self) -> u32 {
-        self.helper.id()
+        self.helper.0.id()
     }
 
     /// Returns the recorder of this bus, once.
@@ -119,14 +128,6 @@ impl PrivateBus {
         Ok(Box::new(SocketCanBus::on_socket(
             INTERFACE, socket, filters,
         )?))
-    }
-}
-
-impl Drop for PrivateBus {
-    fn drop(&mut self) {
-        self.channel = None;
-        // The kernel ends a helper that does not end by itself when this thread ends.
-        let _ = self.helper.wait();
     }
 }
 
