@@ -77,11 +77,8 @@ impl FromStr for BusAddress {
     fn from_str(text: &str) -> Result<Self, BadAddress> {
         let bad = || BadAddress { text: text.into() };
         if let Some(path) = text.strip_prefix("embedded:") {
-            return if path.is_empty() {
-                Err(bad())
-            } else {
-                Ok(Self::Embedded(path.into()))
-            };
+            let valid = !path.is_empty();
+            return valid.then(|| Self::Embedded(path.into())).ok_or_else(bad);
         }
         if let Some(process) = text.strip_prefix("private:") {
             return process.parse().map(Self::Private).map_err(|_| bad());

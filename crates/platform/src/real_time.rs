@@ -10,7 +10,7 @@ mod timer;
 use std::fmt;
 use std::time::Duration;
 
-use can::{Node, Progress, STANDARD_IDS};
+use can::{Node, Progress, STANDARD_IDS, earlier};
 use hdrhistogram::Histogram;
 use rustix::io::Errno;
 
@@ -246,11 +246,8 @@ impl Cycle<'_> {
     }
 
     fn tick_when_due(&mut self, woken_at: Duration) -> Result<(), RunError> {
-        let Some(deadline) = self
-            .node
-            .next_deadline()
-            .filter(|deadline| *deadline <= woken_at)
-        else {
+        let deadline = self.node.next_deadline();
+        let Some(deadline) = deadline.filter(|deadline| *deadline <= woken_at) else {
             return Ok(());
         };
         self.note_late(deadline, woken_at);
@@ -306,10 +303,7 @@ impl Cycle<'_> {
     /// Returns the node's next deadline, or the end of the patience if that is earlier.
     fn next_deadline(&self) -> Option<Duration> {
         let patience_ends = self.stop_asked_at.map(|asked| asked + STOP_PATIENCE);
-        [self.node.next_deadline(), patience_ends]
-            .into_iter()
-            .flatten()
-            .min()
+        earlier(self.node.next_deadline(), patience_ends)
     }
 
     fn send_queued(&mut self) -> Result<(), RunError> {

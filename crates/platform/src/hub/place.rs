@@ -110,18 +110,18 @@ fn make_directory_in(parent: &Path) -> io::Result<PathBuf> {
 
 /// Returns the sockets of this user's hubs that are running.
 pub(super) fn running_in(parents: &[PathBuf]) -> Vec<PathBuf> {
-    let entries = parents
-        .iter()
-        .filter_map(|parent| fs::read_dir(parent).ok());
-    let mut sockets: Vec<PathBuf> = entries
-        .flat_map(|entries| entries.flatten())
-        .filter(|entry| is_mine(&entry.path()))
-        .map(|entry| entry.path().join(SOCKET))
-        .filter(|socket| is_served(socket))
-        .collect();
+    let is_running = |socket: &PathBuf| socket.parent().is_some_and(is_mine) && is_served(socket);
+    let found = parents.iter().flat_map(|parent| sockets_in(parent));
+    let mut sockets = Vec::from_iter(found.filter(is_running));
     sockets.sort();
     sockets.dedup();
     sockets
+}
+
+/// Returns the sockets that the directories in `parent` would have if they were those of hubs.
+fn sockets_in(parent: &Path) -> impl Iterator<Item = PathBuf> + use<> {
+    let entries = fs::read_dir(parent).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path().join(SOCKET))
 }
 
 fn is_mine(directory: &Path) -> bool {
@@ -134,20 +134,13 @@ fn is_served(socket: &Path) -> bool {
     owner(socket).is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
 }
 
-/// Removes the sockets and directories of killed hubs from `parent`.
+/// Removes the sockets and directories of hubs whose process is gone from `parent`. A hub that is about to listen has a process.
 fn remove_leftovers(parent: &Path) {
-    let Ok(entries) = fs::read_dir(parent) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        remove_leftover(&entry.path().join(SOCKET));
-    }
-}
-
-/// Removes a hub's socket and directory if its process is gone. A hub that is about to listen has a process.
-fn remove_leftover(socket: &Path) {
-    if owner(socket).is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH)) {
-        remove_silent(socket);
+    let is_gone = |process| test_kill_process(process) == Err(Errno::SRCH);
+    for socket in sockets_in(parent) {
+        if owner(&socket).is_some_and(is_gone) {
+            remove_silent(&socket);
+        }
     }
 }
 
