@@ -52,7 +52,7 @@ impl PortSeat {
         Ok(Self {
             program: Program::start(&order, Some(listener))?,
             message: Vec::with_capacity(MESSAGE_BYTES_MAX),
-            answer: vec![0; MESSAGE_BYTES_MAX],
+            answer: Vec::with_capacity(MESSAGE_BYTES_MAX),
         })
     }
 
@@ -87,18 +87,16 @@ impl PortSeat {
     /// Waits for the message before the first step.
     fn first_answer(&mut self, closed_patience: Duration) -> Result<&[u8], NotReady> {
         let received = self.program.receive(&mut self.answer, START_PATIENCE);
-        match received.map_err(unreachable)? {
-            Some(length @ 1..) => Ok(&self.answer[..length]),
-            None => {
-                let seconds = START_PATIENCE.as_secs();
-                Err(NotReady::Late(format!("was not ready in {seconds} s")))
-            }
-            Some(0) => {
-                let closed = || NotReady::Wrong(CLOSED.to_owned());
-                let ended = self.program.ended(closed_patience);
-                Err(ended.map_or_else(closed, NotReady::Ended))
-            }
+        if !received.map_err(unreachable)? {
+            let seconds = START_PATIENCE.as_secs();
+            return Err(NotReady::Late(format!("was not ready in {seconds} s")));
         }
+        if self.answer.is_empty() {
+            let closed = || NotReady::Wrong(CLOSED.to_owned());
+            let ended = self.program.ended(closed_patience);
+            return Err(ended.map_or_else(closed, NotReady::Ended));
+        }
+        Ok(&self.answer)
     }
 
     /// Sends the values of a step.
@@ -115,8 +113,8 @@ impl PortSeat {
     /// # Errors
     /// If the system refuses.
     pub fn receive(&mut self, patience: Duration) -> io::Result<Option<&[u8]>> {
-        let length = self.program.receive(&mut self.answer, patience)?;
-        Ok(length.map(|length| &self.answer[..length]))
+        let has_come = self.program.receive(&mut self.answer, patience)?;
+        Ok(has_come.then_some(&self.answer))
     }
 
     /// Asks the process to stop; returns whether it does in time.

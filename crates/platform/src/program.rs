@@ -14,8 +14,7 @@ use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{
-    RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, accept_with, bind, connect, listen, recv,
-    send,
+    SendFlags, SocketAddrUnix, SocketFlags, accept_with, bind, connect, listen, send,
 };
 use rustix::process::{Signal, getuid, kill_process_group};
 use tempfile::TempDir;
@@ -172,21 +171,18 @@ impl Program {
         Ok(())
     }
 
-    /// Waits for a message, no longer than `patience`; returns its length, 0 if the program closed its end, `None` if no message
-    /// came. A message longer than the buffer is cut.
+    /// Waits for a message, no longer than `patience`; returns whether one came. It is empty if the program closed its end, and cut
+    /// to the capacity of the buffer.
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn receive(&self, message: &mut [u8], patience: Duration) -> io::Result<Option<usize>> {
+    pub fn receive(&self, message: &mut Vec<u8>, patience: Duration) -> io::Result<bool> {
         let channel = self.channel.as_ref().ok_or(Errno::NOTCONN)?;
-        if !wait_ready(channel.as_fd(), PollFlags::IN, patience)? {
-            return Ok(None);
+        let has_come = wait_ready(channel.as_fd(), PollFlags::IN, patience)?;
+        if has_come {
+            receive_packet(channel, message)?;
         }
-        match recv(channel, message, RecvFlags::DONTWAIT) {
-            Ok((length, _)) => Ok(Some(length)),
-            Err(Errno::CONNRESET | Errno::PIPE) => Ok(Some(0)),
-            Err(errno) => Err(errno.into()),
-        }
+        Ok(has_come)
     }
 
     /// Waits for the end of a program that closed its end of the channel, no longer than `patience`. Returns a text that
