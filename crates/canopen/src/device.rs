@@ -184,13 +184,9 @@ impl<A: Application> Device<A> {
         self.services.send(boot_up);
         self.services.heartbeat = HeartbeatProducer::default();
         self.enter(NmtState::PreOperational);
-        let Services {
-            heartbeat,
-            dictionary,
-            now,
-            ..
-        } = &mut self.services;
-        heartbeat.start_after_boot_up(dictionary, *now);
+        let services = &mut self.services;
+        let heartbeat = &mut services.heartbeat;
+        heartbeat.start_after_boot_up(&services.dictionary, services.now);
     }
 
     fn dispatch(&mut self, id: u16, frame: &CanFrame) {
@@ -232,12 +228,11 @@ impl<A: Application> Device<A> {
     /// The cyclic order: RPDO data become valid, the application works, TPDOs are packed.
     fn on_sync(&mut self, sync: &Sync) {
         for place in 0..self.services.rpdos.len() {
-            let Services {
-                rpdos, dictionary, ..
-            } = &mut self.services;
-            if rpdos[place].on_sync(dictionary) {
-                let number = rpdos[place].number();
-                self.application.on_rpdo(&mut self.services, number);
+            let services = &mut self.services;
+            let rpdo = &mut services.rpdos[place];
+            if rpdo.on_sync(&mut services.dictionary) {
+                let number = rpdo.number();
+                self.application.on_rpdo(services, number);
             }
         }
         self.application.on_sync(&mut self.services, sync);
@@ -274,27 +269,21 @@ impl<A: Application> Device<A> {
     }
 
     fn receive(&mut self, place: usize, frame: &CanFrame) {
-        let Services {
-            rpdos,
-            dictionary,
-            sync,
-            now,
-            ..
-        } = &mut self.services;
-        let rpdo = &mut rpdos[place];
-        if rpdo.is_synchronous() && !sync.is_window_open(*now) {
+        let services = &mut self.services;
+        let rpdo = &mut services.rpdos[place];
+        if rpdo.is_synchronous() && !services.sync.is_window_open(services.now) {
             return;
         }
         let (number, is_exceeded) = (rpdo.number(), rpdo.is_exceeded_by(frame));
-        if !rpdo.on_frame(*now, dictionary, frame) {
-            self.services.raise_from(ErrorCode::PDO_TOO_SHORT, number);
+        if !rpdo.on_frame(services.now, &mut services.dictionary, frame) {
+            services.raise_from(ErrorCode::PDO_TOO_SHORT, number);
             return;
         }
-        self.services.clear_from(ErrorCode::PDO_TOO_SHORT, number);
+        services.clear_from(ErrorCode::PDO_TOO_SHORT, number);
         if is_exceeded {
-            self.services.raise_from(ErrorCode::PDO_TOO_LONG, number);
+            services.raise_from(ErrorCode::PDO_TOO_LONG, number);
         } else {
-            self.services.clear_from(ErrorCode::PDO_TOO_LONG, number);
+            services.clear_from(ErrorCode::PDO_TOO_LONG, number);
         }
         self.recover(CommunicationLoss::Rpdo(number));
         match self.services.rpdos[place].waiting() {
