@@ -226,7 +226,7 @@ pub fn play_one<T>(
         return Err(machine);
     }
     let (frames, unrecorded) = capture.finish().map_err(|error| NoResult::of(&error))?;
-    let timelines = timeline::decode(&frames, plan).map_err(|error| NoResult::of(&error))?;
+    let timelines = timeline::decode(frames.iter(), plan).map_err(|error| NoResult::of(&error))?;
     let verdict = run::verdict(&ended, &timelines, plan, &unrecorded);
     Ok(reduce(&CampaignRun {
         index,

@@ -27,7 +27,7 @@ pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
         output,
         "date {date}\nbase hex  timestamps absolute\ninternal events logged\nBegin Triggerblock {date}\n   0.000000 Start of measurement\n"
     )?;
-    for Stamped { time, frame, .. } in frames {
+    for Stamped { time, frame, .. } in frames.iter() {
         let since = time.saturating_sub(start);
         let (seconds, micros) = (since.as_secs(), since.subsec_micros());
         if frame.is_error() {

@@ -22,7 +22,7 @@ pub fn write_all(
     zero: Duration,
 ) -> io::Result<()> {
     writeln!(output, "time_seconds,identifier,message,sender,data")?;
-    for Stamped { time, frame, .. } in frames {
+    for Stamped { time, frame, .. } in frames.iter() {
         let message = database.message_of(&frame).filter(|_| !frame.is_error());
         let name = message.map_or("", |message| message.name.as_str());
         let sender = message.and_then(|message| message.sender.as_deref());

@@ -63,7 +63,7 @@ fn write_messages(
         .iter()
         .map(|event| (at(event.time_seconds, zero), &**event));
     let mut next = events.next();
-    for stamped in frames {
+    for stamped in frames.iter() {
         while let Some((time, event)) = next.filter(|(time, _)| *time <= stamped.time) {
             file.message(log, time, &log_message(time, event))?;
             next = events.next();
@@ -164,7 +164,7 @@ fn topics(
 ) -> Result<BTreeMap<u32, Topic>, McapError> {
     // Inserted one by one, since a collected set holds all items from which it is made.
     let mut ids = BTreeSet::new();
-    for stamped in frames {
+    for stamped in frames.iter() {
         ids.insert(stamped.frame.raw_id());
     }
     let messages = database.messages().iter();

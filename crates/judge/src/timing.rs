@@ -47,7 +47,8 @@ impl Timing {
     pub fn new(frames: &Frames, plan: &Plan, host: Host) -> Result<Self, SignalMissing> {
         let mut worst = [Quantiles::default(); 3];
         for one in &plan.loops {
-            let quantiles = latencies(frames, one)?.map(|histogram| Quantiles::new(&histogram, 1));
+            let quantiles =
+                latencies(frames.iter(), one)?.map(|histogram| Quantiles::new(&histogram, 1));
             let each = worst.iter_mut().zip(quantiles);
             each.for_each(|(worst, quantiles)| *worst = worst.worst(quantiles));
         }

@@ -2,8 +2,8 @@
 
 use std::fmt::Display;
 use std::io;
+use std::iter;
 use std::path::Path;
-use std::slice;
 use std::time::Duration;
 
 use crate::log::{LogReader, OpenLog, Stamped, Unread};
@@ -40,14 +40,6 @@ impl Frames {
         }
     }
 
-    /// Returns all of them in memory.
-    pub fn into_vec(self) -> Vec<Stamped> {
-        match self.log {
-            None => self.kept,
-            Some(_) => self.iter().collect(),
-        }
-    }
-
     pub fn len(&self) -> usize {
         self.log
             .as_ref()
@@ -70,14 +62,18 @@ impl Frames {
     ///
     /// # Panics
     /// With [`LogChanged`], if the log was changed since it was read before.
-    pub fn iter(&self) -> FrameIter<'_> {
-        match &self.log {
-            None => FrameIter::Kept(self.kept.iter()),
-            Some((log, count)) => FrameIter::Log {
-                log: Box::new(log.frames().unwrap_or_else(|error| changed(&error))),
-                left: *count,
-            },
-        }
+    pub fn iter(&self) -> impl Iterator<Item = Stamped> {
+        let reader = |log: &OpenLog| log.frames().unwrap_or_else(|error| changed(&error));
+        let mut log = self.log.as_ref().map(|(log, _)| reader(log));
+        let read = move || {
+            let next = log.as_mut().map_or(Ok(None), LogReader::next_frame);
+            let next = next.unwrap_or_else(|error| changed(&error));
+            next.unwrap_or_else(|| changed(&"it has fewer frames than before"))
+        };
+        // A log that has grown since it was read before has more frames.
+        let in_log = self.log.as_ref().map_or(0, |(_, count)| *count);
+        let kept = self.kept.iter().copied();
+        kept.chain(iter::repeat_with(read).take(in_log))
     }
 }
 
@@ -86,51 +82,6 @@ impl From<Vec<Stamped>> for Frames {
         Self {
             kept: frames,
             log: None,
-        }
-    }
-}
-
-impl<'a> IntoIterator for &'a Frames {
-    type Item = Stamped;
-    type IntoIter = FrameIter<'a>;
-
-    fn into_iter(self) -> Self::IntoIter {
-        self.iter()
-    }
-}
-
-/// Iterator over the frames.
-pub enum FrameIter<'a> {
-    /// From memory.
-    Kept(slice::Iter<'a, Stamped>),
-    /// From their log.
-    Log {
-        log: Box<LogReader<'static>>,
-        /// Number of frames still to come. A log that has grown since it was read before has more.
-        left: usize,
-    },
-}
-
-impl Iterator for FrameIter<'_> {
-    type Item = Stamped;
-
-    fn size_hint(&self) -> (usize, Option<usize>) {
-        let left = match self {
-            Self::Kept(frames) => frames.len(),
-            Self::Log { left, .. } => *left,
-        };
-        (left, Some(left))
-    }
-
-    #[inline]
-    fn next(&mut self) -> Option<Stamped> {
-        match self {
-            Self::Kept(frames) => frames.next().copied(),
-            Self::Log { log, left } => {
-                *left = left.checked_sub(1)?;
-                let next = log.next_frame().unwrap_or_else(|error| changed(&error));
-                Some(next.unwrap_or_else(|| changed(&"it has fewer frames than before")))
-            }
         }
     }
 }

@@ -203,7 +203,7 @@ impl Recorded {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
-        timeline::decode(&self.log.frames, &self.plan)
+        timeline::decode(self.log.frames.iter(), &self.plan)
     }
 
     /// Returns the events in the order of time. An event that several loops saw appears once.

@@ -229,7 +229,7 @@ mod tests {
         let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let found = play_one(0, &one_loop_plan(trial), &Watch::default(), |played| {
             let (mut frames, mut timeline) = (
-                played.frames.clone().into_vec(),
+                Vec::from_iter(played.frames.iter()),
                 played.only_timeline().unwrap().clone(),
             );
             assert!(timeline.truth.len() > 50);

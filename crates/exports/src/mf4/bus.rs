@@ -65,7 +65,7 @@ impl Kind {
 /// Appends one group for each present kind of frame; returns the address of the first.
 pub(super) fn groups(file: &mut Mf4File, frames: &Frames) -> u64 {
     let mut counts: BTreeMap<Kind, usize> = BTreeMap::new();
-    for stamped in frames {
+    for stamped in frames.iter() {
         *counts.entry(Kind::of(&stamped)).or_default() += 1;
     }
     let counts = counts.into_iter();

@@ -231,7 +231,7 @@ impl PlannedRun {
         };
         let measurement = || {
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
-            let frames = played.frames.clone().into_vec();
+            let frames = Vec::from_iter(played.frames.iter());
             IdentificationData::from_frames(place, &frames, scenario)
         };
         Kept {

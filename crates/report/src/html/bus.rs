@@ -16,7 +16,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         shared.run.bus.bitrate_kilobits_per_second,
     );
     let loops = run.plan.loops.iter();
-    let read = loops.map(|one| BusTiming::new(run.frames, end, bitrate, one));
+    let read = loops.map(|one| BusTiming::new(run.frames.iter(), end, bitrate, one));
     let timings = read.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");

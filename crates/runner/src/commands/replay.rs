@@ -104,7 +104,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
         .next()
         .map_or(Duration::ZERO, |first| first.time);
     let clock = Clock::start();
-    for stamped in frames {
+    for stamped in frames.iter() {
         let since = stamped.time.saturating_sub(begin);
         let due = Duration::try_from_secs_f64(since.as_secs_f64() / args.speed);
         let ahead = due.unwrap_or(Duration::MAX).saturating_sub(clock.now());
