@@ -5,11 +5,10 @@ use std::time::Duration;
 use can::CanFrame;
 use dbc::names;
 use plan::ControlLoop;
-use scenario::node::Part;
+use scenario::node::{Node, Part};
 
 use crate::events::{Event, Level};
 use crate::identifiers::ByIdentifier;
-use crate::node_names::NodeNames;
 use crate::occurrences::Notes;
 
 /// Number of periods without a cyclic frame that count as a loss, as for the controller.
@@ -75,10 +74,10 @@ pub(crate) struct LossReader {
 }
 
 impl LossReader {
-    pub(crate) fn new(one: &ControlLoop, node_names: &NodeNames) -> Self {
+    pub(crate) fn new(one: &ControlLoop) -> Self {
         let sync_period = one.trial.run.bus.sync_period();
-        let (controller, drive) = (node_names.controller(), node_names.drive());
         let nodes = &one.nodes;
+        let [controller, drive] = [&nodes.controller, &nodes.drive].map(Node::in_sentence);
         let drives = |service| one.message(&nodes.drive, service).ok();
         let cyclic = [
             (

@@ -55,7 +55,6 @@ impl Collected {
 /// Reader of the samples of signals from the frames.
 pub(crate) struct TraceReader {
     collected: Vec<Collected>,
-    end: Duration,
 }
 
 impl TraceReader {
@@ -74,7 +73,6 @@ impl TraceReader {
         }
         Self {
             collected: collected.into_values().collect(),
-            end: Duration::from_secs_f64(scenario.run.duration_seconds),
         }
     }
 
@@ -88,16 +86,13 @@ impl TraceReader {
         self.collected.is_empty()
     }
 
-    /// Takes a frame with its scenario time and the start of its cycle.
+    /// Takes a frame of the scenario with its time and the start of its cycle.
     pub(crate) fn on_frame(
         &mut self,
         frame: &CanFrame,
-        scenario_time: Option<Duration>,
+        time: Duration,
         cycle_seconds: Option<f64>,
     ) {
-        let Some(time) = scenario_time.filter(|time| *time < self.end) else {
-            return;
-        };
         let time_seconds = time.as_secs_f64();
         for collected in &mut self.collected {
             let Some(value) = collected.handle.decode(frame) else {

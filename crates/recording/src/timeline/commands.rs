@@ -6,10 +6,10 @@ use can::CanFrame;
 use dbc::{SignalHandle, SignalMissing};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
+use scenario::node::Node;
 
 use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
-use crate::node_names::NodeNames;
 use crate::occurrences::Occurrence;
 
 /// Cycles in a row without their command.
@@ -45,23 +45,17 @@ pub(super) struct CommandReader {
 }
 
 impl CommandReader {
-    pub(super) fn new(
-        one: &ControlLoop,
-        node_names: &NodeNames,
-        period: Duration,
-    ) -> Result<Self, SignalMissing> {
-        let to = node_names
-            .loop_name()
-            .map(|_| format!(" to {}", node_names.drive()));
+    pub(super) fn new(one: &ControlLoop, period: Duration) -> Result<Self, SignalMissing> {
+        let [controller, drive] = [&one.nodes.controller, &one.nodes.drive].map(Node::in_sentence);
+        let what = match one.loop_name() {
+            Some(_) => format!("command from {controller} to {drive}"),
+            None => format!("command from {controller}"),
+        };
         Ok(Self {
             position_id: one.position()?.raw_id(),
             command: one.target_current()?,
             period,
-            what: format!(
-                "command from {}{}",
-                node_names.controller(),
-                to.unwrap_or_default()
-            ),
+            what,
             cycle: None,
             is_early: false,
             waiting: None,
@@ -171,9 +165,7 @@ mod tests {
     fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
         let plan = plan();
-        let node_names = NodeNames::default();
-        let mut reader =
-            CommandReader::new(plan.only_loop().unwrap(), &node_names, micros(1)).unwrap();
+        let mut reader = CommandReader::new(plan.only_loop().unwrap(), micros(1)).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * place);

@@ -60,14 +60,8 @@ pub fn decode(
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
     let eventful = Readers::new(readers.iter().map(|reader| &reader.eventful));
     let read_ids = Readers::new(readers.iter().map(|reader| &reader.read_ids));
-    let Some((first, others)) = readers.split_first() else {
-        return;
-    };
-    let others = (1..).zip(others);
-    let (like, unlike): (Vec<_>, Vec<_>) =
-        others.partition(|(_, other)| other.passing.is_like(&first.passing));
-    let [like, unlike] =
-        [like, unlike].map(|some| Vec::from_iter(some.iter().map(|(place, _)| *place)));
+    let is_like = |place: &usize| readers[*place].passing.is_like(&readers[0].passing);
+    let (like, unlike): (Vec<_>, Vec<_>) = (1..readers.len()).partition(is_like);
     for stamped in frames {
         let stamped = stamped.borrow();
         let passed = readers[0].passing.on_frame(stamped);
@@ -131,10 +125,9 @@ impl TimelineReader {
         let trial = &one.trial;
         let period = trial.run.bus.sync_period();
         let end = Duration::from_secs_f64(trial.run.duration_seconds);
-        let node_names = NodeNames::new(shared, one);
-        let losses = LossReader::new(one, &node_names);
-        let commands = CommandReader::new(one, &node_names, period)?;
-        let events = EventReader::new(&one.database, node_names);
+        let losses = LossReader::new(one);
+        let commands = CommandReader::new(one, period)?;
+        let events = EventReader::new(&one.database, NodeNames::new(shared, one));
         let truth = TruthReader::new(one)?;
         let io_nodes = IoReader::new(one);
         let drive_reports = DriveReportReader::new(one);
@@ -232,7 +225,7 @@ impl TimelineReader {
             }
             self.begin_cycle(cycles(time, self.period));
         }
-        if !self.traces.is_empty() {
+        if let Some(time) = time.filter(|time| *time < self.end && !self.traces.is_empty()) {
             let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
             self.traces.on_frame(frame, time, cycle_seconds);
         }
