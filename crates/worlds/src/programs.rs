@@ -21,7 +21,7 @@ use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
 use crate::law_process::{CLOSED_PATIENCE, output_end};
 use crate::part;
-use plan::Plan;
+use plan::{Plan, each_once};
 
 /// Time for a node that canrig does not start to come to its seat.
 const EXPECTED_PATIENCE: Duration = Duration::from_secs(15);
@@ -57,20 +57,15 @@ pub(crate) struct ProgramOrder {
     command: Option<(Vec<String>, PathBuf)>,
     log: Option<PathBuf>,
     part: String,
-    seed: u64,
-    bits_per_second: u32,
+    /// Description of the run at its begin.
+    setting: Setting,
     patience: Option<Duration>,
 }
 
 impl ProgramOrder {
     /// Makes the orders for all nodes that canrig does not run itself: drives, io nodes, the controller.
     pub(crate) fn all(plan: &Plan, logs: Option<&Path>, patience: Option<Duration>) -> Vec<Self> {
-        let mut nodes: Vec<&Node> = Vec::new();
-        for node in plan.nodes() {
-            if plan.is_external(node) && !nodes.contains(&node) {
-                nodes.push(node);
-            }
-        }
+        let mut nodes = each_once(plan.nodes().filter(|node| plan.is_external(node)));
         nodes.sort_by_key(|node| node.part == Part::Controller);
         let order = |node: &Node| {
             let program = plan.shared.programs.get(&node.name);
@@ -80,8 +75,12 @@ impl ProgramOrder {
                 command: program.map(|one| beside.command(&one.command, &one.named_in)),
                 log: logs.map(|logs| logs.join(format!("{}.log", node.name))),
                 part: part::of(plan, node).to_string(),
-                seed: plan.shared.run.seed,
-                bits_per_second: 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
+                setting: Setting {
+                    now: Duration::ZERO,
+                    bits_per_second: 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
+                    seed: plan.shared.run.seed,
+                    node_id: node.id,
+                },
                 patience,
             }
         };
@@ -123,7 +122,7 @@ impl ProgramOrder {
                 ("CANRIG_NODE_ID", self.node.id.to_string()),
                 ("CANRIG_PART", part.path().to_string_lossy().into_owned()),
                 ("CANRIG_CLOCK", clock.to_owned()),
-                ("CANRIG_SEED", self.seed.to_string()),
+                ("CANRIG_SEED", self.setting.seed.to_string()),
             ],
         };
         let program = Program::start(&order, listener)?;
@@ -167,9 +166,7 @@ impl ProgramOrder {
         };
         let setting = Setting {
             now,
-            bits_per_second: self.bits_per_second,
-            seed: self.seed,
-            node_id: self.node.id,
+            ..self.setting
         };
         match Remote::accept(name, channel, self.patience, setting) {
             Ok(remote) => Ok(ProgramNode {
@@ -193,19 +190,24 @@ pub(crate) struct StartedProgram {
 impl StartedProgram {
     /// Returns the error for its end before the request to stop, if it has ended.
     pub(crate) fn early_end(&mut self, name: &str) -> Option<WorldError> {
-        let (how, output) = self.program.ended(Duration::ZERO)?;
-        let doing = doing_by_itself(&how);
-        let how = how + " in the middle of the run";
-        Some(broken_off(name, how, &output, doing))
+        self.end_by_itself(name, Duration::ZERO, " in the middle of the run")
+    }
+
+    /// Returns the error for an end that nobody asked for, if it comes within a patience.
+    fn end_by_itself(&mut self, name: &str, patience: Duration, when: &str) -> Option<WorldError> {
+        let (how, output) = self.program.ended(patience)?;
+        let doing = if how.starts_with("cannot be started") {
+            Doing::NotSetUp
+        } else {
+            Doing::GaveUp
+        };
+        Some(broken_off(name, how + when, &output, doing))
     }
 
     /// Returns the error for a program that went silent, with its last output: how it ended by itself, otherwise `what`.
     fn silent(mut self, name: &str, what: String, patience: Duration) -> WorldError {
-        let Some((how, output)) = self.program.ended(patience) else {
-            return self.broken(name, what);
-        };
-        let doing = doing_by_itself(&how);
-        broken_off(name, how, &output, doing)
+        let ended = self.end_by_itself(name, patience, "");
+        ended.unwrap_or_else(|| self.broken(name, what))
     }
 
     /// Kills a program that broke its part, and returns the error for it, with its last output. Its channel may be closed
@@ -229,15 +231,6 @@ impl StartedProgram {
         };
         let how = how + " when it was to stop";
         Err(broken_off(name, how, &output, Doing::Crashed))
-    }
-}
-
-/// Attributes the end of a program that nobody asked to end.
-fn doing_by_itself(how: &str) -> Doing {
-    if how.starts_with("cannot be started") {
-        Doing::NotSetUp
-    } else {
-        Doing::GaveUp
     }
 }
 

@@ -57,30 +57,24 @@ impl StallRecorder {
         connection: &BusConnection,
         reports: &mut BTreeMap<String, NodeReport>,
     ) -> Vec<Stall> {
-        let (controller, longer_than) = (self.controller, self.longer_than);
-        let late = reports.iter_mut().flat_map(|(name, report)| {
-            let late = std::mem::take(&mut report.late).into_iter();
-            let times = late.map(|times| times.map(Duration::from_nanos));
-            let who = who(name, &controller);
-            times
-                .filter(move |[from, until]| *until > *from + longer_than)
-                .map(move |[from, until]| (who, What::WokeLate, from, until))
-        });
-        let seen = self
-            .watch
-            .stop()
-            .into_iter()
-            .map(|SeenStall { who, from, until }| match who {
-                None => (Who::Machine, What::StoodStill, from, until),
-                Some(who) => (who, What::Waited, from, until),
+        let stall = |who, what, times: [Duration; 2]| {
+            let [from, until] = times.map(|time| connection.recorded_time(time));
+            Stall::new(from, until, who, what)
+        };
+        let mut stalls = Vec::new();
+        for SeenStall { who, from, until } in self.watch.stop() {
+            stalls.push(match who {
+                None => stall(Who::Machine, What::StoodStill, [from, until]),
+                Some(who) => stall(who, What::Waited, [from, until]),
             });
-        let mut stalls: Vec<Stall> = seen
-            .chain(late)
-            .map(|(who, what, from, until)| {
-                let [from, until] = [from, until].map(|time| connection.recorded_time(time));
-                Stall::new(from, until, who, what)
-            })
-            .collect();
+        }
+        for (name, report) in reports {
+            let late = std::mem::take(&mut report.late).into_iter();
+            let late = late.map(|times| times.map(Duration::from_nanos));
+            let long = late.filter(|[from, until]| *until > *from + self.longer_than);
+            let who = who(name, &self.controller);
+            stalls.extend(long.map(|times| stall(who, What::WokeLate, times)));
+        }
         stalls.sort_by_key(|stall| (stall.from, stall.until));
         stalls
     }

@@ -255,20 +255,18 @@ fn name(entry: &Entry) -> String {
 }
 
 /// Returns every object of the drive that a run uses.
-fn used_objects(drive: &LoadedDrive) -> impl Iterator<Item = (u16, u8)> + use<> {
+fn used_objects(drive: &LoadedDrive) -> impl Iterator<Item = (u16, u8)> {
     let drive = &drive.real.drive;
     let named = [
         &drive.command.object,
         &drive.position.object,
         &drive.current.object,
     ];
-    let addresses = named
-        .map(|text| text.parse::<ObjectAddress>().ok())
-        .into_iter()
-        .flatten();
-    addresses
-        .map(|address| (address.index, address.sub_index))
-        .chain(USED)
+    let named = named.into_iter().filter_map(|text| {
+        let address = text.parse::<ObjectAddress>().ok()?;
+        Some((address.index, address.sub_index))
+    });
+    named.chain(USED)
 }
 
 /// Returns whether the drive refused its controlword before NMT state operational, as some do; the object then has no effect.
