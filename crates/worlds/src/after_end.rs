@@ -7,22 +7,20 @@ use plan::Plan;
 use recording::drive_reports;
 
 /// Time in which all drives answer a request.
-pub(crate) const ANSWER_TIME: Duration = Duration::from_millis(20);
+const ANSWER_TIME: Duration = Duration::from_millis(20);
 /// Delay with which a watch may run out on a busy machine.
 const MARGIN: Duration = Duration::from_millis(50);
 
-/// Returns the time after which each drive is off by itself.
-pub(crate) fn watch(plan: &Plan) -> Duration {
+/// Returns the requests to all drives in rounds, each with the time until the next: first the time after which each drive is off
+/// by itself, then two rounds, since each drive answers one request before it gets the next.
+pub(crate) fn rounds(plan: &Plan) -> [(Vec<CanFrame>, Duration); 3] {
     let watches = plan.loops.iter().map(drive_reports::watch);
-    watches.fold(MARGIN, |longest, watch| longest.max(watch + MARGIN))
-}
-
-/// Returns the requests to all drives, in rounds: each drive answers one before it gets the next.
-pub(crate) fn requests(plan: &Plan) -> [Vec<CanFrame>; 2] {
-    let mut rounds = [Vec::new(), Vec::new()];
-    for of_drive in plan.loops.iter().map(drive_reports::requests) {
-        let each = rounds.iter_mut().zip(of_drive);
-        each.for_each(|(round, request)| round.extend(request));
-    }
-    rounds
+    let off = watches.fold(MARGIN, |longest, watch| longest.max(watch + MARGIN));
+    let requests = Vec::from_iter(plan.loops.iter().map(drive_reports::requests));
+    let round = |number: usize| requests.iter().filter_map(|each| each[number]).collect();
+    [
+        (Vec::new(), off),
+        (round(0), ANSWER_TIME),
+        (round(1), ANSWER_TIME),
+    ]
 }

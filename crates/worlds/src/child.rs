@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use platform::bus::BusAddress;
 use platform::clock::{Clock, sleep};
-use platform::process;
+use platform::{process, program};
 
 use crate::error::{Doing, WorldError};
-use crate::law_process::{indented, more_patience, scenario_folder};
+use crate::law_process::{has_process_law, indented, scenario_folder};
 use crate::names::PLANT_EMULATOR;
 use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
@@ -32,6 +32,16 @@ const BUS_FAILED: i32 = 4;
 const INTERNAL: i32 = 70;
 /// Time of an end before the request to stop.
 const EARLY: &str = " in the middle of the run";
+
+/// Process that was stopped.
+pub(super) struct Stopped {
+    /// Name of its node.
+    pub(super) name: String,
+    /// Report of a node of canrig's on itself.
+    pub(super) report: Option<String>,
+    /// Error if it ended badly.
+    pub(super) ended: Result<(), WorldError>,
+}
 
 /// Process of a node.
 pub(super) struct NodeProcess {
@@ -159,14 +169,11 @@ impl NodeProcess {
         }
     }
 
-    /// Asks the node for its safe state and waits for its end; returns the report of a node of canrig, also after a bad end.
-    pub(super) fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
-        match &mut self.process {
+    /// Asks the node for its safe state and waits for its end; with the report of a node of canrig, also after a bad end.
+    pub(super) fn stop(&mut self) -> Stopped {
+        let (report, ended) = match &mut self.process {
             Process::Own(_) if self.is_killed_by_fault => (Some(String::new()), Ok(())),
-            Process::Own(node) => {
-                let (report, ended) = node.stop();
-                (Some(report), ended)
-            }
+            Process::Own(node) => node.stop(),
             Process::Program(..) if self.is_killed_by_fault => (None, Ok(())),
             Process::Program(order, started) => {
                 // It may still be suspended.
@@ -174,6 +181,12 @@ impl NodeProcess {
                 let early = started.early_end(order.name());
                 (None, early.map_or_else(|| started.end(order.name()), Err))
             }
+        };
+        let name = self.name().to_owned();
+        Stopped {
+            name,
+            report,
+            ended,
         }
     }
 }
@@ -213,7 +226,9 @@ impl OwnProcess {
         let mut end_patience = END_PATIENCE;
         if is_controller {
             command.arg("--laws-in").arg(scenario_folder(plan));
-            end_patience += more_patience(plan)[1];
+            if has_process_law(plan) {
+                end_patience += program::END_PATIENCE;
+            }
         }
         if let Some(bus) = bus {
             command.arg("--bus").arg(bus.to_string());
@@ -238,7 +253,7 @@ impl OwnProcess {
     }
 
     /// Asks the node for its safe state and waits for its end; returns the node's report, also after a bad end.
-    fn stop(&mut self) -> (String, Result<(), WorldError>) {
+    fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
         let when = if let Ok(Some(_)) = self.child.try_wait() {
             EARLY
         } else {
@@ -255,7 +270,7 @@ impl OwnProcess {
             // Without a report the timing is not trusted; it has no other effect.
             let _ = output.read_to_string(&mut report);
         }
-        (report, ended)
+        (Some(report), ended)
     }
 
     /// Waits for its end.

@@ -30,12 +30,12 @@ const QUEUE_LIMIT: usize = 10_000;
 const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
 /// Sinks for the winners of the arbitration other than their addressees: the recording and, if there is one, the real wire.
-pub(crate) struct Wire<'a, 'b, 'c> {
+pub(crate) struct Wire<'a, 'b> {
     pub(crate) capture: &'a mut Capture<'b>,
-    pub(crate) bus: Option<&'c mut dyn Bus>,
+    pub(crate) bus: Option<&'a mut dyn Bus>,
 }
 
-impl Wire<'_, '_, '_> {
+impl Wire<'_, '_> {
     /// Takes a frame whose last bit passed at `time` and which occupied the bus for this many bits.
     ///
     /// # Errors
@@ -113,7 +113,8 @@ struct InFlight {
 }
 
 /// Participants, the bus between them, and the time.
-pub(crate) struct Coordinator<'a> {
+pub(crate) struct Coordinator<'a, 'b, 'c> {
+    pub(crate) wire: Wire<'b, 'c>,
     slots: Vec<Slot<'a>>,
     agenda: Agenda,
     listeners: Listeners,
@@ -125,13 +126,14 @@ pub(crate) struct Coordinator<'a> {
     horizon: Duration,
 }
 
-impl<'a> Coordinator<'a> {
+impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     /// Makes an idle bus at time 0 with these participants, which are named by their index afterwards, also by the faults of the
     /// bus, and asked in this order.
     pub(crate) fn new(
         bitrate_kilobits_per_second: u32,
         participants: Vec<&'a mut dyn Participant>,
         faults: Option<BusFaults>,
+        wire: Wire<'b, 'c>,
     ) -> Self {
         let mut slots: Vec<Slot<'_>> = participants.into_iter().map(Slot::new).collect();
         for index in 0..slots.len() {
@@ -140,6 +142,7 @@ impl<'a> Coordinator<'a> {
             slots[index].audience = audience;
         }
         Self {
+            wire,
             agenda: Agenda::new(&slots),
             listeners: Listeners::new(slots.iter().map(|slot| slot.accepted.clone()).collect()),
             slots,
@@ -161,13 +164,10 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// If a participant or the wire failed.
-    pub(crate) fn step(
-        &mut self,
-        wire: &mut Wire<'_, '_, '_>,
-    ) -> Result<Option<Duration>, CoordinatorError> {
+    pub(crate) fn step(&mut self) -> Result<Option<Duration>, CoordinatorError> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
-            self.pass(&passed, wire)?;
+            self.pass(&passed)?;
             return Ok(Some(self.now));
         }
         let ready = self.now.max(self.bus.free_at());
@@ -176,7 +176,7 @@ impl<'a> Coordinator<'a> {
             return Ok(None);
         }
         self.now = ready.max(Duration::from_nanos(next));
-        self.recover(wire)?;
+        self.recover()?;
         let now = nanos(self.now);
         let mut first = 0;
         while let Some(index) = self.agenda.first_to_ask(first, now) {
@@ -198,10 +198,10 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// As [`Coordinator::step`].
-    pub(crate) fn settle(&mut self, wire: &mut Wire<'_, '_, '_>) -> Result<(), CoordinatorError> {
+    pub(crate) fn settle(&mut self) -> Result<(), CoordinatorError> {
         self.horizon = self.now;
         while self.slots.iter().any(|slot| slot.answer.reached > self.now) {
-            self.step(wire)?;
+            self.step()?;
         }
         Ok(())
     }
@@ -231,13 +231,9 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// As [`Coordinator::step`].
-    pub(crate) fn put(
-        &mut self,
-        frame: CanFrame,
-        wire: &mut Wire<'_, '_, '_>,
-    ) -> Result<(), CoordinatorError> {
+    pub(crate) fn put(&mut self, frame: CanFrame) -> Result<(), CoordinatorError> {
         while self.in_flight.is_some() {
-            self.step(wire)?;
+            self.step()?;
         }
         self.now = self.now.max(self.bus.free_at());
         self.transmit(None, frame);
@@ -315,44 +311,29 @@ impl<'a> Coordinator<'a> {
     }
 
     /// Ends a transmission: the others receive the frame, or all count the error.
-    fn pass(
-        &mut self,
-        passed: &InFlight,
-        wire: &mut Wire<'_, '_, '_>,
-    ) -> Result<(), CoordinatorError> {
-        let now = self.now;
+    fn pass(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
+        let (now, frame) = (self.now, &passed.frame);
         if !passed.is_disturbed {
-            wire.put(now, &passed.frame, passed.occupied_bits)?;
-        }
-        let Some(faults) = &mut self.faults else {
-            for index in self.listeners.of(&passed.frame) {
-                let is_for_it = Some(index) != passed.sender;
-                if is_for_it && self.slots[index].receive(now, &passed.frame) {
+            self.wire.put(now, frame, passed.occupied_bits)?;
+            if let Some(faults) = &mut self.faults {
+                faults.observe(now, frame);
+            }
+            for index in self.listeners.of(frame) {
+                if Some(index) == passed.sender {
+                    continue;
+                }
+                let faults = self.faults.as_mut();
+                let is_missed = faults.is_some_and(|faults| faults.misses(index, now, frame));
+                if !is_missed && self.slots[index].receive(now, frame) {
                     self.agenda.may_queue_at[index] = nanos(now);
                 }
             }
-            return Ok(());
-        };
-        if !passed.is_disturbed {
-            faults.observe(now, &passed.frame);
-            for (index, slot) in self.slots.iter_mut().enumerate() {
-                let is_off = faults.states[index].activity() == Activity::Off;
-                let is_for_it = Some(index) != passed.sender && !is_off;
-                let is_accepted = is_for_it && slot.accepted.accepts(&passed.frame);
-                if is_accepted && !faults.misses(index, now, &passed.frame) {
-                    slot.receive(self.now, &passed.frame);
-                }
-            }
         }
-        self.count_errors(passed, wire)
+        self.count_errors(passed)
     }
 
     /// Updates the error counters and reports each changed state.
-    fn count_errors(
-        &mut self,
-        passed: &InFlight,
-        wire: &mut Wire<'_, '_, '_>,
-    ) -> Result<(), CoordinatorError> {
+    fn count_errors(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
         let (now, start) = (self.now, passed.start);
         let free_at = self.bus.free_at();
         let Some(faults) = &mut self.faults else {
@@ -378,7 +359,7 @@ impl<'a> Coordinator<'a> {
             }
             if after != before {
                 let message = state.message(number, false);
-                wire.put(now, &message, 0)?;
+                self.wire.put(now, &message, 0)?;
                 if slot.accepted.accepts(&message) {
                     slot.receive(self.now, &message);
                 }
@@ -390,7 +371,7 @@ impl<'a> Coordinator<'a> {
 
     /// Returns stations from bus-off whose time has come.
     #[inline]
-    fn recover(&mut self, wire: &mut Wire<'_, '_, '_>) -> Result<(), CoordinatorError> {
+    fn recover(&mut self) -> Result<(), CoordinatorError> {
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
@@ -401,7 +382,7 @@ impl<'a> Coordinator<'a> {
                 faults.states[index].recover();
                 let number = faults.node_number(index);
                 let message = faults.states[index].message(number, true);
-                wire.put(now, &message, 0)?;
+                self.wire.put(now, &message, 0)?;
                 if slot.accepted.accepts(&message) && slot.receive(self.now, &message) {
                     self.agenda.note(index, slot);
                 }

@@ -10,9 +10,7 @@ use std::time::{Duration, SystemTime};
 use fmu::Fault;
 use fmu::table::{self, Misfit, wiring};
 use fmu::{Archive, FmuError, Unpacked};
-use plan::Plan;
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
-use platform::program::START_PATIENCE;
 use scenario::Objection;
 use scenario::plant::{FMU, Fmu};
 use scenario::port::{symbol_of, unit_in};
@@ -21,15 +19,6 @@ use crate::fmu_worker::RemoteFmu;
 
 /// Number of FMUs whose descriptions are kept.
 const KEPT_MAX: usize = 16;
-
-/// Returns the additional time for the drives of these loops until they are there.
-pub(crate) fn more_patience(plan: &Plan) -> Duration {
-    if plan.loops.iter().any(|one| one.trial.has_fmu()) {
-        START_PATIENCE
-    } else {
-        Duration::ZERO
-    }
-}
 
 /// Returns the objection to the table of an FMU, or to the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
@@ -115,19 +104,9 @@ pub(crate) struct FmuPlant {
     time: Duration,
     /// Inputs in the FMU's units.
     set: Vec<f64>,
-    /// Outputs in the FMU's units, and in the units of the ports.
+    /// Outputs in the FMU's units.
     raw: Vec<f64>,
-    seen: Vec<f64>,
     failure: Option<String>,
-}
-
-impl FmuPlant {
-    fn look(&mut self) {
-        let values = self.raw.iter().zip(&self.wiring.outputs);
-        for (seen, (raw, port)) in self.seen.iter_mut().zip(values) {
-            *seen = port.conversion.of(*raw);
-        }
-    }
 }
 
 impl Plant for FmuPlant {
@@ -149,18 +128,15 @@ impl Plant for FmuPlant {
         let unpacked = opened.unpacked().map_err(cannot)?;
         let mut raw = vec![0.0; wiring.outputs.len()];
         let remote = RemoteFmu::load(&unpacked, &wiring.configuration, &mut raw).map_err(cannot)?;
-        let mut plant = Self {
+        Ok(Self {
             remote: Some(remote),
             _unpacked: unpacked,
             time: Duration::ZERO,
             set: vec![0.0; wiring.inputs.len()],
-            seen: vec![0.0; raw.len()],
             raw,
             wiring,
             failure: None,
-        };
-        plant.look();
-        Ok(plant)
+        })
     }
 
     fn ports_by(fmu: &Fmu) -> Result<Ports, InvalidPlant> {
@@ -181,17 +157,17 @@ impl Plant for FmuPlant {
         for (set, (input, port)) in self.set.iter_mut().zip(values) {
             *set = port.conversion.back(*input);
         }
-        match remote.advance(self.time.as_secs_f64(), &self.set, &mut self.raw) {
-            Ok(()) => self.look(),
-            Err(error) => {
-                self.failure = Some(error.to_string());
-                self.remote = None;
-            }
+        if let Err(error) = remote.advance(self.time.as_secs_f64(), &self.set, &mut self.raw) {
+            self.failure = Some(error.to_string());
+            self.remote = None;
         }
     }
 
     fn read(&self, outputs: &mut [f64]) {
-        outputs.copy_from_slice(&self.seen);
+        let values = self.raw.iter().zip(&self.wiring.outputs);
+        for (output, (raw, port)) in outputs.iter_mut().zip(values) {
+            *output = port.conversion.of(*raw);
+        }
     }
 
     fn failure(&self) -> Option<&str> {

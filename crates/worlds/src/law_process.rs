@@ -14,7 +14,7 @@ use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
 use platform::port_seat::{CLOSED, NotReady, PortSeat};
-use platform::program::{END_PATIENCE, START_PATIENCE};
+use platform::program::START_PATIENCE;
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
 use scenario::process_law::{Plays, ProcessLaw};
@@ -124,14 +124,22 @@ pub fn scenario_folder(plan: &Plan) -> PathBuf {
     folder.unwrap_or(Path::new(".")).to_owned()
 }
 
-/// Returns the additional time for a controller with these laws until it is there, and for its end.
-pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
-    let mut laws = plan.loops.iter().map(|one| &one.trial.controller);
-    if laws.any(|law| law.process_law().is_some()) {
-        [3 * START_PATIENCE + CLOSED_PATIENCE, END_PATIENCE]
-    } else {
-        [Duration::ZERO; 2]
+/// Returns the additional time until the nodes are there whose plants and laws are processes.
+pub(crate) fn start_patience(plan: &Plan) -> Duration {
+    let mut patience = Duration::ZERO;
+    if plan.loops.iter().any(|one| one.trial.has_fmu()) {
+        patience += START_PATIENCE;
     }
+    if has_process_law(plan) {
+        patience += 3 * START_PATIENCE + CLOSED_PATIENCE;
+    }
+    patience
+}
+
+/// Returns whether a law is a process, which its controller ends.
+pub(crate) fn has_process_law(plan: &Plan) -> bool {
+    let mut laws = plan.loops.iter().map(|one| &one.trial.controller);
+    laws.any(|law| law.process_law().is_some())
 }
 
 /// Returns the programs, libraries and FMUs that are started for a plan, one line each.

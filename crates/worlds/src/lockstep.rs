@@ -8,7 +8,7 @@ use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::lockstep::{Local, Participant};
 
-use crate::after_end::{self, ANSWER_TIME};
+use crate::after_end;
 use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_model::faults::BusFaults;
@@ -58,32 +58,45 @@ fn play_here(
     capture: &mut Capture<'_>,
 ) -> Result<End, WorldError> {
     let mut ours = Vec::new();
-    for name in names::played_emulators(plan) {
-        ours.push((name, nodes::plant_emulator(plan, name)?));
-    }
-    let mut bench = BenchNode::new(plan)?;
-    let controller = plan.controller();
-    if !plan.is_external(controller) {
-        let views = nodes::controller_views(plan);
-        let make = move || nodes::make_controller(&views, &laws);
-        let node = nodes::faulty_controller(make, plan, |_| false)?;
-        ours.push((controller.name.as_str(), node));
+    for name in names::played(plan) {
+        let node = if name == plan.controller().name {
+            let (views, laws) = (nodes::controller_views(plan), laws.clone());
+            let make = move || nodes::make_controller(&views, &laws);
+            nodes::faulty_controller(make, plan, |_| false)?
+        } else {
+            nodes::plant_emulator(plan, name)?
+        };
+        ours.push((name, node));
     }
     let ours = ours.iter_mut();
     let mut ours = Vec::from_iter(ours.map(|(name, node)| Local::new(*name, &mut **node)));
-    let mut seat = Local::new(BENCH, &mut bench);
-    let mut guests = guests.participants();
-    let participants = in_order(plan, ours.iter_mut(), &mut guests, &mut seat);
-    let played = play(plan, participants, capture, None);
-    or_violation(played, &bench)
+    play_nodes(plan, &mut ours, guests, capture, None)
 }
 
-/// Returns the end of a run, or the violation of a limit for which the bench's own node gave up.
-pub(crate) fn or_violation(
-    played: Result<End, WorldError>,
-    bench: &BenchNode,
+/// Plays the loops with these nodes of canrig's, the guests, and the bench's own node. They are asked in this order: drives, the
+/// bench's own node, the controller.
+///
+/// # Errors
+/// As [`play`]; with the violation of a limit, if the bench's own node gave up for it.
+pub(crate) fn play_nodes<P: Participant>(
+    plan: &Plan,
+    ours: &mut [P],
+    guests: &mut Guests,
+    capture: &mut Capture<'_>,
+    bus: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
-    match (played, bench.violation()) {
+    let mut bench = BenchNode::new(plan)?;
+    let mut seat = Local::new(BENCH, &mut bench);
+    let mut seated = guests.participants();
+    let theirs = seated.iter_mut().map(Seated::participant);
+    let ours = ours.iter_mut().map(|one| one as &mut dyn Participant);
+    let mut all = Vec::from_iter(
+        ours.chain(theirs)
+            .chain([&mut seat as &mut dyn Participant]),
+    );
+    let manager = &plan.controller().name;
+    all.sort_by_key(|one| (one.name() == manager, one.name() == BENCH));
+    match (play(plan, all, capture, bus), bench.violation()) {
         (Err(WorldError::Coordinator(CoordinatorError::Failed { .. })), Some(violation)) => {
             Err(violation)
         }
@@ -91,23 +104,8 @@ pub(crate) fn or_violation(
     }
 }
 
-/// Returns the participants in the order in which they are asked: drives, canrig's own node, the controller.
-pub(crate) fn in_order<'a, P: Participant + 'a>(
-    plan: &Plan,
-    ours: impl Iterator<Item = &'a mut P>,
-    guests: &'a mut [Seated<'_>],
-    bench: &'a mut dyn Participant,
-) -> Vec<&'a mut dyn Participant> {
-    let ours = ours.map(|one| one as &mut dyn Participant);
-    let guests = guests.iter_mut().map(Seated::participant);
-    let mut all = Vec::from_iter(ours.chain(guests).chain([bench]));
-    let manager = &plan.controller().name;
-    all.sort_by_key(|one| (one.name() == manager, one.name() == BENCH));
-    all
-}
-
 /// Plays the loops with these participants. The last one is the manager. It is the first to stop, since it switches the current
-/// off and stops the others while they still listen. With a `wire` the winner of each arbitration is sent on it.
+/// off and stops the others while they still listen. With a `bus` the winner of each arbitration is sent on it.
 ///
 /// # Errors
 /// If a participant or the wire failed, or the recording cannot be written.
@@ -115,16 +113,17 @@ pub fn play(
     plan: &Plan,
     participants: Vec<&mut dyn Participant>,
     capture: &mut Capture<'_>,
-    wire: Option<&mut dyn Bus>,
+    bus: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
     let names = participants.iter().map(|one| one.name().to_owned());
     let names = Vec::from_iter(names);
     let faults = BusFaults::new(plan, &names)?;
     let bitrate = plan.shared.run.bus.bitrate_kilobits_per_second;
-    let mut coordinator = Coordinator::new(bitrate, participants, faults);
-    let mut wire = Wire { capture, bus: wire };
-    let (end, is_faulty) = (plan.duration(), plan.has_faults());
-    let ended = run_until(&mut coordinator, &mut wire, end, is_faulty);
+    let bus = bus.map(|bus| bus as &mut dyn Bus);
+    let wire = Wire { capture, bus };
+    let coordinator = Coordinator::new(bitrate, participants, faults, wire);
+    let mut run = Run { plan, coordinator };
+    let ended = run.follow();
     let mut left = BTreeSet::from_iter(0..names.len());
     // The participant whose loss ended the run: its process has ended or hangs, or it gave up.
     if let Err(WorldError::Coordinator(error)) = &ended
@@ -132,116 +131,105 @@ pub fn play(
             .iter()
             .position(|name| error.participant() == Some(name))
     {
-        wire.capture.break_off();
-        coordinator.leave_out(dead);
+        run.coordinator.wire.capture.break_off();
+        run.coordinator.leave_out(dead);
         left.remove(&dead);
         let manager = BTreeSet::from_iter(left.take(&(names.len() - 1)));
         // The end of the run is known, whatever happens now.
-        let _ = stop(&mut coordinator, &mut wire, &names, &manager, is_faulty);
-        let _ = ask_drives(plan, &mut coordinator, &mut wire);
-        let _ = stop(&mut coordinator, &mut wire, &names, &left, is_faulty);
+        let _ = run.stop(&manager, &names);
+        let _ = run.ask_drives();
+        let _ = run.stop(&left, &names);
         return ended;
     }
     let end = ended?;
-    stop(&mut coordinator, &mut wire, &names, &left, is_faulty)?;
+    run.stop(&left, &names)?;
     Ok(end)
 }
 
-/// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
-fn ask_drives(
-    plan: &Plan,
-    coordinator: &mut Coordinator<'_>,
-    wire: &mut Wire<'_, '_, '_>,
-) -> Result<(), WorldError> {
-    go_on(coordinator, wire, after_end::watch(plan))?;
-    for round in after_end::requests(plan) {
-        for request in round {
-            coordinator.put(request, wire)?;
-        }
-        go_on(coordinator, wire, ANSWER_TIME)?;
-    }
-    Ok(())
+/// Run in progress.
+struct Run<'a, 'b, 'c> {
+    plan: &'b Plan,
+    coordinator: Coordinator<'a, 'b, 'c>,
 }
 
-fn go_on(
-    coordinator: &mut Coordinator<'_>,
-    wire: &mut Wire<'_, '_, '_>,
-    time: Duration,
-) -> Result<(), WorldError> {
-    let until = coordinator.now() + time;
-    coordinator.set_horizon(until);
-    while coordinator.step(wire)?.is_some_and(|now| now < until) {}
-    Ok(coordinator.settle(wire)?)
-}
-
-/// Asks these participants for their safe states, the last first, and waits for each.
-fn stop(
-    coordinator: &mut Coordinator<'_>,
-    wire: &mut Wire<'_, '_, '_>,
-    names: &[String],
-    left: &BTreeSet<usize>,
-    is_faulty: bool,
-) -> Result<(), WorldError> {
-    coordinator.settle(wire)?;
-    for index in left.iter().copied().rev() {
-        coordinator.stop(index)?;
-        let give_up = coordinator.now() + STOP_PATIENCE;
-        while !coordinator.is_stopped(index) {
-            let is_late = coordinator.step(wire)?.is_none_or(|now| now > give_up);
-            // A participant that a fault keeps from ending is left as it is.
-            if is_late && is_faulty {
-                break;
+impl Run<'_, '_, '_> {
+    /// Moves the participants until the scenario is over, the user stops it, or an error occurs.
+    fn follow(&mut self) -> Result<End, WorldError> {
+        self.coordinator.set_horizon(START_PATIENCE);
+        let mut until = None;
+        let clock = Clock::start();
+        let (mut flushed, mut seen) = (Duration::ZERO, 0);
+        for event in 0_u64.. {
+            let Some(now) = self.coordinator.step()? else {
+                return Err(NO_START);
+            };
+            match until {
+                Some(until) if now >= until => break,
+                Some(_) => {}
+                // A fault that keeps the scenario from beginning is played to its end.
+                None if now > START_PATIENCE && self.plan.has_faults() => break,
+                None if now > START_PATIENCE => return Err(NO_START),
+                None => {
+                    let zero = self.coordinator.wire.capture.zero();
+                    until = zero.map(|zero| zero + self.plan.duration());
+                    if let Some(until) = until {
+                        self.coordinator.set_horizon(until);
+                    }
+                }
             }
-            if is_late {
-                return Err(WorldError::NoStop {
-                    name: names[index].clone(),
-                    patience: STOP_PATIENCE,
-                });
+            if event % EVENTS_PER_LOOK != 0 || clock.now() < flushed + FLUSH_PERIOD {
+                continue;
+            }
+            flushed = clock.now();
+            let capture = &mut *self.coordinator.wire.capture;
+            // A compressed log takes a flush without frames for silence, and writes its buffer: its bytes would depend on the
+            // machine.
+            if !capture.since(&mut seen).is_empty() {
+                capture.flush()?;
+            }
+            if capture.is_interrupted() {
+                return Ok(End::Interrupted);
             }
         }
+        Ok(End::Completed)
     }
-    Ok(())
-}
 
-fn run_until(
-    coordinator: &mut Coordinator<'_>,
-    wire: &mut Wire<'_, '_, '_>,
-    end: Duration,
-    is_faulty: bool,
-) -> Result<End, WorldError> {
-    coordinator.set_horizon(START_PATIENCE);
-    let mut until = None;
-    let clock = Clock::start();
-    let (mut flushed, mut seen) = (Duration::ZERO, 0);
-    for event in 0_u64.. {
-        let Some(now) = coordinator.step(wire)? else {
-            return Err(NO_START);
-        };
-        match until {
-            Some(until) if now >= until => break,
-            Some(_) => {}
-            // A fault that keeps the scenario from beginning is played to its end.
-            None if now > START_PATIENCE && is_faulty => break,
-            None if now > START_PATIENCE => return Err(NO_START),
-            None => {
-                until = wire.capture.zero().map(|zero| zero + end);
-                if let Some(until) = until {
-                    coordinator.set_horizon(until);
+    /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
+    fn ask_drives(&mut self) -> Result<(), WorldError> {
+        let coordinator = &mut self.coordinator;
+        for (requests, time) in after_end::rounds(self.plan) {
+            for request in requests {
+                coordinator.put(request)?;
+            }
+            let until = coordinator.now() + time;
+            coordinator.set_horizon(until);
+            while coordinator.step()?.is_some_and(|now| now < until) {}
+            coordinator.settle()?;
+        }
+        Ok(())
+    }
+
+    /// Asks these participants for their safe states, the last first, and waits for each.
+    fn stop(&mut self, left: &BTreeSet<usize>, names: &[String]) -> Result<(), WorldError> {
+        let coordinator = &mut self.coordinator;
+        coordinator.settle()?;
+        for index in left.iter().copied().rev() {
+            coordinator.stop(index)?;
+            let give_up = coordinator.now() + STOP_PATIENCE;
+            while !coordinator.is_stopped(index) {
+                let is_late = coordinator.step()?.is_none_or(|now| now > give_up);
+                // A participant that a fault keeps from ending is left as it is.
+                if is_late && self.plan.has_faults() {
+                    break;
+                }
+                if is_late {
+                    return Err(WorldError::NoStop {
+                        name: names[index].clone(),
+                        patience: STOP_PATIENCE,
+                    });
                 }
             }
         }
-        if event % EVENTS_PER_LOOK != 0 || clock.now() < flushed + FLUSH_PERIOD {
-            continue;
-        }
-        flushed = clock.now();
-        // A compressed log takes a flush without frames for silence, and writes its buffer: its bytes would depend on the
-        // machine.
-        if !wire.capture.since(&mut seen).is_empty() {
-            wire.capture.flush()?;
-        }
-        if wire.capture.is_interrupted() {
-            return Ok(End::Interrupted);
-        }
+        Ok(())
     }
-    Ok(End::Completed)
 }

@@ -6,10 +6,14 @@ use scenario::node::Part;
 pub(crate) use dbc::names::BENCH;
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 
-/// Returns the names of the participants that emulate the plants whose drives are canrig's.
-pub(crate) fn played_emulators(plan: &Plan) -> Vec<&str> {
+/// Returns the names of the participants that canrig plays: the emulators of the plants whose drives are its own, then the
+/// controller.
+pub(crate) fn played(plan: &Plan) -> Vec<&str> {
     let loops = plan.loops.iter();
-    emulator_names(loops.filter(|one| one.is_ours(Part::Drive)))
+    let mut names = emulator_names(loops.filter(|one| one.is_ours(Part::Drive)));
+    let controller = plan.controller();
+    names.extend((!plan.is_external(controller)).then_some(controller.name.as_str()));
+    names
 }
 
 /// Returns the names of the participants that emulate the plants of these loops, each once.

@@ -1,34 +1,23 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
 use platform::bus::{Bus, BusAddress};
-use platform::lockstep::{ANSWER_PATIENCE, Local, LockstepError, Remote, Setting, channel};
+use platform::lockstep::{ANSWER_PATIENCE, LockstepError, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 
-use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_choice::RunBus;
-use crate::child::NodeProcess;
+use crate::child::{NodeProcess, Stopped};
 use crate::coordinator::CoordinatorError;
 use crate::error::WorldError;
-use crate::fmu_plant::more_patience;
 use crate::law_process;
 use crate::lockstep;
-use crate::names::{self, BENCH};
+use crate::names;
 use crate::played::{End, Played};
 use crate::programs::{Guests, Hosting};
 use plan::Plan;
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
-
-/// Process that was stopped.
-pub(super) struct Stopped {
-    pub(super) name: String,
-    /// Report of a node of canrig's on itself.
-    pub(super) report: Option<String>,
-    /// Error if it ended badly.
-    pub(super) ended: Result<(), WorldError>,
-}
 
 /// Nodes that are processes of their own, the manager last; without external nodes.
 pub(super) struct Processes {
@@ -61,15 +50,7 @@ impl Processes {
     pub(super) fn stop(&mut self, are_managers: bool) -> Vec<Stopped> {
         let is_one = |process: &&mut NodeProcess| (process.name() == self.manager) == are_managers;
         let those = self.all.iter_mut().rev().filter(is_one);
-        let stopped = those.map(|process| {
-            let (report, ended) = process.stop();
-            Stopped {
-                name: process.name().to_owned(),
-                report,
-                ended,
-            }
-        });
-        stopped.collect()
+        those.map(NodeProcess::stop).collect()
     }
 }
 
@@ -116,10 +97,7 @@ fn play(
     };
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    let emulators = names::played_emulators(plan);
-    let controller = plan.controller();
-    let controller = (!plan.is_external(controller)).then_some(controller.name.as_str());
-    for name in emulators.into_iter().chain(controller) {
+    for name in names::played(plan) {
         let (ours, theirs) = channel().map_err(WorldError::spawn(name))?;
         let process = NodeProcess::spawn(name, plan, folder, address.as_ref(), Some(theirs))?;
         processes.push(process);
@@ -128,18 +106,13 @@ fn play(
     let mut processes = Processes::new(processes, plan);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
-        let patience = ANSWER_PATIENCE + more_patience(plan) + law_process::more_patience(plan)[0];
+        let patience = ANSWER_PATIENCE + law_process::start_patience(plan);
         for (name, channel) in channels {
             let remote = Remote::accept(name, channel, Some(patience), Setting::default());
             remotes.push(remote.map_err(CoordinatorError::from)?);
         }
-        let mut bench = BenchNode::new(plan)?;
-        let mut seat = Local::new(BENCH, &mut bench);
-        let mut guests = guests.participants();
-        let participants = lockstep::in_order(plan, remotes.iter_mut(), &mut guests, &mut seat);
         let wire = wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus);
-        let played = lockstep::play(plan, participants, capture, wire);
-        lockstep::or_violation(played, &bench)
+        lockstep::play_nodes(plan, &mut remotes, guests, capture, wire)
     })();
     with_end(played, &mut processes)
 }

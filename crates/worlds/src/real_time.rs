@@ -10,14 +10,13 @@ use crate::after_end;
 use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
-use crate::child::NodeProcess;
+use crate::child::{NodeProcess, Stopped};
 use crate::error::{START_PATIENCE, WorldError};
-use crate::fmu_plant::more_patience;
 use crate::law_process;
-use crate::names::{BENCH, played_emulators};
+use crate::names::{self, BENCH};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
-use crate::processes::{Processes, Stopped};
+use crate::processes::Processes;
 use crate::programs::ProgramOrder;
 use crate::second_master::SecondMasterWatch;
 use crate::silence::SilenceWatch;
@@ -27,7 +26,6 @@ use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::run_folder::RunFolder;
 use recording::sources::{Sent, SentFrames};
-use scenario::node::Part;
 
 /// Time for the controller beyond the bring-up until current flows, with a reserve.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
@@ -120,26 +118,24 @@ fn sent(
     reports: &mut BTreeMap<String, NodeReport>,
     by_bench: Vec<(u16, u64)>,
 ) -> Sent {
-    let is_killed = plan.shared.run.faults.of("crash").next().is_some();
     let mut has_controller = false;
     if let Some(report) = reports.get_mut(&plan.controller().name) {
-        if is_killed {
+        if plan.shared.run.faults.of("crash").next().is_some() {
             report.sent.clear();
         }
         has_controller = !report.sent.is_empty();
     }
-    let by_bench = has_controller.then_some((BENCH, by_bench));
     let reports = reports.iter_mut();
     let by_nodes = reports.map(|(name, report)| (name.as_str(), std::mem::take(&mut report.sent)));
-    let sent = by_nodes.chain(by_bench).flat_map(|(node, frames)| {
-        let frames = frames.into_iter();
-        frames.map(move |(identifier, frames)| SentFrames {
+    let mut sent = Vec::new();
+    for (node, frames) in by_nodes.chain(has_controller.then_some((BENCH, by_bench))) {
+        sent.extend(frames.into_iter().map(|(identifier, frames)| SentFrames {
             node: node.to_owned(),
             identifier,
             frames,
-        })
-    });
-    Sent(sent.collect())
+        }));
+    }
+    Sent(sent)
 }
 
 /// Starts the nodes that are not external, the manager last.
@@ -148,18 +144,9 @@ fn start_nodes(
     folder: &RunFolder,
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
-    // One controller leads all loops.
-    let controller = plan
-        .loops
-        .iter()
-        .all(|one| one.is_ours(Part::Controller))
-        .then_some(plan.controller().name.as_str());
     let address = connection.address();
     let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(address), None);
-    let spawned = played_emulators(plan)
-        .into_iter()
-        .chain(controller)
-        .map(spawn);
+    let spawned = names::played(plan).into_iter().map(spawn);
     let mut processes = spawned.collect::<Result<Vec<_>, _>>()?;
     for order in ProgramOrder::all(plan, Some(folder.path()), None) {
         if order.is_started() {
@@ -231,10 +218,25 @@ impl Run<'_, '_> {
                 return Ok(End::Completed);
             }
             self.play_faults(&mut faults)?;
-            if is_over(self.plan, self.capture.scenario_time(), now)? {
+            if self.is_over(now)? {
                 return Ok(End::Completed);
             }
             silence.check(now, self.capture)?;
+        }
+    }
+
+    /// Returns whether the scenario has reached its end.
+    ///
+    /// # Errors
+    /// If it never will, since it did not begin.
+    fn is_over(&self, now: Duration) -> Result<bool, WorldError> {
+        let patience = start_patience(self.plan);
+        match self.capture.scenario_time() {
+            Some(time) => Ok(time >= self.plan.duration()),
+            // A fault that keeps the scenario from beginning is played to its end.
+            None if now > patience && self.plan.has_faults() => Ok(true),
+            None if now > patience => Err(WorldError::NoStart { patience }),
+            None => Ok(false),
         }
     }
 
@@ -255,21 +257,15 @@ impl Run<'_, '_> {
     /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
     fn ask_drives(&mut self) -> Result<(), WorldError> {
         let mut bus = self.connection.join(&[])?;
-        self.go_on(after_end::watch(self.plan))?;
-        for round in after_end::requests(self.plan) {
-            for request in round {
+        for (requests, time) in after_end::rounds(self.plan) {
+            for request in requests {
                 bus.send(&request)?;
             }
-            self.go_on(after_end::ANSWER_TIME)?;
-        }
-        Ok(())
-    }
-
-    fn go_on(&mut self, time: Duration) -> Result<(), WorldError> {
-        let clock = Clock::start();
-        while clock.now() < time {
-            sleep(COLLECT_PERIOD);
-            self.connection.collect(self.capture)?;
+            let clock = Clock::start();
+            while clock.now() < time {
+                sleep(COLLECT_PERIOD);
+                self.connection.collect(self.capture)?;
+            }
         }
         Ok(())
     }
@@ -298,30 +294,9 @@ impl Run<'_, '_> {
     }
 }
 
-/// Returns whether the scenario has reached its end.
-///
-/// # Errors
-/// If it never will, since it did not begin.
-fn is_over(
-    plan: &Plan,
-    scenario_time: Option<Duration>,
-    now: Duration,
-) -> Result<bool, WorldError> {
-    let patience = start_patience(plan);
-    match scenario_time {
-        Some(time) => Ok(time >= plan.duration()),
-        // A fault that keeps the scenario from beginning is played to its end.
-        None if now > patience && plan.has_faults() => Ok(true),
-        None if now > patience => Err(WorldError::NoStart { patience }),
-        None => Ok(false),
-    }
-}
-
 /// Returns the time until the scenario must begin. A real drive may take the time that its controller allows.
 fn start_patience(plan: &Plan) -> Duration {
     let drives = plan.loops.iter().filter_map(|one| one.real_drive.as_ref());
     let bring_ups = drives.map(|drive| drive.real.timeouts.bring_up() + ENABLE_PATIENCE);
-    bring_ups.fold(START_PATIENCE, Duration::max)
-        + more_patience(plan)
-        + law_process::more_patience(plan)[0]
+    bring_ups.fold(START_PATIENCE, Duration::max) + law_process::start_patience(plan)
 }

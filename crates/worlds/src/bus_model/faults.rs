@@ -269,8 +269,11 @@ impl BusFaults {
         frames.map(|frame| (leaves, frame)).collect()
     }
 
-    /// Returns whether a receiver overruns on this frame.
+    /// Returns whether a receiver is off the bus, or overruns on this frame.
     pub(crate) fn misses(&mut self, index: usize, time: Duration, frame: &CanFrame) -> bool {
+        if self.states[index].activity() == Activity::Off {
+            return true;
+        }
         let seconds = self.seconds(time);
         seconds.is_some_and(|seconds| self.hits(LOSE, index, seconds, *frame).count() > 0)
     }
