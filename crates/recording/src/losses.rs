@@ -92,18 +92,12 @@ impl LossReader {
             let watched = Watched::new(what, None, sync_period, PERIODS_MAX);
             Some((message?.raw_id, watched))
         });
-        let io = nodes.io.iter().map(|io| (io, io.in_sentence(), None));
-        let heartbeats = [
-            (&nodes.controller, controller, Some(Part::Controller)),
-            (&nodes.drive, drive, Some(Part::Drive)),
-        ]
-        .into_iter()
-        .chain(io)
-        .filter_map(|(node, name, heartbeat_sender)| {
+        let heartbeats = nodes.all().filter_map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
-            let what = format!("heartbeat from {name}");
-            let watched = Watched::new(what, heartbeat_sender, period, HEARTBEATS_MAX);
+            let what = format!("heartbeat from {}", node.in_sentence());
+            let sender = Some(node.part).filter(|part| *part != Part::Io);
+            let watched = Watched::new(what, sender, period, HEARTBEATS_MAX);
             Some((message.raw_id, watched))
         });
         Self {

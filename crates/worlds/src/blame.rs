@@ -127,12 +127,6 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// Returns the loop of a drive.
-    fn one(&self, drive: &str) -> Option<&'a ControlLoop> {
-        let mut loops = self.plan.loops.iter();
-        loops.find(|one| one.nodes.drive.name == drive)
-    }
-
     /// Returns scenario time, to the microsecond of the recording; `None` before the scenario began.
     fn seconds(&self, time: Duration) -> Option<f64> {
         let since = time.checked_sub(self.zero?)?;
@@ -181,7 +175,9 @@ impl<'a> Seen<'a> {
     }
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
-        let position = self.one(drive)?.drive_position().ok()?;
+        let mut loops = self.plan.loops.iter();
+        let its_loop = loops.find(|one| one.nodes.drive.name == drive)?;
+        let position = its_loop.drive_position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 

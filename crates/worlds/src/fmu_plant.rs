@@ -35,10 +35,6 @@ pub(crate) fn objection_to(file: &str, path: String, role: String) -> Objection 
         .with_help(format!("`canrig fmu {file}` lists what it has and needs"))
 }
 
-fn invalid(error: impl ToString) -> InvalidPlant {
-    InvalidPlant::Other(error.to_string())
-}
-
 /// Opens the FMU of a table, which may have to run here; returns it with the ports that the table makes of its variables.
 fn wired(fmu: &Fmu, must_run: bool) -> Result<(Arc<Opened>, table::Wiring), Misfit> {
     let in_file = |fault| Misfit {
@@ -55,11 +51,11 @@ fn wired(fmu: &Fmu, must_run: bool) -> Result<(Arc<Opened>, table::Wiring), Misf
     Ok((opened, wiring))
 }
 
-/// Returns the error of an FMU that is no plant.
-fn unfit(fmu: &Fmu, misfit: Misfit) -> InvalidPlant {
-    invalid(FmuError {
-        file: PathBuf::from(&fmu.file),
-        fault: misfit.fault,
+/// As [`wired`], for a plant.
+fn wired_plant(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> {
+    wired(fmu, false).map_err(|Misfit { fault, .. }| {
+        let file = PathBuf::from(&fmu.file);
+        InvalidPlant::Other(FmuError { file, fault }.to_string())
     })
 }
 
@@ -117,13 +113,13 @@ impl Plant for FmuPlant {
     }
 
     fn new(fmu: &Fmu) -> Result<Self, InvalidPlant> {
-        let (opened, wiring) = wired(fmu, false).map_err(|misfit| unfit(fmu, misfit))?;
+        let (opened, wiring) = wired_plant(fmu)?;
         let cannot = |error: FmuError| match error.fault {
             Fault::File { place, source } => InvalidPlant::Machine {
                 what: format!("{}: {place}", error.file.display()),
                 source,
             },
-            _ => invalid(error),
+            _ => InvalidPlant::Other(error.to_string()),
         };
         let unpacked = opened.unpacked().map_err(cannot)?;
         let mut raw = vec![0.0; wiring.outputs.len()];
@@ -140,8 +136,7 @@ impl Plant for FmuPlant {
     }
 
     fn ports_by(fmu: &Fmu) -> Result<Ports, InvalidPlant> {
-        let wired = wired(fmu, false).map_err(|misfit| unfit(fmu, misfit));
-        wired.map(|(_, wiring)| fmu_ports(&wiring))
+        wired_plant(fmu).map(|(_, wiring)| fmu_ports(&wiring))
     }
 
     fn ports(&self) -> Ports {
