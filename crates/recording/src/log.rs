@@ -284,7 +284,7 @@ impl OpenLog {
 }
 
 /// Reader of a log, frame by frame.
-pub struct LogReader<'a> {
+pub(crate) struct LogReader<'a> {
     input: Box<dyn BufRead + 'a>,
     interface: Option<String>,
     line: Vec<u8>,

@@ -65,7 +65,8 @@ impl NodeProcess {
         }
     }
 
-    /// Starts this program again as the node `name`; `side_channel` is passed on.
+    /// Starts this program again as the node `name`. Its standard error goes to a log in the run's folder; its standard output is
+    /// its report; `side_channel` is passed on.
     pub(super) fn spawn(
         name: &str,
         plan: &Plan,
@@ -73,9 +74,41 @@ impl NodeProcess {
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
     ) -> Result<Self, WorldError> {
-        let spawned = OwnProcess::spawn(name, plan, folder, bus, side_channel)
-            .map_err(WorldError::spawn(name))?;
-        Ok(Self::new(Process::Own(spawned)))
+        let refused = |source| WorldError::spawn(name)(source);
+        let log = folder.path().join(format!("{name}.log"));
+        let output = File::create(&log).map_err(refused)?;
+        let mut command = process::myself().map_err(refused)?;
+        let is_controller = name == plan.controller().name;
+        let role = match name {
+            _ if is_controller => &["controller"][..],
+            PLANT_EMULATOR => &[PLANT_EMULATOR],
+            plant => &[PLANT_EMULATOR, "--plant", plant],
+        };
+        command.arg("node").args(role);
+        command.arg("--scenario").arg(folder.scenario());
+        let mut end_patience = END_PATIENCE;
+        if is_controller {
+            command.arg("--laws-in").arg(scenario_folder(plan));
+            if has_process_law(plan) {
+                end_patience += program::END_PATIENCE;
+            }
+        }
+        if let Some(bus) = bus {
+            command.arg("--bus").arg(bus.to_string());
+        }
+        if let Some(side_channel) = side_channel {
+            let number = process::inherit(&mut command, side_channel);
+            command.arg("--lockstep").arg(number.to_string());
+        }
+        command.stdout(Stdio::piped()).stderr(output);
+        let mut child = command.spawn().map_err(refused)?;
+        Ok(Self::new(Process::Own(OwnProcess {
+            name: name.to_owned(),
+            lifeline: child.stdin.take(),
+            child,
+            log,
+            end_patience,
+        })))
     }
 
     /// Starts the program of a node on a bus, in real time.
@@ -203,50 +236,6 @@ struct OwnProcess {
 }
 
 impl OwnProcess {
-    /// Starts this program again as the node `name`. Its standard error goes to a log in the run's folder; its standard output is
-    /// its report; `side_channel` is passed on.
-    fn spawn(
-        name: &str,
-        plan: &Plan,
-        folder: &RunFolder,
-        bus: Option<&BusAddress>,
-        side_channel: Option<OwnedFd>,
-    ) -> io::Result<Self> {
-        let log = folder.path().join(format!("{name}.log"));
-        let output = File::create(&log)?;
-        let mut command = process::myself()?;
-        let is_controller = name == plan.controller().name;
-        let role = match name {
-            _ if is_controller => &["controller"][..],
-            PLANT_EMULATOR => &[PLANT_EMULATOR],
-            plant => &[PLANT_EMULATOR, "--plant", plant],
-        };
-        command.arg("node").args(role);
-        command.arg("--scenario").arg(folder.scenario());
-        let mut end_patience = END_PATIENCE;
-        if is_controller {
-            command.arg("--laws-in").arg(scenario_folder(plan));
-            if has_process_law(plan) {
-                end_patience += program::END_PATIENCE;
-            }
-        }
-        if let Some(bus) = bus {
-            command.arg("--bus").arg(bus.to_string());
-        }
-        if let Some(side_channel) = side_channel {
-            let number = process::inherit(&mut command, side_channel);
-            command.arg("--lockstep").arg(number.to_string());
-        }
-        let mut child = command.stdout(Stdio::piped()).stderr(output).spawn()?;
-        Ok(Self {
-            name: name.to_owned(),
-            lifeline: child.stdin.take(),
-            child,
-            log,
-            end_patience,
-        })
-    }
-
     fn kill(&mut self) -> io::Result<()> {
         self.child.kill()?;
         self.child.wait().map(drop)

@@ -78,17 +78,14 @@ impl Hitting {
             .filter(|node| node.part == Part::Drive)
             .map(|node| node.id);
         let is_of_sender = fault.kind.name != LOSE;
-        let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
+        let beside = node.map_or_else(Vec::new, |node| drives_beside(node.id, plan));
         let run_seed = plan.shared.run.seed;
         let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive));
         Self {
             identifier: identifier(&fault),
             // The drives of a plant share the first drive's.
-            seat: node.map(|node| {
-                let beside = drives_beside(node.id, plan);
-                beside.into_iter().min().unwrap_or(node.id)
-            }),
-            sender: drive.filter(|drive| is_of_sender && shares_a_plant(drive)),
+            seat: node.map(|node| beside.iter().copied().min().unwrap_or(node.id)),
+            sender: drive.filter(|_| is_of_sender && beside.len() > 1),
             stream: Stream::for_fault(seed, &fault),
             burst_left: 0,
             fault,
