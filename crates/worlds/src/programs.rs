@@ -280,13 +280,25 @@ impl ProgramNode {
     /// # Errors
     /// If the program did not end in order.
     fn end(self) -> Result<(), WorldError> {
-        let Self {
-            order,
-            program,
-            remote,
-        } = self;
-        drop(remote);
-        program.map_or(Ok(()), |mut program| program.end(order.name()))
+        drop(self.remote);
+        let name = self.order.name();
+        self.program.map_or(Ok(()), |mut program| program.end(name))
+    }
+
+    /// Explains an error of virtual time by the end of this node, if the node caused it.
+    fn explained(self, error: CoordinatorError) -> WorldError {
+        let node = self.order.name();
+        match (error, self.program) {
+            (CoordinatorError::Participant(error), program) if error.name() == node => {
+                explained(program, error)
+            }
+            (CoordinatorError::Overloaded { name }, Some(program)) if name == node => {
+                let what = CoordinatorError::Overloaded { name }.to_string();
+                let what = what.strip_prefix(node).unwrap_or(&what).trim();
+                program.broken(node, what.to_owned())
+            }
+            (error, _) => error.into(),
+        }
     }
 }
 
@@ -480,24 +492,6 @@ impl Guest {
             Ok(played) => node.end().map(|()| played),
             Err(WorldError::Coordinator(error)) => Err(node.explained(error)),
             Err(error) => Err(error),
-        }
-    }
-}
-
-impl ProgramNode {
-    /// Explains an error of virtual time by the end of this node, if the node caused it.
-    fn explained(self, error: CoordinatorError) -> WorldError {
-        let node = self.order.name();
-        match (error, self.program) {
-            (CoordinatorError::Participant(error), program) if error.name() == node => {
-                explained(program, error)
-            }
-            (CoordinatorError::Overloaded { name }, Some(program)) if name == node => {
-                let what = CoordinatorError::Overloaded { name }.to_string();
-                let what = what.strip_prefix(node).unwrap_or(&what).trim();
-                program.broken(node, what.to_owned())
-            }
-            (error, _) => error.into(),
         }
     }
 }
