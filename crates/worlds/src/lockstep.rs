@@ -18,7 +18,7 @@ use crate::law_process::LawPlace;
 use crate::names::{self, BENCH};
 use crate::nodes;
 use crate::played::End;
-use crate::programs::{Guests, Hosting, Seated};
+use crate::programs::{Guests, Hosting};
 use plan::Plan;
 use recording::capture::Capture;
 
@@ -87,13 +87,12 @@ pub(crate) fn play_nodes<P: Participant>(
 ) -> Result<End, WorldError> {
     let mut bench = BenchNode::new(plan)?;
     let mut seat = Local::new(BENCH, &mut bench);
-    let mut seated = guests.participants();
-    let theirs = seated.iter_mut().map(Seated::participant);
-    let ours = ours.iter_mut().map(|one| one as &mut dyn Participant);
-    let mut all = Vec::from_iter(
-        ours.chain(theirs)
-            .chain([&mut seat as &mut dyn Participant]),
-    );
+    let (plain, mut faulty) = guests.participants();
+    let mut all: Vec<&mut dyn Participant> = Vec::new();
+    all.extend(ours.iter_mut().map(|one| one as &mut dyn Participant));
+    all.extend(plain.into_iter().map(|one| one as &mut dyn Participant));
+    all.extend(faulty.iter_mut().map(|one| one as &mut dyn Participant));
+    all.push(&mut seat);
     let manager = &plan.controller().name;
     all.sort_by_key(|one| (one.name() == manager, one.name() == BENCH));
     match (play(plan, all, capture, bus), bench.violation()) {

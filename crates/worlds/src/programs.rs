@@ -403,22 +403,6 @@ impl CanNode for Asked {
     }
 }
 
-/// Participant that canrig does not run itself.
-pub(crate) enum Seated<'a> {
-    Plain(&'a mut Remote),
-    Asked(Local<'a>),
-}
-
-impl Seated<'_> {
-    /// Returns the participant.
-    pub(crate) fn participant(&mut self) -> &mut dyn Participant {
-        match self {
-            Self::Plain(remote) => *remote,
-            Self::Asked(local) => local,
-        }
-    }
-}
-
 /// Node of a run that canrig does not run itself.
 enum Guest {
     Plain(Box<ProgramNode>),
@@ -450,13 +434,16 @@ impl Guests {
         Ok(Self(guests))
     }
 
-    /// Returns them as participants, the controller last.
-    pub(crate) fn participants(&mut self) -> Vec<Seated<'_>> {
-        let participants = self.0.iter_mut().map(|guest| match guest {
-            Guest::Plain(node) => Seated::Plain(&mut node.remote),
-            Guest::Faulty(faulty, name) => Seated::Asked(Local::new(&*name, &mut **faulty)),
-        });
-        participants.collect()
+    /// Returns them as participants: those without faults, and those with faults around them. The controller is the last one.
+    pub(crate) fn participants(&mut self) -> (Vec<&mut Remote>, Vec<Local<'_>>) {
+        let (mut plain, mut faulty) = (Vec::new(), Vec::new());
+        for guest in &mut self.0 {
+            match guest {
+                Guest::Plain(node) => plain.push(&mut node.remote),
+                Guest::Faulty(node, name) => faulty.push(Local::new(&*name, &mut **node)),
+            }
+        }
+        (plain, faulty)
     }
 
     /// Ends them after a run; returns the result of the run.
