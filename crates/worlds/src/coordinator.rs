@@ -334,11 +334,11 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
 
     /// Updates the error counters and reports each changed state.
     fn count_errors(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
-        let (now, start) = (self.now, passed.start);
-        let free_at = self.bus.free_at();
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
+        let (now, start) = (self.now, passed.start);
+        let free_at = self.bus.free_at();
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let number = faults.node_number(index);
