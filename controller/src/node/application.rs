@@ -251,10 +251,8 @@ impl Controller {
             return;
         }
         match drive.phase {
-            DrivePhase::Searching { until, .. } if drive.bring_up.is_answered() => {
-                drive.reset(services, until);
-            }
-            DrivePhase::Configuring { .. } => {
+            DrivePhase::Searching { .. } if drive.bring_up.is_answered() => drive.reset(services),
+            DrivePhase::Configuring => {
                 let outcome = drive.bring_up.advance(services);
                 self.on_outcome(services, place, outcome);
             }
@@ -266,15 +264,9 @@ impl Controller {
     fn on_sign_of_life(&mut self, services: &mut Services, place: usize, has_booted: bool) {
         let drive = &mut self.loops[place].drive;
         match drive.phase {
-            DrivePhase::Searching { until, .. }
-            | DrivePhase::Resetting { until }
-            | DrivePhase::Configuring { until }
-            | DrivePhase::Configured { until }
-                if has_booted =>
-            {
-                self.configure(services, place, until);
-            }
-            DrivePhase::Searching { until, .. } => drive.reset(services, until),
+            DrivePhase::Enabling { .. } => {}
+            _ if has_booted => self.configure(services, place),
+            DrivePhase::Searching { .. } => drive.reset(services),
             _ => {}
         }
     }

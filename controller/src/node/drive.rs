@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use can::earlier;
 use canopen::Services;
 use canopen::cia402::{Command as DriveCommand, State};
 use canopen::emcy::EmergencyMessage;
@@ -24,6 +25,8 @@ pub(super) struct LedDrive {
     pub(super) layout: DriveLayout,
     pub(super) bring_up: BringUp,
     pub(super) phase: DrivePhase,
+    /// Time by which it must be configured; from its start on, by which it must be enabled.
+    pub(super) until: Duration,
     /// Entry of 0x1016 that watches its heartbeat, written after its configuration.
     pub(super) watch: u32,
     /// The last controlword sent.
@@ -55,9 +58,9 @@ impl LedDrive {
             bring_up: BringUp::new(&layout, manager, sync_period, timeouts),
             layout,
             phase: DrivePhase::Searching {
-                until: Duration::ZERO,
                 next_question: Duration::ZERO,
             },
+            until: Duration::ZERO,
             watch: node_id << 16 | u32::from(timeouts.drive_lost_milliseconds),
             controlword: 0,
             current_amperes: 0.0,
@@ -75,7 +78,7 @@ impl LedDrive {
     }
 
     pub(super) fn is_configured(&self) -> bool {
-        matches!(self.phase, DrivePhase::Configured { .. })
+        self.phase == DrivePhase::Configured
     }
 
     pub(super) fn is_enabling(&self) -> bool {
@@ -83,13 +86,12 @@ impl LedDrive {
     }
 
     pub(super) fn is_enabled(&self) -> bool {
-        matches!(
-            self.phase,
-            DrivePhase::Enabling {
-                is_enabled: true,
-                ..
-            }
-        )
+        self.phase == DrivePhase::Enabling { is_enabled: true }
+    }
+
+    /// Returns whether the phase must end by its time.
+    pub(super) fn is_awaited(&self) -> bool {
+        !self.is_configured() && !self.is_enabled()
     }
 
     /// Sends RPDO1.
@@ -105,31 +107,28 @@ impl LedDrive {
     }
 
     /// Resets the communication of a drive that is present in an unknown state.
-    pub(super) fn reset(&mut self, services: &mut Services, until: Duration) {
+    pub(super) fn reset(&mut self, services: &mut Services) {
         services.send_nmt(NmtCommand::ResetCommunication, Some(self.node_id()));
-        self.phase = DrivePhase::Resetting { until };
+        self.phase = DrivePhase::Resetting;
     }
 
     /// Starts the drive. From now on it is watched.
     pub(super) fn start(&mut self, services: &mut Services) {
         let now = services.now();
-        self.phase = DrivePhase::Enabling {
-            until: now + ENABLE_TIME,
-            is_enabled: false,
-        };
+        self.phase = DrivePhase::Enabling { is_enabled: false };
+        self.until = now + ENABLE_TIME;
         self.last_heard = now;
         services.send_nmt(NmtCommand::Start, Some(self.node_id()));
     }
 
     /// Leads the drive one step towards Operation enabled.
     pub(super) fn enable(&mut self, services: &mut Services, feedback: &Feedback) {
-        let DrivePhase::Enabling { until, .. } = self.phase else {
+        if !self.is_enabling() {
             return;
-        };
+        }
         let state = State::from_statusword(feedback.statusword);
         self.last_statusword = Some(feedback.statusword);
         self.phase = DrivePhase::Enabling {
-            until,
             is_enabled: state == Some(State::OperationEnabled),
         };
         let wanted = state.map_or(0, State::controlword_towards_operation);
@@ -145,22 +144,12 @@ impl LedDrive {
 
     /// Returns the time of the next action in the bring-up.
     pub(super) fn next_deadline(&self) -> Option<Duration> {
-        match self.phase {
-            DrivePhase::Searching {
-                until,
-                next_question,
-            } => Some(until.min(next_question)),
-            DrivePhase::Configuring { until } => {
-                let answer = self.bring_up.next_deadline();
-                Some(answer.map_or(until, |answer| answer.min(until)))
-            }
-            DrivePhase::Resetting { until }
-            | DrivePhase::Enabling {
-                until,
-                is_enabled: false,
-            } => Some(until),
-            DrivePhase::Configured { .. } | DrivePhase::Enabling { .. } => None,
-        }
+        let action = match self.phase {
+            DrivePhase::Searching { next_question } => Some(next_question),
+            DrivePhase::Configuring => self.bring_up.next_deadline(),
+            _ => None,
+        };
+        earlier(action, self.is_awaited().then_some(self.until))
     }
 
     /// Returns the error text for a phase that has lasted too long.
@@ -168,12 +157,12 @@ impl LedDrive {
         let seconds = bring_up.as_secs_f64();
         let drive = self.node_id();
         match self.phase {
-            DrivePhase::Resetting { .. } => {
+            DrivePhase::Resetting => {
                 format!(
                     "the drive (node {drive}) did not boot within {seconds} s after NMT reset communication"
                 )
             }
-            DrivePhase::Configuring { .. } => {
+            DrivePhase::Configuring => {
                 format!("the drive (node {drive}) was not configured within {seconds} s")
             }
             DrivePhase::Enabling { .. } => {
@@ -189,7 +178,7 @@ impl LedDrive {
                     "the drive (node {drive}) did not reach Operation enabled within {seconds} s; {last}{emergency}"
                 )
             }
-            DrivePhase::Searching { .. } | DrivePhase::Configured { .. } => format!(
+            DrivePhase::Searching { .. } | DrivePhase::Configured => format!(
                 "no drive: node {drive} sent no boot-up message or heartbeat and answered no SDO for {seconds} s"
             ),
         }

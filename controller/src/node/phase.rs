@@ -22,18 +22,15 @@ pub(super) enum Phase {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum DrivePhase {
     /// The drive is sought.
-    Searching {
-        until: Duration,
-        next_question: Duration,
-    },
+    Searching { next_question: Duration },
     /// The drive was up already. It was ordered to reset its communication, and its boot-up is awaited.
-    Resetting { until: Duration },
+    Resetting,
     /// The drive is configured by SDO.
-    Configuring { until: Duration },
+    Configuring,
     /// The drive waits until the others are configured too.
-    Configured { until: Duration },
+    Configured,
     /// The drive is led to Operation enabled; `is_enabled` is by its latest statusword.
-    Enabling { until: Duration, is_enabled: bool },
+    Enabling { is_enabled: bool },
 }
 
 /// The present cycle of the laws.

@@ -69,10 +69,8 @@ impl Controller {
         let until = now + self.bring_up;
         self.phase = Phase::BringUp;
         for drive in self.drives_mut() {
-            drive.phase = DrivePhase::Searching {
-                until,
-                next_question: now,
-            };
+            drive.phase = DrivePhase::Searching { next_question: now };
+            drive.until = until;
         }
     }
 
@@ -81,27 +79,17 @@ impl Controller {
         let now = services.now();
         let drive = &mut self.loops[place].drive;
         match drive.phase {
-            DrivePhase::Searching { until, .. }
-            | DrivePhase::Resetting { until }
-            | DrivePhase::Configuring { until }
-            | DrivePhase::Enabling {
-                until,
-                is_enabled: false,
-            } if now >= until => {
+            _ if drive.is_awaited() && now >= drive.until => {
                 let (node_id, text) = (drive.node_id(), drive.overdue(self.bring_up));
                 self.fail(services, Some(node_id), Cause::NoBringUp, text);
             }
-            DrivePhase::Searching {
-                until,
-                next_question,
-            } if now >= next_question => {
+            DrivePhase::Searching { next_question } if now >= next_question => {
                 drive.phase = DrivePhase::Searching {
-                    until,
                     next_question: now + SEARCH_PERIOD,
                 };
                 drive.bring_up.ask(services);
             }
-            DrivePhase::Configuring { .. } => {
+            DrivePhase::Configuring => {
                 drive.bring_up.on_tick(services);
                 let outcome = drive.bring_up.advance(services);
                 self.on_outcome(services, place, outcome);
@@ -110,9 +98,9 @@ impl Controller {
         }
     }
 
-    pub(super) fn configure(&mut self, services: &mut Services, place: usize, until: Duration) {
+    pub(super) fn configure(&mut self, services: &mut Services, place: usize) {
         let drive = &mut self.loops[place].drive;
-        drive.phase = DrivePhase::Configuring { until };
+        drive.phase = DrivePhase::Configuring;
         let outcome = drive.bring_up.begin(services);
         self.on_outcome(services, place, outcome);
     }
@@ -120,8 +108,8 @@ impl Controller {
     pub(super) fn on_outcome(&mut self, services: &mut Services, place: usize, outcome: Outcome) {
         let drive = &mut self.loops[place].drive;
         match (outcome, drive.phase) {
-            (Outcome::Done, DrivePhase::Configuring { until }) => {
-                drive.phase = DrivePhase::Configured { until };
+            (Outcome::Done, DrivePhase::Configuring) => {
+                drive.phase = DrivePhase::Configured;
                 if self.drives().all(LedDrive::is_configured) {
                     self.start(services);
                 }
