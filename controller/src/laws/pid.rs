@@ -10,7 +10,7 @@ use crate::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, flag, one_loo
 #[derive(Clone, Debug)]
 pub struct Pid {
     config: Config,
-    current: CurrentRange,
+    pub(super) current: CurrentRange,
 }
 
 /// State of the law.

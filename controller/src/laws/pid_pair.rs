@@ -3,30 +3,16 @@
 
 use scenario::controller::PidPair as Config;
 
-use super::pid::terms;
-use crate::filtered_position::FilteredPosition;
+use super::pid::{Pid, State, terms};
 use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, flag, one_loop};
 
 /// The gains.
 #[derive(Clone, Debug)]
 pub struct PidPair {
-    config: Config,
+    /// Its output is limited to that at which a drive reaches the smaller one of the two largest currents.
+    pid: Pid,
+    co_contraction: f64,
     currents: [CurrentRange; 2],
-}
-
-/// State of the law.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct State {
-    integral_amperes: f64,
-    position: FilteredPosition,
-}
-
-impl PidPair {
-    /// Returns the output at which a drive reaches the smaller one of the two largest currents.
-    fn output_max(&self) -> f64 {
-        let [first, second] = self.currents;
-        first.max.min(second.max) - self.config.co_contraction
-    }
 }
 
 impl Law for PidPair {
@@ -36,9 +22,24 @@ impl Law for PidPair {
     type State = State;
 
     fn new(config: &Config, currents: &[CurrentRange]) -> Self {
+        let [first, second] = [currents[0], currents[1]];
+        let output_max = first.max.min(second.max) - config.co_contraction;
+        let output = CurrentRange {
+            min: -output_max,
+            max: output_max,
+            ..first
+        };
+        let gains = scenario::controller::Pid {
+            proportional: config.proportional,
+            integral: config.integral,
+            derivative: config.derivative,
+            set_point_weight: 1.0,
+            derivative_filter_radians_per_second: config.derivative_filter_radians_per_second,
+        };
         Self {
-            config: config.clone(),
-            currents: [currents[0], currents[1]],
+            pid: Pid::new(&gains, &[output]),
+            co_contraction: config.co_contraction,
+            currents: [first, second],
         }
     }
 
@@ -51,23 +52,11 @@ impl Law for PidPair {
     }
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
-        let LoopReads {
-            position,
-            set_point,
-        } = LoopReads::of(reads);
-        state.position.measure(position);
-        let pole = self.config.derivative_filter_radians_per_second;
-        let velocity = state.position.velocity(pole, cycle.period_seconds);
-        let error = set_point.position - state.position.latest();
-        let output = self.config.proportional * error + state.integral_amperes
-            - self.config.derivative * velocity;
-        let max = self.output_max();
-        let winds_up = (output >= max && error > 0.0) || (output <= -max && error < 0.0);
-        if !winds_up && error.is_finite() {
-            let gain = self.config.integral;
-            state.integral_amperes += gain * error * cycle.period_seconds;
-        }
-        let both = self.config.co_contraction;
+        let reads = LoopReads::of(reads);
+        let set_point = reads.set_point;
+        let (output, velocity) = self.pid.wanted_amperes(state, cycle, &reads);
+        let CurrentRange { min, max, .. } = self.pid.current;
+        let both = self.co_contraction;
         writes.copy_from_slice(&[
             self.currents[0].limited(both + output),
             self.currents[1].limited(both - output),
@@ -75,7 +64,7 @@ impl Law for PidPair {
             set_point.velocity,
             velocity,
             flag(output > max),
-            flag(output < -max),
+            flag(output < min),
         ]);
     }
 }
