@@ -19,7 +19,7 @@ pub(crate) type Seen = [f64; LOOP_INPUTS.len()];
 struct CurrentWire {
     /// Index of the loop of the drive.
     place: usize,
-    /// Index of the output; `None` for a drive that the law leaves without current.
+    /// Index of the output; `None` for a drive beyond those that the law leads, which has no current.
     output: Option<usize>,
     range: [f64; 2],
     /// Current in amperes for an output of one.
@@ -57,9 +57,16 @@ impl WiredLaw {
             ..*reading
         });
         let drives = wiring.currents(law.drives());
-        let currents = (0..places.len()).map(|place| CurrentWire {
-            place: places[place],
-            ..current(place, drives.get(place), &wires, &ports.outputs)
+        let currents = places.iter().enumerate().map(|(drive, place)| {
+            let mut outputs = wires.outputs.iter();
+            let output = outputs.position(|one| one.is_command && one.index == drive);
+            CurrentWire {
+                place: *place,
+                output,
+                range: output.map_or([0.0; 2], |output| ports.outputs[output].range),
+                factor: output.map_or(1.0, |output| wires.outputs[output].factor),
+                drive: drives.get(drive).copied().unwrap_or_default(),
+            }
         });
         let terms = places.iter().enumerate().map(|(place, of_loop)| {
             TermObjects::find(dictionary, *of_loop, terms(place, &wires, &ports.outputs))
@@ -130,30 +137,6 @@ impl WiredLaw {
             (wire.place, wire.drive.limited(current))
         })
     }
-}
-
-/// Returns the connection of the drive with this index. A drive beyond those that the law leads has no current.
-fn current(
-    place: usize,
-    drive: Option<&CurrentRange>,
-    wires: &LawWires,
-    outputs: &[Port],
-) -> CurrentWire {
-    let none = CurrentWire {
-        place,
-        output: None,
-        range: [0.0, 0.0],
-        factor: 1.0,
-        drive: drive.copied().unwrap_or_default(),
-    };
-    let mut wired = wires.outputs.iter().zip(outputs).enumerate();
-    let found = wired.find(|(_, (one, _))| one.is_command && one.index == place);
-    found.map_or(none, |(output, (writing, port))| CurrentWire {
-        output: Some(output),
-        range: port.range,
-        factor: writing.factor,
-        ..none
-    })
 }
 
 /// Returns the terms of a loop, each with the index of its output, and a factor from that to the unit of the name.
