@@ -120,7 +120,7 @@ impl LoopReads {
             set_point.velocity,
             set_point.acceleration,
             set_point.jerk,
-            f64::from(u8::from(set_point.has_exact_derivatives)),
+            flag(set_point.has_exact_derivatives),
         ]
     }
 }

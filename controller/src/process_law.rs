@@ -175,48 +175,45 @@ fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
 pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
     let law = controller.process_law()?;
     let loops = wiring.led_loops();
-    let found = |key: &str, ports: &[PlayedPort], is_command: bool| {
-        let mut ports = ports.iter().enumerate();
-        ports.find_map(|(place, port)| {
-            let wrong = match key {
-                "reads" => law_ports::reading(&input(port, wiring), &loops).err(),
-                _ => wrong_output(&output(port, wiring), &loops, is_command),
-            };
-            let WrongPort { message, label } = wrong?;
-            let place = port.variable.clone().unwrap_or_else(|| place.to_string());
-            Some(Objection {
-                path: format!("controller.{}.{key}.{place}", controller.law_name()),
-                message,
-                label,
-                help: None,
-            })
-        })
-    };
-    found("reads", &law.reads, false)
-        .or_else(|| found("writes", &law.writes, true))
-        .or_else(|| found("terms", &law.terms, false))
+    let tables = [
+        ("reads", &law.reads),
+        ("writes", &law.writes),
+        ("terms", &law.terms),
+    ];
+    let mut ports = tables.into_iter().flat_map(|(key, ports)| {
+        let numbered = ports.iter().enumerate();
+        numbered.map(move |(place, port)| (key, place, port))
+    });
+    ports.find_map(|(key, place, port)| {
+        let wrong = match key {
+            "reads" => law_ports::reading(&input(port, wiring), &loops).err(),
+            _ => wrong_output(&output(port, wiring), &loops, key == "writes"),
+        };
+        let WrongPort { message, label } = wrong?;
+        let place = port.variable.clone().unwrap_or_else(|| place.to_string());
+        let path = format!("controller.{}.{key}.{place}", controller.law_name());
+        Some(Objection::new(path, message, label))
+    })
 }
 
 /// Returns the error of an output, which must be a command, or a term of the law's own loop.
 fn wrong_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Option<WrongPort> {
     let name = &port.name;
-    let Writing {
-        is_command: commands,
-        index,
-        ..
-    } = match law_ports::writing(port, loops) {
+    let writing = match law_ports::writing(port, loops) {
         Ok(writing) => writing,
         Err(wrong) => return Some(wrong),
     };
-    let (message, label) = match (commands, is_command) {
+    let (message, label) = match (writing.is_command, is_command) {
         (true, true) => return None,
-        (false, false) if index == 0 => return None,
+        (false, false) if writing.index == 0 => return None,
         (true, false) => (
             format!("`{name}` is a command, not a term"),
             "what the law commands stands in `writes`".to_owned(),
         ),
         (false, true) => {
-            let right = loops[index].measurand.name("{command}_{command_unit}");
+            let right = loops[writing.index]
+                .measurand
+                .name("{command}_{command_unit}");
             (
                 format!("`{name}` is no command of a drive"),
                 format!("a command is `{right}`; what else the law writes stands in `terms`"),
