@@ -22,7 +22,7 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress};
 use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NodeId};
-use canopen::object_dictionary::{Entry, Preset};
+use canopen::object_dictionary::Preset;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{Device, ObjectDictionary, emcy};
 use dbc::LawTerm;
@@ -292,9 +292,7 @@ fn with_clients(
                 3 => vec![id],
                 _ => entry.default.clone(),
             };
-            let (name, data_type, access) = (&entry.name, entry.data_type, entry.access);
-            let twin = Entry::new(index, entry.sub_index, name, data_type, access, default);
-            dictionary.insert(twin);
+            dictionary.insert(entry.twin(index, default));
         }
     }
     dictionary

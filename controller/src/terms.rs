@@ -96,7 +96,7 @@ pub(crate) fn declare(
                 _ => continue,
             };
             let index = entry.index + TPDOS_OF_LOOP * place;
-            dictionary.insert(with_default(entry, index, default));
+            dictionary.insert(entry.twin(index, default));
         }
     }
 }
@@ -114,21 +114,6 @@ fn communication(entry: &Entry, sub_index: u8, identifier: u16, place: u16) -> V
         SYNC_START => vec![place],
         _ => entry.default.clone(),
     }
-}
-
-fn with_default(entry: &Entry, index: u16, default: Vec<u8>) -> Entry {
-    let (data_type, access) = (entry.data_type, entry.access);
-    let mut twin = Entry::new(
-        index,
-        entry.sub_index,
-        &entry.name,
-        data_type,
-        access,
-        default,
-    );
-    twin.is_pdo_mappable = entry.is_pdo_mappable;
-    (twin.low_limit, twin.high_limit) = (entry.low_limit, entry.high_limit);
-    twin
 }
 
 /// The objects of a loop's terms in the dictionary, found once.

@@ -317,6 +317,17 @@ impl Entry {
         self.default = default;
     }
 
+    /// Makes the like sub-object of another object; it holds this default.
+    #[must_use]
+    pub fn twin(&self, index: u16, default: Vec<u8>) -> Self {
+        Self {
+            index,
+            value: default.clone(),
+            default,
+            ..self.clone()
+        }
+    }
+
     /// Returns the value, little-endian.
     #[inline]
     pub fn value(&self) -> &[u8] {

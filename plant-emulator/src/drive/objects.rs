@@ -249,16 +249,8 @@ fn declare_tpdo3(dictionary: &mut ObjectDictionary, indices: &[u16]) {
             (false, 1) => cob_id(&entry).to_le_bytes().to_vec(),
             (false, _) => entry.default.clone(),
         };
-        let name = entry.name.replace("TPDO2", "TPDO3");
-        let mut twin = Entry::new(
-            index,
-            entry.sub_index,
-            &name,
-            entry.data_type,
-            entry.access,
-            default,
-        );
-        (twin.low_limit, twin.high_limit) = (entry.low_limit, entry.high_limit);
+        let mut twin = entry.twin(index, default);
+        twin.name = entry.name.replace("TPDO2", "TPDO3");
         dictionary.insert(twin);
     }
 }
