@@ -9,8 +9,9 @@ use crate::plant::{Faults, Plant};
 /// can be left out.
 const CATCH_UP_MAX: Duration = Duration::from_secs(60);
 
-/// The plant with its time, its inputs since then, and its outputs at that time.
-#[derive(Debug)]
+/// The plant with its time, its inputs since then, and its outputs at that time. The default is an empty place for a
+/// plant that another drive holds.
+#[derive(Debug, Default)]
 pub(crate) struct ClockedPlant {
     /// The plant; `None` while another drive holds it.
     plant: Option<Box<dyn Plant>>,
@@ -30,22 +31,10 @@ impl ClockedPlant {
             inputs: ports.inputs.iter().map(|port| port.at_rest).collect(),
             outputs: vec![0.0; ports.outputs.len()],
             plant: Some(plant),
-            time: Duration::ZERO,
-            failure: None,
+            ..Self::default()
         };
         clocked.look();
         clocked
-    }
-
-    /// Makes an empty place for a plant that another drive holds. Does not allocate.
-    pub(crate) fn none() -> Self {
-        Self {
-            plant: None,
-            inputs: Vec::new(),
-            outputs: Vec::new(),
-            time: Duration::ZERO,
-            failure: None,
-        }
     }
 
     /// Advances the plant to `now` under the inputs that have acted since its time. After a failure its state stays.

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use can::{CanFrame, Node};
+use can::{CanFrame, Node, earliest};
+use canopen::object_dictionary::Preset;
 use canopen::{Device, NodeId, ObjectDictionary};
 use dbc::Database;
 use dbc::loops::LoopPlace;
@@ -58,7 +59,7 @@ impl DriveNode {
         let plan = FaultPlan::new(&of.trial.drive_faults(), of.place.drive_node_id);
         let renew = move |device: &mut Device<Drive>| {
             // The same parts were set up before, so this cannot fail.
-            if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
+            if let Ok(mut fresh) = parts.device(ClockedPlant::default()) {
                 fresh
                     .application_mut()
                     .wire_to_rig_of(device.application_mut());
@@ -136,10 +137,7 @@ impl DriveNode {
             return node;
         };
         let fault = faulty.node().application().next_fault();
-        [node, fault, Some(truth.next_deadline())]
-            .into_iter()
-            .flatten()
-            .min()
+        earliest([node, fault, Some(truth.next_deadline())])
     }
 
     pub(crate) fn overhear(&mut self, frame: &CanFrame) {
@@ -183,7 +181,7 @@ impl Parts {
         let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
         let wrong_identity = faults.of("wrong_identity").next();
         if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
-            set_product_code(&mut objects, code);
+            objects.preset(&Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
         }
         drive::declare(&mut objects, plant, &wires);
         let presets = trial.presets().into_iter().chain(place.presets());
@@ -199,14 +197,5 @@ impl Parts {
     fn device(&self, plant: ClockedPlant) -> Result<Device<Drive>, InvalidEmulator> {
         let drive = Drive::new(&self.trial, plant, self.wires.clone(), &self.objects)?;
         Ok(Device::new(self.node_id, self.objects.clone(), drive)?)
-    }
-}
-
-/// Changes the product code of a dictionary.
-fn set_product_code(dictionary: &mut ObjectDictionary, product_code: u32) {
-    if let Ok(handle) = dictionary.find(IDENTITY, PRODUCT_CODE) {
-        let mut entry = dictionary.entry(handle).clone();
-        entry.default = product_code.to_le_bytes().to_vec();
-        dictionary.insert(entry);
     }
 }

@@ -1,4 +1,25 @@
-//! The classical Runge-Kutta method of fourth order.
+//! The classical Runge-Kutta method of fourth order, and the division of time into its steps.
+
+/// Calls `step` with the start and the length of each of the equal steps into which a duration is divided. They are at
+/// most `longest_seconds` long, but for an excess: the share of such a step by which all of them together may be longer.
+#[inline]
+pub(crate) fn in_equal_steps(
+    duration_seconds: f64,
+    longest_seconds: f64,
+    excess: f64,
+    mut step: impl FnMut(f64, f64),
+) {
+    if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
+        return;
+    }
+    let steps = libm::ceil(duration_seconds / longest_seconds - excess).max(1.0);
+    let step_seconds = duration_seconds / steps;
+    let mut index = 0.0;
+    while index < steps {
+        step(index * step_seconds, step_seconds);
+        index += 1.0;
+    }
+}
 
 /// Takes one step of `duration_seconds` from `state`; `derivative` takes the time since the start of the step and a
 /// state.

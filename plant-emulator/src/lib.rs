@@ -31,7 +31,7 @@ mod wires;
 
 use std::time::Duration;
 
-use can::{CanFrame, Filter, Node, Progress, earlier};
+use can::{CanFrame, Filter, Node, Progress, earliest};
 use canopen::device::PDOS_AND_SDOS;
 use canopen::eds::EdsError;
 use canopen::nmt::ERROR_CONTROL_ID;
@@ -197,7 +197,7 @@ impl PlantEmulator {
             parts.push((Parts::new(&in_hand, wires, of)?, of));
         }
         for (parts, of) in parts {
-            let plant = std::mem::replace(&mut in_hand, ClockedPlant::none());
+            let plant = std::mem::take(&mut in_hand);
             nodes.push(DriveNode::new(parts, plant, of)?);
         }
         Ok(Self {
@@ -399,7 +399,7 @@ impl Node for PlantEmulator {
             .modules
             .iter()
             .map(|module| module.device.next_deadline());
-        drives.chain(modules).fold(None, earlier)
+        earliest(drives.chain(modules))
     }
 
     /// Returns a failure if the plant cannot continue, whatever its drives report.

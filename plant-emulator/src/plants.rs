@@ -5,6 +5,9 @@ pub mod sma;
 
 use crate::catalogue::PlantRow;
 
+/// Acceleration of gravity `g`, m/s².
+const GRAVITY: f64 = 9.806_65;
+
 /// The plants that ship.
 pub(crate) const SHIPPED: [PlantRow; 3] = [
     PlantRow::of::<sma::Actuator>(),

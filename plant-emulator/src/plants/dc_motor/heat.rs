@@ -24,8 +24,8 @@ pub(super) struct Heat {
     /// Heat capacity of the housing, `τs / Rth1`, J/K.
     housing_capacity: f64,
     ambient_celsius: f64,
-    winding_celsius: f64,
-    housing_celsius: f64,
+    pub(super) winding_celsius: f64,
+    pub(super) housing_celsius: f64,
 }
 
 impl Heat {
@@ -74,13 +74,5 @@ impl Heat {
         let housing = self.winding_conductance
             + crate::plants::sma::CONVECTION_FACTOR_MAX * self.housing_conductance;
         (self.winding_conductance / self.winding_capacity).max(housing / self.housing_capacity)
-    }
-
-    pub(super) fn winding_celsius(&self) -> f64 {
-        self.winding_celsius
-    }
-
-    pub(super) fn housing_celsius(&self) -> f64 {
-        self.housing_celsius
     }
 }

@@ -7,6 +7,7 @@ mod condition;
 mod heat;
 mod motion;
 
+use crate::integrator::in_equal_steps;
 use crate::plant::{
     Faults, Inputs, InvalidPlant, Plant, Port, Ports, follows, not_negative, one_axis, positive,
 };
@@ -16,6 +17,10 @@ use motion::Motion;
 
 /// Longest integration step: the shipped plant's fastest rate is 11 1/s.
 pub const STEP_SECONDS_MAX: f64 = 1e-3;
+
+/// Tolerated excess of the steps' total length, as a share of a step: a whole number of steps but for rounding needs no
+/// further step.
+const STEP_EXCESS: f64 = 1e-9;
 
 /// The motor with its gearbox, spring and load.
 #[derive(Clone, Debug)]
@@ -44,28 +49,21 @@ impl DcMotor {
 
     /// Advances the time under constant inputs, in equal steps of at most [`STEP_SECONDS_MAX`].
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
-            return;
-        }
-        // A duration that exceeds a whole number of steps by rounding needs no further step.
-        let steps = libm::ceil(duration_seconds / STEP_SECONDS_MAX - 1e-9).max(1.0);
-        let step_seconds = duration_seconds / steps;
-        let mut index = 0.0;
-        while index < steps {
+        let step = |_, step_seconds| {
             self.heat.step(step_seconds, inputs);
             self.motion.step(step_seconds, inputs, self.condition);
-            index += 1.0;
-        }
+        };
+        in_equal_steps(duration_seconds, STEP_SECONDS_MAX, STEP_EXCESS, step);
     }
 
     /// Returns the height of the load above its stop.
     pub fn position_metres(&self) -> f64 {
-        self.motion.position_metres()
+        self.motion.position_metres
     }
 
     /// Returns the speed of the load, upwards.
     pub fn velocity_metres_per_second(&self) -> f64 {
-        self.motion.velocity_metres_per_second()
+        self.motion.velocity_metres_per_second
     }
 
     /// Returns the speed of the motor's shaft.
@@ -85,12 +83,12 @@ impl DcMotor {
 
     /// Returns the temperature of the winding.
     pub fn winding_celsius(&self) -> f64 {
-        self.heat.winding_celsius()
+        self.heat.winding_celsius
     }
 
     /// Returns the temperature of the housing.
     pub fn housing_celsius(&self) -> f64 {
-        self.heat.housing_celsius()
+        self.heat.housing_celsius
     }
 }
 
@@ -182,16 +180,10 @@ fn check(config: &scenario::plant::DcMotor) -> Result<(), InvalidPlant> {
         config.motor_time_constant_seconds,
     )?;
     not_negative("load_kilograms", config.load_kilograms)?;
-    follows(
-        "heat",
-        Heat::new(config).fastest_rate_per_second(),
-        STEP_SECONDS_MAX,
-    )?;
-    follows(
-        "motion",
-        Motion::new(config).fastest_rate_per_second(),
-        STEP_SECONDS_MAX,
-    )
+    let heat = Heat::new(config).fastest_rate_per_second();
+    follows("heat", heat, STEP_SECONDS_MAX)?;
+    let motion = Motion::new(config).fastest_rate_per_second();
+    follows("motion", motion, STEP_SECONDS_MAX)
 }
 
 #[cfg(test)]

@@ -5,9 +5,8 @@ use scenario::plant::DcMotor;
 use super::condition::Condition;
 use crate::integrator::runge_kutta_4;
 use crate::plant::Inputs;
+use crate::plants::GRAVITY;
 
-/// Acceleration of gravity `g`, m/s².
-const GRAVITY: f64 = 9.806_65;
 /// Largest number of reversals in one step; then the load rests until the next step.
 const TURNS_MAX: u32 = 4;
 
@@ -31,9 +30,9 @@ pub(super) struct Motion {
     /// Stiffness of the spring, `k`, N/m.
     stiffness: f64,
     /// Height `x` of the load, zero on the stop, upwards.
-    position_metres: f64,
+    pub(super) position_metres: f64,
     /// Its rate `ẋ`.
-    velocity_metres_per_second: f64,
+    pub(super) velocity_metres_per_second: f64,
 }
 
 /// Forces of constant inputs on the rack, and the moved mass.
@@ -148,14 +147,6 @@ impl Motion {
     pub(super) fn fastest_rate_per_second(&self) -> f64 {
         let mass = self.rotating_kilograms;
         libm::sqrt(self.stiffness / mass) + self.damping / mass
-    }
-
-    pub(super) fn position_metres(&self) -> f64 {
-        self.position_metres
-    }
-
-    pub(super) fn velocity_metres_per_second(&self) -> f64 {
-        self.velocity_metres_per_second
     }
 
     pub(super) fn speed_radians_per_second(&self) -> f64 {

@@ -50,13 +50,11 @@ impl Condition {
         }
     }
 
-    /// Returns the current that heats a sound wire as much.
-    pub(super) fn heating_amperes(&self, inputs: &Inputs) -> f64 {
-        let factor = self.resistance_factor;
-        if factor == 1.0 {
-            inputs.current_amperes
-        } else {
-            inputs.current_amperes * libm::sqrt(factor)
+    /// Returns the current that heats a sound wire as much as this one.
+    pub(super) fn heating_amperes(&self, current_amperes: f64) -> f64 {
+        match self.resistance_factor {
+            1.0 => current_amperes,
+            factor => current_amperes * libm::sqrt(factor),
         }
     }
 

@@ -21,7 +21,7 @@ use std::borrow::Borrow;
 
 use scenario::plant::SMA_ACTUATOR;
 
-use crate::integrator::runge_kutta_4_from;
+use crate::integrator::{in_equal_steps, runge_kutta_4_from};
 use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, one_axis};
 
 /// Tolerated excess of the steps' total length, as a share of a step. Every fourth SYNC of 1 kHz is some bits late and
@@ -108,7 +108,7 @@ impl Actuator {
 
     fn acting(&self, inputs: &Inputs) -> Acting {
         let condition = self.condition;
-        let heating_amperes = condition.heating_amperes(inputs);
+        let heating_amperes = condition.heating_amperes(inputs.current_amperes);
         Acting {
             heating: self.heat.heating(heating_amperes, inputs.convection_factor),
             load: self.mechanics.load(condition.added_load_kilograms(inputs)),
@@ -122,19 +122,13 @@ impl Actuator {
         duration_seconds: f64,
         acting: impl Fn(&Self, f64) -> A,
     ) {
-        if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
-            return;
-        }
-        let steps = libm::ceil(duration_seconds / self.step_seconds_max - STEP_EXCESS).max(1.0);
-        let step_seconds = duration_seconds / steps;
-        let mut index = 0.0;
-        while index < steps {
-            let start = index * step_seconds;
+        let longest_seconds = self.step_seconds_max;
+        let step = |start, step_seconds| {
             self.step(step_seconds, |actuator, time| {
                 acting(actuator, start + time)
             });
-            index += 1.0;
-        }
+        };
+        in_equal_steps(duration_seconds, longest_seconds, STEP_EXCESS, step);
     }
 
     /// Takes one step. The branch follows the sign of `dT/dt` at its start. If varying inputs change the sign inside,
@@ -284,7 +278,7 @@ impl Actuator {
     /// Returns the equilibrium temperature of the wire under these inputs.
     pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
         self.heat.equilibrium_celsius(
-            self.condition.heating_amperes(inputs),
+            self.condition.heating_amperes(inputs.current_amperes),
             inputs.convection_factor,
         )
     }

@@ -9,18 +9,14 @@ use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 use super::condition::Condition;
 use super::heat::{HeatBalance, Heating};
 use super::phase::Transformation;
-use super::turns_not_remembered;
 use super::validity::{
     CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_heat, check_kinetics, check_phase,
 };
 use super::wire::Mechanics;
-use crate::integrator::runge_kutta_4;
+use super::{STEP_EXCESS, turns_not_remembered};
+use crate::integrator::{in_equal_steps, runge_kutta_4};
 use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negative, positive};
-
-/// Acceleration of gravity `g`, m/s².
-const GRAVITY: f64 = 9.806_65;
-/// Tolerated excess of the steps' total length, as a share of a step, as for the actuator.
-const STEP_EXCESS: f64 = 0.1;
+use crate::plants::GRAVITY;
 
 const FLEXOR: usize = 0;
 const EXTENSOR: usize = 1;
@@ -146,9 +142,8 @@ impl SmaPair {
 
     fn acting(&self, inputs: &[f64]) -> Acting {
         let heating = [FLEXOR, EXTENSOR].map(|place| {
-            let factor = self.wires[place].condition.resistance_factor;
-            let current = inputs[place] * libm::sqrt(factor);
-            self.heat.heating(current, inputs[CONVECTION_FACTOR])
+            let amperes = self.wires[place].condition.heating_amperes(inputs[place]);
+            self.heat.heating(amperes, inputs[CONVECTION_FACTOR])
         });
         Acting {
             heating,
@@ -298,17 +293,9 @@ impl Plant for SmaPair {
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
-        if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
-            return;
-        }
         let acting = self.acting(inputs);
-        let steps = libm::ceil(duration_seconds / STEP_SECONDS_MAX - STEP_EXCESS).max(1.0);
-        let step_seconds = duration_seconds / steps;
-        let mut index = 0.0;
-        while index < steps {
-            self.advance(step_seconds, &acting);
-            index += 1.0;
-        }
+        let step = |_, step_seconds| self.advance(step_seconds, &acting);
+        in_equal_steps(duration_seconds, STEP_SECONDS_MAX, STEP_EXCESS, step);
     }
 
     fn read(&self, outputs: &mut [f64]) {
@@ -316,7 +303,7 @@ impl Plant for SmaPair {
         let tension =
             |place: usize| self.tension_newtons(place, celsius(place), self.angle_radians);
         let turns = |place: usize| f64::from(self.wires[place].phase.turns_not_remembered());
-        let values = [
+        outputs.copy_from_slice(&[
             self.angle_radians.to_degrees(),
             celsius(FLEXOR),
             tension(FLEXOR),
@@ -325,10 +312,7 @@ impl Plant for SmaPair {
             self.speed_radians_per_second.to_degrees(),
             turns(FLEXOR),
             turns(EXTENSOR),
-        ];
-        for (output, value) in outputs.iter_mut().zip(values) {
-            *output = value;
-        }
+        ]);
     }
 
     fn heated_celsius(&self, input: usize) -> Option<f64> {

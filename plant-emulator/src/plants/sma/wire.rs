@@ -2,8 +2,7 @@
 
 use scenario::plant::{self, StressStrain};
 
-/// Acceleration of gravity `g`, m/s².
-const GRAVITY: f64 = 9.806_65;
+use crate::plants::GRAVITY;
 
 /// Coefficients of wire mechanics and motion, Eq. (3)-(9).
 #[derive(Clone, Debug)]
