@@ -11,9 +11,8 @@ pub(crate) struct Parameters(Vec<Parameter>);
 
 struct Parameter {
     keys: Vec<String>,
-    description: String,
     is_whole: bool,
-    role: Role,
+    variable: ModelVariable,
 }
 
 impl Parameters {
@@ -27,21 +26,13 @@ impl Parameters {
     }
 
     pub(crate) fn variables(&self) -> impl Iterator<Item = ModelVariable> {
-        self.0.iter().map(|parameter| ModelVariable {
-            name: parameter.keys.join("."),
-            description: parameter.description.clone(),
-            unit: parameter
-                .keys
-                .last()
-                .and_then(|key| unit_in_name(key))
-                .map_or("", |known| known.symbol),
-            role: parameter.role.clone(),
-        })
+        self.0.iter().map(|parameter| parameter.variable.clone())
     }
 
     /// Returns the default values, in the order of the variables.
     pub(crate) fn defaults(&self) -> impl Iterator<Item = StartValue> {
-        self.0.iter().filter_map(|parameter| parameter.role.start())
+        let parameters = self.0.iter();
+        parameters.filter_map(|parameter| parameter.variable.role.start())
     }
 
     /// Returns the table with these values, in the order of the variables.
@@ -78,19 +69,22 @@ fn collect(schema: &Value, keys: &[String], into: &mut Vec<Parameter>) {
     for (key, property) in properties {
         let keys = [keys, std::slice::from_ref(key)].concat();
         // The default of a table contains those of its keys.
-        let role = role(property);
-        match role {
-            Some(role) => into.push(Parameter {
-                keys,
-                description: property["description"]
-                    .as_str()
-                    .unwrap_or_default()
-                    .to_owned(),
-                is_whole: property["type"] == "integer",
-                role,
-            }),
-            None => collect(property, &keys, into),
-        }
+        let Some(role) = role(property) else {
+            collect(property, &keys, into);
+            continue;
+        };
+        let description = property["description"].as_str().unwrap_or_default();
+        let variable = ModelVariable {
+            name: keys.join("."),
+            description: description.to_owned(),
+            unit: unit_in_name(key).map_or("", |known| known.symbol),
+            role,
+        };
+        into.push(Parameter {
+            keys,
+            is_whole: property["type"] == "integer",
+            variable,
+        });
     }
 }
 
