@@ -35,10 +35,7 @@ pub(super) fn xml(model: &Model, version: Version) -> String {
     xml += "/>\n";
     xml += &units(model);
     xml += "  <DefaultExperiment startTime=\"0\" stepSize=\"0.001\"/>\n  <ModelVariables>\n";
-    xml += &match version {
-        Version::Two => variables_2(model),
-        Version::Three => variables_3(model),
-    };
+    xml += &variables(model, version);
     xml += "  </ModelVariables>\n  <ModelStructure>\n";
     xml += &structure(model, version);
     xml + "  </ModelStructure>\n</fmiModelDescription>\n"
@@ -127,33 +124,29 @@ fn named(reference: usize, variable: &ModelVariable) -> String {
         + &kind(&variable.role)
 }
 
-fn variables_2(model: &Model) -> String {
-    let mut xml = String::from(
-        "    <ScalarVariable name=\"time\" valueReference=\"0\" causality=\"independent\" variability=\"continuous\"><Real unit=\"s\"/></ScalarVariable>\n",
-    );
-    for (reference, variable) in numbered(model) {
-        let value = match &variable.role {
-            Role::Word { start } => format!("<String{}/>", attribute("start", start)),
-            _ => format!("<Real{}/>", value(variable)),
-        };
-        let named = named(reference, variable);
-        xml += &format!("    <ScalarVariable{named}>{value}</ScalarVariable>\n");
-    }
-    xml
-}
-
-fn variables_3(model: &Model) -> String {
-    let mut xml = String::from(
-        "    <Float64 name=\"time\" valueReference=\"0\" causality=\"independent\" variability=\"continuous\" unit=\"s\"/>\n",
-    );
+fn variables(model: &Model, version: Version) -> String {
+    let number = |named: &str, value: &str| match version {
+        Version::Two => format!("    <ScalarVariable{named}><Real{value}/></ScalarVariable>\n"),
+        Version::Three => format!("    <Float64{named}{value}/>\n"),
+    };
+    let text = |named: &str, start: &str| match version {
+        Version::Two => {
+            let start = attribute("start", start);
+            format!("    <ScalarVariable{named}><String{start}/></ScalarVariable>\n")
+        }
+        Version::Three => {
+            let start = attribute("value", start);
+            format!("    <String{named}><Start{start}/></String>\n")
+        }
+    };
+    let time =
+        " name=\"time\" valueReference=\"0\" causality=\"independent\" variability=\"continuous\"";
+    let mut xml = number(time, " unit=\"s\"");
     for (reference, variable) in numbered(model) {
         let named = named(reference, variable);
         xml += &match &variable.role {
-            Role::Word { start } => {
-                let start = attribute("value", start);
-                format!("    <String{named}><Start{start}/></String>\n")
-            }
-            _ => format!("    <Float64{named}{}/>\n", value(variable)),
+            Role::Word { start } => text(&named, start),
+            _ => number(&named, &value(variable)),
         };
     }
     xml
