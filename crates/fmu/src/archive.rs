@@ -60,17 +60,15 @@ impl Archive {
     pub fn runs_here(&self) -> Result<(), Fault> {
         let platform = self.description.version.platform();
         if self.platforms.iter().any(|found| found == platform) {
-            Ok(())
-        } else {
-            Err(Fault::Platform {
-                wanted: platform.to_owned(),
-                found: if self.platforms.is_empty() {
-                    "none".to_owned()
-                } else {
-                    self.platforms.join(", ")
-                },
-            })
+            return Ok(());
         }
+        let found = match &self.platforms[..] {
+            [] => "none".to_owned(),
+            platforms => platforms.join(", "),
+        };
+        Err(Fault::Invalid(format!(
+            "it has no library for this machine ({platform}); it has {found}"
+        )))
     }
 
     /// Unpacks the files for this machine into a new folder.
@@ -136,11 +134,11 @@ fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
     // Opening a pipe would wait for its other end.
     let metadata = path.metadata().map_err(unread)?;
     if !metadata.is_file() {
-        return Err(Fault::Archive("it is not a file".to_owned()));
+        return Err(Fault::Invalid("it is not a file".to_owned()));
     }
     let file = File::open(path).map_err(unread)?;
     if metadata.len() > FILE_BYTES_MAX {
-        return Err(Fault::Archive(format!(
+        return Err(Fault::Invalid(format!(
             "it has {} bytes (limit {FILE_BYTES_MAX})",
             metadata.len()
         )));
@@ -151,9 +149,9 @@ fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
 /// Opens a zip file, and checks that its entries stay in their folder and are not too many or too large.
 fn open_zip<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
     let mut zip = ZipArchive::new(bytes)
-        .map_err(|error| Fault::Archive(format!("not a zip file that can be read: {error}")))?;
+        .map_err(|error| Fault::Invalid(format!("not a zip file that can be read: {error}")))?;
     if zip.len() > FILES_MAX {
-        return Err(Fault::Archive(format!(
+        return Err(Fault::Invalid(format!(
             "it has {} files in it (limit {FILES_MAX})",
             zip.len()
         )));
@@ -163,18 +161,18 @@ fn open_zip<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
         let entry = entry(&mut zip, index)?;
         if safe_path(&entry).is_none() {
             let name = String::from_utf8_lossy(entry.name_raw());
-            return Err(Fault::Archive(format!(
+            return Err(Fault::Invalid(format!(
                 "its entry {name:?} leads out of its folder"
             )));
         }
         if entry.is_symlink() {
             let name = String::from_utf8_lossy(entry.name_raw());
-            return Err(Fault::Archive(format!("its entry {name:?} is a link")));
+            return Err(Fault::Invalid(format!("its entry {name:?} is a link")));
         }
         bytes_in_all = bytes_in_all.saturating_add(entry.size());
     }
     if bytes_in_all > UNPACKED_BYTES_MAX {
-        return Err(Fault::Archive(format!(
+        return Err(Fault::Invalid(format!(
             "it unpacks to {bytes_in_all} bytes (limit {UNPACKED_BYTES_MAX})"
         )));
     }
@@ -186,7 +184,7 @@ fn entry<R: Read + io::Seek>(
     index: usize,
 ) -> Result<ZipFile<'_, R>, Fault> {
     zip.by_index(index)
-        .map_err(|error| Fault::Archive(format!("its entry {index} cannot be read: {error}")))
+        .map_err(|error| Fault::Invalid(format!("its entry {index} cannot be read: {error}")))
 }
 
 /// Returns the path of an entry below its folder; `None` for one that leads out of it.
@@ -212,7 +210,7 @@ fn read_from<R: Read + io::Seek>(
     platforms.sort();
     platforms.dedup();
     let entry = zip.by_name(DESCRIPTION).map_err(|error| {
-        Fault::Archive(format!("it has no {DESCRIPTION} that can be read: {error}"))
+        Fault::Invalid(format!("it has no {DESCRIPTION} that can be read: {error}"))
     })?;
     let description = Description::parse(&limited_text(entry)?)?;
     Ok((description, platforms))
@@ -265,7 +263,7 @@ fn unpack<R: Read + io::Seek>(
         let written = io::copy(&mut (&mut entry).take(left), &mut output).map_err(at_path)?;
         left -= written;
         if left == 0 {
-            return Err(Fault::Archive(format!(
+            return Err(Fault::Invalid(format!(
                 "it unpacks to more than {UNPACKED_BYTES_MAX} bytes"
             )));
         }

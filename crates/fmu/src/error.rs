@@ -24,9 +24,6 @@ pub enum Fault {
         /// Error of the system.
         source: std::io::Error,
     },
-    /// The file is no acceptable zip file.
-    #[error("{0}")]
-    Archive(String),
     /// The description is no XML.
     #[error("modelDescription.xml cannot be read as XML: {0}")]
     Xml(String),
@@ -38,9 +35,6 @@ pub enum Fault {
         /// Error in the element.
         reason: String,
     },
-    /// The FMU needs a feature of FMI that is not supported.
-    #[error("{0}")]
-    NotServed(String),
     /// A variable is missing or unsuitable.
     #[error("variable `{variable}` {reason}")]
     Variable {
@@ -48,17 +42,6 @@ pub enum Fault {
         variable: String,
         /// Error of the variable.
         reason: String,
-    },
-    /// The table of the rig file is invalid in another way.
-    #[error("{0}")]
-    Table(String),
-    /// There is no library for this machine.
-    #[error("it has no library for this machine ({wanted}); it has {found}")]
-    Platform {
-        /// Folder below `binaries` for this machine.
-        wanted: String,
-        /// Folders that exist.
-        found: String,
     },
     /// The library cannot be loaded.
     #[error("its library cannot be loaded: {0}")]
@@ -119,6 +102,9 @@ pub enum Fault {
     /// The worker cannot be started or reached.
     #[error("the process that is to load it {0}")]
     Worker(String),
+    /// The file, the table of the rig file or the FMU is invalid in another way.
+    #[error("{0}")]
+    Invalid(String),
     /// A worker reported another error.
     #[error("{text}")]
     Told {

@@ -180,7 +180,7 @@ fn fixed_step(
         return if step > 0.0 && step.is_finite() {
             Ok(wanted)
         } else {
-            Err(Fault::Table(format!(
+            Err(Fault::Invalid(format!(
                 "its step is {step} s, it must be above 0"
             )))
         };
@@ -193,7 +193,7 @@ fn fixed_step(
         .or(description.step_seconds);
     match recommended {
         Some(step) => Ok(Some(step)),
-        None => Err(Fault::Table(
+        None => Err(Fault::Invalid(
             "it takes steps of one length only and does not say which; write step_milliseconds"
                 .to_owned(),
         )),
@@ -248,7 +248,7 @@ impl Instance {
         let plan = configuration.plan(&description)?;
         let co_simulation = description.served()?;
         let name = CString::new(configuration.name.as_str())
-            .map_err(|_| Fault::Table("its name has a NUL in it".to_owned()))?;
+            .map_err(|_| Fault::Invalid("its name has a NUL in it".to_owned()))?;
         let slave = library::instantiate(folder, &description, &name)?;
         let mut instance = Self {
             file: file.to_owned(),

@@ -85,12 +85,12 @@ impl RemoteFmu {
 
     fn meet(&mut self, configuration: &Configuration) -> Result<(), Fault> {
         let part = postcard::to_allocvec(configuration)
-            .map_err(|error| Fault::Table(error.to_string()))?;
+            .map_err(|error| Fault::Invalid(error.to_string()))?;
         let values = configuration.inputs.len().max(configuration.outputs.len());
         // Beside the start values or the values of a step there are a header and a few numbers.
         let bytes = part.len().max(8 * values) + 64;
         if bytes >= MESSAGE_BYTES_MAX {
-            return Err(Fault::Table(format!(
+            return Err(Fault::Invalid(format!(
                 "its start values and ports have {bytes} bytes (limit {MESSAGE_BYTES_MAX})"
             )));
         }

@@ -120,7 +120,7 @@ impl Description {
     pub fn served(&self) -> Result<&CoSimulation, Fault> {
         self.co_simulation.as_ref().ok_or_else(|| {
             let has = self.other_interfaces.join(" and ");
-            Fault::NotServed(format!(
+            Fault::Invalid(format!(
                 "it has no co-simulation, only {has}; export it for co-simulation"
             ))
         })

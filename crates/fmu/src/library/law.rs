@@ -82,7 +82,7 @@ impl Names {
 
     fn count(&self) -> Result<u32, Fault> {
         let count = u32::try_from(self.pointers.len());
-        count.map_err(|error| Fault::Table(error.to_string()))
+        count.map_err(|error| Fault::Invalid(error.to_string()))
     }
 }
 
@@ -150,7 +150,7 @@ impl LawLibrary {
         let bytes = unsafe { bytes(&raw const *given) };
         if bytes > BYTES_MAX {
             let reason = format!("canrig_law_bytes wants {bytes} bytes (limit {BYTES_MAX})");
-            return Err(Fault::Table(reason));
+            return Err(Fault::Invalid(reason));
         }
         let mut memory = vec![0; bytes.max(1).div_ceil(size_of::<u128>())];
         let mut why = [0; WHY_BYTES];
@@ -162,7 +162,7 @@ impl LawLibrary {
             // SAFETY: it ends with 0 at the latest at its last byte.
             let why = unsafe { CStr::from_ptr(why.as_ptr()) }.to_string_lossy();
             let reason = format!("canrig_law_init returned {status}: {why}");
-            return Err(Fault::Table(reason));
+            return Err(Fault::Invalid(reason));
         }
         Ok(Self {
             step,
@@ -212,7 +212,7 @@ impl LawLibrary {
         };
         match status {
             0 => Ok(()),
-            status => Err(Fault::Table(format!("canrig_law_step returned {status}"))),
+            status => Err(Fault::Invalid(format!("canrig_law_step returned {status}"))),
         }
     }
 }

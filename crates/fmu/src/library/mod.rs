@@ -131,7 +131,7 @@ struct Made<'a> {
 }
 
 fn text(text: &str) -> Result<std::ffi::CString, Fault> {
-    std::ffi::CString::new(text).map_err(|_| Fault::Table(format!("{text:?} has a NUL in it")))
+    std::ffi::CString::new(text).map_err(|_| Fault::Invalid(format!("{text:?} has a NUL in it")))
 }
 
 /// Opens a library. All symbols are resolved at once, so a missing one is found before motion begins.
