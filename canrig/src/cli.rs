@@ -8,7 +8,6 @@ use platform::{keeper, private_bus, process};
 
 use crate::doctor::{DoctorArgs, doctor};
 use crate::eds::{EdsArgs, eds};
-use crate::fmu::play::{PlayArgs, play};
 use crate::fmu::{FmuArgs, fmu};
 use crate::host::{NodeArgs, host};
 use crate::manual::{CompletionsArgs, ManArgs, completions, man};
@@ -198,9 +197,6 @@ pub(crate) enum Command {
         /// The folder with the files of an FMU
         folder: Option<PathBuf>,
     },
-    /// An FMU by itself, as CSV
-    #[command(hide = true)]
-    FmuPlay(PlayArgs),
     /// The helper that makes a private bus; `run` starts it
     #[command(hide = true)]
     PrivateBus {
@@ -257,7 +253,6 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Monitor(args) => monitor(args),
         Command::Eds(args) => eds(&args),
         Command::Fmu(args) => fmu(&args),
-        Command::FmuPlay(args) => play(&args),
         Command::FmuWorker { file, folder } => {
             fmu_worker::serve(&file, &folder).map_or(Exit::BenchFailed, |()| Exit::Pass)
         }

@@ -20,15 +20,15 @@ from fmpy.fmi3 import FMU3Slave
 
 LIMIT = 1e-9
 FMUS = ROOT / "tests" / "fmu"
-# The program, and the folder of the FMUs and of what is played with them: set by `fmus`.
-canrig, work = None, None
+# The program, the one that plays an FMU alone, and the folder of the FMUs and of what is played with them: set by `fmus`.
+canrig, fmu_play, work = None, None, None
 
 
 @pytest.fixture(scope="module", autouse=True)
 def fmus(release, tmp_path_factory):
     """The FMUs of other makers, in a folder of their own."""
-    global canrig, work
-    canrig, work = release / "canrig", tmp_path_factory.mktemp("fmu")
+    global canrig, fmu_play, work
+    canrig, fmu_play, work = release / "canrig", release / "examples/fmu_play", tmp_path_factory.mktemp("fmu")
     # The FMUs start the Python of this environment, and the law in Python imports canrig's package.
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     with pytest.MonkeyPatch.context() as monkeypatch:
@@ -55,10 +55,14 @@ def check(is_met, words):
     assert is_met, words
 
 
-def run(*words, code=0):
-    done = subprocess.run([canrig, *map(str, words)], capture_output=True, text=True, timeout=60)
+def run(*words, code=0, program=None):
+    done = subprocess.run([program or canrig, *map(str, words)], capture_output=True, text=True, timeout=60)
     check(done.returncode == code, f"{words} ended in {done.returncode}, not {code}:\n{done.stdout}{done.stderr}")
     return done.stdout + done.stderr
+
+
+def run_alone(*words, code=0):
+    return run(*words, code=code, program=fmu_play)
 
 
 def tells(text, *all_words):
@@ -76,14 +80,14 @@ def table(name, ports, start="", more=""):
 
 
 def play(path, steps, inputs=None, step_milliseconds=1.0):
-    words = ["fmu-play", path, "--steps", steps, "--step-milliseconds", step_milliseconds]
+    words = [path, "--steps", steps, "--step-milliseconds", step_milliseconds]
     if inputs:
         file = work / "inputs.csv"
         names = list(inputs)
         rows = [",".join(names)] + [",".join(map(repr, row)) for row in zip(*inputs.values())]
         file.write_text("\n".join(rows) + "\n")
         words += ["--inputs", file]
-    lines = run(*words).splitlines()
+    lines = run_alone(*words).splitlines()
     names = lines[0].split(",")
     rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
     return {name: [row[place] for row in rows] for place, name in enumerate(names)}
@@ -165,8 +169,8 @@ def test_spring():
     equal("pythonfmu, position", ours["position_metres"], theirs["position"])
     equal("pythonfmu, speed", ours["speed"], theirs["speed"])
     # pythonfmu says of every discarded step that it wants no more.
-    words = ["fmu-play", path, "--steps", 1, "--step-milliseconds", 8.0]
-    tells(run(*words, code=1), "Spring.fmu: the FMU ended the simulation by itself at 0 s")
+    words = [path, "--steps", 1, "--step-milliseconds", 8.0]
+    tells(run_alone(*words, code=1), "Spring.fmu: the FMU ended the simulation by itself at 0 s")
 
 
 def test_awkward():
@@ -180,7 +184,7 @@ def test_awkward():
     def mode(number, code=0, step_milliseconds=1.0):
         path = table(f"awkward-{number}", ports, f"mode = {number}")
         if code:
-            return run("fmu-play", path, "--steps", steps, code=code)
+            return run_alone(path, "--steps", steps, code=code)
         return play(path, steps, {"u": u, "valve": valve}, step_milliseconds)
 
     integral = [0.0]
@@ -189,9 +193,9 @@ def test_awkward():
     equal("C, plain", mode(0)["y"], integral)
     equal("C, every step refused and halved", mode(1)["y"], integral)
     path = table("awkward-events", ports, "mode = 2\nu = 3.0")
-    words = ["fmu-play", path, "--steps", "100"]
+    words = [path, "--steps", "100"]
     (work / "inputs.csv").write_text("u,valve\n3.0,0\n")
-    lines = run(*words, "--inputs", work / "inputs.csv").splitlines()
+    lines = run_alone(*words, "--inputs", work / "inputs.csv").splitlines()
     names = lines[0].split(",")
     rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
     result = fmpy.simulate_fmu(
@@ -387,7 +391,7 @@ def test_refused():
         change(copy)
         shutil.make_archive(str(work / name), "zip", copy)
         (work / f"{name}.zip").rename(work / f"{name}.fmu")
-        return run("fmu-play", table(name, ports), "--steps", 1, code=3)
+        return run_alone(table(name, ports), "--steps", 1, code=3)
 
     def written(source):
         def change(copy):
@@ -410,7 +414,7 @@ def test_refused():
     tells(packed("needy", written("extern int cblas(void); int f(void) { return cblas(); }")), "cannot be loaded", "undefined symbol: cblas")
     tells(packed("text", lambda copy: (copy / library.relative_to(folder)).write_text("no library")), "cannot be loaded")
     path = table("awkward-typo", {"x": "yy"})
-    tells(run("fmu-play", path, code=3), "variable `yy` is not in the FMU")
+    tells(run_alone(path, code=3), "variable `yy` is not in the FMU")
 
 
 STEPS = 2000
@@ -458,7 +462,7 @@ def test_a_plant_of_ours(plant, fmi):
         equal(f"{name}: FMPy and the emulator", emulated[name], theirs[name], moves=moves)
     wrong = next(iter(start))
     text = f"\"{wrong}\" = 1e6"
-    tells(run("fmu-play", table(f"{plant}{fmi}-wrong", ports, text), code=3), f"variable `{wrong}` cannot start with 1000000")
+    tells(run_alone(table(f"{plant}{fmi}-wrong", ports, text), code=3), f"variable `{wrong}` cannot start with 1000000")
 
 
 def test_an_unknown_plant_is_not_exported():
@@ -469,7 +473,7 @@ def test_an_unknown_plant_is_not_exported():
 def test_parameters_that_make_no_sense_are_refused_by_the_plant(fmi):
     ports = {"position_metres": "position_metres"}
     text = "rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\nspring_newtons_per_metre = 1e6"
-    told = run("fmu-play", table(f"dc_motor{fmi}-fast", ports, text), code=3)
+    told = run_alone(table(f"dc_motor{fmi}-fast", ports, text), code=3)
     tells(told, "ExitInitializationMode failed (error); it said: motion changes at up to")
 
 
@@ -480,8 +484,8 @@ def test_cost():
         outputs = {"position_metres": "position_metres"}
         path = table(f"{plant}3-cost", {"current_amperes": "current_amperes", **outputs})
         words = ["--steps", 20000, "--cost"]
-        own = run("fmu-play", "--plant", plant, *words).strip()
-        worker = run("fmu-play", path, *words).strip()
+        own = run_alone("--plant", plant, *words).strip()
+        worker = run_alone(path, *words).strip()
         print(f"{plant}: {own} in the emulator, {worker} as an FMU in its worker")
 
 
@@ -491,7 +495,7 @@ def emulator(plant, start, inputs):
     file = work / "inputs.csv"
     rows = [",".join(inputs)] + [",".join(map(repr, row)) for row in zip(*inputs.values())]
     file.write_text("\n".join(rows) + "\n")
-    lines = run("fmu-play", "--plant", plant, *changes, "--inputs", file, "--steps", len(rows) - 1).splitlines()
+    lines = run_alone("--plant", plant, *changes, "--inputs", file, "--steps", len(rows) - 1).splitlines()
     names = lines[0].split(",")
     columns = zip(*([float(cell) for cell in line.split(",")] for line in lines[1:]))
     return dict(zip(names, map(list, columns)))

@@ -70,7 +70,7 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Failur
 }
 
 /// Finds the model with this name.
-pub(super) fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Exported> {
+fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Exported> {
     let mut models = models.iter().map(|exported| &**exported);
     models.find(|exported| exported.name() == name)
 }

@@ -1,7 +1,6 @@
 //! `canrig fmu`: shows the description of an FMU without loading it, and writes the plants of the bench as FMUs.
 
 pub(crate) mod export;
-pub(crate) mod play;
 
 use std::path::{Path, PathBuf};
 

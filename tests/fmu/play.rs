@@ -1,47 +1,45 @@
-//! The hidden `canrig fmu-play`: plays an FMU alone, without a bench. The tests compare its output with that of other
-//! programs.
+//! A program of the tests: plays an FMU alone, without a bench. They compare its output with that of other programs.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
-use clap::Args;
+use clap::Parser;
 use fmu::export::Role;
 use fmu::table::{Port, Wiring, wiring};
 use fmu::unit::{Conversion, unit_in_name};
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
-use scenario::plant::Fmu;
-use worlds::fmu_worker::RemoteFmu;
-
-use super::export::named;
 use runner::console::{failed, print};
 use runner::exit::Exit;
+use scenario::plant::Fmu;
+use worlds::fmu_worker::{self, RemoteFmu};
 
-/// Arguments of `fmu-play`.
-#[derive(Args, Debug)]
-pub(crate) struct PlayArgs {
+/// Plays an FMU, and prints its outputs as CSV
+#[derive(Debug, Parser)]
+struct PlayArgs {
     /// A file with one table [plant.NAME.fmu]
     #[arg(required_unless_present = "plant")]
-    pub table: Option<PathBuf>,
+    table: Option<PathBuf>,
     /// The emulator's own plant in its place, by the name of its FMU
     #[arg(long, conflicts_with = "table")]
-    pub plant: Option<String>,
+    plant: Option<String>,
     /// A parameter of that plant
     #[arg(long, value_name = "NAME=VALUE", requires = "plant")]
-    pub start: Vec<String>,
+    start: Vec<String>,
     /// Time between two rows
     #[arg(long, default_value_t = 1.0)]
-    pub step_milliseconds: f64,
+    step_milliseconds: f64,
     /// Number of rows after that at time 0
     #[arg(long, default_value_t = 1000)]
-    pub steps: u32,
+    steps: u32,
     /// A table of inputs, by the names of their ports: a row for each step, the last for all further ones
     #[arg(long)]
-    pub inputs: Option<PathBuf>,
+    inputs: Option<PathBuf>,
     /// Print how long a step took, in place of the values
     #[arg(long)]
-    pub cost: bool,
+    cost: bool,
 }
 
 /// Reason why the FMU did not play, with the exit code.
@@ -65,12 +63,20 @@ impl From<FmuError> for Refused {
     }
 }
 
-/// Plays an FMU, and prints its outputs as CSV.
-pub(crate) fn play(args: &PlayArgs) -> Exit {
-    match played(args) {
+fn main() -> ExitCode {
+    let words = Vec::from_iter(std::env::args_os().skip(1));
+    // The worker that alone loads the FMU is this program, too, as a bench's is canrig.
+    if let [worker, file, folder] = words.as_slice()
+        && worker == "fmu-worker"
+    {
+        let served = fmu_worker::serve(file.as_ref(), folder.as_ref());
+        return served.map_or(Exit::BenchFailed, |()| Exit::Pass).into();
+    }
+    let exit = match played(&PlayArgs::parse()) {
         Ok(()) => Exit::Pass,
         Err(Refused(exit, reason)) => failed(exit, reason),
-    }
+    };
+    exit.into()
 }
 
 fn played(args: &PlayArgs) -> Result<(), Refused> {
@@ -84,7 +90,10 @@ fn played(args: &PlayArgs) -> Result<(), Refused> {
 fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
     let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
     let shipped = fmu_plants::shipped();
-    let exported = named(&shipped, name).ok_or_else(|| refused("is no plant that ships"))?;
+    let mut plants = shipped.iter();
+    let exported = plants
+        .find(|exported| exported.name() == name)
+        .ok_or_else(|| refused("is no plant that ships"))?;
     let model = exported.model().map_err(|reason| refused(&reason))?;
     let variables = model.variables;
     let parameters = variables.iter().filter_map(|variable| {
