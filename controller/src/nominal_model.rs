@@ -540,18 +540,14 @@ impl NominalModel {
     #[inline(always)]
     fn rate(&self, state: &State, warming: &Warming) -> Rate {
         let temperature = warming.kelvins_per_second;
-        let resting = self.rests_on_stop(state);
+        let [position, velocity] = if self.rests_on_stop(state) {
+            [0.0, 0.0]
+        } else {
+            [state.velocity_metres_per_second, self.acceleration(state)]
+        };
         Rate {
-            position: if resting {
-                0.0
-            } else {
-                state.velocity_metres_per_second
-            },
-            velocity: if resting {
-                0.0
-            } else {
-                self.acceleration(state)
-            },
+            position,
+            velocity,
             fraction: warming.slope.per_kelvin * temperature,
             temperature,
         }
