@@ -29,7 +29,6 @@ mod terms;
 #[cfg(test)]
 mod test_rig;
 mod turns;
-mod wired_law;
 
 pub use error::ControllerError;
 pub use node::ControllerNode;

@@ -38,11 +38,10 @@ use crate::law::AnyLaw;
 use crate::plausibility::Plausibility;
 use crate::process_law::{StartPlayer, no_player};
 use crate::terms;
-use crate::wired_law::{Seen, WiredLaw};
 use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
 use drive::LedDrive;
-use leading_law::LeadingLaw;
+use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
@@ -123,8 +122,7 @@ impl ControllerNode {
         let dictionary = dictionary(own_id, &terms, &Vec::from_iter(drives), &io_nodes)?;
         let laws = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;
-            let law = WiredLaw::new(law, &places, wiring, &dictionary)?;
-            Ok(LeadingLaw::new(law, places))
+            LeadingLaw::new(law, places, wiring, &dictionary)
         });
         let laws = laws.collect::<Result<_, ControllerError>>()?;
         let follows = plans

@@ -60,7 +60,7 @@ impl Application for Controller {
 
     fn on_sampling(&mut self, services: &mut Services) {
         for law in &mut self.laws {
-            law.store_terms(services);
+            law.store_terms(services.dictionary_mut());
         }
     }
 
@@ -71,31 +71,24 @@ impl Application for Controller {
     fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {
         let mut loops = self.loops.iter().enumerate();
         let sample = loops.find_map(|(place, one)| Some((one.drive.layout.decode(frame)?, place)));
-        if let Some((feedback, place)) = sample {
-            let one = &mut self.loops[place];
-            let node_id = one.drive.node_id();
-            let outcome = match self.phase {
-                Phase::BringUp => {
-                    one.drive.enable(services, &feedback);
-                    Ok(())
-                }
-                Phase::Running(cycle) => {
-                    let outcome = one.on_sample(services, (place, cycle.number), &feedback);
-                    outcome.map(|has_position| {
-                        if has_position {
-                            self.on_position(services, place, cycle.number, feedback.position);
-                        }
-                    })
-                }
-                _ => Ok(()),
-            };
-            if let Err((cause, text)) = outcome {
-                self.fail(services, Some(node_id), cause, text);
+        let Some((feedback, place)) = sample else {
+            for place in 0..self.loops.len() {
+                self.on_answer(services, place, frame);
             }
             return;
-        }
-        for place in 0..self.loops.len() {
-            self.on_answer(services, place, frame);
+        };
+        let one = &mut self.loops[place];
+        match self.phase {
+            Phase::BringUp => one.drive.enable(services, &feedback),
+            Phase::Running(Cycle { number, .. }) => {
+                let node_id = one.drive.node_id();
+                match one.on_sample(services, (place, number), &feedback) {
+                    Ok(true) => self.on_position(services, place, number, feedback.position),
+                    Ok(false) => {}
+                    Err((cause, text)) => self.fail(services, Some(node_id), cause, text),
+                }
+            }
+            _ => {}
         }
     }
 
@@ -210,7 +203,7 @@ impl Controller {
     /// Fails if a law cannot continue.
     fn check_laws(&mut self, services: &mut Services) {
         let mut laws = self.laws.iter();
-        let failure = laws.find_map(|law| law.law().failure().map(str::to_owned));
+        let failure = laws.find_map(|law| law.failure().map(str::to_owned));
         if let Some(text) = failure {
             self.fail(services, None, Cause::LawFailed, text);
         }

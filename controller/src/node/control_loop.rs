@@ -8,9 +8,9 @@ use scenario::reference::{SetPoint, Trajectory};
 use scenario::rig::drive::Feedback;
 
 use super::drive::{LedDrive, state_text};
+use super::leading_law::Seen;
 use crate::cause::Cause;
 use crate::law::LoopReads;
-use crate::wired_law::Seen;
 
 /// One of the loops that the controller closes.
 #[derive(Debug)]

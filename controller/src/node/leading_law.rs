@@ -1,64 +1,141 @@
-//! A law that leads one loop or all: the time of its step, and its inputs.
+//! A law that leads one loop or all: its wires to them, the time of its step, and the objects of its terms.
 
-use canopen::Services;
 use canopen::cia402::Command as DriveCommand;
+use canopen::{ObjectDictionary, Services};
+use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading};
+use scenario::port::Port;
+use scenario::wiring::Wiring;
 
 use super::control_loop::ControlLoop;
-use crate::law::{AnyLaw, Cycle};
+use crate::error::ControllerError;
+use crate::law::{AnyLaw, CurrentRange, Cycle};
 use crate::process_law::Window;
-use crate::wired_law::WiredLaw;
+use crate::terms::TermObjects;
 
 /// Divisor of a period: a law must answer this part of a period before the next SYNC, which it never delays.
 const ANSWER_SHARE: u32 = 10;
 
-/// A law with the loops that it leads.
+/// Values of a loop in a cycle that a law may read, in the order of the [`Quantity`]s.
+pub(super) type Seen = [f64; LOOP_INPUTS.len()];
+
+/// Connection of a current.
+#[derive(Clone, Copy, Debug)]
+struct CurrentWire {
+    /// Index of the loop of the drive.
+    place: usize,
+    /// Index of the output; `None` for a drive beyond those that the law leads, which has no current.
+    output: Option<usize>,
+    range: [f64; 2],
+    /// Current in amperes for an output of one.
+    factor: f64,
+    /// Current range of the drive.
+    drive: CurrentRange,
+}
+
+impl CurrentWire {
+    /// Returns the command for these outputs of the law. NaN becomes a current of 0.
+    fn current_amperes(&self, writes: &[f64]) -> f64 {
+        let value = self.output.map_or(0.0, |output| writes[output]);
+        let [min, max] = self.range;
+        let current = if value.is_nan() {
+            0.0
+        } else {
+            value.max(min).min(max) * self.factor
+        };
+        self.drive.limited(current)
+    }
+}
+
+/// A law that is wired to the loops that it reads or leads.
 #[derive(Debug)]
 pub(super) struct LeadingLaw {
-    law: WiredLaw,
-    /// Indices of the loops that it reads or leads.
+    law: AnyLaw,
+    /// Indices of these loops.
     places: Vec<usize>,
     /// Indices of the loops whose positions it waits for.
     waits_for: Vec<usize>,
+    readings: Vec<Reading>,
+    currents: Vec<CurrentWire>,
+    terms: Vec<TermObjects>,
+    reads: Vec<f64>,
+    writes: Vec<f64>,
     /// Whether it has stepped in the present cycle.
     has_stepped: bool,
+    /// Whether the terms of the latest step are not in the dictionary yet.
+    has_new_terms: bool,
 }
 
 impl LeadingLaw {
-    pub(super) fn new(law: WiredLaw, places: Vec<usize>) -> Self {
-        Self {
-            waits_for: law.waits_for(),
-            law,
+    /// Wires a law to the loops with these indices; `wiring` is that of the first one. The dictionary must contain its
+    /// terms.
+    pub(super) fn new(
+        law: AnyLaw,
+        places: Vec<usize>,
+        wiring: &Wiring,
+        dictionary: &ObjectDictionary,
+    ) -> Result<Self, ControllerError> {
+        let ports = law.ports();
+        let wires = law.wires(wiring)?;
+        let readings = wires.inputs.iter().map(|reading| Reading {
+            index: places[reading.index],
+            ..*reading
+        });
+        let readings = Vec::from_iter(readings);
+        let drives = wiring.currents(law.drives());
+        let currents = places.iter().enumerate().map(|(drive, place)| {
+            let mut outputs = wires.outputs.iter();
+            let output = outputs.position(|one| one.is_command && one.index == drive);
+            CurrentWire {
+                place: *place,
+                output,
+                range: output.map_or([0.0; 2], |output| ports.outputs[output].range),
+                factor: output.map_or(1.0, |output| wires.outputs[output].factor),
+                drive: drives.get(drive).copied().unwrap_or_default(),
+            }
+        });
+        let terms = places.iter().enumerate().map(|(place, of_loop)| {
+            TermObjects::find(dictionary, *of_loop, terms(place, &wires, &ports.outputs))
+        });
+        Ok(Self {
+            currents: currents.collect(),
+            terms: terms.collect::<Result<_, _>>()?,
+            reads: vec![0.0; ports.inputs.len()],
+            writes: vec![0.0; ports.outputs.len()],
+            waits_for: waits_for(&readings, &places),
+            readings,
             places,
             has_stepped: false,
+            has_new_terms: false,
+            law,
+        })
+    }
+
+    /// Returns the reason why the law cannot continue, if there is one.
+    pub(super) fn failure(&self) -> Option<&str> {
+        self.law.failure()
+    }
+
+    /// Stores the terms of the latest step in the dictionary. Does not allocate.
+    pub(super) fn store_terms(&mut self, dictionary: &mut ObjectDictionary) {
+        if std::mem::take(&mut self.has_new_terms) {
+            for terms in &self.terms {
+                terms.store(dictionary, &self.writes);
+            }
         }
     }
 
-    pub(super) fn law(&self) -> &AnyLaw {
-        self.law.law()
-    }
-
-    /// Stores the terms of the latest step in the dictionary.
-    pub(super) fn store_terms(&mut self, services: &mut Services) {
-        self.law.store_terms(services.dictionary_mut());
-    }
-
-    /// Returns whether the last position of the cycle has come and the law has not stepped yet.
-    fn is_due(&self, loops: &[ControlLoop]) -> bool {
-        let mut waits_for = self.waits_for.iter();
-        !self.has_stepped && waits_for.all(|place| loops[*place].has_position)
-    }
-
-    /// Steps and commands the drives that it leads, if the last position of the cycle has come.
+    /// Steps and commands the drives that it leads, if the last position of the cycle has come and it has not stepped
+    /// yet.
     pub(super) fn lead(&mut self, services: &mut Services, loops: &mut [ControlLoop], number: u64) {
-        if !self.is_due(loops) {
-            return;
-        }
-        if !self.step(services, loops, number, true) {
+        let mut waits_for = self.waits_for.iter();
+        let is_due = !self.has_stepped && waits_for.all(|place| loops[*place].has_position);
+        if !is_due || !self.step(services, loops, number, true) {
             return;
         }
         let controlword = DriveCommand::EnableOperation.controlword();
-        for (place, current_amperes) in self.law.currents_amperes() {
-            let drive = &mut loops[place].drive;
+        for wire in &self.currents {
+            let current_amperes = wire.current_amperes(&self.writes);
+            let drive = &mut loops[wire.place].drive;
             drive.command(services, controlword, current_amperes);
         }
     }
@@ -81,6 +158,7 @@ impl LeadingLaw {
         self.step_on_seen(services, loops, is_waited_for)
     }
 
+    /// Steps the law on the values of the loops. Does not allocate.
     fn step_on_seen(
         &mut self,
         services: &Services,
@@ -104,8 +182,13 @@ impl LeadingLaw {
                 now
             },
         };
-        let seen = |place: usize| &loops[place].seen;
-        self.law.step(&cycle, &window, seen)
+        for (value, reading) in self.reads.iter_mut().zip(&self.readings) {
+            let seen = &loops[reading.index].seen;
+            *value = seen[reading.quantity as usize] * reading.factor;
+        }
+        self.has_new_terms = true;
+        self.law
+            .step(&cycle, &window, &self.reads, &mut self.writes)
     }
 
     /// Ends a cycle before the loops do, and steps through the skipped cycles, so the law's model stays in step with
@@ -134,4 +217,29 @@ impl LeadingLaw {
         }
         self.has_stepped = false;
     }
+}
+
+/// Returns the indices of the loops whose positions a law reads; if it reads none, of all its loops.
+fn waits_for(readings: &[Reading], places: &[usize]) -> Vec<usize> {
+    let positions = readings
+        .iter()
+        .filter(|reading| reading.quantity == Quantity::Position);
+    let mut waits_for = Vec::from_iter(positions.map(|reading| reading.index));
+    if waits_for.is_empty() {
+        waits_for = places.to_vec();
+    }
+    waits_for.sort_unstable();
+    waits_for.dedup();
+    waits_for
+}
+
+/// Returns the terms of a loop, each with the index of its output, and a factor from that to the unit of the name.
+fn terms<'a>(
+    place: usize,
+    wires: &'a LawWires,
+    outputs: &'a [Port],
+) -> impl Iterator<Item = (usize, &'a Port, f64)> {
+    let wired = wires.outputs.iter().zip(outputs).enumerate();
+    let terms = wired.filter(move |(_, (one, _))| !one.is_command && one.index == place);
+    terms.map(|(output, (writing, port))| (output, port, writing.factor))
 }
