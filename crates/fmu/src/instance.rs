@@ -84,14 +84,7 @@ struct Plan {
 }
 
 impl Configuration {
-    /// Checks whether the configuration fits a description. The FMU is not loaded.
-    ///
-    /// # Errors
-    /// A variable is missing or unsuitable, or the FMU needs a feature that is not supported.
-    pub fn check(&self, description: &Description) -> Result<(), Fault> {
-        self.plan(description).map(drop)
-    }
-
+    /// Fits the configuration to a description.
     fn plan(&self, description: &Description) -> Result<Plan, Fault> {
         let co_simulation = description.served()?;
         let access = |name: &String, is_input: bool| {
@@ -171,7 +164,7 @@ pub(crate) fn checked_start(variable: &Variable, value: &StartValue) -> Result<S
 }
 
 /// Returns the only length of a step, if the FMU or the configuration has one.
-fn fixed_step(
+pub(crate) fn fixed_step(
     wanted: Option<f64>,
     co_simulation: &CoSimulation,
     description: &Description,

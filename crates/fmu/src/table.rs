@@ -5,7 +5,7 @@ use toml::Value;
 
 use crate::description::{Causality, Description, Kind, Variable};
 use crate::error::Fault;
-use crate::instance::{Configuration, StartValue, check_port, checked_start};
+use crate::instance::{Configuration, StartValue, check_port, checked_start, fixed_step};
 use crate::unit::{Conversion, Known, unit_by_base, unit_by_symbol, unit_in_name};
 
 /// A port of an FMU.
@@ -59,7 +59,7 @@ impl Misfit {
 /// # Errors
 /// A variable is missing, is unsuitable for its use in the table, or has a unit that the port's name contradicts.
 pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiring, Misfit> {
-    description.served().map_err(Misfit::at("file"))?;
+    let co_simulation = description.served().map_err(Misfit::at("file"))?;
     let mut wiring = Wiring {
         configuration: Configuration {
             name: name.to_owned(),
@@ -94,10 +94,8 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         Some(_) => "step_milliseconds",
         None => "file",
     };
-    wiring
-        .configuration
-        .check(description)
-        .map_err(Misfit::at(step_key))?;
+    let step_seconds = wiring.configuration.step_seconds;
+    fixed_step(step_seconds, co_simulation, description).map_err(Misfit::at(step_key))?;
     let start = &wiring.configuration.start;
     for port in &mut wiring.inputs {
         let given = start.iter().find(|(name, _)| *name == port.variable);
