@@ -1,5 +1,6 @@
 //! Errors of FMUs.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -27,28 +28,9 @@ pub enum Fault {
     /// The description is no XML.
     #[error("modelDescription.xml cannot be read as XML: {0}")]
     Xml(String),
-    /// The description is invalid.
-    #[error("modelDescription.xml, line {line}: {reason}")]
-    Description {
-        /// Line of the element.
-        line: u32,
-        /// Error in the element.
-        reason: String,
-    },
-    /// A variable is missing or unsuitable.
-    #[error("variable `{variable}` {reason}")]
-    Variable {
-        /// Name of the variable.
-        variable: String,
-        /// Error of the variable.
-        reason: String,
-    },
     /// The library cannot be loaded.
     #[error("its library cannot be loaded: {0}")]
     Library(String),
-    /// The library lacks a function.
-    #[error("its library has no function `{0}`, which it must have")]
-    Symbol(String),
     /// A function failed.
     #[error("{function} {outcome}{}{}", at(*.time_seconds), said(.log))]
     Call {
@@ -102,7 +84,7 @@ pub enum Fault {
     /// The worker cannot be started or reached.
     #[error("the process that is to load it {0}")]
     Worker(String),
-    /// The file, the table of the rig file or the FMU is invalid in another way.
+    /// File, description, library, variable or table is invalid in another way.
     #[error("{0}")]
     Invalid(String),
     /// A worker reported another error.
@@ -135,12 +117,9 @@ impl Fault {
         }
     }
 
-    /// Makes the error of an unsuitable variable.
-    pub(crate) fn variable(variable: &str, reason: impl Into<String>) -> Self {
-        Self::Variable {
-            variable: variable.to_owned(),
-            reason: reason.into(),
-        }
+    /// Makes the error of a missing or unsuitable variable.
+    pub(crate) fn variable(variable: &str, reason: impl fmt::Display) -> Self {
+        Self::Invalid(format!("variable `{variable}` {reason}"))
     }
 }
 

@@ -1,5 +1,7 @@
 //! Attributes of an element, with errors that name its line.
 
+use std::fmt;
+
 use roxmltree::Node;
 use serde::Deserialize;
 
@@ -12,12 +14,9 @@ pub(super) struct Attributes<'a, 'input>(pub(super) Node<'a, 'input>);
 
 impl<'a> Attributes<'a, '_> {
     /// Returns an error for the element.
-    pub(super) fn fault(&self, reason: impl Into<String>) -> Fault {
-        let position = self.0.document().text_pos_at(self.0.range().start);
-        Fault::Description {
-            line: position.row,
-            reason: reason.into(),
-        }
+    pub(super) fn fault(&self, reason: impl fmt::Display) -> Fault {
+        let line = self.0.document().text_pos_at(self.0.range().start).row;
+        Fault::Invalid(format!("modelDescription.xml, line {line}: {reason}"))
     }
 
     pub(super) fn text(&self, name: &str) -> Option<&'a str> {

@@ -40,6 +40,14 @@ impl Version {
         }
     }
 
+    /// Returns the attribute of the token in a description.
+    pub(crate) fn token_attribute(self) -> &'static str {
+        match self {
+            Self::Two => "guid",
+            Self::Three => "instantiationToken",
+        }
+    }
+
     /// Returns the folder below `binaries` with this machine's libraries.
     pub fn platform(self) -> &'static str {
         match self {

@@ -26,10 +26,7 @@ pub(super) fn description(document: &Document<'_>) -> Result<Description, Fault>
         return Err(root.fault("the document is no <fmiModelDescription>"));
     }
     let version = version(&root)?;
-    let token = match version {
-        Version::Two => root.required("guid")?,
-        Version::Three => root.required("instantiationToken")?,
-    };
+    let token = root.required(version.token_attribute())?;
     let experiment = root.child("DefaultExperiment");
     let experiment_number =
         |name| experiment.map_or(Ok(None), |experiment| experiment.number(name));

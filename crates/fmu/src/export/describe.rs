@@ -7,15 +7,11 @@ use crate::description::Version;
 use crate::unit::{BASE_UNITS, unit_by_symbol};
 
 pub(super) fn xml(model: &Model, version: Version) -> String {
-    let (number, token) = match version {
-        Version::Two => ("2.0", "guid"),
-        Version::Three => ("3.0", "instantiationToken"),
-    };
     let mut xml = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiModelDescription");
     for (name, value) in [
-        ("fmiVersion", number),
+        ("fmiVersion", version.name()),
         ("modelName", &model.name),
-        (token, &model.token()),
+        (version.token_attribute(), &model.token()),
         ("description", &model.description),
         ("version", &model.version),
         (

@@ -187,9 +187,11 @@ fn reason(error: &libloading::Error) -> String {
 unsafe fn function<F: Copy>(library: &Library, name: &str) -> Result<F, Fault> {
     // SAFETY: by the caller.
     let symbol = unsafe { library.get::<F>(name.as_bytes()) };
-    symbol
-        .map(|symbol| *symbol)
-        .map_err(|_| Fault::Symbol(name.to_owned()))
+    let symbol = symbol.map_err(|_| {
+        let reason = format!("its library has no function `{name}`, which it must have");
+        Fault::Invalid(reason)
+    })?;
+    Ok(*symbol)
 }
 
 /// Converts to an integer of any type; `value` is whole and within its range.
