@@ -104,7 +104,7 @@ impl Drive {
         Ok(Self {
             machine: StateMachine::new(),
             sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)
-                .from(wiring.sensor.min),
+                .from(wiring.sensor.min * wires.sensor_unit),
             amplifier: Amplifier::new(&trial.amplifier),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
             plant,

@@ -34,8 +34,6 @@ pub struct PositionSensor {
     counts_max: u32,
     /// Standard deviation before the conversion; 0 draws no numbers.
     noise_rms: f64,
-    /// One unit of the scenario's file, in the unit of the samples.
-    unit: f64,
     stream: Stream,
 }
 
@@ -49,18 +47,14 @@ impl PositionSensor {
             count: config.span * unit / f64::from(counts),
             counts_max: counts - 1,
             noise_rms: config.noise_rms * unit,
-            unit,
             stream: Stream::new(seed),
         }
     }
 
-    /// Returns the sensor with a span that begins at another position than 0.
+    /// Returns the sensor with a span that begins at another position than 0, in the unit of the samples.
     #[must_use]
-    pub fn from(self, position_min: f64) -> Self {
-        Self {
-            zero: position_min * self.unit,
-            ..self
-        }
+    pub fn from(self, zero: f64) -> Self {
+        Self { zero, ..self }
     }
 
     /// Takes a sample: noise, then the nearest count (transitions lie half-way between two), clipped to the span.
