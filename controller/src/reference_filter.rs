@@ -126,8 +126,10 @@ pub struct State {
     /// Lag of the plant, in m/s²: now, and the largest of this move.
     lag: f64,
     greatest_lag: f64,
-    caution: f64,
-    memory: f64,
+    /// Caution of the law, from 0 to 1.
+    pub caution: f64,
+    /// Share of a wire that remembers its turns, from 0 to 1.
+    pub memory: f64,
 }
 
 /// The reference for a cycle: a point and the jerk that continues it.
@@ -165,16 +167,6 @@ impl State {
     pub fn notice_lag(&mut self, lag: f64, seconds: f64) {
         self.lag += (lag - self.lag) * (seconds / LAG_SECONDS).min(1.0);
         self.greatest_lag = faded(self.greatest_lag, seconds).max(self.lag);
-    }
-
-    /// Updates the caution of the law, from 0 to 1.
-    pub fn notice_caution(&mut self, caution: f64) {
-        self.caution = caution;
-    }
-
-    /// Updates the share of a wire that remembers its turns, from 0 to 1.
-    pub fn notice_memory(&mut self, memory: f64) {
-        self.memory = memory;
     }
 }
 
@@ -401,7 +393,7 @@ mod tests {
     #[test]
     fn the_jerk_is_less_where_the_law_backs_off() {
         let mut state = State::default();
-        state.notice_caution(1.0);
+        state.caution = 1.0;
         let reference =
             moving_filter().step(&mut state, &hold(0.025), &JerkRange::UNLIMITED, PERIOD);
         assert!((reference.jerk_metres_per_second_cubed - 300.0).abs() < 1e-6);

@@ -236,8 +236,8 @@ impl Law for SlidingMode {
         let local = model
             .at(&estimate, position.acceleration_metres_per_second_squared)
             .livelier(state.observer.liveliness(&settings));
-        state.reference.notice_caution(settings.caution);
-        state.reference.notice_memory(state.observer.memory);
+        state.reference.caution = settings.caution;
+        state.reference.memory = state.observer.memory;
         let reference = if on_stop {
             self.reference_on_stop(&mut state.reference, &set_point, period_seconds)
         } else {
