@@ -7,8 +7,7 @@ use std::time::Duration;
 
 use can::{CanFrame, Node};
 use controller::ControllerNode;
-use plant_emulator::PlantEmulator;
-use plant_emulator::plants::sma::Actuator;
+use plant_emulator::{PlantEmulator, catalogue};
 use platform::counting_allocator::allocations;
 use scenario::{Trial, without_colours};
 
@@ -61,10 +60,7 @@ impl World {
         let view = scenario.controller_view();
         Self {
             controller: Counted::new(ControllerNode::new(&view).unwrap()),
-            rig: Counted::new(
-                PlantEmulator::new::<Actuator>(&scenario, &scenario.plant.actuator().unwrap())
-                    .unwrap(),
-            ),
+            rig: Counted::new(catalogue::emulator(&scenario).unwrap()),
             now: Duration::ZERO,
             // The bus itself must not allocate.
             to_controller: VecDeque::with_capacity(4096),

@@ -9,8 +9,7 @@ use can::{CanFrame, Node};
 use canopen::object_dictionary::{Access, DataType, Entry};
 use canopen::sdo_client::{SdoClient, SdoFailure};
 use canopen::{AbortCode, ObjectDictionary, eds};
-use plant_emulator::PlantEmulator;
-use plant_emulator::plants::sma::Actuator;
+use plant_emulator::catalogue;
 use scenario::Trial;
 
 use crate::support::scenario;
@@ -61,10 +60,7 @@ impl Sheet {
                 let view = scenario.controller_view();
                 Box::new(controller::ControllerNode::new(&view).unwrap())
             }
-            _ => Box::new(
-                PlantEmulator::new::<Actuator>(&scenario, &scenario.plant.actuator().unwrap())
-                    .unwrap(),
-            ),
+            _ => Box::new(catalogue::emulator(&scenario).unwrap()),
         };
         let mut bench = Bench {
             node,

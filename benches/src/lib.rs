@@ -9,10 +9,8 @@ use controller::process_law::Window;
 use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plant::CURRENT;
-use plant_emulator::plants::sma::Actuator;
 use scenario::Trial;
 use scenario::controller::Controller;
-use scenario::plant::Sma;
 use scenario::reference::SetPoint;
 
 const SCENARIO: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"bench\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
@@ -104,8 +102,7 @@ impl Bench {
     pub fn heated() -> Self {
         let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
         let scenario = Trial::parse(SCENARIO, "bench.toml", no_table).expect("it is valid");
-        let emulator =
-            PlantEmulator::new::<Actuator>(&scenario, &Sma::default()).expect("the plant is valid");
+        let emulator = plant_emulator::catalogue::emulator(&scenario).expect("the plant is valid");
         let mut bench = Self {
             emulator,
             now: Duration::ZERO,

@@ -3,7 +3,6 @@
 
 use std::sync::OnceLock;
 
-use can::Node;
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
@@ -125,7 +124,7 @@ pub fn ports(model: &PlantModel) -> Option<Ports> {
 ///
 /// # Errors
 /// The plant is invalid.
-pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
+pub fn emulator(trial: &Trial) -> Result<PlantEmulator, InvalidEmulator> {
     let database = Database::shipped();
     let only = DriveOf {
         trial,
@@ -140,7 +139,7 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
 ///
 /// # Errors
 /// As [`emulator`], or a port that the plants lack.
-pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
+pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<PlantEmulator, InvalidEmulator> {
     let plants = drives
         .first()
         .map(|drive| drive.trial.plants())
@@ -148,7 +147,7 @@ pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEm
         .flatten()
         .map(|(name, model)| Ok((name.to_owned(), plant(model)?)))
         .collect::<Result<Vec<_>, InvalidEmulator>>()?;
-    Ok(Box::new(PlantEmulator::of(plants, drives)?))
+    PlantEmulator::of(plants, drives)
 }
 
 fn find_row(model: &PlantModel) -> Result<&'static PlantRow, InvalidEmulator> {
@@ -163,7 +162,7 @@ fn find_row(model: &PlantModel) -> Result<&'static PlantRow, InvalidEmulator> {
 mod tests {
     use std::time::Duration;
 
-    use can::CanFrame;
+    use can::{CanFrame, Node};
     use dbc::{PlantSignal, Range};
 
     use super::*;

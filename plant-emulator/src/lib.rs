@@ -40,16 +40,13 @@ use canopen::{Device, NodeId};
 
 use clocked_plant::ClockedPlant;
 use data_sheet::{dictionary, node_id};
+use dbc::SignalMissing;
 use dbc::data_sheets::AnalogueOutput;
-use dbc::loops::LoopPlace;
-use dbc::scenario_clock::ScenarioClock;
-use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 pub use drive_node::DriveOf;
 use drive_node::{DriveNode, Parts};
 pub use objects::MissingObject;
 use plant::{InvalidPlant, Plant, Ports};
-use scenario::Trial;
 use scenario::wiring::{IoOutput, RECORDED_MAX};
 use wires::Wires;
 
@@ -142,23 +139,7 @@ struct Module {
 }
 
 impl PlantEmulator {
-    /// Makes the emulator of a plant with these parameters in a scenario, with the objects of the shipped data sheets.
-    ///
-    /// # Errors
-    /// The plant is invalid, or a data sheet does not fit.
-    pub fn new<P: Plant>(trial: &Trial, config: &P::Config) -> Result<Self, InvalidEmulator> {
-        let plant = Box::new(P::new(config)?);
-        let database = Database::shipped();
-        let only = DriveOf {
-            trial,
-            place: LoopPlace::SHIPPED,
-            database,
-            clock: &ScenarioClock::new(database, ["drive"])?,
-        };
-        Self::of(vec![(trial.wiring.plant.clone(), plant)], &[only])
-    }
-
-    /// Makes the emulator of named plants and of these drives.
+    /// Makes the emulator of named plants and of these drives, with the objects of the shipped data sheets.
     ///
     /// # Errors
     /// The plants lack a port, or a data sheet does not fit.

@@ -8,7 +8,7 @@ use can::{CanFrame, Progress};
 use canopen::AbortCode;
 use canopen::cia402::State;
 use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
-use plant_emulator::plants::sma::Actuator;
+use plant_emulator::catalogue;
 use proptest::prelude::*;
 use scenario::plant::{PlantModel, Sma};
 
@@ -486,11 +486,7 @@ fn an_impossible_plant_is_refused_by_name() {
     let mut plant = Sma::default();
     plant.phase.austenite_finish_celsius = 50.0;
     scenario.plant = PlantModel::from_sma(plant);
-    let error = plant_emulator::PlantEmulator::new::<Actuator>(
-        &scenario,
-        &scenario.plant.actuator().unwrap(),
-    )
-    .unwrap_err();
+    let error = catalogue::emulator(&scenario).unwrap_err();
     assert_eq!(
         error.to_string(),
         "plant: austenite_start_celsius is 53 °C, it must be below austenite_finish_celsius of 50 °C"

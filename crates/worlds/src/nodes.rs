@@ -29,8 +29,10 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
         database: &one.database,
         clock: &clock,
     });
-    let made = catalogue::joint_emulator(&Vec::from_iter(drives));
-    made.map_err(|error| no_emulator(name, error))
+    match catalogue::joint_emulator(&Vec::from_iter(drives)) {
+        Ok(emulator) => Ok(Box::new(emulator)),
+        Err(error) => Err(no_emulator(name, error)),
+    }
 }
 
 fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {

@@ -5,9 +5,9 @@ use std::time::Duration;
 use can::{CanFrame, Node, Progress};
 use canopen::AbortCode;
 use canopen::cia402::State;
-use plant_emulator::PlantEmulator;
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
+use plant_emulator::{PlantEmulator, catalogue};
 use scenario::Trial;
 
 pub(crate) const DRIVE: u16 = 0x10;
@@ -50,13 +50,8 @@ impl Manager {
     }
 
     pub(crate) fn with(scenario: &Trial) -> Self {
-        let plant = scenario
-            .plant
-            .actuator()
-            .expect("its plant is the actuator");
         Self {
-            emulator: PlantEmulator::new::<Actuator>(scenario, &plant)
-                .expect("the default plant is valid"),
+            emulator: catalogue::emulator(scenario).expect("the default plant is valid"),
             now: Duration::ZERO,
             frames: Vec::new(),
             counter: 0,
