@@ -1,6 +1,7 @@
 //! A program of the tests: plays an FMU alone, without a bench. They compare its output with that of other programs.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -12,7 +13,7 @@ use fmu::unit::{Conversion, unit_in_name};
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
 use runner::console::{failed, print};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use scenario::plant::Fmu;
 use worlds::fmu_worker::{self, RemoteFmu};
 
@@ -42,24 +43,17 @@ struct PlayArgs {
     cost: bool,
 }
 
-/// Reason why the FMU did not play, with the exit code.
-struct Refused(Exit, String);
-
-impl Refused {
-    fn file(path: &Path, reason: impl ToString) -> Self {
-        let reason = reason.to_string();
-        Self(Exit::CannotStart, format!("{}: {reason}", path.display()))
-    }
+/// Returns the failure of a file of the command line.
+fn of_file(path: &Path, reason: impl Display) -> Failure {
+    Exit::CannotStart.because(format!("{}: {reason}", path.display()))
 }
 
-impl From<FmuError> for Refused {
-    fn from(error: FmuError) -> Self {
-        let exit = if error.fault.is_of_run() {
-            Exit::VerdictFailed
-        } else {
-            Exit::CannotStart
-        };
-        Self(exit, error.to_string())
+/// Returns the failure of an FMU, before or during its play.
+fn of_fmu(error: FmuError) -> Failure {
+    if error.fault.is_of_run() {
+        Exit::VerdictFailed.because(error)
+    } else {
+        Exit::CannotStart.because(error)
     }
 }
 
@@ -72,23 +66,23 @@ fn main() -> ExitCode {
         let served = fmu_worker::serve(file.as_ref(), folder.as_ref());
         return served.map_or(Exit::BenchFailed, |()| Exit::Pass).into();
     }
-    let exit = match played(&PlayArgs::parse()) {
-        Ok(()) => Exit::Pass,
-        Err(Refused(exit, reason)) => failed(exit, reason),
-    };
-    exit.into()
+    play(&PlayArgs::parse()).into()
 }
 
-fn played(args: &PlayArgs) -> Result<(), Refused> {
-    match (&args.table, &args.plant) {
+fn play(args: &PlayArgs) -> Exit {
+    let played = match (&args.table, &args.plant) {
         (Some(table), _) => fmu_played(args, table),
         (None, plant) => plant_played(args, plant.as_deref().unwrap_or_default()),
+    };
+    match played {
+        Ok(()) => Exit::Pass,
+        Err(failure) => failed(failure.exit, failure),
     }
 }
 
 /// Plays the plant that an FMU is made of, without FMI.
-fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
-    let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
+fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Failure> {
+    let refused = |reason: &str| Exit::Usage.because(format!("{name}: {reason}"));
     let shipped = fmu_plants::shipped();
     let mut plants = shipped.iter();
     let exported = plants
@@ -138,23 +132,24 @@ fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
     })
 }
 
-fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
+fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Failure> {
     let (name, table) = plant_table(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
-    let archive = Archive::open(&folder.join(&table.file))?;
-    let wiring = wiring(&table, &name, &archive.description).map_err(|misfit| FmuError {
-        file: archive.file.clone(),
-        fault: misfit.fault,
+    let archive = Archive::open(&folder.join(&table.file)).map_err(of_fmu)?;
+    let wiring = wiring(&table, &name, &archive.description).map_err(|misfit| {
+        of_fmu(FmuError {
+            file: archive.file.clone(),
+            fault: misfit.fault,
+        })
     })?;
-    let unpacked = archive.unpack()?;
-    let mut outputs = vec![0.0; wiring.outputs.len()];
-    let mut remote = RemoteFmu::load(&unpacked, &wiring.configuration, &mut outputs)?;
-    steps(
-        args,
-        &wiring,
-        &outputs.clone(),
-        |to_seconds, inputs, outputs| Ok(remote.advance(to_seconds, inputs, outputs)?),
-    )
+    let unpacked = archive.unpack().map_err(of_fmu)?;
+    let mut at_start = vec![0.0; wiring.outputs.len()];
+    let mut remote =
+        RemoteFmu::load(&unpacked, &wiring.configuration, &mut at_start).map_err(of_fmu)?;
+    steps(args, &wiring, &at_start, |to_seconds, inputs, outputs| {
+        let advanced = remote.advance(to_seconds, inputs, outputs);
+        advanced.map_err(of_fmu)
+    })
 }
 
 /// Steps the plant, and prints its outputs or the duration of a step.
@@ -162,8 +157,8 @@ fn steps(
     args: &PlayArgs,
     wiring: &Wiring,
     at_start: &[f64],
-    mut advance: impl FnMut(f64, &[f64], &mut [f64]) -> Result<(), Refused>,
-) -> Result<(), Refused> {
+    mut advance: impl FnMut(f64, &[f64], &mut [f64]) -> Result<(), Failure>,
+) -> Result<(), Failure> {
     let rows = match &args.inputs {
         Some(path) => input_rows(path, wiring)?,
         None => Vec::new(),
@@ -196,9 +191,9 @@ fn steps(
 }
 
 /// Reads the only table of a file; returns it with the name of its plant.
-fn plant_table(path: &Path) -> Result<(String, Fmu), Refused> {
+fn plant_table(path: &Path) -> Result<(String, Fmu), Failure> {
     type File = BTreeMap<String, BTreeMap<String, BTreeMap<String, Fmu>>>;
-    let refused = |reason: String| Refused::file(path, reason);
+    let refused = |reason: String| of_file(path, reason);
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
     let file: File = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
     let plants = file.into_iter().filter(|(key, _)| key == "plant");
@@ -210,8 +205,8 @@ fn plant_table(path: &Path) -> Result<(String, Fmu), Refused> {
 }
 
 /// Reads the inputs of each step, in the units of the FMU and the order of the configuration.
-fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
-    let refused = |reason: String| Refused::file(path, reason);
+fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Failure> {
+    let refused = |reason: String| of_file(path, reason);
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
     let mut lines = text.lines();
     let names = Vec::from_iter(lines.next().unwrap_or_default().split(','));
@@ -219,7 +214,7 @@ fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
         let column = names.iter().position(|name| *name == port.name);
         column.ok_or_else(|| refused(format!("it has no column {}", port.name)))
     });
-    let columns = columns.collect::<Result<Vec<_>, Refused>>()?;
+    let columns = columns.collect::<Result<Vec<_>, Failure>>()?;
     let row = |line: &str| {
         let cells = Vec::from_iter(line.split(','));
         let values = columns.iter().zip(&wiring.inputs).map(|(column, port)| {
@@ -229,7 +224,7 @@ fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
                 .map_err(|_| refused(format!("`{cell}` is no number")))?;
             Ok(port.conversion.back(value))
         });
-        values.collect::<Result<Vec<_>, Refused>>()
+        values.collect::<Result<Vec<_>, Failure>>()
     };
     lines.map(row).collect()
 }
