@@ -317,17 +317,6 @@ impl Entry {
         self.default = default;
     }
 
-    /// Makes the like sub-object of another object; it holds this default.
-    #[must_use]
-    pub fn twin(&self, index: u16, default: Vec<u8>) -> Self {
-        Self {
-            index,
-            value: default.clone(),
-            default,
-            ..self.clone()
-        }
-    }
-
     /// Returns the value, little-endian.
     #[inline]
     pub fn value(&self) -> &[u8] {
@@ -344,6 +333,17 @@ impl Entry {
     #[inline]
     pub fn decode_integer(&self, bytes: &[u8]) -> i128 {
         integer_from_le(self.data_type, bytes)
+    }
+
+    /// Makes the like sub-object of another object; it holds this default.
+    #[must_use]
+    pub fn twin(&self, index: u16, default: Vec<u8>) -> Self {
+        Self {
+            index,
+            value: default.clone(),
+            default,
+            ..self.clone()
+        }
     }
 
     /// Returns the limit that a value of the type's length exceeds, little-endian in the first bytes; `None` if it is within the
