@@ -37,44 +37,69 @@ pub(crate) use limits::reactions;
 use pieces::{entries, order, pieces};
 pub(crate) use plant::{cooling, temperatures};
 
-/// Checks the trial of a loop.
-pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
-    let duration_seconds = trial.run.duration_seconds;
-    let mut problems = Vec::from_iter(laws(document, trial));
-    problems.extend(led_drives(document, &trial.wiring));
-    problems.extend(law_without_current(document, trial));
-    problems.extend(gains_in_other_unit(document, trial));
-    for table in ["reference", "controller.open_loop"] {
-        problems.extend(pieces(document, table, duration_seconds));
+/// A document, the rig of the run, and the problems that are found so far.
+pub(crate) struct Check<'a> {
+    pub(crate) document: &'a Document<'a>,
+    pub(crate) rig: &'a Rig,
+    pub(crate) problems: Vec<Problem>,
+}
+
+impl Check<'_> {
+    /// Reports problems.
+    pub(crate) fn add(&mut self, problems: impl IntoIterator<Item = Problem>) {
+        self.problems.extend(problems);
     }
-    problems.extend(travel(document, trial));
-    problems.extend(chirps(document, &trial.reference));
-    problems.extend(currents::problems(document, trial));
-    problems.extend(disturbances(document, trial, rig));
-    problems.extend(limits(document, trial));
-    problems.extend(signals::check(document, trial, rig));
-    problems.extend(requirements::problems(document, trial));
-    problems
+
+    /// Reports a problem at the value at a path.
+    pub(crate) fn at(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
+        self.problems
+            .push(self.document.problem(path, message, label));
+    }
+
+    /// Reports a problem at the key at a path.
+    pub(crate) fn at_key(
+        &mut self,
+        path: &str,
+        message: impl Into<String>,
+        label: impl Into<String>,
+    ) {
+        self.problems
+            .push(self.document.key_problem(path, message, label));
+    }
+}
+
+/// Checks the trial of a loop.
+pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
+    let document = check.document;
+    check.add(laws(document, trial));
+    check.add(led_drives(document, &trial.wiring));
+    check.add(law_without_current(document, trial));
+    check.add(gains_in_other_unit(document, trial));
+    for table in ["reference", "controller.open_loop"] {
+        pieces(check, table, trial.run.duration_seconds);
+    }
+    travel(check, trial);
+    chirps(check, &trial.reference);
+    currents::check(check, trial);
+    disturbances(check, trial);
+    limits(check, trial);
+    signals::check(check, trial);
+    requirements::check(check, trial);
 }
 
 /// Checks the facts that all loops share.
-pub(crate) fn run(document: &Document<'_>, run: &Run, rig: &Rig) -> Vec<Problem> {
-    let mut problems = Vec::from_iter(name(document, &run.name));
-    problems.extend(requirements::names(
-        document,
-        "requirements",
-        &run.requirements,
-    ));
-    problems.extend(faults(document, &run.faults, rig, run.duration_seconds));
-    problems
+pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
+    name(check, &run.name);
+    requirements::names(check, "requirements", &run.requirements);
+    faults(check, &run.faults, run.duration_seconds);
 }
 
 /// Refuses control characters: the name goes into terminals, XML and file names.
-pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
-    name.contains(char::is_control).then(|| {
+pub(crate) fn name(check: &mut Check<'_>, name: &str) {
+    if name.contains(char::is_control) {
         let message = "`name` has a control character in it";
-        document.problem("name", message, "one line of plain text")
-    })
+        check.at("name", message, "one line of plain text");
+    }
 }
 
 /// Checks that there is exactly one law, and a set-point for a closed loop.
@@ -163,7 +188,7 @@ fn gains_in_other_unit(document: &Document<'_>, trial: &Trial) -> Option<Problem
 }
 
 /// Checks that sines and chirps stay within the travel. The schema limits single positions.
-fn travel(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+fn travel(check: &mut Check<'_>, trial: &Trial) {
     let feedback = &trial.wiring.feedback;
     let ([min, max], symbol) = (feedback.range(), feedback.measurand.unit.symbol());
     let Reference { sine, chirp, .. } = &trial.reference;
@@ -171,33 +196,31 @@ fn travel(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let chirps = chirp.iter().map(|one| (one.centre, one.amplitude));
     let sines = sines.enumerate().map(|one| ("sine", one));
     let pieces = sines.chain(chirps.enumerate().map(|one| ("chirp", one)));
-    let leaving = pieces.filter_map(|(kind, (index, (centre, amplitude)))| {
+    for (kind, (index, (centre, amplitude))) in pieces {
         let (lowest, highest) = (centre - amplitude, centre + amplitude);
-        (lowest < min || highest > max).then(|| {
+        if lowest < min || highest > max {
             let path = format!("reference.{kind}.{index}.amplitude_{UNIT}");
             let message = format!("the {kind} leaves the travel of {min} to {max} {symbol}");
             let label = format!("goes from {lowest} to {highest} {symbol}");
-            document.problem(&path, message, label)
-        })
-    });
-    leaving.collect()
+            check.at(&path, message, label);
+        }
+    }
 }
 
 /// Checks that the frequency of each chirp moves.
-fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
+fn chirps(check: &mut Check<'_>, reference: &Reference) {
     let chirps = reference.chirp.iter().enumerate();
-    let still = chirps.filter(|(_, chirp)| chirp.from_hertz == chirp.until_hertz);
-    let problems = still.map(|(index, _)| {
+    for (index, _) in chirps.filter(|(_, chirp)| chirp.from_hertz == chirp.until_hertz) {
         let path = format!("reference.chirp.{index}.until_hertz");
         let message = "the frequency of the chirp does not move";
         let label = "the same as from_hertz; [[reference.sine]] has one frequency";
-        document.problem(&path, message, label)
-    });
-    problems.collect()
+        check.at(&path, message, label);
+    }
 }
 
 /// Finds disturbances for which no io node has an output.
-fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig) -> Vec<Problem> {
+fn unused_outputs(check: &mut Check<'_>, disturbance: &Disturbance) {
+    let rig = check.rig;
     let has = |change: &Change| {
         let mut nodes = rig.io_with(&change.output);
         nodes.any(|name| change.node.is_empty() || name == change.node)
@@ -206,28 +229,26 @@ fn unused_outputs(document: &Document<'_>, disturbance: &Disturbance, rig: &Rig)
     let others = outputs.flat_map(Outputs::others);
     let known = Vec::from_iter(others.map(|(name, _)| name.as_str()));
     let changes = disturbance.changes().into_iter();
-    let problems = changes.filter(|change| !has(change)).map(|change| {
-        let Change { path, output, .. } = &change;
-        if let Some(kind) = kind_of_output(output) {
+    for Change { path, output, .. } in changes.filter(|change| !has(change)) {
+        if let Some(kind) = kind_of_output(&output) {
             let message = format!("no io node has a {kind} at this plant");
-            let label = format!("its outputs have no `{output}`");
-            return document.problem(path, message, label);
+            check.at(&path, message, format!("its outputs have no `{output}`"));
+            continue;
         }
         let message = format!("no io node has an output `{output}` at this plant");
         let label = if known.is_empty() {
             "a rig file names outputs: outputs = { NAME = \"PLANT.PORT\" }".to_owned()
         } else {
-            meant_or_known(output, &known)
+            meant_or_known(&output, &known)
         };
-        document.problem(&format!("{path}.name"), message, label)
-    });
-    problems.collect()
+        check.at(&format!("{path}.name"), message, label);
+    }
 }
 
-fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
+fn disturbances(check: &mut Check<'_>, trial: &Trial) {
     let table = "disturbance";
-    let pieces = entries(document, table);
-    let mut problems = order(document, table, &pieces, trial.run.duration_seconds);
+    let pieces = entries(check.document, table);
+    order(check, table, &pieces, trial.run.duration_seconds);
     for (index, pair) in trial.disturbance.fan.windows(2).enumerate() {
         let (first, second) = (&pair[0], &pair[1]);
         let is_same = first.node == second.node;
@@ -237,20 +258,19 @@ fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Proble
         {
             let path = format!("disturbance.fan.{}.from_seconds", index + 1);
             let label = format!("the one before blows until {} s", first.until_seconds);
-            problems.push(document.problem(&path, "two fans blow at a time", label));
+            check.at(&path, "two fans blow at a time", label);
         }
     }
-    problems.extend(unused_outputs(document, &trial.disturbance, rig));
+    unused_outputs(check, &trial.disturbance);
     let Some(load_kilograms) = trial.plant.load_kilograms() else {
-        return problems;
+        return;
     };
     let load_grams = load_kilograms * 1e3;
     for (index, load) in trial.disturbance.load.iter().enumerate() {
         if load_grams + load.added_grams <= 0.0 {
             let path = format!("disturbance.load.{index}.added_grams");
             let label = format!("must leave something of {load_grams} g");
-            problems.push(document.problem(&path, "nothing is left of the load", label));
+            check.at(&path, "nothing is left of the load", label);
         }
     }
-    problems
 }

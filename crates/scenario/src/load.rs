@@ -23,6 +23,7 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+pub(crate) use files::RigText;
 pub(crate) use kind::is_scenario;
 pub(crate) use patterns::{Factors, Naming};
 pub use resolve::Asked;
@@ -193,11 +194,8 @@ fn check_custom(
         && problems.is_empty()
     {
         let span = error.span().unwrap_or_else(|| value.span());
-        problems.push(
-            document
-                .source
-                .problem(span, "invalid value", error.message()),
-        );
+        let source = &document.source;
+        problems.push(source.problem(span, "invalid value", error.message()));
     }
 }
 

@@ -7,7 +7,7 @@ use crate::beside::Beside;
 use crate::contour::Contour;
 use crate::document::Document;
 use crate::error::Source;
-use crate::load::is_scenario;
+use crate::load::{RigText, is_scenario};
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::sweep::Sweep;
@@ -22,6 +22,8 @@ pub struct Scenario {
     pub loops: Vec<Trial>,
     /// EDS of each external drive, by the drive's name.
     pub sheets: BTreeMap<String, String>,
+    /// Text of the rig file.
+    pub(crate) rig_text: RigText,
 }
 
 /// Facts of a run that belong to no single loop.

@@ -35,13 +35,9 @@ impl Plan {
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(path);
-        let asked = Asked {
-            object: &|scenario| objection(scenario, catalogue),
-            ..Asked::default()
-        };
         let read = &mut |name: &str| beside.read(name);
-        let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
-        Ok(Self::without_objections(scenario, catalogue))
+        let scenario = Scenario::parse(&beside, text_of(path)?, read, &Asked::default())?;
+        planned(&scenario, catalogue)
     }
 
     /// Parses as [`Plan::load`], from a text; the files that it names are in its folder.
@@ -68,11 +64,10 @@ impl Plan {
     ) -> Result<Self, ScenarioError> {
         let asked = Asked {
             objections: &|trial| catalogue.objections(trial),
-            object: &|scenario| objection(scenario, catalogue),
             ..Asked::default()
         };
         let scenario = Scenario::parse(beside, text, &mut read_file, &asked)?;
-        Ok(Self::without_objections(scenario, catalogue))
+        planned(&scenario, catalogue)
     }
 
     /// Makes the plan of a rig file without a trial.
@@ -80,9 +75,8 @@ impl Plan {
     /// # Errors
     /// The rig file is not valid.
     pub fn from_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
-        let object = |scenario: &Scenario| objection(scenario, catalogue);
-        let scenario = Scenario::from_rig(text, &path.display().to_string(), &object)?;
-        Ok(Self::without_objections(scenario, catalogue))
+        let scenario = Scenario::from_rig(text, &path.display().to_string())?;
+        planned(&scenario, catalogue)
     }
 
     /// Reads the scenario of a recording, whose frames have the meaning of its database. Plants and laws need not be known here.
@@ -95,21 +89,16 @@ impl Plan {
         database: &Arc<Database>,
         external: &[String],
     ) -> Result<Self, ScenarioError> {
-        let recorded = |scenario: Scenario| {
-            named(scenario, |trial| {
-                ControlLoop::from_recording(trial, database)
-            })
-        };
         let asked = Asked {
             reading: Reading::Recorded,
             objections: &|trial| recorded_objections(trial, database),
-            object: &|scenario| recorded(scenario.clone()).err(),
         };
         let beside = Beside::new(path);
         // Hashes come from the recording.
         let read = &mut |name: &str| beside.read_text(name);
         let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
-        let plan = recorded(scenario).expect("a rig without objections");
+        let one = |trial| ControlLoop::from_recording(trial, database);
+        let plan = named(&scenario, one).map_err(|objection| scenario.objected(objection))?;
         Ok(plan.recorded_external(external))
     }
 
@@ -123,22 +112,16 @@ impl Plan {
         mut read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        let object = |scenario: &Scenario| {
-            let with_fmus = scenario.loops.iter().filter(|one| one.has_fmu());
-            let mut plants = with_fmus.flat_map(Trial::plants);
-            let found =
-                plants.find_map(|(name, plant)| catalogue.objection_to_plant(name, plant, None));
-            // A file that no longer exists is not the fault of a value.
-            found.filter(|objection| objection.path.contains(".fmu.start."))
-        };
         // Files that are not text are in the folder of the scenario that is varied.
         let beside = self.shared.beside.for_case();
         let asked = Asked {
             reading: Reading::Case,
-            object: &object,
             ..Asked::default()
         };
         let scenario = Scenario::parse(&beside, text.to_owned(), &mut read_file, &asked)?;
+        if let Some(objection) = wrong_start_value(&scenario, catalogue) {
+            return Err(scenario.objected(objection));
+        }
         let varied = self
             .loops
             .iter()
@@ -156,28 +139,33 @@ impl Plan {
             plan.composed()
         })
     }
-
-    /// Makes the plan of loops that were found to be without objections.
-    fn without_objections(scenario: Scenario, catalogue: &Catalogue) -> Self {
-        planned(scenario, catalogue).expect("a rig without objections")
-    }
 }
 
-/// Finds a problem of a rig: a drive that cannot be led, nodes that send the same frame, a cycle that is too short.
-fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
-    if let Some(objection) = ports::objection(scenario, catalogue) {
-        return Some(objection);
-    }
-    match planned(scenario.clone(), catalogue) {
-        Ok(plan) => does_not_fit(&BusBudget::new(&plan)),
-        Err(objection) => Some(objection),
-    }
+/// Makes the plan of a scenario.
+///
+/// # Errors
+/// A problem of the rig: a drive that cannot be led, nodes that send the same frame, a cycle that is too short.
+fn planned(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, ScenarioError> {
+    let plan = match ports::objection(scenario, catalogue) {
+        Some(objection) => Err(objection),
+        None => composed(scenario, catalogue),
+    };
+    plan.map_err(|objection| scenario.objected(objection))
+}
+
+/// Finds a value that an FMU does not take.
+fn wrong_start_value(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
+    let with_fmus = scenario.loops.iter().filter(|one| one.has_fmu());
+    let mut plants = with_fmus.flat_map(Trial::plants);
+    let found = plants.find_map(|(name, plant)| catalogue.objection_to_plant(name, plant, None));
+    // A file that no longer exists is not the fault of a value.
+    found.filter(|objection| objection.path.contains(".fmu.start."))
 }
 
 /// Refuses a rig whose cycle is too short for its frames.
-fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
+fn refuse_short_cycle(budget: &BusBudget) -> Result<(), Objection> {
     if budget.fits() {
-        return None;
+        return Ok(());
     }
     let way_out = match budget.period_milliseconds_min() {
         Some(period) => format!(
@@ -194,11 +182,11 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
     let message = "the frames of this rig do not fit between two SYNCs";
     let objection = Objection::new("bus.sync_period_milliseconds", message, label);
     let fullest = budget.fullest_cycle();
-    Some(objection.with_help(format!("{way_out}; bits in the fullest cycle: {fullest}")))
+    Err(objection.with_help(format!("{way_out}; bits in the fullest cycle: {fullest}")))
 }
 
-/// Makes the plan of the loops of a rig, each with the frames of the whole bus.
-fn planned(scenario: Scenario, catalogue: &Catalogue) -> Result<Plan, Objection> {
+/// Makes the plan of the loops of a rig, each with the frames of the whole bus, which must fit there.
+fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objection> {
     let alone = |trial: Trial| {
         let frames = catalogue.frames(&trial);
         ControlLoop::with_frames(trial, frames)
@@ -209,6 +197,7 @@ fn planned(scenario: Scenario, catalogue: &Catalogue) -> Result<Plan, Objection>
         let help = "give one of them another node-ID or, in its EDS, another COB-ID";
         Objection::new("node", message, error.to_string()).with_help(help)
     })?;
+    refuse_short_cycle(&BusBudget::new(&plan))?;
     Ok(plan)
 }
 
@@ -237,28 +226,21 @@ fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive
 }
 
 /// Makes the plan of loops that `make` makes, each with its real drive.
-fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
+fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let mut external = External::default();
-    for node in scenario
-        .shared
-        .rig
-        .node
-        .values()
-        .filter(|node| !node.is_ours())
-    {
+    let nodes = scenario.shared.rig.node.values();
+    for node in nodes.filter(|node| !node.is_ours()) {
         external.insert(node.node_id, node.program.is_some());
     }
-    let trials = std::mem::take(&mut scenario.loops).into_iter();
-    let loops = trials
-        .map(|trial| {
-            Ok(ControlLoop {
-                real_drive: real_drive(&scenario, &trial.wiring.nodes.drive.name)?,
-                external: external.clone(),
-                ..make(trial)
-            })
+    let loops = scenario.loops.iter().map(|trial| {
+        Ok(ControlLoop {
+            real_drive: real_drive(scenario, &trial.wiring.nodes.drive.name)?,
+            external: external.clone(),
+            ..make(trial.clone())
         })
-        .collect::<Result<_, _>>()?;
-    Ok(Plan::from_loops(scenario.shared, loops))
+    });
+    let loops = loops.collect::<Result<_, _>>()?;
+    Ok(Plan::from_loops(scenario.shared.clone(), loops))
 }
 
 #[cfg(test)]

@@ -2,31 +2,30 @@
 
 use serde_json::json;
 
+use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::structure::{broken_limit, out_of_range};
 use crate::trial::Trial;
 
 /// Checks the currents of a loop's law.
-pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
-    let range = trial.wiring.current();
+pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
+    let (document, range) = (check.document, trial.wiring.current());
     let at = |kind: &str, index: usize, current: f64| {
         let path = format!("controller.open_loop.{kind}.{index}.{{command}}_{{command_unit}}");
         outside(document, &path, current, [range.min, range.max])
     };
-    let mut problems = Vec::new();
     if let Some(open_loop) = &trial.controller.open_loop {
         let steps = open_loop.step.iter().enumerate();
-        problems.extend(steps.filter_map(|(index, one)| at("step", index, one.current)));
+        check.add(steps.filter_map(|(index, one)| at("step", index, one.current)));
         let ramps = open_loop.ramp.iter().enumerate();
-        problems.extend(ramps.filter_map(|(index, one)| at("ramp", index, one.current)));
+        check.add(ramps.filter_map(|(index, one)| at("ramp", index, one.current)));
     }
     if let Some(pair) = &trial.controller.pid_pair {
         let path = "controller.pid_pair.co_contraction_{command_unit}";
         let both = pair.co_contraction;
-        problems.extend(outside(document, path, both, [0.0, range.max]));
+        check.add(outside(document, path, both, [0.0, range.max]));
     }
-    problems
 }
 
 /// Refuses a current outside a range; `path` is that of the current in the document.

@@ -1,45 +1,33 @@
 //! Checks of faults that the schema cannot express.
 
+use super::Check;
 use super::pieces::{Piece, window};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
 use crate::plant::PlantModel;
-use crate::rig::nodes::Rig;
 
 /// Faults of nodes that can also happen to a program.
 const PROGRAM_FAULTS: [&str; 3] = ["crash", "hang", "nmt_stop"];
 
 /// Checks that faults begin within the run and end after they begin.
-pub(super) fn faults(
-    document: &Document<'_>,
-    faults: &Faults,
-    rig: &Rig,
-    duration_seconds: f64,
-) -> Vec<Problem> {
-    let problems = faults.iter().flat_map(|fault| {
-        let found = times(document, fault, duration_seconds)
-            .into_iter()
-            .chain(forged(document, fault, rig));
-        found.chain(at_program(document, fault, rig))
-    });
-    problems.collect()
+pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, duration_seconds: f64) {
+    for fault in faults.iter() {
+        times(check, fault, duration_seconds);
+        check.add(forged(check, fault));
+        check.add(at_program(check, fault));
+    }
 }
 
-fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<Problem> {
+fn times(check: &mut Check<'_>, fault: &Fault, duration_seconds: f64) {
     let Some(start_seconds) = fault.from_seconds else {
-        return Vec::new();
+        return;
     };
     let (path, kind) = (fault.path(), fault.kind);
-    let endless = (kind.time == Time::Ends && fault.until_seconds.is_none()).then(|| {
-        let name = kind.name;
-        let message = format!("{name} needs an end, at which its factors are reached");
-        document.problem(&path, message, "`until_seconds` is missing")
-    });
     let is_instant = kind.time == Time::Instant;
     let piece = Piece {
         kind: kind.name,
-        path,
+        path: path.clone(),
         start_key: if is_instant {
             "at_seconds"
         } else {
@@ -48,28 +36,31 @@ fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<P
         start_seconds,
         until_seconds: fault.until_seconds.filter(|_| !is_instant),
     };
-    let mut problems = window(document, &piece, &kind.heading(), duration_seconds);
-    problems.extend(endless);
-    problems
+    window(check, &piece, &kind.heading(), duration_seconds);
+    if kind.time == Time::Ends && fault.until_seconds.is_none() {
+        let name = kind.name;
+        let message = format!("{name} needs an end, at which its factors are reached");
+        check.at(&path, message, "`until_seconds` is missing");
+    }
 }
 
 /// Refuses a foreign node that sends the report of a plant, on which the verdict rests.
-fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
+fn forged(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
     let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
     let forged = fault.whole("identifier").filter(|_| is_foreign)?;
-    let mut loops = rig.loops.iter();
+    let mut loops = check.rig.loops.iter();
     let (loop_name, _) = loops.find(|(_, one)| u32::from(one.identifiers.truth) == forged)?;
     let path = format!("{}.identifier", fault.path());
     let message = "no foreign node may forge what the plant says of itself";
-    let drive = rig.drive_of_loop(loop_name);
+    let drive = check.rig.drive_of_loop(loop_name);
     let label = format!("0x{forged:03X} is `{drive}_truth`");
-    Some(document.problem(&path, message, label))
+    Some(check.document.problem(&path, message, label))
 }
 
 /// Refuses faults that a program which plays a node cannot have: canrig can only end it, halt it and order it to stop.
-fn at_program(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
+fn at_program(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
     let node = &fault.node.as_ref()?.name;
-    rig.node.get(node)?.program.as_ref()?;
+    check.rig.node.get(node)?.program.as_ref()?;
     let (group, name) = (fault.kind.group, fault.kind.name);
     let is_possible = group == Group::Bus || PROGRAM_FAULTS.contains(&name);
     (!is_possible).then(|| {
@@ -77,7 +68,7 @@ fn at_program(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Probl
         let known = PROGRAM_FAULTS.join(", ");
         let label =
             format!("`{node}` is one: what can be done to it is {known}, and faults of the bus");
-        document.problem(&fault.path(), message, label)
+        check.document.problem(&fault.path(), message, label)
     })
 }
 

@@ -1,19 +1,20 @@
 //! Checks that each expectation can be judged.
 
+use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Emergency, Limit};
 use crate::metrics::{METRICS, Metric};
 use crate::nearest::meant_or_known;
-use crate::rig::nodes::Rig;
 use crate::trial::Trial;
 
 /// Checks that each limit can be met, and that the scenario has what its metric needs.
-pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
-    let mut problems = Vec::from_iter(end_problem(document, trial));
+pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
+    let document = check.document;
+    check.add(end_problem(document, trial));
     for (metric, limit) in trial.expect.limits() {
         let (name, path) = (metric.name, format!("expect.{}", metric.name));
-        problems.extend(limit_problem(document, &path, name, limit).or_else(|| {
+        check.add(limit_problem(document, &path, name, limit).or_else(|| {
             let missing = missing_for(metric, trial)?;
             let message = format!("`{name}` cannot be judged");
             Some(document.problem(&path, message, format!("needs {missing}")))
@@ -21,14 +22,9 @@ pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     }
     for (path, limit) in trial.expect.timing.limits() {
         let name = format!("timing.{path}");
-        problems.extend(limit_problem(
-            document,
-            &format!("expect.{name}"),
-            &name,
-            limit,
-        ));
+        let path = format!("expect.{name}");
+        check.add(limit_problem(document, &path, &name, limit));
     }
-    problems
 }
 
 /// Refuses a limit that no value meets, or that every value meets.
@@ -71,12 +67,8 @@ fn missing_for(metric: &Metric, trial: &Trial) -> Option<String> {
 }
 
 /// Refuses an emergency that has another form, or that comes from no node of the rig.
-pub(super) fn emergency(
-    document: &Document<'_>,
-    path: &str,
-    text: &str,
-    rig: &Rig,
-) -> Option<Problem> {
+pub(super) fn emergency(check: &Check<'_>, path: &str, text: &str) -> Option<Problem> {
+    let Check { document, rig, .. } = check;
     match text.parse::<Emergency>() {
         Err(reason) => {
             let message = format!("\"{text}\" names no emergency");
@@ -91,9 +83,8 @@ pub(super) fn emergency(
 }
 
 /// Checks the demanded reactions: there is a fault, and emergencies have numbers of the standard.
-pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
-    let expect = &trial.expect;
-    let mut problems = Vec::new();
+pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
+    let (document, expect) = (check.document, &trial.expect);
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
     let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
     for metric in demanded {
@@ -102,15 +93,14 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Ve
             let message = format!("`{name}` cannot be judged");
             document.problem(&format!("expect.{name}"), message, format!("needs {what}"))
         };
-        problems.extend(metric.missing_in(trial).map(needs));
+        check.add(metric.missing_in(trial).map(needs));
         if !trial.has_loop_faults() {
             let problem = needs("a [[fault.…]] of this drive");
-            problems.push(if trial.run.faults.is_empty() { problem } else { problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]") });
+            check.problems.push(if trial.run.faults.is_empty() { problem } else { problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]") });
         }
     }
     for (index, text) in expect.listed("emcy").iter().enumerate() {
         let path = format!("expect.emcy.{index}");
-        problems.extend(emergency(document, &path, text, rig));
+        check.add(emergency(check, &path, text));
     }
-    problems
 }

@@ -3,8 +3,8 @@
 use toml::Spanned;
 use toml::de::DeValue;
 
+use super::Check;
 use crate::document::Document;
-use crate::error::Problem;
 use crate::structure::number;
 
 /// Entry of an array of timed tables.
@@ -46,9 +46,9 @@ pub(super) fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<
 
 /// Checks that the times of a table's entries are in order, that windows end after they begin, that one piece acts at a time, and
 /// that none is after the end.
-pub(super) fn pieces(document: &Document<'_>, table: &str, duration_seconds: f64) -> Vec<Problem> {
-    let mut by_start = entries(document, table);
-    let mut problems = order(document, table, &by_start, duration_seconds);
+pub(super) fn pieces(check: &mut Check<'_>, table: &str, duration_seconds: f64) {
+    let mut by_start = entries(check.document, table);
+    order(check, table, &by_start, duration_seconds);
     by_start.sort_by(|left, right| left.start_seconds.total_cmp(&right.start_seconds));
     let is_double = |pair: &&[Piece<'_>]| {
         pair[0].start_seconds == pair[1].start_seconds && pair[0].kind != pair[1].kind
@@ -59,19 +59,17 @@ pub(super) fn pieces(document: &Document<'_>, table: &str, duration_seconds: f64
         let message = format!("two pieces of [{table}] start at {time} s");
         let label = format!("a {} starts at the same time", first.kind);
         let path = format!("{}.{}", second.path, second.start_key);
-        problems.push(document.problem(&path, message, label));
+        check.at(&path, message, label);
     }
-    problems
 }
 
 /// Checks that the times are in order within each kind, that windows end after they begin, and that none is after the end.
 pub(super) fn order(
-    document: &Document<'_>,
+    check: &mut Check<'_>,
     table: &str,
     pieces: &[Piece<'_>],
     duration_seconds: f64,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
+) {
     for pair in pieces
         .windows(2)
         .filter(|pair| pair[0].kind == pair[1].kind)
@@ -82,24 +80,22 @@ pub(super) fn order(
             let start = before.start_seconds;
             let label = format!("must be after {start} s, where the one before starts");
             let path = format!("{}.{}", piece.path, piece.start_key);
-            problems.push(document.problem(&path, message, label));
+            check.at(&path, message, label);
         }
     }
     for piece in pieces {
         let heading = format!("[[{table}.{}]]", piece.kind);
-        problems.extend(window(document, piece, &heading, duration_seconds));
+        window(check, piece, &heading, duration_seconds);
     }
-    problems
 }
 
 /// Checks that a window ends after it begins, and begins within the run.
 pub(super) fn window(
-    document: &Document<'_>,
+    check: &mut Check<'_>,
     piece: &Piece<'_>,
     heading: &str,
     duration_seconds: f64,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
+) {
     let Piece {
         path,
         start_key,
@@ -110,12 +106,11 @@ pub(super) fn window(
     if *start_seconds >= duration_seconds {
         let message = format!("{heading} starts after the end of the run");
         let label = format!("the run ends at {duration_seconds} s");
-        problems.push(document.problem(&format!("{path}.{start_key}"), message, label));
+        check.at(&format!("{path}.{start_key}"), message, label);
     }
     if until_seconds.is_some_and(|until| until <= *start_seconds) {
         let message = format!("{heading} ends before it begins");
         let label = format!("must be after {start_seconds} s");
-        problems.push(document.problem(&format!("{path}.until_seconds"), message, label));
+        check.at(&format!("{path}.until_seconds"), message, label);
     }
-    problems
 }

@@ -1,19 +1,17 @@
 //! Checks of the plant that the schema cannot express.
 
-use crate::document::Document;
-use crate::error::Problem;
+use super::Check;
 use crate::plant::{Heat, Kinetics, Phase};
 
 /// Checks the order of the transformation temperatures: Eq. (2) divides by their differences.
 ///
 /// `path` is the path of the table in the document.
-pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -> Vec<Problem> {
-    let mut problems = Vec::new();
+pub(crate) fn temperatures(check: &mut Check<'_>, path: &str, phase: &Phase) {
     let mut in_order = |name: &str, high: f64, below: &str, low: f64| {
         if high <= low {
             let message = format!("`{name}` must be above `{below}`");
             let label = format!("must be above {low}");
-            problems.push(document.problem(&format!("{path}.{name}"), message, label));
+            check.at(&format!("{path}.{name}"), message, label);
         }
     };
     let (start, finish) = ("austenite_start_celsius", "austenite_finish_celsius");
@@ -28,19 +26,19 @@ pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -
         phase.martensite_finish_celsius,
     ];
     in_order(start, above, finish, below);
-    problems
 }
 
 /// Checks that air and cooling element do not keep the wire above `Mf`: a memory of turns begins with all martensite.
 ///
 /// `path` is the path of the wire's table in the document.
 pub(crate) fn cooling(
-    document: &Document<'_>,
+    check: &mut Check<'_>,
     path: &str,
     kinetics: Kinetics,
     heat: &Heat,
     phase: &Phase,
-) -> Vec<Problem> {
+) {
+    let document = check.document;
     let highest = phase.martensite_finish_celsius;
     let cooling = [
         ("ambient_celsius", heat.ambient_celsius),
@@ -55,5 +53,5 @@ pub(crate) fn cooling(
             .problem(&format!("{path}.heat.{name}"), message, label)
             .with_place(remembers, "remembers turns from all martensite on")
     };
-    cooling.into_iter().filter(is_wrong).map(problem).collect()
+    check.add(cooling.into_iter().filter(is_wrong).map(problem));
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
@@ -11,23 +12,21 @@ use crate::trial::Trial;
 const LENGTH_MAX: usize = 100;
 
 /// Checks the requirements of a loop's limits.
-pub(super) fn problems(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
     let expect = &trial.expect;
-    let mut problems = Vec::new();
     for (key, requirements) in &expect.requirements {
         let path = format!("expect.requirements.{key}");
-        problems.extend(undemanded(document, &path, key, trial));
-        problems.extend(names(document, &path, requirements));
+        check.add(undemanded(check.document, &path, key, trial));
+        names(check, &path, requirements);
     }
-    let checks = expect.signal.iter().map(|check| &check.requirements);
+    let checks = expect.signal.iter().map(|one| &one.requirements);
     let sequences = expect.sequence.iter().map(|one| &one.requirements);
     let checks = checks.enumerate().map(|one| ("signal", one));
     let sequences = sequences.enumerate().map(|one| ("sequence", one));
     for (kind, (index, requirements)) in checks.chain(sequences) {
         let path = format!("expect.{kind}.{index}.requirements");
-        problems.extend(names(document, &path, requirements));
+        names(check, &path, requirements);
     }
-    problems
 }
 
 /// Refuses a key without a limit, which tests nothing.
@@ -52,9 +51,8 @@ fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> 
 }
 
 /// Checks the names of requirements at a path.
-pub(super) fn names(document: &Document<'_>, path: &str, requirements: &[String]) -> Vec<Problem> {
+pub(super) fn names(check: &mut Check<'_>, path: &str, requirements: &[String]) {
     let mut seen = BTreeSet::new();
-    let mut problems = Vec::new();
     for (index, name) in requirements.iter().enumerate() {
         let label = if name.trim() != name || name.is_empty() || name.contains(char::is_control) {
             "one line of plain text without blanks at its ends"
@@ -66,7 +64,6 @@ pub(super) fn names(document: &Document<'_>, path: &str, requirements: &[String]
             continue;
         };
         let message = "this is no name of a requirement";
-        problems.push(document.problem(&format!("{path}.{index}"), message, label));
+        check.at(&format!("{path}.{index}"), message, label);
     }
-    problems
 }

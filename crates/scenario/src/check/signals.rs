@@ -2,45 +2,41 @@
 
 use std::collections::BTreeSet;
 
+use super::Check;
 use super::limits::emergency;
 use super::limits::limit_problem;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Expected, Sequence, SignalCheck};
-use crate::rig::nodes::Rig;
 use crate::trial::Trial;
 
 /// Time by which a window may end after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;
 
 /// Checks the demands on signals, and the sequences.
-pub(super) fn check(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
-    let duration_seconds = trial.run.duration_seconds;
-    let mut problems = Vec::new();
+pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
+    let (document, duration_seconds) = (check.document, trial.run.duration_seconds);
     let mut rows = BTreeSet::new();
-    for (index, check) in trial.expect.signal.iter().enumerate() {
+    for (index, signal) in trial.expect.signal.iter().enumerate() {
         let path = format!("expect.signal.{index}");
-        let window = (check.from_seconds, check.until_seconds);
-        problems.extend(window_problem(document, &path, window, duration_seconds));
-        problems.extend(demands(document, &path, check, &mut rows));
+        let window = (signal.from_seconds, signal.until_seconds);
+        check.add(window_problem(document, &path, window, duration_seconds));
+        demands(check, &path, signal, &mut rows);
     }
     for (index, sequence) in trial.expect.sequence.iter().enumerate() {
         let path = format!("expect.sequence.{index}");
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
-        problems.extend(window_problem(document, &path, window, duration_seconds));
-        problems.extend(events(document, &path, sequence, rig));
+        check.add(window_problem(document, &path, window, duration_seconds));
+        events(check, &path, sequence);
         if !rows.insert(sequence.name.clone()) {
             let message = format!("there are two sequences \"{}\"", sequence.name);
-            let name = format!("{path}.name");
-            problems.push(document.problem(&name, message, "another name is needed"));
+            check.at(&format!("{path}.name"), message, "another name is needed");
         }
         if sequence.name.contains(char::is_control) {
             let message = "`name` has a control character in it";
-            let name = format!("{path}.name");
-            problems.push(document.problem(&name, message, "one line of plain text"));
+            check.at(&format!("{path}.name"), message, "one line of plain text");
         }
     }
-    problems
 }
 
 /// Checks that a window ends after it begins, within the run.
@@ -71,59 +67,48 @@ fn window_problem(
 }
 
 /// Checks that there is a demand, that its limits can be met, and that no row of the verdict appears twice.
-fn demands(
-    document: &Document<'_>,
-    path: &str,
-    check: &SignalCheck,
-    rows: &mut BTreeSet<String>,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    if check.demands().next().is_none() {
-        let message = format!("nothing is demanded of `{}`", check.name);
+fn demands(check: &mut Check<'_>, path: &str, signal: &SignalCheck, rows: &mut BTreeSet<String>) {
+    let document = check.document;
+    if signal.demands().next().is_none() {
+        let message = format!("nothing is demanded of `{}`", signal.name);
         let problem = document.problem(path, message, "a demand is missing");
         let help = "add stays, reaches, rate_per_second or follows";
-        problems.push(problem.with_help(help));
+        check.problems.push(problem.with_help(help));
     }
-    for demand in check.demands() {
+    for demand in signal.demands() {
         let place = format!("{path}.{}", demand.key());
         if let Demand::Stays(limit) | Demand::Reaches(limit) | Demand::RatePerSecond(limit) = demand
         {
-            problems.extend(limit_problem(document, &place, demand.key(), limit));
+            check.add(limit_problem(document, &place, demand.key(), limit));
         }
-        if !rows.insert(check.row_name(&demand)) {
-            let message = format!("`{}` of `{}` is demanded twice", demand.key(), check.name);
+        if !rows.insert(signal.row_name(&demand)) {
+            let message = format!("`{}` of `{}` is demanded twice", demand.key(), signal.name);
             let problem = document.problem(&place, message, "in the same window as before");
-            problems.push(problem.with_help("give both sides in one limit: { min = …, max = … }"));
+            check
+                .problems
+                .push(problem.with_help("give both sides in one limit: { min = …, max = … }"));
         }
     }
-    problems
 }
 
 /// Checks that each event can be recognised and has its time.
-fn events(document: &Document<'_>, path: &str, sequence: &Sequence, rig: &Rig) -> Vec<Problem> {
-    let mut problems = Vec::new();
+fn events(check: &mut Check<'_>, path: &str, sequence: &Sequence) {
+    let document = check.document;
     for (place, event) in sequence.event.iter().enumerate() {
         let path = format!("{path}.event.{place}");
-        problems.extend(event_problem(document, &path, event, rig));
+        check.add(event_problem(check, &path, event));
         if place > 0 && event.within_milliseconds.is_none() {
             let message = format!("event {} of a sequence has no time limit", place + 1);
-            let label = "`within_milliseconds` is missing";
-            problems.push(document.problem(&path, message, label));
+            check.at(&path, message, "`within_milliseconds` is missing");
         }
         if let Some(limit) = event.reaches {
             let path = format!("{path}.reaches");
-            problems.extend(limit_problem(document, &path, "reaches", limit));
+            check.add(limit_problem(document, &path, "reaches", limit));
         }
     }
-    problems
 }
 
-fn event_problem(
-    document: &Document<'_>,
-    path: &str,
-    event: &Expected,
-    rig: &Rig,
-) -> Option<Problem> {
+fn event_problem(check: &Check<'_>, path: &str, event: &Expected) -> Option<Problem> {
     let kinds = [&event.emcy, &event.text, &event.signal];
     let given = kinds.iter().filter(|kind| kind.is_some()).count();
     let (is_signal, reaches) = (event.signal.is_some(), event.reaches.is_some());
@@ -151,9 +136,9 @@ fn event_problem(
         let message = "`text` has a control character in it".to_owned();
         (at("text"), message, "one line of plain text")
     } else {
-        return emergency(document, &at("emcy"), event.emcy.as_ref()?, rig);
+        return emergency(check, &at("emcy"), event.emcy.as_ref()?);
     };
-    Some(document.problem(&place, message, label))
+    Some(check.document.problem(&place, message, label))
 }
 
 /// Refuses windows outside their courses: they would be judged in part only, or not at all.

@@ -2,6 +2,7 @@
 
 use std::io;
 
+use super::Check;
 use super::signals;
 use crate::controller::NominalModel;
 use crate::document::Document;
@@ -11,16 +12,12 @@ use crate::trial::Trial;
 
 /// Reads the tables of the set-point and of the current, and the courses that signals must follow, into their rows, and the nominal
 /// model into its field.
-pub(crate) fn read_tables(
-    document: &Document<'_>,
-    trial: &mut Trial,
-    read_table: ReadTable<'_>,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
+pub(crate) fn read_tables(check: &mut Check<'_>, trial: &mut Trial, read_table: ReadTable<'_>) {
+    let document = check.document;
     let mut rows = |path: &str, file: &str, parse: &dyn Fn(&str) -> Result<Rows, Problem>| {
         let rows = read_beside(document, path, file, read_table).and_then(|text| parse(&text));
         rows.unwrap_or_else(|problem| {
-            problems.push(problem);
+            check.problems.push(problem);
             Rows::new()
         })
     };
@@ -53,11 +50,10 @@ pub(crate) fn read_tables(
             .and_then(|text| NominalModel::from_file_text(file, &text));
         match model {
             Ok(model) => law.nominal_model = model,
-            Err(found) => problems.extend(found),
+            Err(found) => check.add(found),
         }
     }
-    problems.extend(signals::uncovered(document, trial));
-    problems
+    check.add(signals::uncovered(document, trial));
 }
 
 /// Reads the text of a table that the scenario names at a path.

@@ -23,7 +23,9 @@ pub(super) struct Files<'text> {
     pub(super) path: PathBuf,
 }
 
-pub(super) struct RigText {
+/// The text of a rig file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct RigText {
     pub(super) text: String,
     /// Name of the rig file in messages.
     pub(super) name: String,

@@ -12,7 +12,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::kind;
 use super::{Reading, build, check_custom, without_problems};
-use crate::check;
+use crate::check::{self, Check};
 use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
@@ -111,7 +111,7 @@ impl Rig {
             rig: &rig,
             problems: Vec::new(),
         };
-        problems.extend(check.problems());
+        problems.extend(check.of_rig());
         let problems = said_once(problems);
         rig.add_led_drives();
         rig.assign_identifiers();
@@ -206,16 +206,11 @@ pub(super) fn fill<'text>(table: &mut DeTable<'text>, defaults: &DeTable<'text>)
     }
 }
 
-struct Check<'a> {
-    document: &'a Document<'a>,
-    rig: &'a Rig,
-    problems: Vec<Problem>,
-}
-
 impl Check<'_> {
-    fn problems(mut self) -> Vec<Problem> {
-        let name = check::name(self.document, &self.rig.name);
-        self.problems.extend(name);
+    /// Returns the problems of a rig file.
+    fn of_rig(mut self) -> Vec<Problem> {
+        let rig = self.rig;
+        check::name(&mut self, &rig.name);
         self.names();
         self.plants();
         self.node_ids();
@@ -232,18 +227,6 @@ impl Check<'_> {
             self.idle_plants();
         }
         self.problems
-    }
-
-    /// Reports a problem at the value at a path.
-    fn at(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
-        self.problems
-            .push(self.document.problem(path, message, label));
-    }
-
-    /// Reports a problem at the key at a path.
-    fn at_key(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
-        self.problems
-            .push(self.document.key_problem(path, message, label));
     }
 
     /// Reports a value that two places have.
@@ -286,10 +269,8 @@ impl Check<'_> {
                 (None, None) => continue,
             };
             let path = format!("{path}.{}", plant.key());
-            let wrong = check::temperatures(self.document, &format!("{path}.phase"), phase);
-            self.problems.extend(wrong);
-            let warm = check::cooling(self.document, &path, kinetics, heat, phase);
-            self.problems.extend(warm);
+            check::temperatures(self, &format!("{path}.phase"), phase);
+            check::cooling(self, &path, kinetics, heat, phase);
         }
     }
 
@@ -363,7 +344,7 @@ impl Check<'_> {
                 (true, Part::Bench) => {}
             }
             if node.kind == Part::Io {
-                self.problems.extend(self.io_beside_external(name));
+                self.add(self.io_beside_external(name));
             }
         }
     }
@@ -469,7 +450,7 @@ impl Check<'_> {
                     }
                     continue;
                 };
-                self.problems.extend(self.port(&path, port, wanted));
+                self.add(self.port(&path, port, wanted));
                 if wanted == POSITION_PORT {
                     continue;
                 }
@@ -509,8 +490,7 @@ impl Check<'_> {
             let first_is_led = one.drives.first().is_some_and(is_led);
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
-                self.problems
-                    .extend(self.output(&path, drive, &one.outputs[place]));
+                self.add(self.output(&path, drive, &one.outputs[place]));
                 if let Some(first) = led.get(drive.as_str()) {
                     let is_same = first.starts_with(&format!("loop.{name}."));
                     let message = if is_same {
@@ -525,8 +505,7 @@ impl Check<'_> {
             }
             // If the drive is the wrong one, the feedback may be right.
             if !first_is_led {
-                self.problems
-                    .extend(self.feedback(name, &one.feedback, &one.drives));
+                self.add(self.feedback(name, &one.feedback, &one.drives));
             }
         }
         // The schema has found a loop without a drive, and it is probably the loop that is missing here; so is one with another

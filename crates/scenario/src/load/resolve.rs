@@ -11,7 +11,7 @@ use super::sections::{CONTROLLER, SHARED, Selector};
 use super::sweep::read_sweep;
 use super::{KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems};
 use crate::beside::Beside;
-use crate::check::{self, NamedFiles};
+use crate::check::{self, Check, NamedFiles};
 use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
@@ -40,8 +40,6 @@ pub struct Asked<'a> {
     pub reading: Reading,
     /// Finds further problems of a loop.
     pub objections: &'a dyn Fn(&Trial) -> Vec<Objection>,
-    /// Finds a problem of a whole scenario, at a place in the rig file, or in the scenario below `sweep`.
-    pub object: &'a dyn Fn(&Scenario) -> Option<Objection>,
 }
 
 /// Reads to play, without further checks.
@@ -50,7 +48,6 @@ impl Default for Asked<'_> {
         Self {
             reading: Reading::ToPlay,
             objections: &|_| Vec::new(),
-            object: &|_| None,
         }
     }
 }
@@ -60,7 +57,7 @@ impl Scenario {
     /// scenario uses; `beside` locates these files.
     ///
     /// # Errors
-    /// All problems of the texts, and every objection.
+    /// All problems of the texts, and every objection to a loop.
     // Not generic: it would be compiled again, with all of TOML and every type of a scenario, in each crate that calls it.
     pub fn parse(
         beside: &Beside,
@@ -80,11 +77,11 @@ impl Scenario {
             }
         };
         let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
-        let mut scenario = resolve(&files, read_once, asked)?;
-        let rig = files.rig;
-        // It borrows the text.
-        drop(files.scenario);
-        tables.extend(rig.is_shipped.then_some((rig.beside, rig.text)));
+        let mut scenario = resolve(files, read_once, asked)?;
+        let rig = &scenario.rig_text;
+        if rig.is_shipped {
+            tables.insert(rig.beside.clone(), rig.text.clone());
+        }
         let shared = &mut scenario.shared;
         (shared.beside, shared.text, shared.tables) = (beside.clone(), text, tables);
         Ok(scenario)
@@ -93,12 +90,8 @@ impl Scenario {
     /// Makes a scenario in which a rig idles; `name` is the source of its text.
     ///
     /// # Errors
-    /// All problems of the rig file, and the objection.
-    pub fn from_rig(
-        text: &str,
-        name: &str,
-        object: &dyn Fn(&Self) -> Option<Objection>,
-    ) -> Result<Self, ScenarioError> {
+    /// All problems of the rig file.
+    pub fn from_rig(text: &str, name: &str) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, name, problems);
         let scenario = Document::parse(Source::new(name, IDLE), IDLE).map_err(fail)?;
         let beside = Beside::new(Path::new(name));
@@ -108,23 +101,47 @@ impl Scenario {
             rig: RigText {
                 text: text.to_owned(),
                 name: name.to_owned(),
-                beside: String::new(),
-                is_shipped: false,
+                ..RigText::default()
             },
             path: PathBuf::from(name),
         };
-        let asked = Asked {
-            object,
-            ..Asked::default()
-        };
-        let mut scenario = resolve(&files, &mut |file| beside.read(file), &asked)?;
+        let read_file = &mut |file: &str| beside.read(file);
+        let mut scenario = resolve(files, read_file, &Asked::default())?;
         scenario.shared.beside = beside;
         Ok(scenario)
+    }
+
+    /// Makes the error of an objection to the whole scenario: at its place in the scenario if that has a value there, or varies
+    /// one, else in the rig file.
+    pub fn objected(&self, objection: Objection) -> ScenarioError {
+        self.placed(objection).unwrap_or_else(|error| error)
+    }
+
+    /// Makes the error as [`Scenario::objected`].
+    ///
+    /// # Errors
+    /// The texts are no longer those that were read.
+    fn placed(&self, mut objection: Objection) -> Result<ScenarioError, ScenarioError> {
+        let (shared, rig_text) = (&self.shared, &self.rig_text);
+        let name = shared.beside.scenario().display().to_string();
+        let fail = |problems| ScenarioError::new(KIND, &name, problems);
+        let document = Document::parse(Source::new(&name, &shared.text), &shared.text);
+        let document = document.map_err(fail)?;
+        let in_scenario = path_in_scenario(&objection.path, &shared.rig);
+        let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
+        let is_overlaid = document.has(&in_scenario) || document.has(table);
+        if is_overlaid || objection.path.starts_with(SWEEP_PREFIX) {
+            objection.path = in_scenario;
+            return Ok(fail(vec![objection.problem(&document)]));
+        }
+        let document = Rig::document(&rig_text.text, &rig_text.name)?;
+        let problem = objection.problem(&document);
+        Ok(nodes::fail(&rig_text.name, vec![problem]))
     }
 }
 
 fn resolve(
-    files: &Files<'_>,
+    files: Files<'_>,
     read_file: ReadTable<'_>,
     asked: &Asked<'_>,
 ) -> Result<Scenario, ScenarioError> {
@@ -138,16 +155,20 @@ fn resolve(
         .map_err(|problems| nodes::fail(rig_name, problems))?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
-    let (rig, mut problems) = overlaid.map_err(fail)?;
-    let programs = programs(&rig, files);
-    let (sheets, wrong) = find_files(
-        (&rig, &programs),
-        files,
-        &rig_document,
-        reading,
+    let (rig, problems) = overlaid.map_err(fail)?;
+    let programs = programs(&rig, &files);
+    let mut resolver = Resolver {
+        files: &files,
+        rig_document: &rig_document,
+        check: Check {
+            document,
+            rig: &rig,
+            problems,
+        },
         read_file,
-        &mut problems,
-    );
+        asked,
+    };
+    let (sheets, wrong) = resolver.find_files(&programs);
     if !wrong.is_empty() {
         return Err(nodes::fail(rig_name, wrong));
     }
@@ -158,11 +179,12 @@ fn resolve(
     // A misspelt table is one problem; the keys that are then missing are not further ones.
     let unknown = selector.unknown_keys();
     if !unknown.is_empty() {
-        problems.extend(unknown);
-        return Err(fail(problems));
+        resolver.check.problems.extend(unknown);
+        return Err(fail(resolver.check.problems));
     }
-    let told = read_run(&selector, &mut problems);
-    let loops = read_loops(&selector, files, &told, read_file, asked, &mut problems);
+    let told = resolver.read_run();
+    let loops = resolver.read_loops(&selector, &told);
+    let mut problems = resolver.check.problems;
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
         problems.extend(found);
         Vec::new()
@@ -189,147 +211,193 @@ fn resolve(
         programs,
         ..Shared::default()
     };
-    let scenario = Scenario {
+    Ok(Scenario {
         shared,
         loops,
         sheets,
-    };
-    match (asked.object)(&scenario) {
-        None => Ok(scenario),
-        Some(objection) => Err(objected(
-            files,
-            &rig_document,
-            &scenario.shared.rig,
-            objection,
-        )),
-    }
+        rig_text: files.rig,
+    })
 }
 
 /// Facts of a run for the readers of its trials.
-struct Told<'a> {
-    rig: &'a Rig,
+struct Told {
     /// `None` if they cannot be read.
     run: Option<Arc<Run>>,
     /// False if some of the faults could not be read.
     has_all_faults: bool,
 }
 
-/// Reads the trial of each loop, without loops that cannot be read.
-fn read_loops(
-    selector: &Selector<'_, '_>,
-    files: &Files<'_>,
-    told: &Told<'_>,
-    read_file: ReadTable<'_>,
-    asked: &Asked<'_>,
-    problems: &mut Vec<Problem>,
-) -> Vec<Trial> {
-    let (tables, wrong_tables) = selector.select();
-    problems.extend(wrong_tables);
-    let mut loops = Vec::new();
-    for one in tables {
-        let wiring = told.rig.wiring_of(told.rig.drive_of_loop(&one.name));
-        let measurand = wiring.feedback.measurand.clone();
-        // The keys of its tables, and the names in problems, are patterns.
-        let document = selector.scenario.with_loop(one.tree, measurand.clone());
-        let tables = (&document, one.factors.as_slice());
-        match read_trial(tables, wiring, files, told, read_file, asked) {
-            Ok(one) => loops.extend(one),
-            Err(found) => problems.extend(in_unit(found, &measurand)),
-        }
-    }
-    loops
+/// Reader of the facts and the trials of a run.
+struct Resolver<'a> {
+    files: &'a Files<'a>,
+    rig_document: &'a Document<'a>,
+    /// Problems of the scenario, and the rig with the scenario's values in it.
+    check: Check<'a>,
+    read_file: ReadTable<'a>,
+    asked: &'a Asked<'a>,
 }
 
-/// Reads the trial of one loop from its tables, with the factors for parameters of its law; `None` if the facts of the run are not
-/// known.
-fn read_trial(
-    (document, factors): (&Document<'_>, &[(String, f64)]),
-    wiring: Wiring,
-    files: &Files<'_>,
-    told: &Told<'_>,
-    read_file: ReadTable<'_>,
-    asked: &Asked<'_>,
-) -> Result<Option<Trial>, Vec<Problem>> {
-    let schema = schema::with_travel(asked.reading.schema(&schema::TRIAL), &wiring);
-    let (mut trial, mut problems) = build::<Trial>(document, "the scenario", &schema)?;
-    let (rig, Some(run)) = (told.rig, &told.run) else {
-        return without_problems(problems, None);
-    };
-    let drive = &wiring.nodes.drive.name;
-    trial.run = Arc::clone(run);
-    trial.plant = rig.model_of(drive, &files.path);
-    trial.plants_beside = rig.models_beside(drive, &files.path);
-    (trial.sensor, trial.amplifier) = rig.parts_of(drive);
-    trial.wiring = wiring;
-    if asked.reading != Reading::Recorded {
-        let (section, law) = (Section::Controller, &mut trial.controller.custom);
-        check_custom(document, section, section.key(), law, &mut problems);
-    }
-    trial.controller.scale(factors);
-    problems.extend(check::trial(document, &trial, rig));
-    if told.has_all_faults {
-        problems.extend(check::reactions(document, &trial, rig));
-    }
-    problems.extend(check::read_tables(document, &mut trial, read_file));
-    let mut named = NamedFiles {
-        document,
-        beside: "",
-        named_by: SCENARIO,
-        is_recorded: asked.reading == Reading::Recorded,
-        read_file,
-    };
-    problems.extend(named.of_law(&trial.controller));
-    trial.controller.place_files(Path::new(&files.name));
-    let objections = (asked.objections)(&trial).into_iter();
-    problems.extend(objections.map(|objection| objection.problem(document)));
-    without_problems(problems, Some(trial))
-}
-
-/// Places an objection: in the scenario if that has a value at its path, else in the rig file.
-fn objected(
-    files: &Files<'_>,
-    rig_document: &Document<'_>,
-    rig: &Rig,
-    mut objection: Objection,
-) -> ScenarioError {
-    let document = &files.scenario;
-    let in_scenario = path_in_scenario(&objection.path, rig);
-    let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
-    let is_overlaid = document.has(&in_scenario) || document.has(table);
-    if is_overlaid || objection.path.starts_with(SWEEP_PREFIX) {
-        objection.path = in_scenario;
-        return ScenarioError::new(KIND, &files.name, vec![objection.problem(document)]);
-    }
-    nodes::fail(&files.rig.name, vec![objection.problem(rig_document)])
-}
-
-/// Reads the facts of the run.
-fn read_run<'a>(selector: &Selector<'a, '_>, problems: &mut Vec<Problem>) -> Told<'a> {
-    let &Selector { scenario, rig } = selector;
-    let (faults, wrong_faults) = fault::read(scenario, rig);
-    let has_all_faults = wrong_faults.is_empty();
-    problems.extend(wrong_faults);
-    let header = scenario.only(&SHARED);
-    let run = match build::<Run>(&header, "the scenario", &schema::RUN) {
-        Ok((mut run, found)) => {
-            problems.extend(found);
-            (run.bus, run.faults) = (rig.bus.clone(), faults);
-            // A length that is not positive is one problem; that events come after the end of the run is not a further one.
-            if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
-                run.duration_seconds = f64::INFINITY;
+impl Resolver<'_> {
+    /// Reads the facts of the run.
+    fn read_run(&mut self) -> Told {
+        let (scenario, rig) = (&self.files.scenario, self.check.rig);
+        let (faults, wrong_faults) = fault::read(scenario, rig);
+        let has_all_faults = wrong_faults.is_empty();
+        self.check.problems.extend(wrong_faults);
+        let header = scenario.only(&SHARED);
+        let run = match build::<Run>(&header, "the scenario", &schema::RUN) {
+            Ok((mut run, found)) => {
+                self.check.problems.extend(found);
+                (run.bus, run.faults) = (rig.bus.clone(), faults);
+                // A length that is not positive is one problem; that events come after the end of the run is not a further one.
+                if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
+                    run.duration_seconds = f64::INFINITY;
+                }
+                check::run(&mut self.check, &run);
+                Some(Arc::new(run))
             }
-            problems.extend(check::run(scenario, &run, rig));
-            Some(Arc::new(run))
+            Err(found) => {
+                self.check.problems.extend(found);
+                None
+            }
+        };
+        Told {
+            run,
+            has_all_faults,
         }
-        Err(found) => {
-            problems.extend(found);
-            None
+    }
+
+    /// Reads the trial of each loop, without loops that cannot be read.
+    fn read_loops(&mut self, selector: &Selector<'_, '_>, told: &Told) -> Vec<Trial> {
+        let (tables, wrong_tables) = selector.select();
+        self.check.problems.extend(wrong_tables);
+        let mut loops = Vec::new();
+        for one in tables {
+            let wiring = self
+                .check
+                .rig
+                .wiring_of(self.check.rig.drive_of_loop(&one.name));
+            let measurand = wiring.feedback.measurand.clone();
+            // The keys of its tables, and the names in problems, are patterns.
+            let document = selector.scenario.with_loop(one.tree, measurand.clone());
+            match self.read_trial(&document, &one.factors, wiring, told) {
+                Ok(one) => loops.extend(one),
+                Err(found) => self.check.problems.extend(in_unit(found, &measurand)),
+            }
         }
-    };
-    Told {
-        rig,
-        run,
-        has_all_faults,
+        loops
+    }
+
+    /// Reads the trial of one loop from its tables, with the factors for parameters of its law; `None` if the facts of the run are
+    /// not known.
+    fn read_trial(
+        &mut self,
+        document: &Document<'_>,
+        factors: &[(String, f64)],
+        wiring: Wiring,
+        told: &Told,
+    ) -> Result<Option<Trial>, Vec<Problem>> {
+        let (rig, reading, path) = (self.check.rig, self.asked.reading, &self.files.path);
+        let schema = schema::with_travel(reading.schema(&schema::TRIAL), &wiring);
+        let (mut trial, mut problems) = build::<Trial>(document, "the scenario", &schema)?;
+        let Some(run) = &told.run else {
+            return without_problems(problems, None);
+        };
+        let drive = &wiring.nodes.drive.name;
+        trial.run = Arc::clone(run);
+        trial.plant = rig.model_of(drive, path);
+        trial.plants_beside = rig.models_beside(drive, path);
+        (trial.sensor, trial.amplifier) = rig.parts_of(drive);
+        trial.wiring = wiring;
+        if reading != Reading::Recorded {
+            let (section, law) = (Section::Controller, &mut trial.controller.custom);
+            check_custom(document, section, section.key(), law, &mut problems);
+        }
+        trial.controller.scale(factors);
+        let mut check = Check {
+            document,
+            rig,
+            problems,
+        };
+        check::trial(&mut check, &trial);
+        if told.has_all_faults {
+            check::reactions(&mut check, &trial);
+        }
+        check::read_tables(&mut check, &mut trial, self.read_file);
+        let mut problems = check.problems;
+        let mut named = self.named_files(document, "", SCENARIO);
+        problems.extend(named.of_law(&trial.controller));
+        trial.controller.place_files(Path::new(&self.files.name));
+        let objections = (self.asked.objections)(&trial).into_iter();
+        problems.extend(objections.map(|objection| objection.problem(document)));
+        without_problems(problems, Some(trial))
+    }
+
+    /// Finds the files of plants and nodes, and returns the EDS of external drives, with the problems of files that the rig file
+    /// names.
+    fn find_files(
+        &mut self,
+        programs: &BTreeMap<String, NodeProgram>,
+    ) -> (BTreeMap<String, String>, Vec<Problem>) {
+        let (files, rig, rig_document) = (self.files, self.check.rig, self.rig_document);
+        let beside = files.rig.beside.as_str();
+        let (sheets, mut wrong) = self.read_sheets();
+        let mut named_in_rig = self.named_files(rig_document, beside, RIG_FILE);
+        wrong.extend(named_in_rig.of_plants(rig));
+        // The files of a case were found before.
+        let is_case = self.asked.reading == Reading::Case;
+        for (node, program) in programs.iter().filter(|_| !is_case) {
+            let path = format!("node.{node}.program");
+            let is_here = files.scenario.has(&path);
+            let (document, named_by) = if is_here {
+                (&files.scenario, SCENARIO)
+            } else {
+                (rig_document, RIG_FILE)
+            };
+            let mut named = self.named_files(document, &program.named_in, named_by);
+            let found = named.command(&path, &program.command, "a file of the node");
+            let into = if is_here {
+                &mut self.check.problems
+            } else {
+                &mut wrong
+            };
+            into.extend(found);
+        }
+        (sheets, wrong)
+    }
+
+    /// Reads the EDS of each external drive for which the rig file names one.
+    fn read_sheets(&mut self) -> (BTreeMap<String, String>, Vec<Problem>) {
+        let (mut sheets, mut problems) = (BTreeMap::new(), Vec::new());
+        for (name, node) in &self.check.rig.node {
+            let Some(eds) = &node.eds else { continue };
+            let place = Path::new(&self.files.rig.beside).with_file_name(eds);
+            match (self.read_file)(&place.to_string_lossy()) {
+                Ok(text) => drop(sheets.insert(name.clone(), text)),
+                Err(error) => {
+                    let message = format!("the EDS of `{name}` cannot be read");
+                    let (path, label) = (format!("node.{name}.eds"), error.to_string());
+                    problems.push(self.rig_document.problem(&path, message, label));
+                }
+            }
+        }
+        (sheets, problems)
+    }
+
+    /// Returns a finder of the files that a document names: the scenario, or the rig file `beside` it.
+    fn named_files<'b>(
+        &'b mut self,
+        document: &'b Document<'b>,
+        beside: &'b str,
+        named_by: &'b str,
+    ) -> NamedFiles<'b, 'b> {
+        NamedFiles {
+            document,
+            beside,
+            named_by,
+            is_recorded: self.asked.reading == Reading::Recorded,
+            read_file: self.read_file,
+        }
     }
 }
 
@@ -372,70 +440,4 @@ fn programs(rig: &Rig, files: &Files<'_>) -> BTreeMap<String, NodeProgram> {
         Some((name.clone(), program))
     });
     programs.collect()
-}
-
-/// Finds the files of plants and nodes, and returns the EDS of external drives, with the problems of files that the rig file names.
-/// Those of programs that the scenario names are added to `problems`.
-fn find_files(
-    (rig, programs): (&Rig, &BTreeMap<String, NodeProgram>),
-    files: &Files<'_>,
-    rig_document: &Document<'_>,
-    reading: Reading,
-    read_file: ReadTable<'_>,
-    problems: &mut Vec<Problem>,
-) -> (BTreeMap<String, String>, Vec<Problem>) {
-    let mut wrong = Vec::new();
-    let beside = files.rig.beside.as_str();
-    let sheets = read_sheets(rig, rig_document, beside, read_file, &mut wrong);
-    let is_recorded = reading == Reading::Recorded;
-    let mut named_in_rig = NamedFiles {
-        document: rig_document,
-        beside,
-        named_by: RIG_FILE,
-        is_recorded,
-        read_file: &mut *read_file,
-    };
-    wrong.extend(named_in_rig.of_plants(rig));
-    // The files of a case were found before.
-    for (node, program) in programs.iter().filter(|_| reading != Reading::Case) {
-        let path = format!("node.{node}.program");
-        let (document, named_by, into) = if files.scenario.has(&path) {
-            (&files.scenario, SCENARIO, &mut *problems)
-        } else {
-            (rig_document, RIG_FILE, &mut wrong)
-        };
-        let mut files = NamedFiles {
-            document,
-            beside: &program.named_in,
-            named_by,
-            is_recorded,
-            read_file: &mut *read_file,
-        };
-        into.extend(files.command(&path, &program.command, "a file of the node"));
-    }
-    (sheets, wrong)
-}
-
-/// Reads the EDS of each external drive for which the rig file, `beside` the scenario, names one.
-fn read_sheets(
-    rig: &Rig,
-    document: &Document<'_>,
-    beside: &str,
-    read_file: ReadTable<'_>,
-    problems: &mut Vec<Problem>,
-) -> BTreeMap<String, String> {
-    let mut sheets = BTreeMap::new();
-    for (name, node) in &rig.node {
-        let Some(eds) = &node.eds else { continue };
-        let place = Path::new(beside).with_file_name(eds);
-        match read_file(&place.to_string_lossy()) {
-            Ok(text) => drop(sheets.insert(name.clone(), text)),
-            Err(error) => {
-                let message = format!("the EDS of `{name}` cannot be read");
-                let path = format!("node.{name}.eds");
-                problems.push(document.problem(&path, message, error.to_string()));
-            }
-        }
-    }
-    sheets
 }

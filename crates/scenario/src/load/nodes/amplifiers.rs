@@ -1,6 +1,6 @@
 //! Checks the currents of amplifiers, and which amplifiers may have a protection or are external.
 
-use super::Check;
+use crate::check::Check;
 use crate::current::COUNTS_MAX;
 use crate::port::Command;
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::Check;
+use crate::check::Check;
 use crate::custom::is_name;
 use crate::rig::nodes::RigLoop;
 use crate::schema;

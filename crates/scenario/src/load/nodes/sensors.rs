@@ -1,6 +1,6 @@
 //! Checks the sensors, and the plausibility of their positions.
 
-use super::Check;
+use crate::check::Check;
 use crate::custom::is_name;
 use crate::error::Problem;
 use crate::port::{Measurand, Unit};
@@ -41,7 +41,7 @@ impl Check<'_> {
                 self.at_key(&path("sensor"), message, label);
                 continue;
             }
-            self.problems.extend(self.increment(name, node, sensor));
+            self.add(self.increment(name, node, sensor));
             let plausible = node.plausible.unwrap_or_default();
             for (part, min, max) in [
                 ("sensor", sensor.min.or(Some(0.0)), sensor.max),

@@ -1,6 +1,6 @@
 //! Finds rigs that the format can describe and this bench cannot serve.
 
-use super::Check;
+use crate::check::Check;
 use crate::custom::is_name;
 use crate::node::Part;
 use crate::wiring::IO_OUTPUTS_MAX;
