@@ -55,13 +55,9 @@ pub fn data_sheets_led_by(controller: u8) -> Vec<DataSheet> {
         ("drive", 0x10, dbc::DRIVE_EDS),
         ("disturbance", 0x11, dbc::DISTURBANCE_EDS),
     ];
-    let read = |(node_name, node_id, text)| DataSheet {
-        name: format!("{node_name}.eds"),
-        node_name: String::from(node_name),
-        node_id,
-        dictionary: eds::parse(text, node_id)
+    let read = |(node_name, node_id, text)| {
+        DataSheet::parse(format!("{node_name}.eds"), node_name, node_id, text)
             .expect("the file is compiled in and tested")
-            .dictionary,
     };
     shipped.map(read).into()
 }
@@ -100,12 +96,26 @@ impl DataSheet {
         let file = path.display();
         let text = scenario::read_text(path, FILE_BYTES_MAX)
             .map_err(|error| DataSheetError(format!("`{file}` cannot be read: {error}")))?;
-        let eds = eds::parse(&text, node_id)
-            .map_err(|error| DataSheetError(format!("{file}: {error}")))?;
+        let sheet = Self::parse(file.to_string(), &format!("node {node_id}"), node_id, &text)?;
         let name = path.file_name().unwrap_or(path.as_os_str());
         Ok(Self {
             name: name.to_string_lossy().into_owned(),
-            node_name: format!("node {node_id}"),
+            ..sheet
+        })
+    }
+
+    /// Reads the text of a file for a node; `name` names the file.
+    pub(crate) fn parse(
+        name: String,
+        node_name: &str,
+        node_id: u8,
+        text: &str,
+    ) -> Result<Self, DataSheetError> {
+        let eds = eds::parse(text, node_id);
+        let eds = eds.map_err(|error| DataSheetError(format!("{name}: {error}")))?;
+        Ok(Self {
+            name,
+            node_name: node_name.to_owned(),
             node_id,
             dictionary: eds.dictionary,
         })

@@ -24,11 +24,6 @@ impl External {
     pub(crate) fn insert(&mut self, node_id: u8, is_program: bool) {
         self.0.insert(node_id, is_program);
     }
-
-    /// Checks whether canrig plays all nodes.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
 }
 
 /// Describes the problem of an external node that a run does not have.

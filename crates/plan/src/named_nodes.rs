@@ -1,6 +1,5 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
-use canopen::eds;
 use dbc::data_sheets::{AnalogueOutput, NodeValues};
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::node::Node;
@@ -106,19 +105,12 @@ impl NamedNodes {
     /// # Errors
     /// An EDS is wrong.
     pub fn of(plan: &Plan) -> Result<Self, DataSheetError> {
-        let sheets = node_sheets(plan).into_iter().map(|sheet| {
-            let file = sheet.file_name();
-            let parsed = eds::parse(&sheet.text, sheet.node_id)
-                .map_err(|error| DataSheetError(format!("{file}: {error}")));
-            Ok(DataSheet {
-                name: file,
-                node_name: sheet.name,
-                node_id: sheet.node_id,
-                dictionary: parsed?.dictionary,
-            })
+        let sheets = node_sheets(plan).into_iter();
+        let parsed = sheets.map(|sheet| {
+            DataSheet::parse(sheet.file_name(), &sheet.name, sheet.node_id, &sheet.text)
         });
         Ok(Self {
-            sheets: sheets.collect::<Result<_, DataSheetError>>()?,
+            sheets: parsed.collect::<Result<_, _>>()?,
             database: Database::clone(plan.database()),
         })
     }

@@ -46,8 +46,6 @@ pub struct ControlLoop {
     /// Meaning of all frames on the bus.
     pub database: Arc<Database>,
     frames: Arc<Frames>,
-    /// Names of all drives of the run.
-    drives: Arc<[String]>,
 }
 
 impl Plan {
@@ -58,16 +56,7 @@ impl Plan {
             ..Shared::default()
         };
         let frames = catalogue.frames(&trial);
-        Self::from_loops(shared, vec![ControlLoop::with_frames(trial, frames)])
-    }
-
-    /// Makes the plan of these loops.
-    fn from_loops(shared: Shared, mut loops: Vec<ControlLoop>) -> Self {
-        let drives = loops.iter().map(|one| one.nodes.drive.name.clone());
-        let drives: Arc<[String]> = drives.collect();
-        for one in &mut loops {
-            one.drives = Arc::clone(&drives);
-        }
+        let loops = vec![ControlLoop::with_frames(trial, frames)];
         Self { shared, loops }
     }
 
@@ -325,7 +314,6 @@ impl ControlLoop {
             real_drive: None,
             database: Arc::clone(&frames.database),
             frames,
-            drives: Arc::default(),
         }
     }
 
@@ -406,8 +394,8 @@ impl ControlLoop {
     /// # Errors
     /// The database has no statusword of a drive.
     pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
-        let drives = self.drives.iter().map(String::as_str);
-        ScenarioClock::new(&self.database, drives)
+        let loops = self.trial.wiring.loops.iter();
+        ScenarioClock::new(&self.database, loops.map(|one| one.drive.as_str()))
     }
 
     /// Returns a message of one of its nodes.

@@ -48,11 +48,8 @@ impl Presence {
 
     /// Returns the sign of a running manager, if there is one.
     pub fn manager(&self, sheets: &[DataSheet]) -> Option<String> {
-        let is_manager = |node_id: &u8| {
-            let mut sheets = sheets.iter();
-            sheets.any(|sheet| sheet.is_manager() && sheet.node_id == *node_id)
-        };
-        if let Some(node_id) = self.states.keys().find(|node_id| is_manager(node_id)) {
+        let mut heard = self.states.keys();
+        if let Some(node_id) = heard.find(|node_id| is_manager(**node_id, sheets)) {
             return Some(format!("the heartbeat of the manager, node {node_id}"));
         }
         self.has_sync.then(|| "SYNC".to_owned())
@@ -60,12 +57,9 @@ impl Presence {
 
     /// Returns the reason why a guest must not use the default SDO channel of a node. No other node uses a manager's own channel.
     pub fn why_not_default_channel(&self, node_id: u8, sheets: &[DataSheet]) -> Option<String> {
-        let is_manager = sheets
-            .iter()
-            .any(|sheet| sheet.is_manager() && sheet.node_id == node_id);
         let reason = if self.sdo_users.contains(&node_id) {
             "others were heard on it".to_owned()
-        } else if is_manager {
+        } else if is_manager(node_id, sheets) {
             return None;
         } else {
             format!("{} was heard", self.manager(sheets)?)
@@ -74,6 +68,12 @@ impl Presence {
             "the default SDO channel of node {node_id} belongs to the running controller ({reason})"
         ))
     }
+}
+
+/// Checks whether a node is a manager, by its data sheet.
+fn is_manager(node_id: u8, sheets: &[DataSheet]) -> bool {
+    let mut sheets = sheets.iter();
+    sheets.any(|sheet| sheet.is_manager() && sheet.node_id == node_id)
 }
 
 #[cfg(test)]

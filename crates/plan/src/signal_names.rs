@@ -1,5 +1,7 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
+use std::collections::BTreeMap;
+
 use dbc::{Database, Message, Signal, names};
 use scenario::node::{Node, Part};
 use scenario::wiring::Wiring;
@@ -33,13 +35,9 @@ impl SignalNames {
     /// Collects the names of the signals of a loop's nodes and its law, with those of the objects behind them.
     pub fn new(database: &Database, wiring: &Wiring) -> Self {
         let nodes = &wiring.nodes;
-        let sheets = data_sheet::rig_data_sheets();
         let parts = [Part::Controller, Part::Drive, Part::Io];
-        let sheet_by_part = Vec::from_iter(parts.into_iter().zip(&sheets));
-        let sheet = |wanted: Part| {
-            let mut sheets = sheet_by_part.iter();
-            sheets.find(|(part, _)| *part == wanted).map(|one| one.1)
-        };
+        let sheets = parts.into_iter().zip(data_sheet::rig_data_sheets());
+        let sheet_by_part = BTreeMap::from_iter(sheets);
         let mut aliases = Vec::new();
         let mut add = |message: &Message, signal: &Signal, names: Vec<String>| {
             let path = format!("{}.{}", message.name, signal.name);
@@ -53,7 +51,7 @@ impl SignalNames {
                     _ => signal.name.clone(),
                 }];
                 if let Some(node) = node
-                    && let Some(sheet) = sheet(node.part)
+                    && let Some(sheet) = sheet_by_part.get(&node.part)
                     && let Some(object) = object_name(sheet, &signal.object)
                 {
                     names.push(format!("{}.{object}", node.name));

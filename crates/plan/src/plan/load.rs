@@ -130,7 +130,10 @@ impl Plan {
                 trial,
                 ..base.clone()
             });
-        let plan = Self::from_loops(scenario.shared, varied.collect());
+        let plan = Self {
+            shared: scenario.shared,
+            loops: varied.collect(),
+        };
         let [are_sent, were_sent] =
             [&plan, self].map(|plan| plan.set_points_every_cycles().is_some());
         Ok(if are_sent == were_sent {
@@ -239,8 +242,10 @@ fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Pla
             ..make(trial.clone())
         })
     });
-    let loops = loops.collect::<Result<_, _>>()?;
-    Ok(Plan::from_loops(scenario.shared.clone(), loops))
+    Ok(Plan {
+        shared: scenario.shared.clone(),
+        loops: loops.collect::<Result<_, _>>()?,
+    })
 }
 
 #[cfg(test)]

@@ -31,7 +31,6 @@ pub(crate) struct RigText {
     pub(super) name: String,
     /// Name of the rig file relative to the scenario; the name of its copy in a run folder if it ships.
     pub(super) beside: String,
-    pub(super) is_shipped: bool,
 }
 
 impl<'text> Files<'text> {
@@ -92,7 +91,6 @@ fn rig_text(
             text: recorded.flatten().unwrap_or_else(|| text.to_owned()),
             name: rig.to_owned(),
             beside: copy,
-            is_shipped: true,
         });
     }
     if !is_inside_folder(rig) {
@@ -135,7 +133,6 @@ fn rig_text(
         text,
         name: place,
         beside: rig.to_owned(),
-        is_shipped: false,
     })
 }
 

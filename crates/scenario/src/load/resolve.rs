@@ -79,9 +79,7 @@ impl Scenario {
         let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
         let mut scenario = resolve(files, read_once, asked)?;
         let rig = &scenario.rig_text;
-        if rig.is_shipped {
-            tables.insert(rig.beside.clone(), rig.text.clone());
-        }
+        tables.insert(rig.beside.clone(), rig.text.clone());
         let shared = &mut scenario.shared;
         (shared.beside, shared.text, shared.tables) = (beside.clone(), text, tables);
         Ok(scenario)
