@@ -11,13 +11,12 @@ use serde_json::{Value, json};
 use toml::Spanned;
 use toml::de::DeValue;
 
+use super::Check;
 use crate::document::Document;
-use crate::error::Problem;
 use crate::load::only_one;
 use crate::nearest::nearest;
-use crate::rig::nodes::Rig;
 use crate::schema::{MULTIPLE_OF, resolve};
-use crate::structure::broken_limit;
+use crate::structure::{broken_limit, out_of_range};
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
@@ -29,17 +28,13 @@ const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
 const CHECKS: [&str; 2] = [".signal", ".sequence"];
 
 /// Checks the sweep of a scenario, and notes in it which keys are whole numbers.
-pub(crate) fn check(document: &Document<'_>, rig: &Rig, sweep: Option<&mut Sweep>) -> Vec<Problem> {
-    let Some(sweep) = sweep else {
-        return Vec::new();
-    };
-    let schema = schema::on_rig(rig);
+pub(crate) fn check(check: &mut Check<'_>, sweep: &mut Sweep) {
+    let schema = schema::on_rig(check.rig);
     let mut checker = Checker {
-        document,
-        keys: Keys::new(&schema, document),
+        keys: Keys::new(&schema, check.document),
+        check,
         has_few_runs: sweep.runs() <= RUNS_MAX,
         seen: BTreeSet::new(),
-        problems: Vec::new(),
     };
     for (index, list) in sweep.list.iter().enumerate() {
         checker.list(&format!("sweep.list.{index}"), list);
@@ -58,10 +53,9 @@ pub(crate) fn check(document: &Document<'_>, rig: &Rig, sweep: Option<&mut Sweep
         checker.drawn(&path, &normal.key, &[("mean", normal.mean)]);
     }
     checker.whole(sweep);
-    let Checker { keys, problems, .. } = checker;
-    let is_whole = |key: &&str| keys.0.get(*key).is_some_and(|schema| is_integer(schema));
+    let keys = &checker.keys.0;
+    let is_whole = |key: &&str| keys.get(*key).is_some_and(|schema| is_integer(schema));
     sweep.whole_numbers = sweep.keys().filter(is_whole).map(str::to_owned).collect();
-    problems
 }
 
 /// Numbers of a scenario by their dotted paths, each with its schema.
@@ -144,21 +138,15 @@ fn is_integer(schema: &Value) -> bool {
     schema["type"] == "integer"
 }
 
-struct Checker<'a, 'text> {
-    document: &'a Document<'text>,
+struct Checker<'a, 'b> {
+    check: &'a mut Check<'b>,
     keys: Keys<'a>,
     /// False if the ranges have too many values to check each.
     has_few_runs: bool,
     seen: BTreeSet<String>,
-    problems: Vec<Problem>,
 }
 
 impl<'a> Checker<'a, '_> {
-    fn report(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
-        self.problems
-            .push(self.document.problem(path, message, label));
-    }
-
     fn list(&mut self, path: &str, list: &sweep::List) {
         let Some(schema) = self.key(path, &list.key) else {
             return;
@@ -168,7 +156,7 @@ impl<'a> Checker<'a, '_> {
             let place = format!("{path}.values.{place}");
             if self.value(&place, &list.key, *value, schema) && !seen.insert(value.to_bits()) {
                 let message = format!("{value} is listed twice");
-                self.report(&place, message, "each value once");
+                self.check.at(&place, message, "each value once");
             }
         }
     }
@@ -182,13 +170,16 @@ impl<'a> Checker<'a, '_> {
         if range.count.is_some() == range.step.is_some() {
             let often = range.count.map_or("nowhere", |_| "twice");
             let message = format!("the number of values of `{}` is given {often}", range.key);
-            self.report(path, message, "give either `count` or `step`");
+            self.check
+                .at(path, message, "give either `count` or `step`");
         } else if is_logarithmic && range.count.is_none() {
             let message = "a logarithmic range has no step";
-            self.report(&format!("{path}.step"), message, "give `count` instead");
+            self.check
+                .at(&format!("{path}.step"), message, "give `count` instead");
         } else if is_logarithmic && range.from <= 0.0 {
             let message = "a logarithmic range begins above 0";
-            self.report(&format!("{path}.from"), message, "must be above 0");
+            self.check
+                .at(&format!("{path}.from"), message, "must be above 0");
         } else if is_ordered {
             for (name, value) in [("from", range.from), ("to", range.to)] {
                 if !self.value(&format!("{path}.{name}"), &range.key, value, schema) {
@@ -220,14 +211,15 @@ impl<'a> Checker<'a, '_> {
         };
         if schema["enum"].is_array() || schema[MULTIPLE_OF].is_number() {
             let message = format!("`{key}` admits some values only, so it cannot be drawn");
-            self.report(&format!("{path}.key"), message, "use [[sweep.list]]");
+            self.check
+                .at(&format!("{path}.key"), message, "use [[sweep.list]]");
             return;
         }
         for (name, value) in numbers {
             // Draws of whole numbers are rounded, so the mean need not be whole.
-            let place = format!("{path}.{name}");
             if let Some(limits) = broken_limit(*value, schema) {
-                self.out_of_range(&place, key, *value, limits);
+                let place = format!("{path}.{name}");
+                self.check.at(&place, out_of_range(key, *value), limits);
             }
         }
     }
@@ -236,11 +228,8 @@ impl<'a> Checker<'a, '_> {
         let is_ordered = from < to;
         if !is_ordered {
             let message = format!("`to` = {to} is not above `from` = {from}");
-            self.report(
-                &format!("{path}.to"),
-                message,
-                format!("must be above {from}"),
-            );
+            let label = format!("must be above {from}");
+            self.check.at(&format!("{path}.to"), message, label);
         }
         is_ordered
     }
@@ -254,7 +243,7 @@ impl<'a> Checker<'a, '_> {
             };
             let span = self.within(&format!("{path}.key"), key);
             let message = format!("`{key}` is no number of this scenario");
-            let problem = self.document.source.problem(span, message, label);
+            let problem = self.check.document.source.problem(span, message, label);
             let mut keys = self.keys.0.keys();
             let plant_key = keys.find(|key| key.starts_with("plant."));
             let example = plant_key.map_or("seed", String::as_str);
@@ -262,19 +251,20 @@ impl<'a> Checker<'a, '_> {
                 "a key is the dotted path of a number, such as {example} or reference.step[0].position_millimetres; \
                  the entry of a list, and the table of the law or plant, must be in the file"
             );
-            self.problems.push(problem.with_help(help));
+            self.check.problems.push(problem.with_help(help));
             return None;
         };
         if !self.seen.insert(key.to_owned()) {
             let message = format!("`{key}` is varied twice");
-            self.report(&format!("{path}.key"), message, "once is enough");
+            self.check
+                .at(&format!("{path}.key"), message, "once is enough");
         }
         Some(schema)
     }
 
     /// Returns the place of a key from the first part on that leads nowhere.
     fn within(&self, path: &str, key: &str) -> Range<usize> {
-        let span = self.document.span(path);
+        let span = self.check.document.span(path);
         let is_known = |end: &usize| {
             let known = &key[..*end];
             let leads_on = |other: &String| {
@@ -298,18 +288,15 @@ impl<'a> Checker<'a, '_> {
         let limits = wrong(value, schema);
         let is_right = limits.is_none();
         if let Some(limits) = limits {
-            self.out_of_range(path, key, value, limits);
+            self.check.at(path, out_of_range(key, value), limits);
         }
         is_right
-    }
-
-    fn out_of_range(&mut self, path: &str, key: &str, value: f64, limits: String) {
-        self.report(path, format!("`{key}` = {value} is out of range"), limits);
     }
 
     /// Checks the sweep as a whole.
     fn whole(&mut self, sweep: &Sweep) {
         let is_drawn = sweep.distributions().next().is_some();
+        let runs = format!("[sweep] has {} runs", sweep.runs());
         let (message, label) = if sweep.keys().next().is_none() {
             let label = "add [[sweep.list]], range, uniform, log_uniform or normal";
             ("[sweep] varies nothing", label)
@@ -319,16 +306,11 @@ impl<'a> Checker<'a, '_> {
         } else if sweep.draws.is_some() && !is_drawn {
             ("nothing is drawn", "leave `draws` out")
         } else if !self.has_few_runs {
-            let runs = format!("[sweep] has {} runs", sweep.runs());
-            let label = "at most 1000000 are admitted";
-            return self
-                .problems
-                .push(self.document.key_problem("sweep", runs, label));
+            (runs.as_str(), "at most 1000000 are admitted")
         } else {
             return;
         };
-        self.problems
-            .push(self.document.key_problem("sweep", message, label));
+        self.check.at_key("sweep", message, label);
     }
 }
 

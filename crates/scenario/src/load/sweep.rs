@@ -1,6 +1,6 @@
 //! Reads the sweep of a scenario.
 
-use crate::check;
+use crate::check::{self, Check};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, without_problems};
@@ -14,8 +14,15 @@ pub(super) fn read_sweep(
     rig: &Rig,
 ) -> Result<Option<Sweep>, Vec<Problem>> {
     let document = scenario.only(&["sweep"]);
-    let (Swept { mut sweep }, mut problems) =
+    let (Swept { mut sweep }, problems) =
         build::<Swept>(&document, "the scenario", &schema::SWEPT)?;
-    problems.extend(check::sweep(scenario, rig, sweep.as_mut()));
-    without_problems(problems, sweep)
+    let mut check = Check {
+        document: scenario,
+        rig,
+        problems,
+    };
+    if let Some(sweep) = &mut sweep {
+        check::sweep(&mut check, sweep);
+    }
+    without_problems(check.problems, sweep)
 }
