@@ -55,13 +55,9 @@ impl ScenarioError {
     /// Makes the error of a scenario with a problem that has no place in its text.
     pub(crate) fn in_file(file_name: &str, message: String) -> Self {
         let problem = Problem {
-            message: message.into_boxed_str(),
-            label: Box::default(),
-            help: None,
             offset: None,
             underlined: None,
-            others: Vec::new(),
-            source_text: Source::new(file_name, "").text,
+            ..Source::new(file_name, "").problem(0..0, message, "")
         };
         Self::new("scenario", file_name, vec![problem])
     }

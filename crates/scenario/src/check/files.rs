@@ -8,19 +8,18 @@ use std::path::{Path, PathBuf};
 
 use toml::Value;
 
+use super::Check;
 use crate::controller::Controller;
-use crate::document::Document;
-use crate::error::Problem;
 use crate::fingerprint::HASH_SUFFIX;
 use crate::process_law::Plays;
-use crate::rig::nodes::Rig;
 use crate::table::{ReadTable, is_inside_folder};
 
 const OUTSIDE: &str = "no absolute path, no `..`: it lies in this file's folder, or below it";
 
 /// Files that a document names. Their hashes are added to the texts that were read; a recording may lack file and hash.
 pub(crate) struct NamedFiles<'a, 'b> {
-    pub(crate) document: &'a Document<'b>,
+    /// Problems of the document.
+    pub(crate) check: &'a mut Check<'b>,
     /// Name of the file that names the others, relative to the scenario; empty for the scenario itself.
     pub(crate) beside: &'a str,
     /// That file in messages: the scenario or the rig file.
@@ -31,95 +30,88 @@ pub(crate) struct NamedFiles<'a, 'b> {
 
 impl NamedFiles<'_, '_> {
     /// Finds the files of a law that a process plays.
-    pub(crate) fn of_law(&mut self, controller: &Controller) -> Vec<Problem> {
+    pub(crate) fn of_law(&mut self, controller: &Controller) {
         let Some(law) = controller.process_law() else {
-            return Vec::new();
+            return;
         };
         let (path, what) = (
             format!("controller.{}", controller.law_name()),
             "a file of the law",
         );
-        let mut problems = match &law.plays {
+        match &law.plays {
             Plays::Command(words) => self.command(&format!("{path}.command"), words, what),
             Plays::Library(file) | Plays::Fmu(file) => {
-                Vec::from_iter(self.required(&format!("{path}.file"), file, what))
+                self.required(&format!("{path}.file"), file, what);
             }
-        };
-        let wrong = law.parameters.iter().filter(|(_, value)| !is_finite(value));
-        problems.extend(wrong.map(|(parameter, _)| {
+        }
+        for (parameter, _) in law.parameters.iter().filter(|(_, value)| !is_finite(value)) {
             let path = format!("{path}.parameters.{parameter}");
             let message = format!("the parameter `{parameter}` cannot be handed on");
             let label = "numbers that are finite, truths, texts, and lists and tables of them";
-            self.document.problem(&path, message, label)
-        }));
-        problems
+            self.check.at(&path, message, label);
+        }
     }
 
     /// Finds the FMUs of plants.
-    pub(crate) fn of_plants(&mut self, rig: &Rig) -> Vec<Problem> {
-        let fmus = rig.plant.iter().filter_map(|(plant, model)| {
-            let file = &model.fmu.as_ref()?.file;
+    pub(crate) fn of_plants(&mut self) {
+        for (plant, model) in &self.check.rig.plant {
+            let Some(fmu) = &model.fmu else { continue };
             let path = format!("plant.{plant}.fmu.file");
             let what = format!("the FMU of `{plant}`");
-            if file.ends_with(".fmu") {
-                self.required(&path, file, &what)
+            if fmu.file.ends_with(".fmu") {
+                self.required(&path, &fmu.file, &what);
             } else {
-                Some(self.wrong(&path, file, &what, "its name must end in .fmu"))
+                self.wrong(&path, &fmu.file, &what, "its name must end in .fmu");
             }
-        });
-        fmus.collect()
+        }
     }
 
     /// Finds the files of a command; `what` describes each of them in messages.
-    pub(crate) fn command(&mut self, path: &str, words: &[String], what: &str) -> Vec<Problem> {
-        let words = words.iter().enumerate();
-        let problems = words.filter_map(|(place, word)| {
+    pub(crate) fn command(&mut self, path: &str, words: &[String], what: &str) {
+        for (place, word) in words.iter().enumerate() {
             let path = format!("{path}.{place}");
             match place {
                 0 => self.program(&path, word, what),
                 _ => self.argument(&path, word, what),
             }
-        });
-        problems.collect()
+        }
     }
 
     /// Checks the first word of a command.
-    fn program(&mut self, path: &str, word: &str, what: &str) -> Option<Problem> {
+    fn program(&mut self, path: &str, word: &str, what: &str) {
         if word.contains('/') {
-            return self.required(path, word, what);
+            self.required(path, word, what);
+        } else if !self.is_recorded && !is_on_path(word) {
+            let message = format!("no program `{word}` is on PATH");
+            let label = format!("one beside this file is written `./{word}`");
+            self.check.at(path, message, label);
         }
-        if self.is_recorded || is_on_path(word) {
-            return None;
-        }
-        let message = format!("no program `{word}` is on PATH");
-        let label = format!("one beside this file is written `./{word}`");
-        Some(self.document.problem(path, message, label))
     }
 
     /// Checks a word that may be a file.
-    fn argument(&mut self, path: &str, word: &str, what: &str) -> Option<Problem> {
+    fn argument(&mut self, path: &str, word: &str, what: &str) {
         match self.hash(word) {
-            Ok(()) if self.is_recorded || is_inside_folder(word) => None,
-            Ok(()) => Some(self.wrong(path, word, what, OUTSIDE)),
+            Ok(()) if self.is_recorded || is_inside_folder(word) => {}
+            Ok(()) => self.wrong(path, word, what, OUTSIDE),
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
-                Some(self.wrong(path, word, what, &error.to_string()))
+                self.wrong(path, word, what, &error.to_string());
             }
             // The word is not a file.
-            Err(_) => None,
+            Err(_) => {}
         }
     }
 
     /// Checks a file that must exist.
-    fn required(&mut self, path: &str, file: &str, what: &str) -> Option<Problem> {
+    fn required(&mut self, path: &str, file: &str, what: &str) {
         if !is_inside_folder(file) {
-            return Some(self.wrong(path, file, what, OUTSIDE));
+            return self.wrong(path, file, what, OUTSIDE);
         }
-        let error = self.hash(file).err()?;
+        let Err(error) = self.hash(file) else { return };
         let label = match error.kind() {
             io::ErrorKind::NotFound => format!("there is no such file beside {}", self.named_by),
             _ => error.to_string(),
         };
-        Some(self.wrong(path, file, what, &label))
+        self.wrong(path, file, what, &label);
     }
 
     fn hash(&mut self, file: &str) -> io::Result<()> {
@@ -132,9 +124,9 @@ impl NamedFiles<'_, '_> {
         }
     }
 
-    fn wrong(&self, path: &str, file: &str, what: &str, label: &str) -> Problem {
+    fn wrong(&mut self, path: &str, file: &str, what: &str, label: &str) {
         let message = format!("`{file}` cannot be {what}");
-        self.document.problem(path, message, label)
+        self.check.at(path, message, label);
     }
 }
 

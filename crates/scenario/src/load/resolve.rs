@@ -157,18 +157,23 @@ fn resolve(
     let programs = programs(&rig, &files);
     let mut resolver = Resolver {
         files: &files,
-        rig_document: &rig_document,
         check: Check {
             document,
             rig: &rig,
             problems,
         },
+        rig_check: Check {
+            document: &rig_document,
+            rig: &rig,
+            problems: Vec::new(),
+        },
         read_file,
         asked,
     };
-    let (sheets, wrong) = resolver.find_files(&programs);
-    if !wrong.is_empty() {
-        return Err(nodes::fail(rig_name, wrong));
+    let sheets = resolver.read_sheets();
+    resolver.find_files(&programs);
+    if !resolver.rig_check.problems.is_empty() {
+        return Err(nodes::fail(rig_name, resolver.rig_check.problems));
     }
     let selector = Selector {
         scenario: document,
@@ -228,9 +233,10 @@ struct Told {
 /// Reader of the facts and the trials of a run.
 struct Resolver<'a> {
     files: &'a Files<'a>,
-    rig_document: &'a Document<'a>,
     /// Problems of the scenario, and the rig with the scenario's values in it.
     check: Check<'a>,
+    /// Problems of the rig file.
+    rig_check: Check<'a>,
     read_file: ReadTable<'a>,
     asked: &'a Asked<'a>,
 }
@@ -322,80 +328,67 @@ impl Resolver<'_> {
             check::reactions(&mut check, &trial);
         }
         check::read_tables(&mut check, &mut trial, self.read_file);
-        let mut problems = check.problems;
-        let mut named = self.named_files(document, "", SCENARIO);
-        problems.extend(named.of_law(&trial.controller));
+        let mut named = NamedFiles {
+            check: &mut check,
+            beside: "",
+            named_by: SCENARIO,
+            is_recorded: reading == Reading::Recorded,
+            read_file: self.read_file,
+        };
+        named.of_law(&trial.controller);
         trial.controller.place_files(Path::new(&self.files.name));
         let objections = (self.asked.objections)(&trial).into_iter();
-        problems.extend(objections.map(|objection| objection.problem(document)));
-        without_problems(problems, Some(trial))
+        check.add(objections.map(|objection| objection.problem(document)));
+        without_problems(check.problems, Some(trial))
     }
 
-    /// Finds the files of plants and nodes, and returns the EDS of external drives, with the problems of files that the rig file
-    /// names.
-    fn find_files(
-        &mut self,
-        programs: &BTreeMap<String, NodeProgram>,
-    ) -> (BTreeMap<String, String>, Vec<Problem>) {
-        let (files, rig, rig_document) = (self.files, self.check.rig, self.rig_document);
-        let beside = files.rig.beside.as_str();
-        let (sheets, mut wrong) = self.read_sheets();
-        let mut named_in_rig = self.named_files(rig_document, beside, RIG_FILE);
-        wrong.extend(named_in_rig.of_plants(rig));
+    /// Finds the files of plants and nodes.
+    fn find_files(&mut self, programs: &BTreeMap<String, NodeProgram>) {
+        let is_recorded = self.asked.reading == Reading::Recorded;
+        let mut named_in_rig = NamedFiles {
+            check: &mut self.rig_check,
+            beside: &self.files.rig.beside,
+            named_by: RIG_FILE,
+            is_recorded,
+            read_file: self.read_file,
+        };
+        named_in_rig.of_plants();
         // The files of a case were found before.
         let is_case = self.asked.reading == Reading::Case;
         for (node, program) in programs.iter().filter(|_| !is_case) {
             let path = format!("node.{node}.program");
-            let is_here = files.scenario.has(&path);
-            let (document, named_by) = if is_here {
-                (&files.scenario, SCENARIO)
+            let (check, named_by) = if self.check.document.has(&path) {
+                (&mut self.check, SCENARIO)
             } else {
-                (rig_document, RIG_FILE)
+                (&mut self.rig_check, RIG_FILE)
             };
-            let mut named = self.named_files(document, &program.named_in, named_by);
-            let found = named.command(&path, &program.command, "a file of the node");
-            let into = if is_here {
-                &mut self.check.problems
-            } else {
-                &mut wrong
+            let mut named = NamedFiles {
+                check,
+                beside: &program.named_in,
+                named_by,
+                is_recorded,
+                read_file: self.read_file,
             };
-            into.extend(found);
+            named.command(&path, &program.command, "a file of the node");
         }
-        (sheets, wrong)
     }
 
     /// Reads the EDS of each external drive for which the rig file names one.
-    fn read_sheets(&mut self) -> (BTreeMap<String, String>, Vec<Problem>) {
-        let (mut sheets, mut problems) = (BTreeMap::new(), Vec::new());
+    fn read_sheets(&mut self) -> BTreeMap<String, String> {
+        let mut sheets = BTreeMap::new();
         for (name, node) in &self.check.rig.node {
             let Some(eds) = &node.eds else { continue };
             let place = Path::new(&self.files.rig.beside).with_file_name(eds);
             match (self.read_file)(&place.to_string_lossy()) {
                 Ok(text) => drop(sheets.insert(name.clone(), text)),
                 Err(error) => {
-                    let message = format!("the EDS of `{name}` cannot be read");
                     let (path, label) = (format!("node.{name}.eds"), error.to_string());
-                    problems.push(self.rig_document.problem(&path, message, label));
+                    let message = format!("the EDS of `{name}` cannot be read");
+                    self.rig_check.at(&path, message, label);
                 }
             }
         }
-        (sheets, problems)
-    }
-
-    /// Returns a finder of the files that a document names: the scenario, or the rig file `beside` it.
-    fn named_files<'b>(
-        &'b mut self,
-        document: &'b Document<'b>,
-        beside: &'b str,
-        named_by: &'b str,
-    ) -> NamedFiles<'b, 'b> {
-        NamedFiles {
-            document,
-            beside,
-            named_by,
-            is_recorded: self.asked.reading == Reading::Recorded,
-            read_file: self.read_file,
-        }
+        sheets
     }
 }
 
