@@ -174,7 +174,7 @@ impl Catalogue {
             return Vec::new();
         }
         let plant = (self.plant_objection)(&trial.plant);
-        let mut objections = SignalNames::objections(trial, || frames.names());
+        let mut objections = SignalNames::objections(trial, &frames);
         objections.extend(plant);
         objections.extend((self.law_objection)(trial));
         objections.extend(self.output_objection(trial));

@@ -7,7 +7,7 @@ use scenario::node::{Node, Part};
 use scenario::wiring::Wiring;
 use scenario::{Objection, Trial, nearest};
 
-use crate::catalogue::{followed, name_in_loop};
+use crate::catalogue::{Frames, followed, name_in_loop};
 use crate::data_sheet::{self, DataSheet};
 
 /// Largest number of signals that a message about an ambiguous name lists.
@@ -140,16 +140,16 @@ impl SignalNames {
         })
     }
 
-    /// Returns objections to the names of signals in a scenario. `names` returns those of its bus; it is called only if the
-    /// scenario has some.
-    pub fn objections<'a>(trial: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
+    /// Returns objections to the names of signals in a scenario with these frames, whose names are collected only if the scenario
+    /// has some.
+    pub(crate) fn objections(trial: &Trial, frames: &Frames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
             let NameError {
                 message,
                 label,
                 help,
-            } = names().find(name).err()?;
+            } = frames.names().find(name).err()?;
             Some(Objection::new(path, message, label).with_help(help))
         });
         wrong.collect()

@@ -1,6 +1,5 @@
 //! Makes plans from files: scenarios of one loop and of several, rig files, recordings.
 
-use std::cell::OnceCell;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +9,7 @@ use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
-use crate::catalogue::Catalogue;
+use crate::catalogue::{Catalogue, Frames};
 use crate::external::External;
 use crate::loaded_drive::LoadedDrive;
 use crate::ports;
@@ -211,9 +210,8 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
-    let names = OnceCell::new();
-    let make = || SignalNames::new(database, wiring);
-    SignalNames::objections(trial, || names.get_or_init(make))
+    let frames = Frames::from_recording(Arc::clone(database), wiring);
+    SignalNames::objections(trial, &frames)
 }
 
 /// Returns a drive, if it is a real one.

@@ -2,10 +2,10 @@
 
 use super::Check;
 use super::pieces::{Piece, window};
-use crate::document::Document;
 use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
-use crate::plant::PlantModel;
+use crate::load::Reading;
+use crate::trial::Trial;
 
 /// Faults of nodes that can also happen to a program.
 const PROGRAM_FAULTS: [&str; 3] = ["crash", "hang", "nmt_stop"];
@@ -73,16 +73,22 @@ fn at_program(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
 }
 
 /// Finds faults of a plant that have no meaning for it.
-pub(crate) fn faults_of_plants<'a>(
-    document: &Document<'_>,
+pub(crate) fn faults_of_plants(
+    check: &mut Check<'_>,
     faults: &Faults,
-    plant_model: impl Fn(&Fault) -> Option<&'a PlantModel>,
-) -> Vec<Problem> {
-    let unknown = faults.in_group(Group::Plant).filter_map(|fault| {
-        let plant = plant_model(fault)?;
-        let (name, known) = (plant.name(), plant.faults());
+    loops: &[Trial],
+    reading: Reading,
+) {
+    // Only the bench that played a plant from outside knows which faults have a meaning for it.
+    let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
+    for fault in faults.in_group(Group::Plant) {
+        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
+        let Some(one) = loops.iter().find(is_at).filter(is_known) else {
+            continue;
+        };
+        let (name, known) = (one.plant.name(), one.plant.faults());
         if known.contains(&fault.kind.name) {
-            return None;
+            continue;
         }
         let path = format!("fault.plant.{}", fault.kind.name);
         let message = format!("`{path}` cannot happen to the plant `{name}`");
@@ -90,8 +96,9 @@ pub(crate) fn faults_of_plants<'a>(
             [] => "no fault of a plant can".to_owned(),
             known => format!("what can: {}", known.join(", ")),
         };
-        let problem = document.key_problem(&path, message, "has no place here");
-        Some(problem.with_help(help))
-    });
-    unknown.collect()
+        let problem = check
+            .document
+            .key_problem(&path, message, "has no place here");
+        check.add([problem.with_help(help)]);
+    }
 }

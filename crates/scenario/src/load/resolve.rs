@@ -15,7 +15,7 @@ use crate::check::{self, Check, NamedFiles};
 use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::fault::{self, Fault};
+use crate::fault;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::scenario::{NodeProgram, Scenario, Shared};
@@ -187,19 +187,19 @@ fn resolve(
     }
     let told = resolver.read_run();
     let loops = resolver.read_loops(&selector, &told);
-    let mut problems = resolver.check.problems;
+    let mut check = resolver.check;
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
-        problems.extend(found);
+        check.add(found);
         Vec::new()
     });
     // All loops together are checked once each of them is right.
     let run = match told.run {
         Some(run) if loops.len() == rig.loops.len() => run,
-        _ => return Err(fail(problems)),
+        _ => return Err(fail(check.problems)),
     };
-    problems.extend(wrong_plant_faults(document, &run, &loops, reading));
-    if !problems.is_empty() {
-        return Err(fail(problems));
+    check::faults_of_plants(&mut check, &run.faults, &loops, reading);
+    if !check.problems.is_empty() {
+        return Err(fail(check.problems));
     }
     let sweep = match reading {
         Reading::ToPlay => read_sweep(document, &rig).map_err(fail)?,
@@ -400,23 +400,6 @@ fn path_in_scenario(path: &str, rig: &Rig) -> String {
         Some(format!("plant.{name}.{rest}"))
     });
     short.unwrap_or_else(|| path.to_owned())
-}
-
-/// Finds faults that have no meaning for their plants.
-fn wrong_plant_faults(
-    document: &Document<'_>,
-    run: &Run,
-    loops: &[Trial],
-    reading: Reading,
-) -> Vec<Problem> {
-    // Only the bench that played a plant from outside knows which faults have a meaning for it.
-    let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
-    let plant_model = |fault: &Fault| {
-        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
-        let at = loops.iter().find(is_at).filter(is_known);
-        at.map(|one| &one.plant)
-    };
-    check::faults_of_plants(document, &run.faults, plant_model)
 }
 
 /// Returns the programs of nodes, by the names of the nodes.
