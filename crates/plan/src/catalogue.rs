@@ -141,28 +141,6 @@ impl Catalogue {
         nodes.map(|io| io.outputs(&ports)).collect()
     }
 
-    /// Finds a disturbance with a value that its output cannot have.
-    fn output_objection(&self, trial: &Trial) -> Option<Objection> {
-        let outputs = self.outputs(trial);
-        trial.disturbance.changes().iter().find_map(|change| {
-            let mut nodes = trial.wiring.io.iter().zip(&outputs);
-            let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;
-            let mut ports = outputs.iter().map(|one| &one.port);
-            let Port {
-                name,
-                symbol,
-                range: [min, max],
-                ..
-            } = ports.find(|port| port.name == change.output)?;
-            let is_wrong = change.value.is_finite() && !(*min..=*max).contains(&change.value);
-            is_wrong.then(|| {
-                let path = format!("{}.value", change.path);
-                let message = format!("`{name}` cannot be {} {symbol}", change.value);
-                Objection::new(path, message, format!("must be {min} to {max}"))
-            })
-        })
-    }
-
     /// Returns the objections that only a bench can make to a scenario: to names of signals, and to a plant without physical
     /// sense. The known names are collected only if the scenario has some.
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
@@ -177,7 +155,7 @@ impl Catalogue {
         let mut objections = SignalNames::objections(trial, &frames);
         objections.extend(plant);
         objections.extend((self.law_objection)(trial));
-        objections.extend(self.output_objection(trial));
+        objections.extend(output_objection(&frames, trial));
         objections.extend(two_columns(&frames, trial));
         objections
     }
@@ -197,6 +175,23 @@ impl Catalogue {
         let path = format!("plant.{name}.{}", below.unwrap_or_default());
         Some(Objection { path, ..objection })
     }
+}
+
+/// Finds a disturbance with a value that its output cannot have.
+fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
+    trial.disturbance.changes().iter().find_map(|change| {
+        let mut nodes = trial.wiring.io.iter().zip(&frames.published.outputs);
+        let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;
+        let mut ports = outputs.iter().map(|one| &one.port);
+        let port = ports.find(|port| port.name == change.output)?;
+        let (value, [min, max]) = (change.value, port.range);
+        let is_wrong = value.is_finite() && !(min..=max).contains(&value);
+        is_wrong.then(|| {
+            let path = format!("{}.value", change.path);
+            let message = format!("`{}` cannot be {value} {}", port.name, port.symbol);
+            Objection::new(path, message, format!("must be {min} to {max}"))
+        })
+    })
 }
 
 /// Finds two signals that would be one column: a term of the law with the name of another signal of its loop, or of an output of

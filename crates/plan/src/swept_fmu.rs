@@ -44,32 +44,24 @@ fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
             (path, list.key.as_str(), *value)
         }));
     }
-    let mut between = |path: String, key, [from, to]: [f64; 2], broken: Option<f64>| {
+    let mut between = |entry: (&str, usize), key, [from, to]: [f64; 2], broken: Option<f64>| {
+        let (kind, index) = entry;
+        let path = |place| format!("sweep.{kind}.{index}.{place}");
         let all = [("from", Some(from)), ("to", Some(to)), ("key", broken)];
-        let given = all.map(|(place, value)| Some((format!("{path}.{place}"), key, value?)));
+        let given = all.map(|(place, value)| Some((path(place), key, value?)));
         values.extend(given.into_iter().flatten());
     };
     for (index, one) in sweep.range.iter().enumerate() {
         let broken = one.values().into_iter().find(is_broken);
-        between(
-            format!("sweep.range.{index}"),
-            &*one.key,
-            [one.from, one.to],
-            broken,
-        );
+        between(("range", index), &*one.key, [one.from, one.to], broken);
     }
     for (index, Uniform { key, from, to }) in sweep.uniform.iter().enumerate() {
         let broken = Some(broken_between(*from, *to));
-        between(format!("sweep.uniform.{index}"), key, [*from, *to], broken);
+        between(("uniform", index), key, [*from, *to], broken);
     }
     for (index, LogUniform { key, from, to }) in sweep.log_uniform.iter().enumerate() {
         let broken = Some(broken_between(*from, *to));
-        between(
-            format!("sweep.log_uniform.{index}"),
-            key,
-            [*from, *to],
-            broken,
-        );
+        between(("log_uniform", index), key, [*from, *to], broken);
     }
     for (index, one) in sweep.normal.iter().enumerate() {
         let path = format!("sweep.normal.{index}");

@@ -52,8 +52,7 @@ impl Check<'_> {
 
     /// Reports a problem at the value at a path.
     pub(crate) fn at(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
-        self.problems
-            .push(self.document.problem(path, message, label));
+        self.add([self.document.problem(path, message, label)]);
     }
 
     /// Reports a problem at the key at a path.
@@ -63,8 +62,7 @@ impl Check<'_> {
         message: impl Into<String>,
         label: impl Into<String>,
     ) {
-        self.problems
-            .push(self.document.key_problem(path, message, label));
+        self.add([self.document.key_problem(path, message, label)]);
     }
 }
 

@@ -3,8 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::Check;
-use super::limits::emergency;
-use super::limits::limit_problem;
+use super::limits::{emergency, limit_problem};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Expected, Sequence, SignalCheck};
@@ -73,7 +72,7 @@ fn demands(check: &mut Check<'_>, path: &str, signal: &SignalCheck, rows: &mut B
         let message = format!("nothing is demanded of `{}`", signal.name);
         let problem = document.problem(path, message, "a demand is missing");
         let help = "add stays, reaches, rate_per_second or follows";
-        check.problems.push(problem.with_help(help));
+        check.add([problem.with_help(help)]);
     }
     for demand in signal.demands() {
         let place = format!("{path}.{}", demand.key());
@@ -84,9 +83,8 @@ fn demands(check: &mut Check<'_>, path: &str, signal: &SignalCheck, rows: &mut B
         if !rows.insert(signal.row_name(&demand)) {
             let message = format!("`{}` of `{}` is demanded twice", demand.key(), signal.name);
             let problem = document.problem(&place, message, "in the same window as before");
-            check
-                .problems
-                .push(problem.with_help("give both sides in one limit: { min = …, max = … }"));
+            let help = "give both sides in one limit: { min = …, max = … }";
+            check.add([problem.with_help(help)]);
         }
     }
 }

@@ -251,7 +251,7 @@ impl<'a> Checker<'a, '_> {
                 "a key is the dotted path of a number, such as {example} or reference.step[0].position_millimetres; \
                  the entry of a list, and the table of the law or plant, must be in the file"
             );
-            self.check.problems.push(problem.with_help(help));
+            self.check.add([problem.with_help(help)]);
             return None;
         };
         if !self.seen.insert(key.to_owned()) {

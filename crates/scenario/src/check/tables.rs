@@ -17,7 +17,7 @@ pub(crate) fn read_tables(check: &mut Check<'_>, trial: &mut Trial, read_table: 
     let mut rows = |path: &str, file: &str, parse: &dyn Fn(&str) -> Result<Rows, Problem>| {
         let rows = read_beside(document, path, file, read_table).and_then(|text| parse(&text));
         rows.unwrap_or_else(|problem| {
-            check.problems.push(problem);
+            check.add([problem]);
             Rows::new()
         })
     };

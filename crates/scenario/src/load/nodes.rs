@@ -235,7 +235,7 @@ impl Check<'_> {
             .document
             .problem(second, message, format!("and {label}"));
         let first = self.document.span(first);
-        self.problems.push(problem.with_place(first, label));
+        self.add([problem.with_place(first, label)]);
     }
 
     /// Checks that each plant has one model, that an FMU is a file and has ports to wire, that the transformation temperatures of
@@ -286,8 +286,7 @@ impl Check<'_> {
                 let (document, path) = (self.document, format!("node.{second}.kind"));
                 let problem = document.problem(&path, "a bus has one controller", "a second one");
                 let first = document.span(&format!("node.{first}.kind"));
-                self.problems
-                    .push(problem.with_place(first, "the first one"));
+                self.add([problem.with_place(first, "the first one")]);
             }
         }
     }

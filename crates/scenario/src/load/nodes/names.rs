@@ -63,8 +63,8 @@ impl Check<'_> {
                     let label = format!("a {kind} here");
                     let problem = self.document.key_problem(&path, message, label);
                     let first = first.split('.').next().unwrap_or_default();
-                    self.problems
-                        .push(problem.with_place(place, &format!("a {first} here")));
+                    let label = format!("a {first} here");
+                    self.add([problem.with_place(place, &label)]);
                 }
                 taken.entry(name).or_insert(path);
             }
