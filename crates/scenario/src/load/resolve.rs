@@ -182,7 +182,7 @@ fn resolve(
     // A misspelt table is one problem; the keys that are then missing are not further ones.
     let unknown = selector.unknown_keys();
     if !unknown.is_empty() {
-        resolver.check.problems.extend(unknown);
+        resolver.check.add(unknown);
         return Err(fail(resolver.check.problems));
     }
     let told = resolver.read_run();
@@ -247,11 +247,11 @@ impl Resolver<'_> {
         let (scenario, rig) = (&self.files.scenario, self.check.rig);
         let (faults, wrong_faults) = fault::read(scenario, rig);
         let has_all_faults = wrong_faults.is_empty();
-        self.check.problems.extend(wrong_faults);
+        self.check.add(wrong_faults);
         let header = scenario.only(&SHARED);
         let run = match build::<Run>(&header, "the scenario", &schema::RUN) {
             Ok((mut run, found)) => {
-                self.check.problems.extend(found);
+                self.check.add(found);
                 (run.bus, run.faults) = (rig.bus.clone(), faults);
                 // A length that is not positive is one problem; that events come after the end of the run is not a further one.
                 if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
@@ -261,7 +261,7 @@ impl Resolver<'_> {
                 Some(Arc::new(run))
             }
             Err(found) => {
-                self.check.problems.extend(found);
+                self.check.add(found);
                 None
             }
         };
@@ -274,19 +274,15 @@ impl Resolver<'_> {
     /// Reads the trial of each loop, without loops that cannot be read.
     fn read_loops(&mut self, selector: &Selector<'_, '_>, told: &Told) -> Vec<Trial> {
         let (tables, wrong_tables) = selector.select();
-        self.check.problems.extend(wrong_tables);
+        self.check.add(wrong_tables);
         let mut loops = Vec::new();
         for one in tables {
-            let wiring = self
-                .check
-                .rig
-                .wiring_of(self.check.rig.drive_of_loop(&one.name));
-            let measurand = wiring.feedback.measurand.clone();
+            let measurand = one.wiring.feedback.measurand.clone();
             // The keys of its tables, and the names in problems, are patterns.
             let document = selector.scenario.with_loop(one.tree, measurand.clone());
-            match self.read_trial(&document, &one.factors, wiring, told) {
+            match self.read_trial(&document, &one.factors, one.wiring, told) {
                 Ok(one) => loops.extend(one),
-                Err(found) => self.check.problems.extend(in_unit(found, &measurand)),
+                Err(found) => self.check.add(in_unit(found, &measurand)),
             }
         }
         loops

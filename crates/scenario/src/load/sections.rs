@@ -15,6 +15,7 @@ use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
+use crate::wiring::Wiring;
 
 /// Key of the law of all loops.
 pub(super) const ALL: &str = "all";
@@ -58,8 +59,8 @@ pub(super) struct Selector<'a, 'text> {
 
 /// The part of a scenario for one loop.
 pub(super) struct LoopTables<'text> {
-    /// Name of the loop.
-    pub(super) name: String,
+    /// Wiring of the loop's drive.
+    pub(super) wiring: Wiring,
     /// Tables of the loop.
     pub(super) tree: DeTable<'text>,
     /// Factors for parameters of its law.
@@ -137,7 +138,7 @@ impl<'text> Selector<'_, 'text> {
         };
         let factors = naming.apply(&mut tables, naming.schema)?;
         Ok(LoopTables {
-            name: name.to_owned(),
+            wiring,
             tree: tables,
             factors,
         })
