@@ -160,7 +160,7 @@ fn cooled(runs: &[Kept]) -> Evaluation {
             temperatures("Wire temperature", &coloured),
         ],
         tables: vec![NumberTable {
-            header: header.map(str::to_owned).to_vec(),
+            header: header.to_vec(),
             rows: rows.collect(),
         }],
     }

@@ -14,7 +14,7 @@ use crate::identify::data::IdentificationData;
 use crate::identify::nominal_model::nominal_model;
 use campaigns::campaign;
 use judge::swing;
-use judge::verdict::Verdict;
+use judge::verdict::{Metric, Verdict};
 use recording::timeline::{Series, Timeline};
 use report::plot::{Colour, Patch, Plot, Shape};
 
@@ -114,7 +114,7 @@ pub struct Evaluation {
 /// A table of numbers.
 pub struct NumberTable {
     /// Heads of the columns.
-    pub header: Vec<String>,
+    pub header: Vec<&'static str>,
     /// Rows of cells.
     pub rows: Vec<Vec<String>>,
 }
@@ -297,15 +297,12 @@ impl Kept {
     /// Returns the relation of the law's model to the plant; `None` for laws without a model.
     pub fn model(&self) -> Option<Model> {
         let controller = &self.scenario.controller;
-        let shipped = controller
-            .sliding_mode
-            .as_ref()
-            .map(|law| &law.nominal_model);
-        let printed = controller
-            .sliding_mode_paper
-            .as_ref()
-            .map(|law| &law.nominal_model);
-        let model = shipped.or(printed)?;
+        let shipped = controller.sliding_mode.as_ref();
+        let printed = controller.sliding_mode_paper.as_ref();
+        let model = match (shipped, printed) {
+            (Some(law), _) => &law.nominal_model,
+            (None, law) => &law?.nominal_model,
+        };
         let plant = self.scenario.plant.actuator()?;
         Some(if is_equal(model, &plant) {
             Model::EqualsThePlant
@@ -321,14 +318,15 @@ impl Kept {
         numbers.into_iter().map(with_model).collect()
     }
 
+    /// Returns a row of the verdict.
+    pub fn row(&self, name: &str) -> Option<&Metric> {
+        let mut rows = self.verdict.metrics.iter();
+        rows.find(|row| row.name == name)
+    }
+
     /// Returns a metric of the verdict.
     pub fn metric(&self, name: &str) -> Option<f64> {
-        let metric = self
-            .verdict
-            .metrics
-            .iter()
-            .find(|metric| metric.name == name);
-        metric.and_then(|metric| metric.value)
+        self.row(name)?.value
     }
 }
 
@@ -353,25 +351,26 @@ pub fn positions(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
         let (times, wanted) = (&signals.time_seconds, &signals.set_point_millimetres);
         plot.draw("set-point", Colour::Wanted, Shape::Dashed, times, wanted);
     }
-    with_runs(plot, runs, |signals| &signals.position_millimetres)
+    with_runs(plot, runs, |signals| signals.position_millimetres.clone())
 }
 
 /// Plots the currents of these runs over time, the first on top.
 pub fn currents(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
     let plot = Plot::over_time(title, "A");
-    with_runs(plot, runs, |signals| &signals.current_amperes)
+    with_runs(plot, runs, |signals| signals.current_amperes.clone())
 }
 
 /// Plots the temperatures of the wire in these runs over time, the first on top.
 pub fn temperatures(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
     let plot = Plot::over_time(title, "°C");
-    with_runs(plot, runs, |signals| &signals.temperature_celsius)
+    with_runs(plot, runs, |signals| signals.temperature_celsius.clone())
 }
 
-fn with_runs(
+/// Adds a curve over time for each of these runs, the first on top.
+pub fn with_runs(
     mut plot: Plot<'static>,
     runs: &[(&Kept, Colour)],
-    values: fn(&Signals) -> &Vec<f64>,
+    values: fn(&Signals) -> Vec<f64>,
 ) -> Plot<'static> {
     for (run, colour) in runs.iter().rev() {
         let (times, values) = (&run.signals.time_seconds, values(&run.signals));

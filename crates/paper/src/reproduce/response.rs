@@ -8,10 +8,11 @@ use scenario::plant::{Kinetics, PlantModel, Sma};
 use super::bases;
 use super::experiment::{
     ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, PlannedRun, band, currents, plot_over,
-    positions,
+    positions, with_runs,
 };
 use super::families::at_frequency;
 use super::quantity::{Model, Paper, Quantity, at_least};
+use judge::CUT_OFF_GAIN;
 use report::plot::{Colour, Patch, Plot, Shape};
 
 /// Frequencies of the stepped sine. They are dense near the bandwidths.
@@ -20,8 +21,6 @@ const FREQUENCIES_HERTZ: [f64; 22] = [
     4.25, 4.5, 4.75, 5.0,
 ];
 const FREQUENCIES_REDUCED: usize = 6;
-/// Gain at which the bandwidth ends: −3 dB.
-const CUT_OFF_GAIN: f64 = 0.708;
 /// Largest mean distance from the set-point that counts as following it.
 const CENTRED_MILLIMETRES: f64 = 1.0;
 
@@ -91,12 +90,18 @@ fn infeasible() -> Experiment {
     }
 }
 
+/// Evaluates steps, with plots of position and current.
 pub(super) fn steps(runs: &[Kept], paper: &Paper, target: Option<Patch>) -> Evaluation {
+    courses(runs, &STEP_METRICS, paper, target)
+}
+
+/// Evaluates these metrics, with plots of position and current.
+fn courses(runs: &[Kept], metrics: &[&str], paper: &Paper, target: Option<Patch>) -> Evaluation {
     let coloured = coloured(runs);
     let mut position = positions("Position", &coloured);
     position.patches.extend(target);
     Evaluation {
-        numbers: numbers(runs, &STEP_METRICS, paper),
+        numbers: numbers(runs, metrics, paper),
         figures: vec![position, currents("Current", &coloured)],
         ..Evaluation::default()
     }
@@ -126,22 +131,12 @@ fn sine_5s() -> Experiment {
 fn sine(runs: &[Kept]) -> Evaluation {
     let paper = [("tracking_error_millimetres_rms", "\"good accuracy\"")];
     let coloured = coloured(runs);
-    let mut error = Plot::over_time("Error: position − set-point", "mm");
-    for (run, colour) in coloured.iter().rev() {
-        let signals = &run.signals;
-        let pairs = signals
-            .position_millimetres
-            .iter()
-            .zip(&signals.set_point_millimetres);
-        let difference: Vec<f64> = pairs.map(|(position, wanted)| position - wanted).collect();
-        error.draw(
-            &*run.label,
-            *colour,
-            Shape::Line,
-            &signals.time_seconds,
-            &difference,
-        );
-    }
+    let plot = Plot::over_time("Error: position − set-point", "mm");
+    let error = with_runs(plot, &coloured, |signals| {
+        let positions = signals.position_millimetres.iter();
+        let pairs = positions.zip(&signals.set_point_millimetres);
+        pairs.map(|(position, wanted)| position - wanted).collect()
+    });
     Evaluation {
         numbers: numbers(runs, &["tracking_error_millimetres_rms"], &paper),
         figures: vec![positions("Position, the last period", &coloured), error],
@@ -362,23 +357,18 @@ fn fan() -> Experiment {
         runs,
         evaluate: |runs| {
             let (closed, open) = runs.split_at(runs.len().saturating_sub(OPEN_LOOP.len()));
-            let mut numbers = numbers(
-                closed,
-                &DISTURBANCE_METRICS,
-                &[("maximum_deviation_millimetres", "plot")],
-            );
             let paper = [("maximum_deviation_millimetres", "plot")];
+            let mut numbers = numbers(closed, &DISTURBANCE_METRICS, &paper);
             let open_numbers = open
                 .iter()
                 .flat_map(|run| run.numbers(&DISTURBANCE_METRICS[..1], &paper));
             numbers.extend(open_numbers);
             let colours = [Colour::Run(1), Colour::Run(2), Colour::Run(3)];
             let open = Vec::from_iter(open.iter().zip(colours));
-            let shown: Vec<(&Kept, Colour)> = coloured(closed);
             Evaluation {
                 numbers,
                 figures: vec![
-                    disturbed("(a) Position in closed loop", &shown),
+                    disturbed("(a) Position in closed loop", &coloured(closed)),
                     disturbed("(b) Position without feedback", &open),
                 ],
                 ..Evaluation::default()
@@ -395,17 +385,7 @@ fn load() -> Experiment {
         text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both. The paper's law \
                deviates less than ours where the weight is taken off, and needs longer to be back.",
         runs: PlannedRun::with_twin(&base, Keep::Signals(Window::new(9.5, 17.0))),
-        evaluate: |runs| {
-            let coloured = coloured(runs);
-            Evaluation {
-                numbers: numbers(runs, &DISTURBANCE_METRICS, &[]),
-                figures: vec![
-                    positions("Position", &coloured),
-                    currents("Current", &coloured),
-                ],
-                ..Evaluation::default()
-            }
-        },
+        evaluate: |runs| courses(runs, &DISTURBANCE_METRICS, &[], None),
     }
 }
 

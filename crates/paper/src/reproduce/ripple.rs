@@ -44,19 +44,12 @@ pub(super) fn experiment() -> Experiment {
 /// Returns the ripple: with a target for `sliding_mode`, without one for the other laws.
 fn ripple(run: &Kept) -> Quantity {
     let name = "current_ripple_amperes_rms";
-    let metric = run
-        .verdict
-        .metrics
-        .iter()
-        .find(|metric| metric.name == name);
-    let value = metric.map_or_else(
-        || Err("not measured".to_owned()),
-        |metric| {
-            metric
-                .value
-                .ok_or_else(|| metric.remark.clone().unwrap_or_default())
-        },
-    );
+    let value = match run.row(name) {
+        None => Err("not measured".to_owned()),
+        Some(row) => row
+            .value
+            .ok_or_else(|| row.remark.clone().unwrap_or_default()),
+    };
     let is_ours = run.scenario.controller.law_name() == ComparedLaw::SlidingMode.name();
     let target = at_most(RIPPLE_AMPERES).filter(|_| is_ours);
     Quantity::derived(name, run.label.as_str(), value, target).with_model(run.model())

@@ -8,11 +8,12 @@ use scenario::expect::Expect;
 use super::bases;
 use super::experiment::{
     ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, band,
-    currents, plot_over, positions,
+    plot_over,
 };
 use super::quantity::{Quantity, at_most};
+use super::response::steps;
 use campaigns::distribution::{quantile, staircase};
-use report::plot::{Colour, Plot, Shape};
+use report::plot::{Plot, Shape};
 
 /// Number of plants (PAPER, "Robustness").
 const PLANTS: usize = 200;
@@ -182,7 +183,7 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         "the worst three",
     ];
     evaluation.tables.push(NumberTable {
-        header: header.map(str::to_owned).to_vec(),
+        header: header.to_vec(),
         rows,
     });
     evaluation
@@ -265,27 +266,7 @@ fn other_truth() -> Experiment {
         text: "The martensite carries load too (the full law, Eq. (3)–(5)), parameters have drifted, the sensor is noisy: the controller's \
                model is not only off in its numbers but of another kind. There is no target; the limits hold what it costs.",
         runs,
-        evaluate: |runs| {
-            let metrics = [
-                "settling_time_seconds",
-                "overshoot_percent",
-                "steady_state_error_millimetres",
-            ];
-            let colours = ComparedLaw::ALL
-                .map(ComparedLaw::colour)
-                .into_iter()
-                .chain([Colour::True]);
-            let coloured: Vec<_> = runs.iter().zip(colours).collect();
-            let numbers = runs.iter().flat_map(|run| run.numbers(&metrics, &[]));
-            Evaluation {
-                numbers: numbers.collect(),
-                figures: vec![
-                    positions("Position", &coloured),
-                    currents("Current", &coloured),
-                ],
-                ..Evaluation::default()
-            }
-        },
+        evaluate: |runs| steps(runs, &[], None),
     }
 }
 

@@ -194,7 +194,7 @@ fn reported(label: String, scenario: Trial) -> PlannedRun {
 }
 
 /// Returns a table with one row for each setting; the runs of a row follow each other.
-fn table(columns: &[TableColumn], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
+fn table(columns: &'static [TableColumn], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
     let header = std::iter::once("setting").chain(columns.iter().map(|(head, ..)| *head));
     let rows = runs.chunks(runs_per_row).map(|row| {
         let cells = columns.iter().map(|(_, place, metric)| {
@@ -205,7 +205,7 @@ fn table(columns: &[TableColumn], runs_per_row: usize, runs: &[Kept]) -> Evaluat
         label.into_iter().chain(cells).collect()
     });
     let table = NumberTable {
-        header: header.map(str::to_owned).collect(),
+        header: header.collect(),
         rows: rows.collect(),
     };
     Evaluation {
