@@ -90,8 +90,8 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
         .plant()
         .map_err(|error| Exit::Usage.because(error))?;
     let measurements = load(args)?;
-    let known = known(args, &measurements)?;
-    let fit = Fit::new(&measurements, parameters, known.plant);
+    let (known, notes) = known(args, &measurements)?;
+    let fit = Fit::new(&measurements, parameters, known);
     let activity = Bar::spinner(!args.quiet);
     let progress = |iteration: u64, metres_rms: f64| {
         activity.say(&format!(
@@ -105,8 +105,8 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
         SearchError::Start(_) => Exit::Usage.because(error),
         _ => Exit::Inconclusive.because(error),
     })?;
-    let folder = write(args, &fit, &found, &known.notes)
-        .map_err(|error| Exit::BenchFailed.because(error))?;
+    let folder =
+        write(args, &fit, &found, &notes).map_err(|error| Exit::BenchFailed.because(error))?;
     let exit = exit(&fit, &found);
     if !args.quiet || exit != Exit::Pass {
         print(&report::summary(&fit, &found));
@@ -157,31 +157,34 @@ fn read_database(path: &Path) -> Result<Database, Failure> {
     Database::parse(&text).map_err(|error| fault(error.to_string()))
 }
 
-/// The plant with the known parameters, and remarks on it.
-struct KnownPlant {
-    plant: Sma,
-    notes: Vec<String>,
-}
-
-fn known(args: &IdentifyArgs, measurements: &[IdentificationData]) -> Result<KnownPlant, Failure> {
+/// Returns the plant with the known parameters, and remarks on it.
+fn known(
+    args: &IdentifyArgs,
+    measurements: &[IdentificationData],
+) -> Result<(Sma, Vec<String>), Failure> {
     let scenario = measurements
         .first()
         .and_then(|measurement| measurement.control_loop.trial.plant.actuator())
         .unwrap_or_default();
+    let note = |from: &str| format!("All other parameters of the plant are taken {from}.");
     Ok(match args.known.to_str() {
         Some("nominal") => {
-            let mut notes = vec!["All other parameters of the plant are taken to be nominal.".to_owned()];
+            let mut notes = vec![note("to be nominal")];
             notes.extend(differences(&scenario));
-            KnownPlant { plant: Sma::default(), notes }
+            (Sma::default(), notes)
         }
-        Some("scenario") => KnownPlant {
-            plant: scenario,
-            notes: vec!["All other parameters of the plant are taken from the scenario of the first recording.".to_owned()],
-        },
-        _ => KnownPlant {
-            plant: start::read_plant(&args.known).map_err(|error| Exit::Usage.because(error))?,
-            notes: vec![format!("All other parameters of the plant are taken from `{}`.", args.known.display())],
-        },
+        Some("scenario") => {
+            let from = "from the scenario of the first recording";
+            (scenario, vec![note(from)])
+        }
+        _ => {
+            let read = start::read_plant(&args.known);
+            let from = format!("from `{}`", args.known.display());
+            (
+                read.map_err(|error| Exit::Usage.because(error))?,
+                vec![note(&from)],
+            )
+        }
     })
 }
 
@@ -297,16 +300,12 @@ fn write_pictures(
         |values: &[f64]| fit.expected_metres(&fit.simulated_metres(values).unwrap_or_default());
     let (start, fitted) = (expected(&found.start), expected(&found.statistics.values()));
     let mut text = String::from("\n## Fit\n\n");
-    let mut first = 0;
-    for (number, measurement) in (1..).zip(fit.measurements) {
-        let end = first + measurement.positions_metres.len();
-        let start = start.get(first..end).unwrap_or_default();
-        let fitted = fitted.get(first..end).unwrap_or_default();
+    let parts = fit.parts(&start).zip(fit.parts(&fitted));
+    for (number, ((measurement, start), (_, fitted))) in (1..).zip(parts) {
         let name = format!("fit-{number}.svg");
         let picture = picture::to_svg(measurement, start, fitted);
         folder.write(&name, picture.as_bytes())?;
         text += &format!("![measured and found position]({name})\n");
-        first = end;
     }
     Ok(text)
 }

@@ -36,16 +36,6 @@ const MOTION_STEPS_MIN: f64 = 20.0;
 /// Largest distance from the stop at the start of a recording, in steps of the sensor.
 const START_STEPS_MAX: f64 = 8.0;
 
-/// Reason why a recording cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: {reason}", path.display())]
-pub struct RecordingError {
-    /// Path of the recording.
-    pub path: PathBuf,
-    /// Error in it.
-    pub reason: String,
-}
-
 /// A period of constant inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
@@ -90,11 +80,8 @@ impl IdentificationData {
         path: &Path,
         scenario: Option<&Path>,
         database: Option<&Database>,
-    ) -> Result<Self, RecordingError> {
-        let at = |reason| RecordingError {
-            path: path.to_owned(),
-            reason,
-        };
+    ) -> Result<Self, String> {
+        let at = |reason: String| format!("{}: {reason}", path.display());
         let metadata = path
             .metadata()
             .map_err(|error| at(unread("the recording", &error)))?;

@@ -8,6 +8,7 @@ use super::parameter::{Inequality, Parameter, ordering};
 use super::sensor_model::SensorModel;
 
 /// Recordings, the parameters to identify, and the known rest of the plant.
+#[derive(Clone)]
 pub struct Fit<'a> {
     /// Recordings to fit.
     pub measurements: &'a [IdentificationData],
@@ -63,10 +64,8 @@ impl<'a> Fit<'a> {
     /// Returns the same problem with the coarse accuracy, which is several times faster.
     pub fn coarse(&self) -> Self {
         Self {
-            measurements: self.measurements,
-            parameters: self.parameters.clone(),
-            known: self.known.clone(),
             accuracy: Accuracy::Coarse,
+            ..self.clone()
         }
     }
 
@@ -163,16 +162,30 @@ impl<'a> Fit<'a> {
         positions
     }
 
+    /// Returns each recording with its part of some values, of which there is one for each position of all recordings, or
+    /// none at all.
+    pub fn parts<'v>(
+        &self,
+        values: &'v [f64],
+    ) -> impl Iterator<Item = (&'a IdentificationData, &'v [f64])> {
+        let mut rest = values;
+        self.measurements.iter().map(move |measurement| {
+            let count = measurement.positions_metres.len().min(rest.len());
+            let (part, later) = rest.split_at(count);
+            rest = later;
+            (measurement, part)
+        })
+    }
+
     /// Returns the sensor's mean readings for these true positions.
     pub fn expected_metres(&self, true_metres: &[f64]) -> Vec<f64> {
-        let mut positions = true_metres.iter();
-        let expected = self.measurements.iter().flat_map(|measurement| {
-            let model = SensorModel::new(&measurement.sensor);
-            let positions = positions.by_ref().take(measurement.positions_metres.len());
-            positions
-                .map(move |position| model.expected_metres(*position))
-                .collect::<Vec<_>>()
-        });
+        let expected = self
+            .parts(true_metres)
+            .flat_map(|(measurement, positions)| {
+                let model = SensorModel::new(&measurement.sensor);
+                let positions = positions.iter();
+                positions.map(move |position| model.expected_metres(*position))
+            });
         expected.collect()
     }
 

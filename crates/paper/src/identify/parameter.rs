@@ -123,26 +123,6 @@ pub static ALL: [Parameter; 23] = [
 /// Pairs of the colder and the hotter end of a transformation.
 const ORDERED: [(&str, &str); 2] = [("As", "Af"), ("Mf", "Ms")];
 
-/// Error in a list of parameters.
-#[derive(Debug, PartialEq, thiserror::Error)]
-pub enum ParameterError {
-    /// No parameter has this name.
-    #[error("there is no plant parameter \"{name}\"; there are {}", names())]
-    Unknown {
-        /// Name in the list.
-        name: String,
-    },
-    /// A parameter is listed twice.
-    #[error("the plant parameter {symbol} is named twice")]
-    Twice {
-        /// Symbol of the parameter.
-        symbol: &'static str,
-    },
-    /// The list is empty.
-    #[error("no plant parameter is named; there are {}", names())]
-    None,
-}
-
 fn names() -> String {
     let symbols: Vec<&str> = ALL.iter().map(|parameter| parameter.symbol).collect();
     format!("{} (or the keys of the plant)", symbols.join(", "))
@@ -152,24 +132,31 @@ fn names() -> String {
 ///
 /// # Errors
 /// A name is unknown or is listed twice, or the list is empty.
-pub fn parse_list(text: &str) -> Result<Vec<&'static Parameter>, ParameterError> {
+pub fn parse_list(text: &str) -> Result<Vec<&'static Parameter>, String> {
     let mut list: Vec<&'static Parameter> = Vec::new();
     for name in text
         .split(',')
         .map(str::trim)
         .filter(|name| !name.is_empty())
     {
-        let parameter = find(name).ok_or_else(|| ParameterError::Unknown {
-            name: name.chars().take(60).collect(),
+        let parameter = find(name).ok_or_else(|| {
+            let name = name.chars().take(60).collect::<String>();
+            format!(
+                "there is no plant parameter \"{name}\"; there are {}",
+                names()
+            )
         })?;
         if list.iter().any(|other| other.symbol == parameter.symbol) {
             let symbol = parameter.symbol;
-            return Err(ParameterError::Twice { symbol });
+            return Err(format!("the plant parameter {symbol} is named twice"));
         }
         list.push(parameter);
     }
     if list.is_empty() {
-        return Err(ParameterError::None);
+        return Err(format!(
+            "no plant parameter is named; there are {}",
+            names()
+        ));
     }
     Ok(list)
 }

@@ -51,18 +51,17 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
         result_table(fit, found),
         paragraphs(&search(fit, found))
     );
-    text += &format!(
-        "\n## Does the model explain the data?\n\n{}",
-        paragraphs(&[explanation(fit, found)])
-    );
-    text += &format!(
-        "\n## What the data do not determine\n\n{}",
-        paragraphs(&undetermined(fit, found))
-    );
-    text += &format!(
-        "\n## Standard errors\n\n{}",
-        paragraphs(&errors(fit, found))
-    );
+    let sections = [
+        (
+            "Does the model explain the data?",
+            vec![explanation(fit, found)],
+        ),
+        ("What the data do not determine", undetermined(fit, found)),
+        ("Standard errors", errors(fit, found)),
+    ];
+    for (title, lines) in sections {
+        text += &format!("\n## {title}\n\n{}", paragraphs(&lines));
+    }
     text += &format!("\n## Correlations\n\n{}\n", correlation_table(fit, found));
     text
 }

@@ -36,29 +36,18 @@ pub enum Start {
     File(PathBuf),
 }
 
-/// Reason why a file has no usable plant.
-#[derive(Debug, thiserror::Error)]
-#[error("`{}` gives no plant: {reason}", path.display())]
-pub struct PlantFileError {
-    path: PathBuf,
-    reason: String,
-}
-
 /// Reads the plant of a file from its table `[plant.NAME]`, as in a scenario; other tables are ignored.
 ///
 /// # Errors
 /// The file cannot be read or has no such table.
-pub fn read_plant(path: &Path) -> Result<Sma, PlantFileError> {
-    let fault = |reason: String| PlantFileError {
-        path: path.to_owned(),
-        reason,
-    };
+pub fn read_plant(path: &Path) -> Result<Sma, String> {
+    let fault = |reason: &str| format!("`{}` gives no plant: {reason}", path.display());
     let text = scenario::read_text(path, plan::FILE_BYTES_MAX)
-        .map_err(|error| fault(error.to_string()))?;
+        .map_err(|error| fault(&error.to_string()))?;
     Sma::from_file_text(&text)
-        .map_err(|error| fault(error.message().to_owned()))?
+        .map_err(|error| fault(error.message()))?
         .map(|(_, plant)| plant)
-        .ok_or_else(|| fault("it has no table [plant.NAME]".to_owned()))
+        .ok_or_else(|| fault("it has no table [plant.NAME]"))
 }
 
 impl FromStr for Start {
@@ -78,7 +67,7 @@ impl Start {
     ///
     /// # Errors
     /// The file cannot be used.
-    pub fn plant(&self) -> Result<Sma, PlantFileError> {
+    pub fn plant(&self) -> Result<Sma, String> {
         let mut plant = Sma::default();
         match self {
             Self::Nominal => {}

@@ -368,19 +368,10 @@ pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
 /// Returns the measured less the expected positions for one emulated measurement; replica 0 is exactly the fitted
 /// motion.
 fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
-    let mut positions = true_metres.iter();
-    let errors = fit.measurements.iter().flat_map(|measurement| {
-        let trace: Vec<f64> = positions
-            .by_ref()
-            .take(measurement.positions_metres.len())
-            .copied()
-            .collect();
-        trace_errors(
-            &measurement.sensor,
-            &trace,
-            measurement.sensor_step_metres(),
-            replica,
-        )
+    let parts = fit.parts(true_metres);
+    let errors = parts.flat_map(|(measurement, part)| {
+        let (sensor, step) = (&measurement.sensor, measurement.sensor_step_metres());
+        trace_errors(sensor, part, step, replica)
     });
     errors.collect()
 }
