@@ -83,7 +83,7 @@ pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
         latest = time;
     }
     if evidence.is_silence(latest, window.until_seconds) {
-        return Err(Absence::silent_between(latest, window.until_seconds));
+        return Err(Absence::silent(Window::new(latest, window.until_seconds)));
     }
     let recovered_at = recovered_at.unwrap_or(window.from_seconds);
     if is_outside || recovered_at + 0.5 * period_seconds >= window.until_seconds {

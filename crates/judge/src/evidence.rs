@@ -15,7 +15,7 @@ use scenario::expect::Limit;
 use scenario::fault::Group;
 use scenario::node::Part;
 
-use crate::attribution::stalls::{Spans, Stretch, shadows};
+use crate::attribution::stalls::{Spans, Stretch, longest, shadows};
 use crate::attribution::{Attribution, Commands};
 use crate::circumstances::Circumstances;
 use crate::metric::{Metric, rounded};
@@ -127,10 +127,6 @@ impl Absence {
         Self::unseen(format!("silent {silence}"), silence)
     }
 
-    pub(crate) fn silent_between(from_seconds: f64, until_seconds: f64) -> Self {
-        Self::silent(Window::new(from_seconds, until_seconds))
-    }
-
     /// Changes the unit of what is known of the value.
     pub(crate) fn scaled(self, factor: f64) -> Self {
         match self.why {
@@ -197,17 +193,11 @@ impl Measurement {
         let why = self.value.as_ref().err().map(|absence| absence.why);
         let is_judged = match why {
             Some(Why::AtLeast(least)) => {
-                let row = Metric::new(name, Ok(least), limit);
-                let is_too_large = limit
-                    .and_then(|limit| limit.max)
-                    .is_some_and(|max| rounded(least) > max);
-                return Some(if is_too_large {
-                    row
-                } else {
-                    Metric {
-                        passed: None,
-                        ..row
-                    }
+                let max = limit.and_then(|limit| limit.max);
+                let is_too_large = max.is_some_and(|max| rounded(least) > max);
+                return Some(Metric {
+                    passed: is_too_large.then_some(false),
+                    ..Metric::new(name, Ok(least), limit)
                 });
             }
             Some(Why::NotAsked) => return None,
@@ -310,8 +300,7 @@ impl<'a> Evidence<'a> {
 
     /// Returns the longest stall that explains a breach of the loop.
     pub(crate) fn longest_stall(&self) -> Option<Stretch> {
-        let stalls = self.stalls().into_iter();
-        stalls.max_by(|left, right| left.length().total_cmp(&right.length()))
+        longest(&self.stalls())
     }
 
     /// Returns the same evidence without the pieces that stalls explain, or only without those of the long ones.

@@ -38,7 +38,6 @@ pub mod timing;
 mod timing_decision;
 pub mod verdict;
 
-pub use attribution::cause::NamedCause;
 pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 pub use circumstances::Circumstances;
 pub use contour::contour_errors;

@@ -10,6 +10,7 @@ use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::Emergency;
 
+use crate::attribution::faults::span;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, Evidence, Measurement, largest};
 
@@ -173,12 +174,10 @@ fn without_faults(evidence: &Evidence<'_>, metric: &str) -> Measurement {
     }
 }
 
-/// Returns the begin of the first fault; faults of the boot begin at the start of the recording.
+/// Returns the begin of the first fault.
 fn first_fault_seconds(trial: &Trial) -> f64 {
-    let starts = trial.loop_faults().map(|fault| fault.from_seconds);
-    starts
-        .map(|start| start.unwrap_or(f64::NEG_INFINITY))
-        .fold(f64::INFINITY, f64::min)
+    let starts = trial.loop_faults().map(|fault| span(fault).0);
+    starts.fold(f64::INFINITY, f64::min)
 }
 
 /// Returns the start of the first stretch without current after a fault. The current during a silence is unknown.
@@ -217,9 +216,10 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     if !trial.has_loop_faults() {
         return Absence::meaningless("no fault in the scenario").into();
     }
-    let Some(from_seconds) = last_fault_end_seconds(trial) else {
+    let from_seconds = last_fault_end_seconds(trial);
+    if from_seconds.is_infinite() {
         return Absence::from("a fault lasts to the end").into();
-    };
+    }
     let window = Window {
         from_seconds,
         ..evidence.run()
@@ -233,17 +233,10 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     evidence.of_event(window, true, value).into()
 }
 
-/// Returns the end of the last fault; `None` if a fault lasts to the end.
-fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
-    let ends = trial
-        .loop_faults()
-        .map(|fault| match fault.from_seconds {
-            // Booting is over when the scenario begins.
-            None => Some(0.0),
-            Some(_) => fault.until_seconds,
-        })
-        .collect::<Option<Vec<f64>>>()?;
-    Some(ends.into_iter().fold(0.0, f64::max))
+/// Returns the end of the last fault; infinite if a fault lasts to the end.
+fn last_fault_end_seconds(trial: &Trial) -> f64 {
+    let ends = trial.loop_faults().map(|fault| span(fault).1);
+    ends.fold(0.0, f64::max)
 }
 
 /// Measures safety: 1 if the bench is safe at the end, else 0.

@@ -1,7 +1,7 @@
 //! Response of the position to the steps of the set-point.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use scenario::events::JudgedStep;
+use scenario::events::{JudgedStep, Window};
 
 use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS, worst};
 use crate::metric::rounded;
@@ -56,7 +56,7 @@ fn step_settling_time(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue
     }
     let latest = latest.ok_or_else(|| evidence.no_position(step.window))?;
     if evidence.is_silence(latest, until_seconds) {
-        return Err(Absence::silent_between(latest, until_seconds));
+        return Err(Absence::silent(Window::new(latest, until_seconds)));
     }
     let settled_at = settled_at.ok_or("never settled")?;
     let stay_seconds = until_seconds - settled_at;

@@ -86,8 +86,8 @@ impl ScenarioFaults {
     }
 }
 
-/// Returns the span of a fault; a fault of the boot has ended at time 0.
-fn span(fault: &Fault) -> (f64, f64) {
+/// Returns the span of a fault. A fault of the boot begins with the recording, and has ended at time 0.
+pub(crate) fn span(fault: &Fault) -> (f64, f64) {
     match fault.from_seconds {
         None => (f64::NEG_INFINITY, 0.0),
         Some(from) => (from, fault.until_seconds.unwrap_or(f64::INFINITY)),

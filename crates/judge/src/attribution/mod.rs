@@ -3,7 +3,7 @@
 
 pub(crate) mod breaches;
 pub(crate) mod cause;
-mod faults;
+pub(crate) mod faults;
 pub(crate) mod limits;
 pub(crate) mod stalls;
 
@@ -16,7 +16,7 @@ use scenario::node::Part;
 
 use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
 use self::faults::ScenarioFaults;
-use self::stalls::{FeltStalls, Stretch, stretches};
+use self::stalls::{FeltStalls, Stretch, longest, stretches};
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
 
@@ -106,10 +106,10 @@ impl<'a> Attribution<'a> {
         let cyclic = Duty::CYCLIC.into_iter().filter(is_by_canrig);
         let by_canrig: usize = cyclic.map(|duty| self.cycles.breaches_by(duty).0).sum();
         let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
+        let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
             let is_punctual = circumstances.is_punctual(duty.node());
-            let longest = self.cycles.longest_stall.filter(|_| prevails);
-            (is_by_canrig(&duty) && (prevails || is_punctual)).then_some(longest)
+            (is_by_canrig(&duty) && (prevails || is_punctual)).then_some(prevailing)
         })
     }
 
@@ -300,7 +300,6 @@ pub(crate) struct Totals {
     by_host: usize,
     /// Stalls that explain breaches. A stall that explains several in a row is listed once.
     stalls: Vec<Stretch>,
-    longest_stall: Option<Stretch>,
     /// Breaches of the nodes by the duty that was not done first: duty, number, and time of the first.
     by_nodes: Vec<(Duty, usize, f64)>,
     /// Last breaches without interruption.
@@ -352,10 +351,6 @@ impl Totals {
             Cause::Fault => {}
             Cause::Host(stretch) => {
                 self.by_host += 1;
-                let longest = self.longest_stall.map_or(0.0, |longest| longest.length());
-                if stretch.length() >= longest {
-                    self.longest_stall = Some(stretch);
-                }
                 if self.stalls.last() != Some(&stretch) {
                     self.stalls.push(stretch);
                 }

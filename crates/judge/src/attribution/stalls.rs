@@ -50,6 +50,12 @@ impl Stretch {
     }
 }
 
+/// Returns the longest of some stalls; the last of several.
+pub(crate) fn longest<'a>(stretches: impl IntoIterator<Item = &'a Stretch>) -> Option<Stretch> {
+    let stretches = stretches.into_iter().copied();
+    stretches.max_by(|left, right| left.length().total_cmp(&right.length()))
+}
+
 /// Returns the stalls of a run in the time of its timeline.
 pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
     // Both times are whole microseconds since 1970. Seconds in an f64 would lose them.
@@ -116,10 +122,8 @@ impl FeltStalls {
         let may_overlap =
             |stretch: &&Stretch| stretch.until_seconds <= until + self.longest_seconds;
         let candidates = self.stretches[first..].iter().take_while(may_overlap);
-        candidates
-            .filter(|stretch| is_covered && stretch.from_seconds <= until + TIME_TOLERANCE_SECONDS)
-            .max_by(|left, right| left.length().total_cmp(&right.length()))
-            .copied()
+        let overlaps = |stretch: &&Stretch| stretch.from_seconds <= until + TIME_TOLERANCE_SECONDS;
+        longest(candidates.filter(|stretch| is_covered && overlaps(stretch)))
     }
 }
 
