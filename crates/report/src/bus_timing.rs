@@ -18,33 +18,27 @@ pub(super) type Microseconds = u64;
 
 /// Durations, each with the number of its occurrences.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Durations {
-    counts: BTreeMap<Microseconds, usize>,
-    all: usize,
-}
+pub(super) struct Durations(BTreeMap<Microseconds, usize>);
 
 impl Durations {
-    fn add(&mut self, duration: Microseconds) {
-        *self.counts.entry(duration).or_default() += 1;
-        self.all += 1;
+    fn extend(&mut self, durations: impl IntoIterator<Item = Microseconds>) {
+        for duration in durations {
+            *self.0.entry(duration).or_default() += 1;
+        }
     }
 
-    /// Returns the duration of this rank, the least of which is 0.
-    fn at(&self, rank: usize) -> Option<Microseconds> {
-        let mut up_to = 0;
-        let mut counts = self.counts.iter();
-        counts.find_map(|(duration, count)| {
-            up_to += count;
-            (rank < up_to).then_some(*duration)
-        })
-    }
-}
-
-impl Extend<Microseconds> for Durations {
-    fn extend<I: IntoIterator<Item = Microseconds>>(&mut self, durations: I) {
-        durations
-            .into_iter()
-            .for_each(|duration| self.add(duration));
+    /// Returns the least, the median, the 99th percentile and the largest; `None` if there are no durations.
+    pub(super) fn spread(&self) -> Option<[Microseconds; 4]> {
+        let last = self.0.values().sum::<usize>().checked_sub(1)?;
+        let at = |percent: usize| {
+            let mut up_to = 0;
+            let reached = self.0.iter().find(|(_, count)| {
+                up_to += **count;
+                last * percent / 100 < up_to
+            });
+            reached.map_or(0, |(duration, _)| *duration)
+        };
+        Some([0, 50, 99, 100].map(at))
     }
 }
 
@@ -61,28 +55,6 @@ pub(super) struct BusTiming {
     pub(super) load_seconds: Vec<f64>,
     /// Percentage of each stretch in which a frame was on the bus.
     pub(super) load_percent: Vec<f64>,
-}
-
-/// Summary of a set of durations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct DurationSpread {
-    pub(super) least: Microseconds,
-    pub(super) median: Microseconds,
-    pub(super) percentile_99: Microseconds,
-    pub(super) most: Microseconds,
-}
-
-impl DurationSpread {
-    /// Summarizes durations; returns `None` if there are none.
-    pub(super) fn new(durations: &Durations) -> Option<Self> {
-        let rank = |percent: usize| durations.at(durations.all.checked_sub(1)? * percent / 100);
-        Some(Self {
-            least: rank(0)?,
-            median: rank(50)?,
-            percentile_99: rank(99)?,
-            most: rank(100)?,
-        })
-    }
 }
 
 impl BusTiming {
@@ -185,14 +157,14 @@ impl LoadCounter {
 /// Returns a histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
 pub(super) fn histogram(durations: &Durations) -> (Vec<f64>, Vec<f64>) {
     const BINS: u32 = 60;
-    let Some(spread) = DurationSpread::new(durations) else {
+    let Some([least, .., most]) = durations.spread() else {
         return (Vec::new(), Vec::new());
     };
-    let (least, most) = (spread.least as f64, spread.most as f64);
+    let (least, most) = (least as f64, most as f64);
     // The bins have whole microseconds, as the recording does.
     let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
     let mut counts = vec![0; BINS as usize];
-    for (duration, count) in &durations.counts {
+    for (duration, count) in &durations.0 {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -233,14 +205,8 @@ mod tests {
     fn percentiles_are_ranks() {
         let mut durations = Durations::default();
         durations.extend(1..=101);
-        let expected = DurationSpread {
-            least: 1,
-            median: 51,
-            percentile_99: 100,
-            most: 101,
-        };
-        assert_eq!(DurationSpread::new(&durations), Some(expected));
-        assert_eq!(DurationSpread::new(&Durations::default()), None);
+        assert_eq!(durations.spread(), Some([1, 51, 100, 101]));
+        assert_eq!(Durations::default().spread(), None);
     }
 
     #[test]

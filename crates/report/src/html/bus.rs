@@ -3,7 +3,7 @@
 use dbc::SignalMissing;
 use maud::{Markup, html};
 
-use crate::bus_timing::{BusTiming, DurationSpread, histogram};
+use crate::bus_timing::{BusTiming, histogram};
 use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
 use judge::timing::Timing;
@@ -45,9 +45,9 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         p.soft { "Scenario time 0 to " (shared.run.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table.small {
             thead { tr { th { "in µs" } @for head in ["min", "median", "p99", "max"] { th.number { (head) } } } }
-            tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {
+            tbody { @for (name, durations) in &sets { @if let Some(spread) = durations.spread() { tr {
                 td { (name) }
-                @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
+                @for value in spread { td.number { (value) } }
             } } } }
         } }
         @if let Some(timing) = &run.verdict.timing { (host(timing)) }

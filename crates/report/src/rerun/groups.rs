@@ -111,10 +111,8 @@ const fn always<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a
 /// an observer has no estimates.
 const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
-        group,
-        label,
-        colour,
         is_drawn_when_zero: false,
+        ..always(group, label, colour)
     }
 }
 
