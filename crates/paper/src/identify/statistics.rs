@@ -101,9 +101,7 @@ impl FitStatistics {
             estimates: estimates.collect(),
             correlations: correlations(&independent),
             singular_values_metres: linear.singular_values_metres(),
-            directions: linear
-                .order()
-                .into_iter()
+            directions: (0..values.len())
                 .map(|place| linear.direction(place))
                 .collect(),
             is_corrected,
@@ -155,6 +153,7 @@ fn degrees_of_freedom_scaled(residual: &[f64], parameters: usize) -> f64 {
 struct Linear {
     jacobian: DMatrix<f64>,
     sizes: Vec<f64>,
+    /// Singular values, the largest first.
     singular_values: DVector<f64>,
     /// Right singular vectors, one per column.
     directions: DMatrix<f64>,
@@ -241,20 +240,10 @@ impl Linear {
         -(&self.inverse * self.jacobian.tr_mul(&DVector::from_column_slice(error)))
     }
 
-    fn order(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.sizes.len()).collect();
-        order.sort_by(|left, right| {
-            self.singular_values[*right].total_cmp(&self.singular_values[*left])
-        });
-        order
-    }
-
     fn singular_values_metres(&self) -> Vec<f64> {
         let root = libm::sqrt(self.jacobian.nrows() as f64);
-        self.order()
-            .into_iter()
-            .map(|place| self.singular_values[place] / root)
-            .collect()
+        let values = self.singular_values.iter();
+        values.map(|value| value / root).collect()
     }
 
     /// Returns a right singular vector with a positive largest component.
