@@ -6,21 +6,15 @@ use scenario::contour::Contour;
 
 use crate::run::{Run, RunLoop};
 
-/// Loop by its name.
-pub(crate) type Axis<'a> = (&'a str, RunLoop<'a>);
-
 /// Returns the loops of a contour, as far as the run has them.
-pub(crate) fn axes<'a>(contour: &'a Contour, run: &Run<'a>) -> Vec<Axis<'a>> {
-    let axis = |name: &'a String| {
-        let is_named = |one: &RunLoop<'_>| one.control_loop.name() == name;
-        Some((name.as_str(), run.loops().find(is_named)?))
-    };
+pub(crate) fn axes<'a>(contour: &Contour, run: &Run<'a>) -> Vec<RunLoop<'a>> {
+    let axis = |name: &String| run.loops().find(|one| one.control_loop.name() == name);
     contour.loops.iter().filter_map(axis).collect()
 }
 
 /// Returns the rows of a contour's window, which all its loops have.
-pub(crate) fn window(contour: &Contour, axes: &[Axis<'_>]) -> Range<usize> {
-    let timelines = || axes.iter().map(|(_, run)| run.timeline);
+pub(crate) fn window(contour: &Contour, axes: &[RunLoop<'_>]) -> Range<usize> {
+    let timelines = || axes.iter().map(|axis| axis.timeline);
     let rows = timelines()
         .map(|timeline| timeline.time_seconds.len())
         .min()

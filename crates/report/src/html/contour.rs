@@ -3,16 +3,16 @@
 use maud::{Markup, html};
 use scenario::contour::Contour;
 
-use crate::contour::{Axis, axes, window};
+use crate::contour::{axes, window};
 use crate::plot::{Colour, Extent, Plot, Shape};
-use crate::run::Run;
+use crate::run::{Run, RunLoop};
 use crate::unit::shown_unit;
 use judge::contour_errors;
 use platform::series::SeriesWriter;
 
 pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
     let axes = axes(contour, run);
-    let timelines = Vec::from_iter(axes.iter().map(|(_, run)| run.timeline));
+    let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let end_seconds = run.plan.shared.run.duration_seconds;
     let (mut time, mut errors) = (SeriesWriter::default(), SeriesWriter::default());
     for (seconds, error) in contour_errors(contour, &timelines, end_seconds) {
@@ -27,17 +27,18 @@ pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
     html! {
         h2 { "Path of " (contour.loops.join(", ")) }
         div.plots.even {
-            @for pair in axes.windows(2) { (plane(contour, &pair[0], &pair[1]).render()) }
+            @for pair in axes.array_windows() { (plane(contour, *pair).render()) }
             (distance.render())
         }
     }
 }
 
 /// Plots two loops in the contour's window, one over the other.
-fn plane<'a>(contour: &'a Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
-    let rows = window(contour, &[*across, *up]);
-    let [x, y] = [across, up].map(|(_, run)| run.timeline);
-    let title = format!("{} over {}", up.0, across.0);
+fn plane<'a>(contour: &'a Contour, axes: [RunLoop<'a>; 2]) -> Plot<'a> {
+    let rows = window(contour, &axes);
+    let [x, y] = axes.map(|axis| axis.timeline);
+    let [across, up] = axes.map(|axis| axis.control_loop.name());
+    let title = format!("{up} over {across}");
     let unit = shown_unit(contour.unit.symbol());
     let mut plot = Plot::over_time(title, unit);
     plot.x_label = unit;

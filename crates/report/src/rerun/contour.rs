@@ -11,9 +11,9 @@ use super::bus::stretch_seconds;
 use super::output::{Output, send_rows, send_static};
 use super::times;
 use super::{POINTS_MAX, RerunError, groups, thin};
-use crate::contour::{Axis, axes, window};
+use crate::contour::{axes, window};
 use crate::plot::range::{NOTHING, extended};
-use crate::run::Run;
+use crate::run::{Run, RunLoop};
 use crate::shown_unit;
 use platform::series::Series;
 use recording::timeline::Timeline;
@@ -35,9 +35,8 @@ pub(super) struct Plane {
 pub(super) fn log(output: &mut dyn Output, run: &Run<'_>) -> Result<Vec<Plane>, RerunError> {
     let mut planes = Vec::new();
     for contour in &run.plan.shared.contours {
-        for pair in axes(contour, run).windows(2) {
-            let axes = [pair[0], pair[1]];
-            planes.extend(log_plane(output, contour, axes, run.is_long)?);
+        for pair in axes(contour, run).array_windows() {
+            planes.extend(log_plane(output, contour, *pair, run.is_long)?);
         }
     }
     Ok(planes)
@@ -46,17 +45,16 @@ pub(super) fn log(output: &mut dyn Output, run: &Run<'_>) -> Result<Vec<Plane>, 
 fn log_plane(
     output: &mut dyn Output,
     contour: &Contour,
-    axes: [Axis<'_>; 2],
+    axes: [RunLoop<'_>; 2],
     is_long: bool,
 ) -> Result<Option<Plane>, RerunError> {
-    let [x, y] = axes.map(|(_, one)| one.timeline);
-    let [across, up] = axes.map(|(name, _)| name);
-    let pause_rows = match (is_long, axes) {
-        (false, _) => 0,
-        (true, [(_, one), _]) => {
-            let cycles = x.cycles_in(stretch_seconds(&one.control_loop.trial));
-            usize::try_from(cycles).unwrap_or(usize::MAX)
-        }
+    let [x, y] = axes.map(|axis| axis.timeline);
+    let [across, up] = axes.map(|axis| axis.control_loop.name());
+    let pause_rows = if is_long {
+        let cycles = x.cycles_in(stretch_seconds(&axes[0].control_loop.trial));
+        usize::try_from(cycles).unwrap_or(usize::MAX)
+    } else {
+        0
     };
     let group = format!("contour/{across}_{up}");
     let now = format!("{group}/now");
