@@ -37,7 +37,6 @@ use recording::run_folder::replace;
 use blueprint::{Page, Play};
 pub(crate) use bus::BusReader;
 use file::RecordingFile;
-pub(crate) use output::Folder;
 use output::{Output, send_static};
 pub(crate) use run_log::{Known, Recording, log_verdict};
 
@@ -91,8 +90,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
     let mut pages = Vec::new();
     let mut end_seconds = 0.0_f64;
     for one in run.loops() {
-        let mut folder = Folder::for_loop(&mut file, one.control_loop);
-        let (page, end) = log_loop(&mut folder, run, &one)?;
+        let (page, end) = log_loop(&mut file, run, &one)?;
         pages.push(page);
         end_seconds = end_seconds.max(end);
     }
@@ -119,18 +117,15 @@ fn log_loop<'a>(
 ) -> Result<(Page<'a>, f64), RerunError> {
     let (control_loop, timeline) = (one.control_loop, one.timeline);
     let mut bus = BusReader::new(control_loop, run.is_long)?;
-    let known = if run.is_long {
-        Known::Thinned
+    let rows = timeline.cycle.len();
+    let (known, piece_rows) = if run.is_long {
+        let piece_rows = rows.div_ceil(PIECES_MAX).max(PIECE_ROWS_MIN);
+        (Known::Thinned, piece_rows)
     } else {
-        Known::Whole
+        (Known::Whole, rows.max(1))
     };
     let mut recording = Recording::begin(output, control_loop, known)?;
     let mut frames = run.frames.iter();
-    let rows = timeline.cycle.len();
-    let piece_rows = match known {
-        Known::Thinned => rows.div_ceil(PIECES_MAX).max(PIECE_ROWS_MIN),
-        _ => rows.max(1),
-    };
     for begin in (0..rows.max(1)).step_by(piece_rows) {
         let end = rows.min(begin + piece_rows);
         let piece = timeline.piece(begin..end);

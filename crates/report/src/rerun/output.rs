@@ -32,15 +32,15 @@ impl Output for RecordingStream {
 }
 
 /// Output for one of several loops, whose entities are in a folder with the loop's name.
-pub(crate) struct Folder<'a> {
+pub(super) struct Folder<'a> {
     output: &'a mut dyn Output,
     name: Option<&'a str>,
 }
 
 impl<'a> Folder<'a> {
     /// Returns the output of a loop; for the only loop it is the output itself.
-    pub(crate) fn for_loop(output: &'a mut dyn Output, control_loop: &'a ControlLoop) -> Self {
-        let name = Some(control_loop.name()).filter(|name| !name.is_empty());
+    pub(super) fn for_loop(output: &'a mut dyn Output, control_loop: &'a ControlLoop) -> Self {
+        let name = control_loop.loop_name();
         Self { output, name }
     }
 }

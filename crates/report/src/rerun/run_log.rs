@@ -18,7 +18,7 @@ use super::bus::{self, BusReader, stretch_seconds};
 use super::drawing::Drawing;
 use super::groups::{self, CustomView, Style, held, line};
 use super::hysteresis::{self, Hysteresis};
-use super::output::{Output, send_rows, send_scalars, send_static};
+use super::output::{Folder, Output, send_rows, send_scalars, send_static};
 use super::times;
 use crate::terminal;
 use dbc::names::SET_POINT;
@@ -44,9 +44,9 @@ pub(crate) enum Known {
     Thinned,
 }
 
-/// Log of a run for a file or a viewer.
+/// Log of a loop for a file or a viewer.
 pub(crate) struct Recording<'o, 'a> {
-    output: &'o mut dyn Output,
+    output: Folder<'o>,
     control_loop: &'a ControlLoop,
     trial: &'a Trial,
     known: Known,
@@ -64,21 +64,22 @@ pub(crate) struct Recording<'o, 'a> {
     end_seconds: f64,
 }
 
-impl<'o, 'a> Recording<'o, 'a> {
+impl<'o, 'a: 'o> Recording<'o, 'a> {
     /// Begins a recording with the constant properties.
     pub(crate) fn begin(
         output: &'o mut dyn Output,
         control_loop: &'a ControlLoop,
         known: Known,
     ) -> Result<Self, RerunError> {
-        bus::log_styles(output)?;
-        hysteresis::log_style(output)?;
+        let mut output = Folder::for_loop(output, control_loop);
+        bus::log_styles(&mut output)?;
+        hysteresis::log_style(&mut output)?;
         let trial = &control_loop.trial;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(trial),
         };
-        let drawing = Drawing::draw(output, trial, pause_seconds)?;
+        let drawing = Drawing::draw(&mut output, trial, pause_seconds)?;
         Ok(Self {
             output,
             control_loop,
@@ -100,24 +101,24 @@ impl<'o, 'a> Recording<'o, 'a> {
         bus: &mut BusReader,
     ) -> Result<(), RerunError> {
         self.log_signals(timeline)?;
-        self.hysteresis.log(self.output, timeline)?;
+        self.hysteresis.log(&mut self.output, timeline)?;
         if let Some(drawing) = &mut self.drawing {
-            drawing.log(self.output, timeline)?;
+            drawing.log(&mut self.output, timeline)?;
         }
         self.log_settling_bands(timeline)?;
-        log_events(self.output, timeline.period_seconds, &timeline.events)?;
+        log_events(&mut self.output, timeline.period_seconds, &timeline.events)?;
         let last_event = timeline
             .events
             .last()
             .map_or(0.0, |event| event.time_seconds);
         let end_seconds = timeline.end_seconds().max(last_event);
         self.end_seconds = self.end_seconds.max(end_seconds);
-        bus.log(self.output)
+        bus.log(&mut self.output)
     }
 
     /// Ends a loop; returns its page of the layout, and the time of its end.
     pub(crate) fn end(mut self) -> Result<(Page<'a>, f64), RerunError> {
-        self.hysteresis.log_path(self.output)?;
+        self.hysteresis.log_path(&mut self.output)?;
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
         }
@@ -196,11 +197,11 @@ impl<'o, 'a> Recording<'o, 'a> {
             } else {
                 line(style.label, style.colour)
             });
-            send_static(self.output, path.as_str(), &look)?;
+            send_static(&mut self.output, path.as_str(), &look)?;
             self.styled.insert(path.clone());
         }
         let values = values.at(rows.numbers().iter().copied());
-        send_scalars(self.output, path, times, values.collect())
+        send_scalars(&mut self.output, path, times, values.collect())
     }
 
     /// Logs the band in which each judged step must settle, as far as the piece reaches.
@@ -224,11 +225,11 @@ impl<'o, 'a> Recording<'o, 'a> {
                 let path = format!("position/settling_band/step_{number}/{side}_{unit}");
                 if !self.styled.contains(&path) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
-                    send_static(self.output, path.as_str(), &look)?;
+                    send_static(&mut self.output, path.as_str(), &look)?;
                     self.styled.insert(path.clone());
                 }
                 let values = vec![step.to + edge; 2];
-                send_scalars(self.output, path, times.clone(), values)?;
+                send_scalars(&mut self.output, path, times.clone(), values)?;
             }
         }
         Ok(())

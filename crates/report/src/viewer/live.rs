@@ -12,7 +12,7 @@ use re_sdk::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use rtrb::Consumer;
 
 use super::{Show, ViewerAddress};
-use crate::rerun::{self, APPLICATION, BusReader, Folder, Known, Recording, RerunError};
+use crate::rerun::{self, APPLICATION, BusReader, Known, Recording, RerunError};
 use judge::verdict::Verdict;
 use plan::{ControlLoop, Plan, Shared};
 use recording::frame_queue::{FrameQueue, WhenFull};
@@ -97,9 +97,9 @@ struct Shown<'o, 'a> {
     recording: Recording<'o, 'a>,
 }
 
-impl<'o, 'a> Shown<'o, 'a> {
+impl<'o, 'a: 'o> Shown<'o, 'a> {
     fn new(
-        output: &'o mut Folder<'_>,
+        output: &'o mut RecordingStream,
         shared: &Shared,
         control_loop: &'a ControlLoop,
     ) -> Result<Self, LiveError> {
@@ -136,14 +136,10 @@ fn follow(
 ) -> Result<(), LiveError> {
     // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
-    let folders = outputs.iter_mut().zip(&plan.loops);
-    let mut folders = Vec::from_iter(
-        folders.map(|(output, control_loop)| Folder::for_loop(output, control_loop)),
-    );
-    let mut shown = folders
+    let mut shown = outputs
         .iter_mut()
         .zip(&plan.loops)
-        .map(|(folder, control_loop)| Shown::new(folder, &plan.shared, control_loop))
+        .map(|(output, control_loop)| Shown::new(output, &plan.shared, control_loop))
         .collect::<Result<Vec<_>, _>>()?;
     rerun::expect_all(&mut stream.clone(), plan)?;
     loop {
