@@ -1,6 +1,5 @@
 //! Timing of the bus, from the stamps of the recording.
 
-use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -8,7 +7,7 @@ use dbc::SignalMissing;
 use plan::ControlLoop;
 
 use dbc::scenario_clock::SYNC_COB_ID;
-use recording::log::Stamped;
+use recording::frames::Frames;
 
 /// Number of stretches of time in which the load is counted.
 const LOAD_STRETCHES: u32 = 200;
@@ -62,21 +61,16 @@ impl BusTiming {
     ///
     /// # Errors
     /// The database lacks a message of the drive.
-    pub(super) fn new(
-        frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-        duration_seconds: f64,
-        bitrate_kilobits_per_second: u32,
-        one: &ControlLoop,
-    ) -> Result<Self, SignalMissing> {
+    pub(super) fn new(frames: &Frames, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let answer = one.position()?.raw_id();
         let command = one.target_current()?.raw_id();
         let mut clock = one.scenario_clock()?;
-        let duration = Duration::from_secs_f64(duration_seconds);
+        let run = &one.trial.run;
+        let duration = Duration::from_secs_f64(run.duration_seconds);
         let mut timing = Self::default();
-        let mut load = LoadCounter::new(duration, bitrate_kilobits_per_second);
+        let mut load = LoadCounter::new(duration, run.bus.bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {
-            let stamped = stamped.borrow();
             let now = stamped.time;
             clock.on_frame(now, &stamped.frame);
             let Some(zero) = clock.zero() else { continue };

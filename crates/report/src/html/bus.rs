@@ -10,13 +10,8 @@ use judge::timing::Timing;
 
 /// Returns the section. All loops share the bus; answers and commands are listed by loop.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
-    let shared = &run.plan.shared;
-    let (end, bitrate) = (
-        shared.run.duration_seconds,
-        shared.run.bus.bitrate_kilobits_per_second,
-    );
     let loops = run.plan.loops.iter();
-    let read = loops.map(|one| BusTiming::new(run.frames.iter(), end, bitrate, one));
+    let read = loops.map(|one| BusTiming::new(run.frames.iter(), one));
     let timings = read.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");
@@ -42,7 +37,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     };
     Ok(html! {
         h2 #bus { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (shared.run.duration_seconds) " s, by the stamps of the recorder." }
+        p.soft { "Scenario time 0 to " (run.plan.shared.run.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table.small {
             thead { tr { th { "in µs" } @for head in ["min", "median", "p99", "max"] { th.number { (head) } } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = durations.spread() { tr {

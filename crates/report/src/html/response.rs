@@ -9,28 +9,24 @@ use crate::terminal::with_minus;
 use crate::unit::shown_unit;
 
 /// Curve over frequency: its title, its unit, and its value at a point.
-type Curve = (&'static str, &'static str, fn(&FrequencyPoint) -> f64);
-
-/// Placeholder for the unit of the loop.
-const OWN_UNIT: &str = "position";
-
-const CURVES: [Curve; 3] = [
-    ("Gain", "", |point| point.gain),
-    ("Phase", "°", |point| point.phase_degrees),
-    ("Mean offset from the set-point", OWN_UNIT, |point| {
-        point.offset
-    }),
-];
+type Curve<'a> = (&'a str, &'a str, fn(&FrequencyPoint) -> f64);
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let symbol = shown_unit(run.timeline.measurand.unit.symbol());
     let responses = frequency_responses(run.timeline, run.control_loop);
     let points = || responses.iter().flatten();
+    let curves: [Curve<'_>; 3] = [
+        ("Gain", "", |point| point.gain),
+        ("Phase", "°", |point| point.phase_degrees),
+        ("Mean offset from the set-point", symbol, |point| {
+            point.offset
+        }),
+    ];
     html! {
         @if points().next().is_some() {
             (super::heading(run, "Frequency response"))
             p.soft { "Position against set-point, by the turns of the chirp. Bandwidth is where the gain first falls below " (CUT_OFF_GAIN) "." }
-            div.plots.even { @for curve in CURVES { (drawn(curve, symbol, &responses)) } }
+            div.plots.even { @for curve in curves { (drawn(curve, &responses)) } }
             details { summary { "as numbers" } div.wide { table {
                 thead { tr { th.number { "Hz" } th.number { "gain" } th.number { "phase (°)" } th.number { "offset (" (symbol) ")" } } }
                 tbody { @for point in points() { tr {
@@ -44,18 +40,12 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     }
 }
 
-fn drawn((title, unit, value): Curve, symbol: &str, responses: &[FrequencyResponse]) -> Markup {
-    let unit = if unit == OWN_UNIT { symbol } else { unit };
-    let axes: Vec<(Vec<f64>, Vec<f64>)> = responses
-        .iter()
-        .map(|points| {
-            let hertz = points.iter().map(|point| point.hertz);
-            (hertz.collect(), points.iter().map(value).collect())
-        })
-        .collect();
+fn drawn((title, unit, value): Curve<'_>, responses: &[FrequencyResponse]) -> Markup {
     let mut plot = Plot::over_time(title, unit);
     plot.x_label = "frequency (Hz)";
-    for (number, (hertz, values)) in axes.iter().enumerate() {
+    for (number, points) in responses.iter().enumerate() {
+        let hertz = Vec::from_iter(points.iter().map(|point| point.hertz));
+        let values = Vec::from_iter(points.iter().map(value));
         let label = format!("chirp {}", number + 1);
         plot.draw(label, Colour::Run(number), Shape::Line, hertz, values);
     }
