@@ -295,7 +295,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
 /// Returns the reason why a run fails whose nodes broke their duties: too often for the limit of the scenario or the default, or
 /// from some time on to the end.
 fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
-    let cycles = evidence.attribution().cycles();
+    let cycles = &evidence.attribution.cycles;
     let silent = silent_at_end(evidence);
     let too_many_commands = |commands: Commands, metric: &str| {
         let max = limited_max(evidence, metric)?;
@@ -361,7 +361,7 @@ fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
 fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
     let (percent, at) = largest_period_error(evidence, false)?;
-    if percent <= max || evidence.attribution().is_by_fault(Duty::Sync, at) {
+    if percent <= max || evidence.attribution.is_by_fault(Duty::Sync, at) {
         return None;
     }
     let node = node_name(evidence, Duty::Sync.node());

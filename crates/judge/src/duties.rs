@@ -37,12 +37,12 @@ pub(crate) fn percent_max(evidence: &Evidence<'_>, metric: &str) -> f64 {
 
 /// Returns the percentage of due cycles that never began or in which the drive was silent.
 pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
-    let attribution = evidence.attribution();
+    let attribution = &evidence.attribution;
     if attribution.due == 0 {
         let reason = "no cycle in the recording";
         return Absence::unseen(reason, evidence.whole()).into();
     }
-    Ok(attribution.cycles().percent(evidence.has_all())).into()
+    Ok(attribution.cycles.percent(evidence.has_all())).into()
 }
 
 /// Returns the percentage of cycles in which a command was due and did not come.
@@ -105,7 +105,7 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
         } else if is_held_up {
             held_up -= 1.0 - interval;
         }
-        let stall = || evidence.attribution().stall(Part::Controller, from, until);
+        let stall = || evidence.attribution.stall(Part::Controller, from, until);
         let is_of_host = !with_host && stall().is_some();
         if is_gap || is_held_up || is_of_host {
             periods.clear();
@@ -130,7 +130,7 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
 pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
     let is_explained = |(from, until): &(f64, f64)| {
         let due = from + evidence.timeline.period_seconds;
-        let attribution = evidence.attribution();
+        let attribution = &evidence.attribution;
         let stall = attribution.stall(Part::Controller, due.min(*until), *until);
         stall.is_some()
     };

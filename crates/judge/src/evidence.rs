@@ -35,7 +35,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) contours: &'a [Contour],
     /// All loops that were played at once, if they are judged together.
     pub(crate) loops: &'a [RecordedLoop<'a>],
-    attribution: Rc<Attribution<'a>>,
+    /// Attribution of the loop's breaches.
+    pub(crate) attribution: Rc<Attribution<'a>>,
     /// Times that are left out, to judge the rest without the pieces that stalls explain.
     left_out: Option<LeftOut>,
     /// Position that is judged: the measured one or the true one.
@@ -284,16 +285,11 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Returns the attribution of the loop's breaches.
-    pub(crate) fn attribution(&self) -> &Attribution<'a> {
-        &self.attribution
-    }
-
     /// Returns the stalls that explain breaches of the loop.
     fn stalls(&self) -> Vec<Stretch> {
-        let mut stalls = self.attribution.cycles().stalls().to_vec();
+        let mut stalls = self.attribution.cycles.stalls.clone();
         for commands in [Commands::Missed, Commands::Late] {
-            stalls.extend_from_slice(commands.totals(self).stalls());
+            stalls.extend_from_slice(&commands.totals(self).stalls);
         }
         stalls
     }

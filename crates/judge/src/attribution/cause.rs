@@ -121,11 +121,11 @@ fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
 
 /// Returns all breaches of a loop that last to the end.
 fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = Lasting> {
-    let attribution = evidence.attribution();
+    let attribution = &evidence.attribution;
     let until = broke_off.unwrap_or_else(|| evidence.trial.judged_end_seconds());
     let commands = Commands::Missed.totals(evidence);
     // The command of the last cycle may have been due after the end.
-    let without_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);
+    let without_cycles = lasting(evidence, &attribution.cycles, attribution.due, broke_off);
     let due =
         (!Commands::Missed.are_sound(evidence.timeline)).then(|| super::commands_due(evidence));
     let last_commands = due.and_then(Iterator::last).unwrap_or_default();

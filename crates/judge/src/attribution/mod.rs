@@ -59,7 +59,8 @@ pub(crate) struct Attribution<'a> {
     stood: [Option<Option<Stretch>>; 2],
     /// First cycle from which frames are missing to the end. Such a silence is not taken for an unnoticed stall.
     silent_from: u64,
-    cycles: Totals,
+    /// Totals of the missed cycles.
+    pub(crate) cycles: Totals,
 }
 
 impl<'a> Attribution<'a> {
@@ -111,11 +112,6 @@ impl<'a> Attribution<'a> {
             let is_punctual = circumstances.is_punctual(duty.node());
             (is_by_canrig(&duty) && (prevails || is_punctual)).then_some(prevailing)
         })
-    }
-
-    /// Returns the totals of the missed cycles.
-    pub(crate) fn cycles(&self) -> &Totals {
-        &self.cycles
     }
 
     /// Attributes each of these breaches, which are in the order of time. Breaches without interruption have the cause of the
@@ -267,7 +263,7 @@ impl Commands {
 
     /// Returns the totals over the cycles in which a command was due: those with all positions that a law may read.
     pub(crate) fn totals(self, evidence: &Evidence<'_>) -> Totals {
-        let attribution = evidence.attribution();
+        let attribution = &evidence.attribution;
         if self.are_sound(evidence.timeline) {
             return Totals {
                 due: attribution.due,
@@ -284,7 +280,7 @@ impl Commands {
 }
 
 fn commands_due(evidence: &Evidence<'_>) -> impl Iterator<Item = u64> {
-    let all = evidence.attribution().due;
+    let all = evidence.attribution.due;
     let loops = evidence.loops.iter();
     let mut others = Vec::from_iter(loops.map(|(_, timeline)| served(timeline).peekable()));
     let cycles = served(evidence.timeline).take_while(move |cycle| *cycle < all);
@@ -299,7 +295,7 @@ pub(crate) struct Totals {
     all: usize,
     by_host: usize,
     /// Stalls that explain breaches. A stall that explains several in a row is listed once.
-    stalls: Vec<Stretch>,
+    pub(crate) stalls: Vec<Stretch>,
     /// Breaches of the nodes by the duty that was not done first: duty, number, and time of the first.
     by_nodes: Vec<(Duty, usize, f64)>,
     /// Last breaches without interruption.
@@ -381,11 +377,6 @@ impl Totals {
         } else {
             self.all - self.by_host
         })
-    }
-
-    /// Returns the stalls that explain breaches.
-    pub(crate) fn stalls(&self) -> &[Stretch] {
-        &self.stalls
     }
 
     pub(crate) fn percent_by_host(&self) -> f64 {

@@ -232,7 +232,7 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
         plan.only_loop().unwrap(),
         &Circumstances::default(),
     );
-    let too_many = |percent_max, lost| attribution.cycles().too_many(percent_max, lost);
+    let too_many = |percent_max, lost| attribution.cycles.too_many(percent_max, lost);
     let expected = vec![(Duty::Sync, 1.0, 0.5), (Duty::Position, 2.0, 0.07)];
     assert_eq!(too_many(1.0, 0), expected);
     assert_eq!(too_many(3.0, 0), []);
@@ -261,7 +261,7 @@ fn where_stalls_prevail_frames_that_canrigs_nodes_left_out_prove_nothing() {
         };
         let attribution =
             Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
-        attribution.cycles().too_many(1.0, 0).is_empty()
+        attribution.cycles.too_many(1.0, 0).is_empty()
     };
     assert!(by_nodes(5, &[]));
     assert!(!by_nodes(7, &[]), "more than one of five");
@@ -325,7 +325,7 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
         };
         let attribution =
             Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
-        attribution.cycles().percent(true)
+        attribution.cycles.percent(true)
     };
     assert_eq!(percent(&frames(&silent), None), 60.0);
     let cut = frames(&silent[..40]);
@@ -413,7 +413,7 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
         };
         let attribution =
             Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
-        let stay = attribution.cycles().lasting(100).unwrap();
+        let stay = attribution.cycles.lasting(100).unwrap();
         (stay.first.cycle, word(stay.cause))
     };
     assert_eq!(lasting(&cycles, Who::PlantEmulator), (50, "node"));
@@ -442,7 +442,7 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
         };
         let attribution =
             Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
-        attribution.cycles().too_many(1.0, 0).len()
+        attribution.cycles.too_many(1.0, 0).len()
     };
     assert_eq!(too_many(0, 0, &[]), 0);
     assert_eq!(too_many(1, 0, &[]), 1);
