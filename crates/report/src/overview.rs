@@ -53,6 +53,11 @@ impl ListedRun<'_> {
         metrics.find(|metric| metric.name == name)
     }
 
+    fn limits(&self, name: &str) -> bool {
+        let metric = self.metric(name);
+        metric.is_some_and(|metric| metric.limit.is_some())
+    }
+
     /// Returns the course of each loop.
     fn courses(&self, number: usize) -> impl Iterator<Item = Course<'_>> {
         self.timelines.iter().map(move |timeline| Course {
@@ -128,12 +133,8 @@ pub fn urgency(outcome: Outcome) -> u8 {
 
 /// Returns the metrics that any run limits, then those of which any has a value, each in the order of verdicts.
 fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
-    let metrics = || runs.iter().flat_map(|run| &run.verdict.metrics);
-    let limited: BTreeSet<&str> = metrics()
-        .filter(|metric| metric.limit.is_some())
-        .map(|metric| metric.name.as_str())
-        .collect();
-    let known = metrics().filter(|metric| metric.value.is_some() || metric.limit.is_some());
+    let metrics = runs.iter().flat_map(|run| &run.verdict.metrics);
+    let known = metrics.filter(|metric| metric.value.is_some() || metric.limit.is_some());
     let each: BTreeSet<&str> = known
         .map(|metric| metric.name.as_str())
         .filter(|name| is_key(name))
@@ -148,16 +149,13 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
             .position(|metric| shipped.name(metric.name) == row)
     };
     names.sort_by_key(|name| place(name).unwrap_or(usize::MAX));
-    names.into_iter().partition(|name| limited.contains(name))
+    let is_limited = |name: &&str| runs.iter().any(|run| run.limits(name));
+    names.into_iter().partition(is_limited)
 }
 
 /// Returns the metrics that most runs limit, for the first table, and the others; each in the same order as before.
 fn most_limited<'a>(names: &[&'a str], runs: &[&ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
-    let is_limited = |run: &&&ListedRun<'_>, name: &str| {
-        run.metric(name)
-            .is_some_and(|metric| metric.limit.is_some())
-    };
-    let count = |name: &&str| runs.iter().filter(|run| is_limited(run, name)).count();
+    let count = |name: &&str| runs.iter().filter(|run| run.limits(name)).count();
     let mut by_count = names.to_vec();
     by_count.sort_by_cached_key(|name| Reverse(count(name)));
     by_count.truncate(FIRST_COLUMNS_MAX);
