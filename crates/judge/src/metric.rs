@@ -30,11 +30,11 @@ pub struct Metric {
 impl Metric {
     /// Checks a value against its limit. Without a value a limit is not met.
     pub fn new(name: impl Into<String>, value: Result<f64, String>, limit: Option<Limit>) -> Self {
-        let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
         let (value, remark) = match value {
             Ok(value) => (Some(rounded(value)), None),
             Err(remark) => (None, Some(remark)),
         };
+        let passed = limit.map(|limit| value.is_some_and(|value| limit.admits(value)));
         Self {
             name: name.into(),
             value,
@@ -67,11 +67,6 @@ impl Metric {
 /// Makes a limit neither met nor missed.
 pub(crate) fn leave_open(row: &mut Metric) {
     row.passed = None;
-}
-
-pub(crate) fn meets(value: f64, limit: Limit) -> bool {
-    let value = rounded(value);
-    limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
 }
 
 /// Rounds to six decimals: more than any metric is known to, and the same text on every machine.

@@ -10,7 +10,7 @@ use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
 use crate::evidence::{Absence, Evidence, Measurement, samples_in};
 use crate::metric::{Metric, rounded};
-use crate::signals::nearest;
+use crate::signals::{at_most, nearest};
 
 /// Returns a row for each event of each sequence.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
@@ -59,10 +59,7 @@ fn event_limit(event: &Expected, window: Window) -> Limit {
     let longest = event
         .within_milliseconds
         .unwrap_or_else(|| rounded(1e3 * (window.until_seconds - window.from_seconds)));
-    Limit {
-        min: None,
-        max: Some(longest),
-    }
+    at_most(longest)
 }
 
 /// Returns the rows of all events with their limits.

@@ -50,7 +50,8 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
     })
 }
 
-fn at_most(max: f64) -> Limit {
+/// Returns an upper limit.
+pub(crate) fn at_most(max: f64) -> Limit {
     Limit {
         min: None,
         max: Some(max),
