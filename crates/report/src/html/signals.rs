@@ -91,7 +91,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
         plot.patches.extend(disturbances(&run.control_loop.trial));
         plot.patches.extend(faults(run.control_loop));
     }
-    let text = patches_text(run.control_loop);
+    let text = patches_text(&in_time[0]);
     html! {
         (super::heading(run, &timeline.measurand.title()))
         div.plots { (in_time[0].render()) }
@@ -105,22 +105,18 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     }
 }
 
-/// Describes the coloured patches behind the curves; empty if there are none.
-fn patches_text(control_loop: &ControlLoop) -> String {
-    let trial = &control_loop.trial;
-    let faults = "Violet: a fault acts, here or elsewhere on the bus.";
+/// Describes the coloured patches behind the curves of a plot; empty if there are none.
+fn patches_text(plot: &Plot<'_>) -> String {
     let sentences = [
+        ("band", "Green: settling band of a step."),
+        ("span", "Yellow: a disturbance acts."),
         (
-            trial.judged_steps().is_empty(),
-            "Green: settling band of a step.",
+            "fault",
+            "Violet: a fault acts, here or elsewhere on the bus.",
         ),
-        (
-            trial.disturbances().is_empty(),
-            "Yellow: a disturbance acts.",
-        ),
-        (self::faults(control_loop).is_empty(), faults),
     ];
-    let said = sentences.iter().filter(|(is_absent, _)| !is_absent);
+    let is_drawn = |class: &str| plot.patches.iter().any(|patch| patch.class == class);
+    let said = sentences.iter().filter(|(class, _)| is_drawn(class));
     Vec::from_iter(said.map(|(_, sentence)| *sentence)).join(" ")
 }
 
