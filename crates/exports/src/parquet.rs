@@ -135,16 +135,15 @@ pub fn write_signals(
 
 fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, ParquetError> {
     let fields = columns.iter().map(|(name, kind)| {
-        let (physical, logical) = match kind {
-            ColumnKind::Count | ColumnKind::Whole => (Physical::INT64, None),
-            ColumnKind::Number => (Physical::DOUBLE, None),
-            ColumnKind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+        let text = Some(LogicalType::String);
+        let (physical, logical, repetition) = match kind {
+            ColumnKind::Count => (Physical::INT64, None, Repetition::REQUIRED),
+            ColumnKind::Whole => (Physical::INT64, None, Repetition::OPTIONAL),
+            ColumnKind::Number => (Physical::DOUBLE, None, Repetition::OPTIONAL),
+            ColumnKind::Text => (Physical::BYTE_ARRAY, text, Repetition::OPTIONAL),
         };
         Type::primitive_type_builder(name, physical)
-            .with_repetition(match kind {
-                ColumnKind::Count => Repetition::REQUIRED,
-                ColumnKind::Whole | ColumnKind::Number | ColumnKind::Text => Repetition::OPTIONAL,
-            })
+            .with_repetition(repetition)
             .with_logical_type(logical)
             .build()
             .map(Arc::new)
