@@ -58,16 +58,12 @@ pub struct IdentificationData {
     pub control_loop: ControlLoop,
     /// Tables that the scenario names, by these names.
     pub tables: BTreeMap<String, String>,
-    /// Sensor of the recording.
-    pub sensor: Sensor,
     /// Inputs from scenario time 0 on.
     pub stretches: Vec<Stretch>,
     /// Scenario time of each position.
     pub times_seconds: Vec<f64>,
     /// Measured positions.
     pub positions_metres: Vec<f64>,
-    /// Current at each position, for plots.
-    pub currents_amperes: Vec<f64>,
 }
 
 impl IdentificationData {
@@ -144,14 +140,12 @@ impl IdentificationData {
         check_values(timeline, &only.trial)?;
         let mut measurement = Self {
             path: path.to_owned(),
-            sensor: only.trial.sensor.clone(),
             text: plan.shared.text.clone(),
             control_loop: only.clone(),
             tables: plan.shared.tables.clone(),
             stretches: Vec::new(),
             times_seconds: Vec::new(),
             positions_metres: Vec::new(),
-            currents_amperes: Vec::new(),
         };
         let disturbances = disturbances(timeline);
         let grid = timeline.cycles_in(GRID_SECONDS);
@@ -177,7 +171,6 @@ impl IdentificationData {
             if is_sampled {
                 measurement.times_seconds.push(time);
                 measurement.positions_metres.push(position * 1e-3);
-                measurement.currents_amperes.push(inputs.current_amperes);
             }
             measurement.extend(cycles * timeline.period_seconds, inputs, sample);
         }
@@ -199,9 +192,14 @@ impl IdentificationData {
         }
     }
 
+    /// Returns the sensor of the recording.
+    pub fn sensor(&self) -> &Sensor {
+        &self.control_loop.trial.sensor
+    }
+
     /// Returns one step of the sensor's converter.
     pub fn sensor_step_metres(&self) -> f64 {
-        sensor_step_millimetres(&self.sensor) * 1e-3
+        sensor_step_millimetres(self.sensor()) * 1e-3
     }
 }
 

@@ -182,7 +182,7 @@ impl<'a> Fit<'a> {
         let expected = self
             .parts(true_metres)
             .flat_map(|(measurement, positions)| {
-                let model = SensorModel::new(&measurement.sensor);
+                let model = SensorModel::new(measurement.sensor());
                 let positions = positions.iter();
                 positions.map(move |position| model.expected_metres(*position))
             });

@@ -346,7 +346,7 @@ impl Replicas {
 fn is_noisy(fit: &Fit<'_>) -> bool {
     fit.measurements
         .iter()
-        .any(|measurement| measurement.sensor.noise_rms > 0.0)
+        .any(|measurement| measurement.sensor().noise_rms > 0.0)
 }
 
 /// Returns the RMS of the residual that the sensor alone would leave for this motion.
@@ -359,7 +359,7 @@ pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
 fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
     let parts = fit.parts(true_metres);
     let errors = parts.flat_map(|(measurement, part)| {
-        let (sensor, step) = (&measurement.sensor, measurement.sensor_step_metres());
+        let (sensor, step) = (measurement.sensor(), measurement.sensor_step_metres());
         trace_errors(sensor, part, step, replica)
     });
     errors.collect()
