@@ -24,22 +24,21 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
     });
     let rest = metrics(&evidence.rest(false));
     let without_long = metrics(&evidence.rest(true));
-    let named = |others: &[Metric], row: &Metric| {
-        others.iter().find(|other| other.name == row.name).cloned()
+    let missed = |others: &[Metric], name: &str| {
+        let is_missed = |other: &&Metric| other.name == name && other.passed == Some(false);
+        others.iter().find(is_missed).cloned()
     };
     let mut opened = Vec::new();
     for row in rows.iter_mut() {
-        let rest = named(&rest, row);
-        let is_missed_besides = rest.as_ref().is_some_and(|rest| rest.passed == Some(false));
+        let besides = missed(&rest, &row.name);
         let is_open = match row.passed {
             // A stall kept the window from being seen to the end, but the limit is missed without the stall, too.
             None => {
-                let rest = rest.filter(|_| is_missed_besides);
-                rest.into_iter().for_each(|rest| *row = rest);
+                besides.into_iter().for_each(|missed| *row = missed);
                 false
             }
             Some(true) => busy.is_some() && !is_traffic_metric(&row.name),
-            Some(false) => !is_missed_besides && is_explained(row, named(&without_long, row)),
+            Some(false) => besides.is_none() && is_explained(row, missed(&without_long, &row.name)),
         };
         if is_open {
             leave_open(row);
@@ -56,11 +55,10 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
 }
 
 /// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always
-/// explained; a motion is if the limit is met without the pieces of long stalls, or is missed by little.
-fn is_explained(row: &Metric, without_long: Option<Metric>) -> bool {
-    let missed = without_long.filter(|row| row.passed == Some(false));
+/// explained; a motion is unless the limit is missed without the pieces of long stalls, too, and by much.
+fn is_explained(row: &Metric, missed_without_long: Option<Metric>) -> bool {
     is_traffic_metric(&row.name)
-        || missed.is_none_or(|row| {
+        || missed_without_long.is_none_or(|row| {
             let judged = row.value.zip(row.limit);
             judged.is_some_and(|(value, limit)| is_nearly_met(value, limit))
         })
