@@ -591,11 +591,13 @@ pub(crate) fn silences(
 }
 
 /// Returns the largest value over all steps or disturbances, of which there is at least one. An error counts as worse than any
-/// value, except for one that is left out.
+/// value. One that is left out may be larger than the others.
 pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> MetricValue {
     let worst = values.reduce(|worst, value| match (worst, value) {
         (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
-        (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => other,
+        (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => {
+            least(&other).map_or(other, |least| Err(Absence::at_least(least)))
+        }
         (one, other) => match (least(&one), least(&other)) {
             (Some(one), Some(other)) => Err(Absence::at_least(one.max(other))),
             (None, _) => one,

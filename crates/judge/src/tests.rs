@@ -810,6 +810,21 @@ fn a_largest_value_may_have_been_larger_in_a_stall() {
     assert_eq!(verdict.outcome, Outcome::Fail);
 }
 
+/// The stall hides the first of two steps from its start. Neither has an overshoot that shows.
+#[test]
+fn the_worst_step_may_be_one_that_a_stall_hid() {
+    let two_steps = "[expect]\novershoot_percent = { min = 2.0 }\n\
+        [[reference.step]]\nat_seconds = 0.2\nposition_millimetres = 20.0\n";
+    let follows = |time: f64| match time {
+        ..0.3 => 10.0,
+        ..1.1 => 20.0,
+        _ => 35.0,
+    };
+    let judged = |missed| beside_a_stall(two_steps, missed, (190, 202), follows).outcome;
+    assert_eq!(judged(190..202), Outcome::Inconclusive);
+    assert_eq!(judged(0..0), Outcome::Fail);
+}
+
 /// The run misses 5 %, half of them in a stall. Without the stall it meets a limit of 3 %, and misses one of 2 %.
 #[test]
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
