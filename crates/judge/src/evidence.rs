@@ -343,8 +343,9 @@ impl<'a> Evidence<'a> {
 
     /// Returns the largest value of the run. If a part of the run is left out, it is at least that of the rest.
     pub(crate) fn of_largest(&self, largest: MetricValue) -> MetricValue {
+        let is_cut = self.leaves_out(0.0, self.trial.run.duration_seconds);
         match largest {
-            Ok(largest) if !self.has_all() => Err(Absence::at_least(largest)),
+            Ok(largest) if is_cut => Err(Absence::at_least(largest)),
             largest => largest,
         }
     }

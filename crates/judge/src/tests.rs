@@ -794,6 +794,9 @@ fn a_largest_value_may_have_been_larger_in_a_stall() {
     let risen = |time: f64| step_response(1.1)(time);
     assert_eq!(judged(34.9, 1050..1250, risen), Outcome::Inconclusive);
     assert_eq!(judged(34.9, 0..0, |_| 10.0), Outcome::Fail);
+    // A short stall moves the loop too little.
+    let short = beside_a_stall(&limit(34.9), 1800..1803, (1800, 1804), |_| 10.0);
+    assert_eq!(short.outcome, Outcome::Fail);
     // Nor does an overshoot until the stall.
     let overshoot = "[expect]\novershoot_percent = { min = 1.0 }\n";
     let judged =

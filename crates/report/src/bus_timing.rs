@@ -70,7 +70,7 @@ impl BusTiming {
         let mut timing = Self::default();
         let mut load = LoadCounter::new(duration, run.bus.bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
-        for stamped in frames {
+        for stamped in frames.iter() {
             let now = stamped.time;
             clock.on_frame(now, &stamped.frame);
             let Some(zero) = clock.zero() else { continue };

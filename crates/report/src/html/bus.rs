@@ -11,7 +11,7 @@ use judge::timing::Timing;
 /// Returns the section. All loops share the bus; answers and commands are listed by loop.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     let loops = run.plan.loops.iter();
-    let read = loops.map(|one| BusTiming::new(run.frames.iter(), one));
+    let read = loops.map(|one| BusTiming::new(run.frames, one));
     let timings = read.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");
