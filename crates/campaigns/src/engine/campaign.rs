@@ -11,7 +11,6 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use judge::verdict::Identity;
-use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::play_record::PlayRecord;
 use scenario::Override;
@@ -20,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::{EngineKind, Job, Limits};
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
-use crate::sweep::part::{folder_id, open_folder};
+use crate::sweep::part::{folder_path, open_folder};
 use crate::sweep::store::{Header, Rows};
 
 /// Folder of the engine's files, in the folder of the campaign.
@@ -64,7 +63,6 @@ pub(super) struct Submitted {
 /// Campaign on the shared disk.
 pub(super) struct SharedCampaign<'a> {
     pub(super) cases: &'a dyn Cases,
-    pub(super) plan: &'a Plan,
     pub(super) identity: Identity,
     /// Folder in which the campaign's folder is, by the path that every machine of the engine has for it.
     pub(super) output: PathBuf,
@@ -75,8 +73,7 @@ pub(super) struct SharedCampaign<'a> {
 impl SharedCampaign<'_> {
     /// Returns the path of the campaign's folder, which need not exist yet.
     pub(super) fn path(&self) -> PathBuf {
-        let id = folder_id(self.cases, Shard::WHOLE);
-        RunFolder::lasting_path(&self.output, &self.plan.shared.run.name, &id)
+        folder_path(&self.output, self.cases, Shard::WHOLE)
     }
 
     /// Makes the folder with all files that the tasks need. The program is copied only before the first submission.
@@ -122,7 +119,7 @@ impl SharedCampaign<'_> {
     }
 
     fn folder(&self) -> Result<RunFolder, WriteError> {
-        open_folder(&self.output, self.plan, self.cases, Shard::WHOLE)
+        open_folder(&self.output, self.cases, Shard::WHOLE)
     }
 
     /// Returns the job that plays some parts.
@@ -159,8 +156,7 @@ impl SharedCampaign<'_> {
     }
 
     pub(super) fn part(&self, shard: Shard) -> PathBuf {
-        let id = folder_id(self.cases, shard);
-        RunFolder::lasting_path(&self.path().join(PARTS), &self.plan.shared.run.name, &id)
+        folder_path(&self.path().join(PARTS), self.cases, shard)
     }
 
     /// Returns the rows of each part, still unread.

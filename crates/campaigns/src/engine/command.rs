@@ -103,7 +103,6 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
     };
     let campaign = SharedCampaign {
         cases: &*cases,
-        plan,
         identity: identity(plan)?,
         output: std::path::absolute(&args.output).map_err(WriteError::at(&args.output))?,
         arguments,
@@ -126,7 +125,7 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
     });
     let parts: Vec<PathBuf> = parts.collect();
     let shown = Shown::unless(args.quiet);
-    merge_parts(&parts, &*cases, plan, &campaign.output, shown)
+    merge_parts(&parts, &*cases, &campaign.output, shown)
 }
 
 /// Returns the record of the campaign, changed as the command line says.

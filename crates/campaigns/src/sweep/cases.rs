@@ -16,8 +16,13 @@ pub(crate) trait Cases: Sync {
     /// Kind of the campaign, "sweep" or "torture", from which its folders have their names.
     fn kind(&self) -> &'static str;
 
+    /// Plan of the scenario.
+    fn plan(&self) -> &Plan;
+
     /// Name of the scenario.
-    fn name(&self) -> &str;
+    fn name(&self) -> &str {
+        &self.plan().shared.run.name
+    }
 
     /// Hash of everything that decides the cases, and of the version of the program.
     fn id(&self) -> &str;
@@ -55,8 +60,8 @@ pub(crate) trait Cases: Sync {
     fn faulty(&self, number: usize, reason: String) -> SweepRow;
 
     /// Limits by which the runs are judged.
-    fn limits(&self, plan: &Plan) -> Vec<(String, Limit)> {
-        judge::limits(plan)
+    fn limits(&self) -> Vec<(String, Limit)> {
+        judge::limits(self.plan())
     }
 
     /// Criterion of the runs in place of the limits of the scenario, in sentences.

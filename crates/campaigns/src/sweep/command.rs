@@ -70,6 +70,6 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, Failure> {
         lines: lines.as_ref(),
         overrides: &args.values.all(),
     };
-    let (exit, ..) = part.play(&cases, plan)?;
+    let (exit, ..) = part.play(&cases)?;
     Ok(exit)
 }

@@ -10,8 +10,8 @@ use runner::machine::{Stopwatch, memory_bytes_max};
 use runner::observer::observed;
 
 use super::cases::Cases;
-use crate::campaign::{NoResult, caught};
-use crate::error::{interrupted, machine};
+use crate::campaign::caught;
+use crate::error::{interrupted, row_of};
 
 /// Largest number of runs in the probe, spread over all cases.
 const PROBES_MAX: usize = 24;
@@ -55,13 +55,8 @@ impl Estimate {
             for number in 0..probes {
                 // The case is in the middle of one of as many stretches of equal length.
                 let case = (2 * number + 1) * runs / (2 * probes) + 1;
-                let row = match caught(|| cases.play(case.min(runs), &watch)) {
-                    Ok(row) => row,
-                    Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
-                    Err(NoResult::Machine(reason)) => {
-                        return Err(machine(case, &reason));
-                    }
-                };
+                let played = caught(|| cases.play(case.min(runs), &watch));
+                let row = row_of(cases, case, played)?;
                 if watch.is_interrupted() {
                     return Err(interrupted(0, runs));
                 }

@@ -8,7 +8,6 @@ use super::page;
 use super::store::Rows;
 use super::summary::{FAILING, Failing, Summary};
 use super::tables::{self, Tables};
-use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use recording::session::write_tables;
 use runner::console::{print, print_text};
@@ -33,12 +32,11 @@ impl Shown {
 /// Makes tables, page and scenarios of the rows of all cases, and prints their paths. Earlier ones are made again.
 pub(crate) fn finish(
     folder: &RunFolder,
-    plan: &Plan,
     cases: &dyn Cases,
     rows: &Rows,
     shown: Shown,
 ) -> Result<Exit, Failure> {
-    let summary = Summary::read(cases, plan, rows)?;
+    let summary = Summary::read(cases, rows)?;
     let metrics = summary.metrics();
     let tables = Tables {
         cases,
@@ -49,7 +47,7 @@ pub(crate) fn finish(
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
     remove_others(folder, &summary.failing)?;
     if !summary.failing.is_empty() {
-        write_tables(folder, plan, FAILING)?;
+        write_tables(folder, cases.plan(), FAILING)?;
     }
     for failing in &summary.failing {
         let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));

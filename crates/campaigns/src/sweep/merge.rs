@@ -12,7 +12,6 @@ use super::store::{Header, Rows, Writer};
 use super::sweep_cases::SweepCases;
 use crate::error::run;
 use crate::torture::cases::TortureCases;
-use plan::Plan;
 use recording::run_folder::{RunFolder, file, file_in};
 use runner::console::print_error;
 use runner::exit::{Exit, Failure};
@@ -62,7 +61,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
             None => Box::new(SweepCases::new(plan)?),
         };
         let shown = Shown::unless(args.quiet);
-        merge_parts(&args.shards, &*cases, plan, &args.output, shown)
+        merge_parts(&args.shards, &*cases, &args.output, shown)
     })
 }
 
@@ -70,12 +69,11 @@ pub fn merge(args: &MergeArgs) -> Exit {
 pub(crate) fn merge_parts(
     parts: &[PathBuf],
     cases: &dyn Cases,
-    plan: &Plan,
     output: &Path,
     shown: Shown,
 ) -> Result<Exit, Failure> {
-    let folder = open_folder(output, plan, cases, Shard::WHOLE)?;
-    let header = Header::new(cases, &identity(plan)?);
+    let folder = open_folder(output, cases, Shard::WHOLE)?;
+    let header = Header::new(cases, &identity(cases.plan())?);
     let mut rows = Rows::read(folder.path(), &header, Shard::WHOLE)?;
     rows.require_unwritten()?;
     if !rows.is_whole() {
@@ -97,7 +95,7 @@ pub(crate) fn merge_parts(
         PlayRecord { set, ..now }.write(&folder)?;
     }
     rows.require_all()?;
-    let exit = finish(&folder, plan, cases, &rows, shown)?;
+    let exit = finish(&folder, cases, &rows, shown)?;
     cases.show_more(&rows, output)?;
     Ok(exit)
 }
@@ -130,6 +128,7 @@ mod tests {
     use super::*;
     use crate::sweep::row::{Ended, SweepRow};
     use crate::torture::cases::Draws;
+    use plan::Plan;
     use runner::console::print;
     use runner::machine::{Stopwatch, memory_bytes_max};
     use scenario::Beside;
@@ -151,12 +150,12 @@ mod tests {
                 SweepRow::without_verdict(case, "id", Ended::Invalid, reason)
             };
             let shard = Shard { number, of: 2 };
-            made_up(&folder.path().join(name), &plan, &cases, shard, &row)
+            made_up(&folder.path().join(name), &cases, shard, &row)
         };
         let odd = part("a", 1, "a");
         let parts = [odd.clone(), part("b", 2, "b"), odd, part("c", 1, "c")];
         let output = folder.path().join("merged");
-        let merge = |parts: &[PathBuf]| merge_parts(parts, &cases, &plan, &output, Shown::Nothing);
+        let merge = |parts: &[PathBuf]| merge_parts(parts, &cases, &output, Shown::Nothing);
         let error = merge(&parts[1..2]).unwrap_err();
         assert_eq!(error.exit, Exit::CannotStart);
         assert!(
@@ -176,13 +175,12 @@ mod tests {
     /// Writes a part with made-up rows.
     fn made_up(
         folder: &Path,
-        plan: &Plan,
         cases: &dyn Cases,
         shard: Shard,
         row: &dyn Fn(usize) -> SweepRow,
     ) -> PathBuf {
-        let part = open_folder(folder, plan, cases, shard).unwrap();
-        let header = Header::new(cases, &identity(plan).unwrap());
+        let part = open_folder(folder, cases, shard).unwrap();
+        let header = Header::new(cases, &identity(cases.plan()).unwrap());
         let mut writer = Writer::begin(part.path(), &header).unwrap();
         for case in shard.cases(cases.runs()) {
             writer.append(&row(case)).unwrap();
@@ -239,14 +237,14 @@ mod tests {
     const RUNS: usize = 1_000_000;
 
     /// Merges a campaign of a million runs with made-up rows, prints its time and memory, and returns its page.
-    fn merged(plan: &Plan, cases: &dyn Cases, row: &dyn Fn(usize) -> SweepRow) -> String {
+    fn merged(cases: &dyn Cases, row: &dyn Fn(usize) -> SweepRow) -> String {
         const PARTS: usize = 40;
         assert_eq!(cases.runs(), RUNS);
         let folder = tempfile::tempdir().unwrap();
         let watch = Stopwatch::start();
         let part = |number| {
             let shard = Shard { number, of: PARTS };
-            made_up(folder.path(), plan, cases, shard, row)
+            made_up(folder.path(), cases, shard, row)
         };
         let parts: Vec<PathBuf> = (1..=PARTS).map(part).collect();
         let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
@@ -257,7 +255,7 @@ mod tests {
         ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
-        let _ = merge_parts(&parts, cases, plan, &output, Shown::All).unwrap();
+        let _ = merge_parts(&parts, cases, &output, Shown::All).unwrap();
         let entries = std::fs::read_dir(&output)
             .unwrap()
             .map(|entry| entry.unwrap().path());
@@ -287,7 +285,7 @@ mod tests {
             seed: 1,
         };
         let cases = TortureCases::new(&plan, draws);
-        let page = merged(&plan, &cases, &|case| row_of_torture(&cases, case));
+        let page = merged(&cases, &|case| row_of_torture(&cases, case));
         assert!(page.contains("Sensitivity") && page.contains("sensor.stuck"));
     }
 
@@ -302,7 +300,7 @@ mod tests {
         let plan =
             Plan::parse_beside(&Beside::new(Path::new("s.toml")), text, catalogue()).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
-        let page = merged(&plan, &cases, &|case| row_of_a_sweep(&cases, case));
+        let page = merged(&cases, &|case| row_of_a_sweep(&cases, case));
         assert!(page.contains("Sensitivity") && page.contains("+0.9"));
     }
 }

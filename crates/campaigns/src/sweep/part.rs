@@ -3,7 +3,7 @@
 
 use std::env;
 use std::fmt::Display;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
@@ -16,8 +16,7 @@ use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
 use crate::campaign::{Campaign, NoResult, Stopped};
-use crate::error::{interrupted, machine};
-use plan::Plan;
+use crate::error::{interrupted, row_of};
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
 use runner::console::{Bar, print};
@@ -188,14 +187,10 @@ pub(crate) struct PartPlay<'a> {
 impl PartPlay<'_> {
     /// Plays the cases that have no row, and makes tables and page. Returns the exit code, the rows, and the writer, whose lock
     /// keeps others out.
-    pub(crate) fn play(
-        &self,
-        cases: &dyn Cases,
-        plan: &Plan,
-    ) -> Result<(Exit, Rows, Option<Writer>), Failure> {
-        let files = Uncopied::new(plan)?;
-        let folder = open_folder(self.output, plan, cases, self.shard)?;
-        let header = Header::new(cases, &identity(plan)?);
+    pub(crate) fn play(&self, cases: &dyn Cases) -> Result<(Exit, Rows, Option<Writer>), Failure> {
+        let files = Uncopied::new(cases.plan())?;
+        let folder = open_folder(self.output, cases, self.shard)?;
+        let header = Header::new(cases, &identity(cases.plan())?);
         let mut rows = Rows::read(folder.path(), &header, self.shard)?;
         // A part may be played by several processes at the same time, the whole by one.
         if self.is_whole() {
@@ -219,7 +214,7 @@ impl PartPlay<'_> {
         let exit = if self.is_for_engine {
             Exit::Pass
         } else {
-            finish(&folder, plan, cases, &rows, self.shown)?
+            finish(&folder, cases, &rows, self.shown)?
         };
         self.report("ended", cases, rows.len(), &folder);
         Ok((exit, rows, writer))
@@ -266,17 +261,9 @@ impl PartPlay<'_> {
         let (of, mut done) = (all.len(), rows.len());
         let left = all.filter(|case| !rows.has(*case));
         let bar = Bar::runs(Some(of), done, campaign.is_shown);
-        let keep = |case: usize, row: Result<SweepRow, NoResult>| {
+        let keep = |case: usize, played: Result<SweepRow, NoResult>| {
             files.check()?;
-            let row = match row {
-                Ok(row) => row,
-                // The panic hook of the program prints the panic; the row says in which case it happened.
-                Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
-                Err(NoResult::Machine(reason)) => {
-                    return Err(machine(case, &reason));
-                }
-            };
-            writer.append(&row)?;
+            writer.append(&row_of(cases, case, played)?)?;
             done += 1;
             if done.is_multiple_of(UNSYNCED_MAX) {
                 writer.sync()?;
@@ -298,21 +285,24 @@ impl PartPlay<'_> {
 /// Opens the folder of a campaign, or of a part of it: the same one each time.
 pub(crate) fn open_folder(
     parent: &Path,
-    plan: &Plan,
     cases: &dyn Cases,
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
-    let id = folder_id(cases, shard);
-    let folder = RunFolder::lasting(parent, &plan.shared.run.name, &id)?;
+    let folder = RunFolder::lasting(parent, cases.name(), &folder_id(cases, shard))?;
     for (name, text) in cases.files() {
         folder.ensure(name, text.as_bytes())?;
     }
-    write_scenario(&folder, plan)?;
+    write_scenario(&folder, cases.plan())?;
     Ok(folder)
 }
 
+/// Returns the path of that folder, which need not exist yet.
+pub(crate) fn folder_path(parent: &Path, cases: &dyn Cases, shard: Shard) -> PathBuf {
+    RunFolder::lasting_path(parent, cases.name(), &folder_id(cases, shard))
+}
+
 /// Returns the end of that folder's name.
-pub(crate) fn folder_id(cases: &dyn Cases, shard: Shard) -> String {
+fn folder_id(cases: &dyn Cases, shard: Shard) -> String {
     let part = match shard {
         Shard::WHOLE => String::new(),
         Shard { number, of } => format!("-{number}-of-{of}"),

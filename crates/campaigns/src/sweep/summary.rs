@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use plan::Plan;
 use recording::run_folder::file;
 use report::terminal;
 use runner::exit::Failure;
@@ -94,8 +93,8 @@ fn missed(row: &SweepRow, limits: &BTreeMap<String, Limit>) -> String {
 
 impl<'a> Summary<'a> {
     /// Summarizes the rows of all cases.
-    pub(super) fn read(cases: &'a dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, Failure> {
-        let limits = cases.limits(plan);
+    pub(super) fn read(cases: &'a dyn Cases, rows: &Rows) -> Result<Self, Failure> {
+        let limits = cases.limits();
         let limited = limits.iter().map(|(name, _)| name.clone());
         let limited = Vec::from_iter(limited);
         let limits = BTreeMap::from_iter(limits);

@@ -143,8 +143,8 @@ impl Cases for SweepCases {
         "sweep"
     }
 
-    fn name(&self) -> &str {
-        &self.base.shared.run.name
+    fn plan(&self) -> &Plan {
+        &self.base
     }
 
     fn id(&self) -> &str {

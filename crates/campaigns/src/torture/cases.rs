@@ -82,12 +82,10 @@ impl TortureCases {
     }
 
     /// Returns the scenario with the mix of a case, numbered from 1.
-    pub(super) fn case(&self, number: usize) -> Result<TortureCase, String> {
+    pub(super) fn case(&self, number: usize) -> TortureCase<'_> {
         let mut stream = self.stream(number);
-        let faults = draw::mix(&mut stream, &Nodes(&self.plan), self.duration_seconds());
-        let (text, tables) = (&self.plan.shared.text, &self.plan.shared.tables);
-        let case = TortureCase::new(text, tables, faults, stream.bits())?;
-        Ok(case.beside(&self.plan.shared.beside))
+        let faults = draw::mix(&mut stream, &Nodes(&self.plan));
+        TortureCase::new(&self.plan, faults, stream.bits())
     }
 
     /// Returns the stream of a case, which follows from the seed and the number alone.
@@ -95,13 +93,8 @@ impl TortureCases {
         Stream::named(self.draws.seed, &format!("torture.{}", number - 1))
     }
 
-    fn duration_seconds(&self) -> f64 {
-        self.plan.shared.run.duration_seconds
-    }
-
     fn row(&self, number: usize, seed: Option<u64>, broken: Option<BrokenInvariant>) -> SweepRow {
-        let text = self.case(number).map(|case| case.text());
-        let id = id(&text.unwrap_or_default(), &self.plan.shared.tables);
+        let id = id(&self.text(number), &self.plan.shared.tables);
         let ended = match &broken {
             Some(_) => Ended::Fail,
             None => Ended::Pass,
@@ -132,8 +125,8 @@ impl Cases for TortureCases {
         )
     }
 
-    fn name(&self) -> &str {
-        &self.plan.shared.run.name
+    fn plan(&self) -> &Plan {
+        &self.plan
     }
 
     fn id(&self) -> &str {
@@ -160,11 +153,7 @@ impl Cases for TortureCases {
     }
 
     fn values(&self, number: usize) -> Vec<f64> {
-        let mix = draw::mix(
-            &mut self.stream(number),
-            &Nodes(&self.plan),
-            self.duration_seconds(),
-        );
+        let mix = draw::mix(&mut self.stream(number), &Nodes(&self.plan));
         let count = |key: &String| {
             let (group, kind) = key.split_once('.').unwrap_or_default();
             let all = mix.get(group).and_then(|kinds| kinds.get(kind)?.as_array());
@@ -192,13 +181,11 @@ impl Cases for TortureCases {
     }
 
     fn text(&self, number: usize) -> String {
-        let case = self.case(number).map(|case| case.text());
-        case.unwrap_or_else(|reason| format!("# {reason}\n"))
+        self.case(number).text()
     }
 
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
-        let case = self.case(number).map_err(NoResult::Fault)?;
-        let plan = case.plan().map_err(NoResult::Fault)?;
+        let plan = self.case(number).plan().map_err(NoResult::Fault)?;
         let broken = play_one(number, &plan, watch, violation)?;
         Ok(self.row(number, Some(plan.shared.run.seed), broken))
     }
@@ -212,7 +199,7 @@ impl Cases for TortureCases {
     }
 
     /// Returns no limits: those of the scenario are left out.
-    fn limits(&self, _: &Plan) -> Vec<(String, Limit)> {
+    fn limits(&self) -> Vec<(String, Limit)> {
         Vec::new()
     }
 
@@ -244,7 +231,8 @@ mod tests {
     #[test]
     fn seed_and_number_decide_what_is_drawn() {
         let drawn = |seed, number| {
-            let case = cases(seed).case(number).unwrap();
+            let cases = cases(seed);
+            let case = cases.case(number);
             let case = &case.plan().unwrap().only_loop().unwrap().trial.clone();
             (case.run.seed, format!("{:?}", case.run.faults))
         };
@@ -260,7 +248,7 @@ mod tests {
         let cases = cases(1);
         for number in 1..=20 {
             let values = cases.values(number);
-            let case = cases.case(number).unwrap();
+            let case = cases.case(number);
             let faults = case.plan().unwrap().shared.run.faults.clone();
             let counted: f64 = values.iter().sum();
             // A fault of the boot has no window.

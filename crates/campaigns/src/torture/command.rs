@@ -79,7 +79,7 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
     };
     let cases = TortureCases::new(plan, draws);
     // The first case shows whether torture can play the scenario at all.
-    if let Err(reason) = cases.case(1).and_then(|case| case.plan()) {
+    if let Err(reason) = cases.case(1).plan() {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Ok(Exit::CannotStart);
     }
@@ -98,7 +98,7 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
         lines: None,
         overrides: &[],
     };
-    let (exit, rows, _writer) = part.play(&cases, plan)?;
+    let (exit, rows, _writer) = part.play(&cases)?;
     let broken = broken_in(&rows)?;
     if part.is_whole() {
         shrink_all(&args.output, &broken, &cases)?;
@@ -144,18 +144,17 @@ pub(super) fn shrink_all(
     broken: &Broken,
     cases: &TortureCases,
 ) -> Result<(), Failure> {
-    let not_shrunk = |reason: String| {
-        let text = "a broken invariant cannot be shown by a smaller scenario";
-        Exit::BenchFailed.because(format!("{text}: {reason}"))
-    };
     for (invariant, first) in broken.0.iter().take(SHRUNK_MAX) {
         print(&format!("run {}: {invariant}: {}", first.case, first.text));
-        let case = cases.case(first.case).map_err(not_shrunk)?;
+        let case = cases.case(first.case);
         let shrunk = case.shrunk(invariant).map_err(|interrupted| {
             let text = "before a broken run was made small; the runs are kept: give the same command again";
             Exit::Interrupted.because(format!("{interrupted} {text}"))
         })?;
-        let folder = keep(&shrunk, output).map_err(not_shrunk)?;
+        let folder = keep(&shrunk, output).map_err(|reason| {
+            let text = "a broken invariant cannot be shown by a smaller scenario";
+            Exit::BenchFailed.because(format!("{text}: {reason}"))
+        })?;
         print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
     Ok(())
@@ -163,7 +162,7 @@ pub(super) fn shrink_all(
 
 /// Plays the case once more into a run folder with a scenario that reproduces the log. Of a case that panics, only the scenario
 /// remains.
-fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
+fn keep(case: &TortureCase<'_>, output: &Path) -> Result<PathBuf, String> {
     let plan = case.plan()?;
     let (watch, taps) = (Watch::default(), Vec::new());
     let place = RunPlace {

@@ -134,8 +134,9 @@ pub(super) fn kinds(nodes: &Nodes<'_>) -> Vec<String> {
         .collect()
 }
 
-/// Draws a mix of faults for a run of some length, as far as they have a meaning for the plants: the `[fault]` table.
-pub(super) fn mix(stream: &mut Stream, nodes: &Nodes<'_>, duration_seconds: f64) -> Table {
+/// Draws a mix of faults for a run, as far as they have a meaning for the plants: the `[fault]` table.
+pub(super) fn mix(stream: &mut Stream, nodes: &Nodes<'_>) -> Table {
+    let duration_seconds = nodes.0.shared.run.duration_seconds;
     let (kinds, of_boot) = (nodes.kinds(false), nodes.kinds(true));
     let mut faults = Table::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
@@ -236,9 +237,10 @@ fn tenth_milliseconds(seconds: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::{BTreeMap, BTreeSet};
+    use std::collections::BTreeSet;
+    use std::path::Path;
 
-    use scenario::{Beside, Trial};
+    use scenario::Beside;
     use worlds::catalogue::catalogue;
 
     use super::*;
@@ -247,18 +249,21 @@ mod tests {
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
-    fn mix_of(text: &str, seed: u64) -> Table {
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue());
-        mix(&mut Stream::new(seed), &Nodes(&plan), 2.0)
+    fn base(text: &str) -> Plan {
+        let beside = Beside::new(Path::new("t.toml"));
+        Plan::parse_beside(&beside, text.to_owned(), catalogue()).unwrap()
+    }
+
+    fn mix_of(base: &Plan, seed: u64) -> Table {
+        mix(&mut Stream::new(seed), &Nodes(base))
     }
 
     #[test]
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
+        let base = base(BASE);
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
-            let faults = mix_of(BASE, seed);
-            let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
+            let case = TortureCase::new(&base, mix_of(&base, seed), seed);
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.only_loop().unwrap().trial;
             let kinds = Vec::from_iter(scenario.run.faults.iter().map(|fault| fault.kind.name));
@@ -270,11 +275,10 @@ mod tests {
 
     #[test]
     fn a_plant_meets_no_fault_that_means_nothing_to_it() {
-        let base = BASE.replace("sma_actuator", "dc_motor");
+        let base = base(&BASE.replace("sma_actuator", "dc_motor"));
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
-            let faults = mix_of(&base, seed);
-            let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
+            let case = TortureCase::new(&base, mix_of(&base, seed), seed);
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.only_loop().unwrap().trial;
             drawn.extend(scenario.run.faults.iter().map(|fault| fault.kind.name));
@@ -288,20 +292,14 @@ mod tests {
         let sensor = |line: &&str| line.starts_with("sensor = ");
         let in_metres = "sensor = { port = \"motor.position_metres\", unit = \"metres\", min = 0.0, max = 0.06, resolution_bits = 16, position_increment = 1e-6 }";
         let rig = rig.replace(rig.lines().find(sensor).unwrap(), in_metres);
-        let base = BASE
+        let text = BASE
             .replace("sma_actuator", "rig.toml")
             .replace("position_millimetres = 10.0", "position_metres = 0.01");
-        let plan = Plan::parse(
-            &Beside::default(),
-            base.clone(),
-            |_| Ok(rig.clone()),
-            catalogue(),
-        )
-        .unwrap_or_else(|error| panic!("{error:?}"));
-        let tables = BTreeMap::from([("rig.toml".to_owned(), rig)]);
+        let beside = Beside::default();
+        let base = Plan::parse(&beside, text, |_| Ok(rig.clone()), catalogue())
+            .unwrap_or_else(|error| panic!("{error:?}"));
         for seed in 0..100 {
-            let faults = mix(&mut Stream::new(seed), &Nodes(&plan), 2.0);
-            let case = TortureCase::new(&base, &tables, faults, seed).unwrap();
+            let case = TortureCase::new(&base, mix_of(&base, seed), seed);
             let problems = case.plan().err();
             assert!(problems.is_none(), "{}", problems.unwrap());
         }
@@ -309,7 +307,8 @@ mod tests {
 
     #[test]
     fn a_seed_gives_one_mix() {
-        let draw = |seed| mix_of(BASE, seed);
+        let base = base(BASE);
+        let draw = |seed| mix_of(&base, seed);
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }

@@ -1,10 +1,7 @@
 //! Makes a failing scenario as small as possible while it still breaks the same invariant.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
 use plan::Plan;
-use scenario::{Beside, HASH_SUFFIX};
+use scenario::HASH_SUFFIX;
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
@@ -15,66 +12,36 @@ use worlds::catalogue::catalogue;
 /// Invariant of a run that the program could not bring to a verdict.
 pub(super) const PANIC: &str = "panic";
 
-/// Name that the file would have.
-const FILE: &str = "torture.toml";
-
 /// Largest number of plays for shrinking.
 const PLAYS_MAX: usize = 400;
 
 /// Scenario as a document, so that the written scenario is the one that was played.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct TortureCase {
+#[derive(Clone, Debug)]
+pub(super) struct TortureCase<'a> {
     document: Table,
-    /// Rig file of the scenario, by its name, and the hashes of FMUs.
-    files: BTreeMap<String, String>,
-    /// Place that the file would have: FMUs lie in the same folder.
-    beside: Beside,
+    /// Plan of the base scenario, which has the files of the case.
+    base: &'a Plan,
 }
 
-impl TortureCase {
+impl<'a> TortureCase<'a> {
     /// Returns the base scenario with other faults and a name of its own. Limits and requirements are left out, and so is a
     /// sweep, whose keys may have vanished with the faults.
     ///
-    /// # Errors
-    /// The text is not TOML.
-    pub(super) fn new(
-        base: &str,
-        files: &BTreeMap<String, String>,
-        faults: Table,
-        seed: u64,
-    ) -> Result<Self, String> {
-        let mut document: Table = base.parse().map_err(|error| format!("{error}"))?;
+    /// # Panics
+    /// Never: the base was read from a text.
+    pub(super) fn new(base: &'a Plan, faults: Table, seed: u64) -> Self {
+        let shared = &base.shared;
+        let mut document: Table = shared.text.parse().expect("the loader has read it");
         // The case tests no requirement and is not a play of the scenario itself.
         for key in ["expect", "sweep", "requirements"] {
             document.remove(key);
         }
-        if let Some(name) = document.get("name").and_then(Value::as_str) {
-            let name = case_name(name, "torture").into();
-            document.insert("name".to_owned(), name);
-        }
+        let name = case_name(&shared.run.name, "torture");
+        document.insert("name".to_owned(), name.into());
         document.insert("fault".to_owned(), Value::Table(faults));
         let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
         document.insert("seed".to_owned(), seed.into());
-        let rig = document
-            .get("rig")
-            .and_then(Value::as_str)
-            .and_then(|rig| files.get_key_value(rig));
-        let hashes = files.iter().filter(|(name, _)| name.ends_with(HASH_SUFFIX));
-        let files = rig
-            .into_iter()
-            .chain(hashes)
-            .map(|(name, text)| (name.clone(), text.clone()));
-        Ok(Self {
-            document,
-            files: files.collect(),
-            beside: Beside::new(Path::new(FILE)),
-        })
-    }
-
-    /// Returns the same case in the folder of a file.
-    pub(super) fn beside(self, beside: &Beside) -> Self {
-        let beside = beside.for_case();
-        Self { beside, ..self }
+        Self { document, base }
     }
 
     /// Returns the scenario's text.
@@ -87,12 +54,16 @@ impl TortureCase {
     /// # Errors
     /// Error of the loader; tables in other files are not read.
     pub(super) fn plan(&self) -> Result<Plan, String> {
+        let shared = &self.base.shared;
+        let rig = self.document.get("rig").and_then(Value::as_str);
         let read_file = |name: &str| {
             let text = "torture cannot play a scenario with tables in files; write its set-points and currents as holds, steps and ramps";
-            let rig = self.files.get(name).cloned();
-            rig.ok_or_else(|| std::io::Error::other(text))
+            let is_table = rig != Some(name) && !name.ends_with(HASH_SUFFIX);
+            let file = shared.tables.get(name).filter(|_| !is_table);
+            file.cloned().ok_or_else(|| std::io::Error::other(text))
         };
-        let plan = Plan::parse(&self.beside, self.text(), read_file, catalogue());
+        let beside = shared.beside.for_case();
+        let plan = Plan::parse(&beside, self.text(), read_file, catalogue());
         plan.map_err(|error| format!("{:?}", miette::Report::new(error)))
     }
 
@@ -269,6 +240,10 @@ fn rounder(value: &Value) -> Vec<Value> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use scenario::Beside;
+
     use super::*;
 
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n\
@@ -282,9 +257,17 @@ mod tests {
         [[sensor.noise]]\nfrom_seconds = 0.5\nnoise_millimetres_rms = 0.01\n\
         [[bus.load]]\nfrom_seconds = 0.5\nidentifier = 0x555\nperiod_milliseconds = 2.0\n";
 
+    fn plan(base: &str) -> Plan {
+        let table = "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n";
+        let read_file = |_: &str| Ok(table.to_owned());
+        let beside = Beside::new(Path::new("t.toml"));
+        Plan::parse(&beside, base.to_owned(), read_file, catalogue()).unwrap()
+    }
+
     #[test]
     fn what_is_not_needed_is_left_out_and_the_rest_still_fails() {
-        let case = TortureCase::new(BASE, &BTreeMap::new(), FAULTS.parse().unwrap(), 7).unwrap();
+        let base = plan(BASE);
+        let case = TortureCase::new(&base, FAULTS.parse().unwrap(), 7);
         assert_eq!(case.violation().unwrap().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature").unwrap();
         assert_eq!(
@@ -302,14 +285,15 @@ mod tests {
         assert!(scenario.run.duration_seconds < 3.0, "{}", shrunk.text());
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
         // No smaller case fails: the case is a fixed point.
-        assert_eq!(shrunk.shrunk("temperature").unwrap(), shrunk);
+        let again = shrunk.shrunk("temperature").unwrap();
+        assert_eq!(again.document, shrunk.document);
     }
 
     /// A case with the scenario's name would count as its latest play, and as one that meets its requirements.
     #[test]
     fn a_case_has_a_new_name_and_tests_no_requirement() {
-        let base = BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller");
-        let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
+        let base = plan(&BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller"));
+        let case = TortureCase::new(&base, Table::new(), 7);
         let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();
         assert_eq!(scenario.run.name, "t, torture");
         assert!(scenario.run.requirements.is_empty());
@@ -317,11 +301,11 @@ mod tests {
 
     #[test]
     fn a_scenario_with_tables_in_files_is_refused() {
-        let base = BASE.replace(
+        let base = plan(&BASE.replace(
             "[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0",
             "[[reference.table]]\nfrom_seconds = 0.0\nfile = \"x.csv\"",
-        );
-        let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
+        ));
+        let case = TortureCase::new(&base, Table::new(), 7);
         let reason = case.plan().unwrap_err();
         assert!(
             reason.contains("cannot play a scenario with tables in files"),
