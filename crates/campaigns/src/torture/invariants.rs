@@ -12,7 +12,6 @@ use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
 use plan::ControlLoop;
 use recording::frames::Frames;
-use recording::log::Stamped;
 use recording::timeline::Timeline;
 use recording::truth::PlantTruth;
 
@@ -45,12 +44,7 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
 pub(super) fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let loops = played.plan.loops.iter().zip(played.timelines);
     let mut broken = loops.filter_map(|(one, timeline)| {
-        let run = LoopRun {
-            control_loop: one,
-            timeline,
-            frames: played.frames,
-        };
-        let BrokenInvariant { invariant, text } = violation_of_loop(&run)?;
+        let BrokenInvariant { invariant, text } = violation_of_loop(one, timeline, played.frames)?;
         let text = match one.loop_name() {
             Some(name) => format!("{name}: {text}"),
             None => text,
@@ -60,28 +54,33 @@ pub(super) fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     verdict_reached(played).or_else(|| broken.next())
 }
 
-/// Loop of a run.
-struct LoopRun<'a> {
-    control_loop: &'a ControlLoop,
-    timeline: &'a Timeline,
-    frames: &'a Frames,
-}
-
-fn violation_of_loop(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    truth_is_complete(played)
-        .or_else(|| not_too_hot(played))
-        .or_else(|| no_current_before_the_start(played))
+fn violation_of_loop(
+    one: &ControlLoop,
+    timeline: &Timeline,
+    frames: &Frames,
+) -> Option<BrokenInvariant> {
+    let trial = &one.trial;
+    truth_is_complete(timeline)
+        .or_else(|| not_too_hot(trial, timeline))
+        .or_else(|| no_current_before_the_start(timeline))
         .or_else(|| {
             let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
-            no_current_without(("sync", "SYNC"), is_sync, SYNC_SECONDS_MAX, played)
+            let times = times_of(is_sync, frames);
+            no_current_without(("sync", "SYNC"), times, SYNC_SECONDS_MAX, trial, timeline)
         })
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager");
-            let drive = played.control_loop.place.drive_node_id;
-            let manager = played.control_loop.nodes.controller.id;
+            let (manager, drive) = (one.nodes.controller.id, one.place.drive_node_id);
             let is_it = |frame: &CanFrame| is_of_manager(frame, manager, drive);
-            no_current_without(what, is_it, HEARTBEAT_SECONDS_MAX, played)
+            let times = times_of(is_it, frames);
+            no_current_without(what, times, HEARTBEAT_SECONDS_MAX, trial, timeline)
         })
+}
+
+/// Returns the times of some frames, since the begin of the recording.
+fn times_of(is_it: impl Fn(&CanFrame) -> bool, frames: &Frames) -> impl Iterator<Item = Duration> {
+    let found = frames.iter().filter(move |stamped| is_it(&stamped.frame));
+    found.map(|stamped| stamped.time)
 }
 
 fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
@@ -98,9 +97,9 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 
 /// Checks that the recording is complete: the plant publishes from its first message to its last. A fault may keep it from the
 /// bus from then on.
-fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    let truth = &played.timeline.truth;
-    let mut times = truth
+fn truth_is_complete(timeline: &Timeline) -> Option<BrokenInvariant> {
+    let mut times = timeline
+        .truth
         .pairs()
         .map(|(one, next)| (one.time_seconds, next.time_seconds));
     let (from, until) = times.find(|(from, until)| until - from > TRUTH_SECONDS_MAX)?;
@@ -111,10 +110,10 @@ fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 }
 
 /// Checks the temperature of an SMA actuator; the bound of another plant is unknown.
-fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    played.control_loop.trial.plant.actuator()?;
+fn not_too_hot(trial: &Trial, timeline: &Timeline) -> Option<BrokenInvariant> {
+    trial.plant.actuator()?;
     let is_hot = |truth: &PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
-    let hot = played.timeline.truth.iter().find(is_hot)?;
+    let hot = timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
     violated(
         "temperature",
@@ -124,8 +123,7 @@ fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 
 /// Checks that no current flows before scenario time 0, when none is commanded; a run that a fault of the boot prevents never
 /// reaches that time.
-fn no_current_before_the_start(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    let timeline = played.timeline;
+fn no_current_before_the_start(timeline: &Timeline) -> Option<BrokenInvariant> {
     let is_before =
         |truth: &PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
     let heated = |truth: &PlantTruth| truth.current_amperes != 0.0;
@@ -141,20 +139,14 @@ fn no_current_before_the_start(played: &LoopRun<'_>) -> Option<BrokenInvariant> 
 /// or hangs, or the amplifier does not obey.
 fn no_current_without(
     (invariant, what): (&'static str, &str),
-    is_it: impl Fn(&CanFrame) -> bool,
+    times: impl Iterator<Item = Duration>,
     seconds_max: f64,
-    played: &LoopRun<'_>,
+    trial: &Trial,
+    timeline: &Timeline,
 ) -> Option<BrokenInvariant> {
-    let timeline = played.timeline;
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
-    let is_it = |stamped: &Stamped| is_it(&stamped.frame);
-    let since_zero = |stamped: Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
-    let mut times = played
-        .frames
-        .iter()
-        .filter(is_it)
-        .map(since_zero)
-        .peekable();
+    let since_zero = |time: Duration| time.as_secs_f64() - zero.as_secs_f64();
+    let mut times = times.map(since_zero).peekable();
     let mut last: f64 = 0.0;
     for truth in timeline
         .truth
@@ -165,14 +157,10 @@ fn no_current_without(
         while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
-        let is_over = time > played.control_loop.trial.run.duration_seconds;
+        let is_over = time > trial.run.duration_seconds;
         let silent = time - last;
         let heats = truth.current_amperes != 0.0;
-        if heats
-            && !is_over
-            && silent > seconds_max
-            && !is_excused(&played.control_loop.trial, time, seconds_max)
-        {
+        if heats && !is_over && silent > seconds_max && !is_excused(trial, time, seconds_max) {
             let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
             return violated(
                 invariant,
@@ -215,6 +203,7 @@ mod tests {
     use super::*;
     use crate::campaign::{one_loop_plan, play_one};
     use recording::capture::Watch;
+    use recording::log::Stamped;
 
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
