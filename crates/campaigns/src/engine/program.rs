@@ -11,20 +11,14 @@ const SAID_CHARACTERS_MAX: usize = 600;
 /// Reason why an engine did not do its task.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum EngineError {
-    #[error("{program} cannot be started ({source}): {help}")]
-    Absent {
-        program: String,
-        source: io::Error,
-        help: &'static str,
-    },
     #[error("{program} refuses ({how}): {said}")]
     Refused {
         program: String,
         how: String,
         said: String,
     },
-    #[error("{program} said what canrig does not understand: {said}")]
-    Unclear { program: String, said: String },
+    #[error(transparent)]
+    Other(#[from] Failure),
 }
 
 impl From<EngineError> for Failure {
@@ -35,23 +29,16 @@ impl From<EngineError> for Failure {
 
 impl EngineError {
     pub(super) fn unclear(program: &str, said: &str) -> Self {
-        Self::Unclear {
-            program: program.to_owned(),
-            said: shortened(said),
-        }
+        let said = shortened(said);
+        let reason = format!("{program} said what canrig does not understand: {said}");
+        Exit::BenchFailed.because(reason).into()
     }
 }
 
 /// Runs a program to its end and returns its output.
-pub(super) fn run(
-    program: &str,
-    arguments: &[&str],
-    help: &'static str,
-) -> Result<String, EngineError> {
-    let absent = |source| EngineError::Absent {
-        program: program.to_owned(),
-        source,
-        help,
+pub(super) fn run(program: &str, arguments: &[&str], help: &str) -> Result<String, EngineError> {
+    let absent = |error: io::Error| {
+        Exit::BenchFailed.because(format!("{program} cannot be started ({error}): {help}"))
     };
     let output = Command::new(program)
         .args(arguments)
