@@ -94,10 +94,14 @@ impl Default for GuestArgs {
 }
 
 impl GuestArgs {
-    /// Returns how programs are hosted whose output is kept in a folder.
-    pub(crate) fn hosting<'a>(&self, logs: &'a Path, announce: &'a dyn Fn(&str)) -> Hosting<'a> {
+    /// Returns how programs are hosted whose output is kept in a folder, if there is one.
+    pub(crate) fn hosting<'a>(
+        &self,
+        logs: Option<&'a Path>,
+        announce: &'a dyn Fn(&str),
+    ) -> Hosting<'a> {
         Hosting {
-            logs: Some(logs),
+            logs,
             patience: self.patience,
             announce,
         }

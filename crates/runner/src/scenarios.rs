@@ -116,18 +116,14 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         _ => beside.read(name),
     };
     let text = match program {
-        Some(command) => led_by(text, &command, &read)?,
+        Some(command) => led_by(text, &command, &read),
         None => text,
     };
     Ok(Plan::parse(&beside, text, read, catalogue())?)
 }
 
 /// Returns the text of a scenario whose controller is a program.
-fn led_by(
-    text: String,
-    command: &[String],
-    read: &dyn Fn(&str) -> io::Result<String>,
-) -> Result<String, NoScenario> {
+fn led_by(text: String, command: &[String], read: &dyn Fn(&str) -> io::Result<String>) -> String {
     let rig = text.parse::<toml::Table>().ok();
     let rig = rig.and_then(|scenario| Some(scenario.get("rig")?.as_str()?.to_owned()));
     let rig = rig.and_then(|rig| match shipped_rig(&rig) {
@@ -142,9 +138,9 @@ fn led_by(
     let program = format!("node.{controller}.program={command}")
         .parse()
         .map(|program: Override| overridden(text, &[program]));
-    Ok(program
+    program
         .expect("a key and a value")
-        .expect("tables on the way are made"))
+        .expect("tables on the way are made")
 }
 
 /// Returns the text of a rig file, or if there is none, of the one that ships by this name.

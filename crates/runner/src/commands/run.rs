@@ -67,42 +67,40 @@ pub enum ClockChoice {
 /// Plays the scenarios, or makes the pre-flight alone; returns the worst exit of all.
 pub fn run(args: &RunArgs) -> Exit {
     let listener = args.play.listener();
-    let testbed = match RunTestbed::resolve(args, &*listener) {
-        Ok(testbed) => testbed,
-        Err(exit) => return exit,
-    };
-    testbed.announce();
-    if args.dry_run {
-        return testbed.dry_run(args);
-    }
-    play_all(&args.play, &testbed, &*listener)
+    let played = RunTestbed::resolve(args, &*listener).and_then(|testbed| {
+        testbed.announce();
+        if args.dry_run {
+            testbed.dry_run()
+        } else {
+            Ok(play_all(&args.play, &testbed, &*listener))
+        }
+    });
+    played.unwrap_or_else(|exit| exit)
 }
 
-/// Testbed of a command: its bus, its clock, and the owners of its nodes.
+/// Testbed of a command.
 struct RunTestbed<'a> {
+    args: &'a RunArgs,
     bus: RunBus,
     /// Place on the bus, held until the command ends.
     _claim: Option<Claim>,
     /// Vigil between two scenarios.
     vigil: Cell<Option<Vigil>>,
-    clock: ClockChoice,
-    guests: GuestArgs,
     preflight: Preflight,
     listener: &'a dyn Listener,
 }
 
 impl<'a> RunTestbed<'a> {
     /// Finds the bus.
-    fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
+    fn resolve(args: &'a RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
         let bus = choose_bus(&args.bus, args.require_vcan);
         let placed = bus.and_then(|bus| claim(&bus).map(|claim| (bus, claim)));
         let (bus, claim) = placed.map_err(|error| failed(Exit::BenchFailed, error))?;
         Ok(Self {
+            args,
             bus,
             _claim: claim,
             vigil: Cell::new(None),
-            clock: args.clock,
-            guests: args.guests.clone(),
             preflight: Preflight::new(!args.no_heating),
             listener,
         })
@@ -110,13 +108,13 @@ impl<'a> RunTestbed<'a> {
 
     /// Prints the bus and the clock of all runs.
     fn announce(&self) {
-        let clock = match self.clock {
+        let clock = match self.args.clock {
             ClockChoice::RealTime => "real time",
             ClockChoice::Lockstep => "lock-step",
         };
         self.listener
             .on_note(format!("bus: {} · clock: {clock}", self.bus));
-        if self.clock == ClockChoice::RealTime
+        if self.args.clock == ClockChoice::RealTime
             && let Some(refusal) = refused_priority()
         {
             self.listener.on_note(format!("note: {refusal}"));
@@ -186,35 +184,31 @@ impl<'a> RunTestbed<'a> {
     }
 
     /// Makes the pre-flight of the first scenario, which counts for all: they share rig and bus.
-    fn dry_run(&self, args: &RunArgs) -> Exit {
-        let paths = match scenario_files(&args.play.scenarios, is_scenario) {
-            Ok(paths) => paths,
-            Err(error) => return failed(Exit::CannotStart, error),
-        };
-        let Some(path) = paths.first() else {
-            return failed(Exit::Usage, "no scenario is named");
-        };
-        let plan = match prepared(path, &args.play.values, self, self.listener) {
-            Ok(plan) => plan,
-            Err(exit) => return exit,
-        };
+    fn dry_run(&self) -> Result<Exit, Exit> {
+        let args = &self.args.play;
+        let paths = scenario_files(&args.scenarios, is_scenario)
+            .map_err(|error| failed(Exit::CannotStart, error))?;
+        let path = paths
+            .first()
+            .ok_or_else(|| failed(Exit::Usage, "no scenario is named"))?;
+        let plan = prepared(path, &args.values, self, self.listener)?;
         let has_drive = |one: &ControlLoop| one.is_external(Part::Drive);
         if !plan.loops.iter().any(has_drive) {
-            return failed(Exit::Usage, NOTHING_TO_CHECK);
+            return Err(failed(Exit::Usage, NOTHING_TO_CHECK));
         }
         let watch = Watch::default();
         let made = || {
             let mut line = BusConnection::open(&self.bus)?;
             self.announce_address(line.address());
-            self.run_preflight(&plan, &args.play.output, &mut line, &watch)
+            self.run_preflight(&plan, &args.output, &mut line, &watch)
         };
-        match observed(|| watch.interrupt(), || (), made) {
+        Ok(match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
             Ok(End::Interrupted) => Exit::Interrupted,
             Ok(End::ByNode(end)) => failed(Exit::VerdictFailed, end),
             Err(error) if error.is_before_start() => failed(Exit::CannotStart, error),
             Err(error) => failed(Exit::BenchFailed, error),
-        }
+        })
     }
 }
 
@@ -225,17 +219,17 @@ impl Testbed for RunTestbed<'_> {
     }
 
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
-        let plan = match self.clock {
-            ClockChoice::RealTime => plan.with_external(&self.guests.external)?,
-            ClockChoice::Lockstep => in_virtual_time(plan, &self.guests.external)?,
+        let plan = match self.args.clock {
+            ClockChoice::RealTime => plan.with_external(&self.args.guests.external)?,
+            ClockChoice::Lockstep => in_virtual_time(plan, &self.args.guests.external)?,
         };
         let external = plan.expected_names();
-        if !external.is_empty() && self.clock == ClockChoice::RealTime {
+        if !external.is_empty() && self.args.clock == ClockChoice::RealTime {
             let names = external.join(", ");
             self.listener
                 .on_note(format!("external: {names} (expected on the bus)"));
         }
-        admits(&plan.shared.run.faults, &self.bus, self.clock)?;
+        admits(&plan.shared.run.faults, &self.bus, self.args.clock)?;
         for one in &plan.loops {
             let scenario = &one.trial;
             one.admits_faults()?;
@@ -247,7 +241,7 @@ impl Testbed for RunTestbed<'_> {
     }
 
     fn when_full(&self) -> WhenFull {
-        match self.clock {
+        match self.args.clock {
             ClockChoice::RealTime => WhenFull::Drop,
             ClockChoice::Lockstep => WhenFull::Wait,
         }
@@ -259,11 +253,11 @@ impl Testbed for RunTestbed<'_> {
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        match self.clock {
+        match self.args.clock {
             ClockChoice::RealTime => self.in_real_time(plan, folder, capture),
             ClockChoice::Lockstep => {
                 let announce = |text: &str| self.listener.on_note(text.to_owned());
-                let hosting = self.guests.hosting(folder.path(), &announce);
+                let hosting = self.args.guests.hosting(Some(folder.path()), &announce);
                 processes::in_lockstep(plan, folder, &hosting, capture, &self.bus)
             }
         }

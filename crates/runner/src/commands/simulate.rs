@@ -1,7 +1,6 @@
 //! `canrig simulate`: plays scenarios in one process and virtual time.
 
 use std::cell::Cell;
-use std::path::Path;
 
 use clap::Args;
 
@@ -13,7 +12,6 @@ use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
 use recording::log::Stamped;
 use recording::run_folder::RunFolder;
-use worlds::programs::Hosting;
 use worlds::{Played, WorldError, lockstep};
 
 /// Arguments of `simulate`.
@@ -33,9 +31,8 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
     let listener = args.play.listener();
     listener.on_note("bus: modelled · clock: lock-step, in one process".to_owned());
     let testbed = OneProcess {
-        guests: &args.guests,
+        args,
         listener: &*listener,
-        is_twice: args.twice,
         has_difference: Cell::new(false),
     };
     let exit = play_all(&args.play, &testbed, &*listener);
@@ -48,9 +45,8 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
 
 /// Testbed with all of canrig's nodes in this process, on a modelled bus.
 struct OneProcess<'a> {
-    guests: &'a GuestArgs,
+    args: &'a SimulateArgs,
     listener: &'a dyn Listener,
-    is_twice: bool,
     /// Whether two plays of a scenario differed.
     has_difference: Cell<bool>,
 }
@@ -61,10 +57,7 @@ impl OneProcess<'_> {
         let clock = plan.scenario_clock()?;
         let mut second = Capture::in_memory(clock, first.watch());
         let announce = |text: &str| self.listener.on_note(text.to_owned());
-        let hosting = Hosting {
-            logs: None,
-            ..self.guests.hosting(Path::new(""), &announce)
-        };
+        let hosting = self.args.guests.hosting(None, &announce);
         lockstep::simulate(plan, &hosting, &mut second)?;
         let difference = difference(plan, first, &second);
         let path = plan.shared.beside.scenario().display();
@@ -123,7 +116,7 @@ fn difference(plan: &Plan, first: &Capture<'_>, second: &Capture<'_>) -> Option<
 
 impl Testbed for OneProcess<'_> {
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
-        in_virtual_time(plan, &self.guests.external)
+        in_virtual_time(plan, &self.args.guests.external)
     }
 
     fn when_full(&self) -> WhenFull {
@@ -137,9 +130,9 @@ impl Testbed for OneProcess<'_> {
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
         let announce = |text: &str| self.listener.on_note(text.to_owned());
-        let hosting = self.guests.hosting(folder.path(), &announce);
+        let hosting = self.args.guests.hosting(Some(folder.path()), &announce);
         let end = lockstep::simulate(plan, &hosting, capture)?;
-        if self.is_twice && !capture.is_interrupted() {
+        if self.args.twice && !capture.is_interrupted() {
             self.compare(plan, capture)?;
         }
         Ok(Played::in_virtual_time(end))
@@ -174,7 +167,7 @@ mod tests {
         let met = scenario("met.toml", "");
         let missed = scenario("missed.toml", "current_amperes_rms = { max = 0.0 }\n");
         let exit = |scenarios: [&std::path::PathBuf; 2]| {
-            let args = PlayArgs {
+            let play = PlayArgs {
                 scenarios: scenarios.map(Clone::clone).into(),
                 output: folder.path().join("runs"),
                 json: false,
@@ -185,13 +178,17 @@ mod tests {
                 values: ValueArgs::default(),
                 viewer: ViewerArgs::default(),
             };
+            let args = SimulateArgs {
+                play,
+                guests: GuestArgs::default(),
+                twice: false,
+            };
             let testbed = OneProcess {
-                guests: &GuestArgs::default(),
+                args: &args,
                 listener: &Nobody,
-                is_twice: false,
                 has_difference: Cell::new(false),
             };
-            play_all(&args, &testbed, &Nobody)
+            play_all(&args.play, &testbed, &Nobody)
         };
         assert_eq!(exit([&met, &met]), Exit::Pass);
         assert_eq!(exit([&missed, &met]), Exit::VerdictFailed);
