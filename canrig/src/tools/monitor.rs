@@ -20,7 +20,7 @@ use super::{NamesArgs, ToolBusArgs, ToolError, ended, open, seconds, value};
 use plan::data_sheet::DataSheet;
 use plan::error_frames;
 use plan::named_nodes::NamedNodes;
-use runner::console::{BufferedLines, print_error};
+use runner::console::{BufferedLines, print_problem};
 use runner::exit::Exit;
 
 /// Longest wait for a frame before the tool checks Ctrl-C and the duration.
@@ -147,14 +147,11 @@ impl Decoder {
             SYNC_COB_ID if node_id == 0 => "SYNC".to_owned(),
             emcy::DEFAULT_ID => format!("{} emergency", self.node(id)),
             ERROR_CONTROL_ID if node_id != 0 => format!("{} heartbeat", self.node(id)),
+            pdo @ 0x180..=0x500 if node_id != 0 && pdo & 0x80 == 0 => {
+                format!("{} RPDO{}", self.node(id), (pdo - 0x100) >> 8)
+            }
             pdo @ 0x180..=0x500 if node_id != 0 => {
-                let direction = if pdo & 0x80 == 0 { "RPDO" } else { "TPDO" };
-                let number = if pdo & 0x80 == 0 {
-                    (pdo - 0x100) >> 8
-                } else {
-                    pdo >> 8
-                };
-                format!("{} {direction}{number}", self.node(id))
+                format!("{} TPDO{}", self.node(id), pdo >> 8)
             }
             _ => "unknown".to_owned(),
         }
@@ -352,14 +349,14 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     }
     output.flush();
     if bus.dropped() > 0 {
-        print_error(&format!(
-            "canrig: {} frames were lost: they came faster than they could be shown (show fewer with --only, --except or --changes)",
+        print_problem(format!(
+            "{} frames were lost: they came faster than they could be shown (show fewer with --only, --except or --changes)",
             bus.dropped()
         ));
     }
     if bus.fd_frames() > 0 {
-        print_error(&format!(
-            "canrig: {} CAN FD frames were on the bus and are not shown: canrig reads classic CAN",
+        print_problem(format!(
+            "{} CAN FD frames were on the bus and are not shown: canrig reads classic CAN",
             bus.fd_frames()
         ));
     }

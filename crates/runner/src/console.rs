@@ -117,9 +117,14 @@ pub fn print_error(text: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(text));
 }
 
+/// Prints what is wrong, with the name of the program before it.
+pub fn print_problem(problem: impl fmt::Display) {
+    print_error(&format!("canrig: {problem}"));
+}
+
 /// Prints an error; returns its exit code.
 pub fn failed(exit: Exit, error: impl fmt::Display) -> Exit {
-    print_error(&format!("canrig: {error}"));
+    print_problem(error);
     exit
 }
 
@@ -165,11 +170,11 @@ pub fn print_parsed(error: &clap::Error) {
 pub fn print_panic(info: &PanicHookInfo<'_>) {
     static CHANGED: Once = Once::new();
     if let Some(changed) = info.payload().downcast_ref::<LogChanged>() {
-        CHANGED.call_once(|| print_error(&format!("canrig: {changed}")));
+        CHANGED.call_once(|| print_problem(changed));
         return;
     }
-    print_error(&format!(
-        "canrig: internal error: {info}\nThis is a fault of canrig {}; please report it with the command that you typed.",
+    print_problem(format!(
+        "internal error: {info}\nThis is a fault of canrig {}; please report it with the command that you typed.",
         env!("CARGO_PKG_VERSION")
     ));
 }

@@ -6,7 +6,6 @@ use judge::verdict::Outcome;
 use recording::run_folder::WriteError;
 
 use crate::identity::NoIdentity;
-use crate::recorded::RecordedError;
 
 /// End of a command, from best to worst in the order that decides between several scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -70,12 +69,6 @@ impl From<Outcome> for Exit {
 pub struct Failure {
     pub exit: Exit,
     pub reason: String,
-}
-
-impl From<RecordedError> for Failure {
-    fn from(error: RecordedError) -> Self {
-        Exit::CannotStart.because(error)
-    }
 }
 
 impl From<WriteError> for Failure {

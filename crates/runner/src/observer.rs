@@ -8,7 +8,7 @@ use platform::stop::{end_in_order, is_ignored};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 
-use crate::console::print_error;
+use crate::console::print_problem;
 
 /// Time between two moves of the progress bar.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
@@ -25,7 +25,7 @@ pub fn observed<T>(
     std::thread::scope(|scope| {
         scope.spawn(|| {
             if let Err(error) = observe(&interrupt, &show, ended, unprepared) {
-                print_error(&format!("canrig: signals cannot be handled: {error}"));
+                print_problem(format!("signals cannot be handled: {error}"));
             }
         });
         // An earlier signal would end the program with all its work.

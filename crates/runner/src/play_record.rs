@@ -10,10 +10,11 @@ use jiff::Timestamp;
 use platform::clock::Clock;
 use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use scenario::Override;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
+use crate::exit::Failure;
 use crate::machine;
-use crate::recorded::{RecordedError, unreadable};
+use crate::recorded::unreadable;
 
 /// Largest file that is read: a command line is shorter.
 const BYTES_MAX: u64 = 4 << 20;
@@ -22,7 +23,6 @@ const BYTES_MAX: u64 = 4 << 20;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct PlayRecord {
     /// Begin of the play; for a sweep that was interrupted or merged, the time of its last continuation.
-    #[serde(serialize_with = "as_text", deserialize_with = "from_text")]
     pub at: Timestamp,
     /// Name of the machine; `None` if an older canrig played it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -30,15 +30,6 @@ pub struct PlayRecord {
     /// Values of `--set`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub set: Vec<String>,
-}
-
-fn as_text<S: Serializer>(time: &Timestamp, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(time)
-}
-
-fn from_text<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Timestamp, D::Error> {
-    let text = String::deserialize(deserializer)?;
-    text.parse().map_err(serde::de::Error::custom)
 }
 
 impl PlayRecord {
@@ -82,7 +73,7 @@ impl PlayRecord {
     ///
     /// # Errors
     /// The file cannot be read, or is damaged.
-    pub fn read(folder: &Path) -> Result<Option<Self>, RecordedError> {
+    pub fn read(folder: &Path) -> Result<Option<Self>, Failure> {
         let read = || {
             let text = scenario::read_text(&file_in(folder, file::PLAYED)?, BYTES_MAX)?;
             serde_json::from_str(&text)

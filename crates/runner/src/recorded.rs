@@ -1,6 +1,6 @@
 //! Reads a recording back from the disk.
 
-use dbc::{Database, SignalMissing};
+use dbc::SignalMissing;
 use std::fmt::Display;
 use std::fs;
 use std::io;
@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use scenario::ScenarioError;
 
-use crate::console::{failed, invalid, print_error};
-use crate::exit::Exit;
+use crate::console::{failed, invalid, print_problem};
+use crate::exit::{Exit, Failure};
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, expected_timing, judge_timing};
 use plan::Plan;
@@ -19,7 +19,7 @@ use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
 use recording::run_folder::{file, file_in, log_in};
-use recording::session::{FileError, ReadError, read_plan};
+use recording::session::{ReadError, read_plan};
 use recording::sources::Sent;
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline, all_events};
@@ -32,93 +32,26 @@ const VERDICT_BYTES_MAX: u64 = 16 << 20;
 /// Reason why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordedError {
-    /// A file cannot be read.
-    #[error("`{}` cannot be read: {source}", path.display())]
-    Read {
-        /// Path of the file.
-        path: PathBuf,
-        /// Reason of the operating system.
-        source: io::Error,
-    },
-    /// The folder is not that of a run.
-    #[error("`{}` is not a run folder (no {} in it)", path.display(), file::SCENARIO)]
-    NoRun {
-        /// Path of the folder.
-        path: PathBuf,
-    },
-    /// The folder is that of many runs.
-    #[error("`{}` is the folder of a sweep or of torture, not of a run", path.display())]
-    ManyRuns {
-        /// Path of the folder.
-        path: PathBuf,
-    },
-    /// The log has no scenario.
-    #[error("`{}`: a log does not name the scenario that was played; name it with --scenario FILE", path.display())]
-    NoScenario {
-        /// Path of the log.
-        path: PathBuf,
-    },
-    /// The recording has no frame.
-    #[error("`{}` holds no frame{}", path.display(), broken.as_ref().map(|broken| format!(" ({broken})")).unwrap_or_default())]
-    Empty {
-        /// Path of the log.
-        path: PathBuf,
-        /// Place where the log breaks off.
-        broken: Option<String>,
-    },
-    /// The verdict of the run is damaged.
-    #[error("`{}` is damaged: {reason}. Without this file, the frames are judged as those of a run that broke off: move it away for that", path.display())]
-    Damaged {
-        /// Path of the file.
-        path: PathBuf,
-        /// Reason why it cannot be read.
-        reason: String,
-    },
-    /// The scenario is not valid.
+    /// The scenario is not valid; it is shown with the places of its problems.
     #[error("the scenario of the recording is not valid")]
     Scenario(Box<ScenarioError>),
-    /// A file of the folder is not valid.
+    /// Any other reason.
     #[error(transparent)]
-    File(#[from] FileError),
-    /// The limits are those of other loops.
-    #[error("`{}` has other loops than the recording, so its limits cannot be applied", path.display())]
-    OtherLoops {
-        /// The scenario with the limits.
-        path: PathBuf,
-    },
-    /// The DBC lacks a signal.
-    #[error(transparent)]
-    Signal(#[from] SignalMissing),
-    /// The frames have no message of this name.
-    #[error("no message `{name}` is in the recording's {}{}", file::FRAMES, meant.as_ref().map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default())]
-    NoMessage {
-        /// Name in the command line.
-        name: String,
-        /// Name that was probably meant.
-        meant: Option<String>,
-    },
-    /// Neither recording that is compared has something of this name.
-    #[error("--tolerance: no signal, metric or unit is called `{0}`")]
-    NoSuchName(String),
-}
-
-impl RecordedError {
-    pub(crate) fn no_message(name: &str, database: &Database) -> Self {
-        let names = database.messages().iter();
-        let meant = scenario::nearest(name, names.map(|message| message.name.as_str()));
-        Self::NoMessage {
-            name: name.to_owned(),
-            meant: meant.map(str::to_owned),
-        }
-    }
+    Other(#[from] Failure),
 }
 
 impl From<ReadError> for RecordedError {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::File(error) => Self::File(error),
+            ReadError::File(error) => Exit::CannotStart.because(error).into(),
         }
+    }
+}
+
+impl From<SignalMissing> for RecordedError {
+    fn from(error: SignalMissing) -> Self {
+        Exit::CannotStart.because(error).into()
     }
 }
 
@@ -162,9 +95,11 @@ impl Recorded {
             (folder, path.to_owned())
         };
         if played.is_none() && !is_folder && !folder.join(file::SCENARIO).exists() {
-            return Err(RecordedError::NoScenario {
-                path: path.to_owned(),
-            });
+            let reason = format!(
+                "`{}`: a log does not name the scenario that was played; name it with --scenario FILE",
+                path.display()
+            );
+            return Err(Exit::CannotStart.because(reason).into());
         }
         let (plan, stored) = match played {
             Some(played) => {
@@ -176,10 +111,10 @@ impl Recorded {
         };
         let log = read_log(&log_path, stored.as_ref())?;
         if log.frames.is_empty() && !is_folder {
-            return Err(RecordedError::Empty {
-                path: log_path,
-                broken: log.unread.broken,
-            });
+            let path = log_path.display();
+            let broken = log.unread.broken.map(|broken| format!(" ({broken})"));
+            let reason = format!("`{path}` holds no frame{}", broken.unwrap_or_default());
+            return Err(Exit::CannotStart.because(reason).into());
         }
         let (mut stalls, mut sent) = (Vec::new(), Sent::default());
         if is_folder {
@@ -313,18 +248,23 @@ pub fn read_played(
 }
 
 /// Returns the path of a file in a folder that may come from elsewhere.
-fn require_inside(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
+///
+/// # Errors
+/// A link leads out of the folder.
+pub fn require_inside(folder: &Path, name: &str) -> Result<PathBuf, Failure> {
     file_in(folder, name).map_err(unreadable(folder.join(name)))
 }
 
 /// Returns the conversion of an error of the system on reading a file.
-pub(crate) fn unreadable(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> RecordedError {
-    let path = path.into();
-    move |source| RecordedError::Read { path, source }
+pub fn unreadable(path: impl AsRef<Path>) -> impl FnOnce(io::Error) -> Failure {
+    move |error| {
+        let path = path.as_ref().display();
+        Exit::CannotStart.because(format!("`{path}` cannot be read: {error}"))
+    }
 }
 
 /// Returns whether a path that exists is a folder.
-fn is_folder(path: &Path) -> Result<bool, RecordedError> {
+fn is_folder(path: &Path) -> Result<bool, Failure> {
     let metadata = path.metadata().map_err(unreadable(path))?;
     Ok(metadata.is_dir())
 }
@@ -333,8 +273,7 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
 pub fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => invalid(*error),
-        error @ RecordedError::NoSuchName(_) => failed(Exit::Usage, error),
-        error => failed(Exit::CannotStart, error),
+        RecordedError::Other(failure) => failed(failure.exit, failure),
     }
 }
 
@@ -342,15 +281,23 @@ pub fn refuse(error: RecordedError) -> Exit {
 ///
 /// # Errors
 /// The folder has many runs or none, or cannot be read.
-pub fn require_run(path: &Path) -> Result<(), RecordedError> {
-    let path = path.to_owned();
-    if !is_folder(&path)? || !path.join(file::SCENARIO).exists() {
-        Err(RecordedError::NoRun { path })
-    } else if holds_many_runs(&path) {
-        Err(RecordedError::ManyRuns { path })
+pub fn require_run(path: &Path) -> Result<(), Failure> {
+    if !is_folder(path)? || !path.join(file::SCENARIO).exists() {
+        let (path, scenario) = (path.display(), file::SCENARIO);
+        let reason = format!("`{path}` is not a run folder (no {scenario} in it)");
+        Err(Exit::CannotStart.because(reason))
+    } else if holds_many_runs(path) {
+        Err(many_runs(path))
     } else {
         Ok(())
     }
+}
+
+fn many_runs(path: &Path) -> Failure {
+    let path = path.display();
+    Exit::CannotStart.because(format!(
+        "`{path}` is the folder of a sweep or of torture, not of a run"
+    ))
 }
 
 /// Returns whether a folder is that of a campaign, or of a part of one.
@@ -388,14 +335,12 @@ pub(crate) fn runs_among(folders: &[PathBuf]) -> Vec<&Path> {
         return others;
     }
     for path in others {
-        let path = path.to_owned();
-        let reason = RecordedError::ManyRuns { path };
-        print_error(&format!("canrig: {reason}; it is left out"));
+        print_problem(format!("{}; it is left out", many_runs(path)));
     }
     runs
 }
 
-fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, RecordedError> {
+fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, Failure> {
     let is_incomplete = stored.is_some_and(|stored| stored.outcome == Outcome::Incomplete);
     match Log::read(path) {
         // The run was killed before there was a log.
@@ -410,10 +355,12 @@ fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, RecordedError>
 
 /// Reads the verdict of a run; `None` if there is no file. The file is written as a whole, so one that cannot be read back was
 /// damaged.
-fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
-    let damaged = |reason: &dyn Display| RecordedError::Damaged {
-        path: path.to_owned(),
-        reason: reason.to_string(),
+fn read_verdict(path: &Path) -> Result<Option<Verdict>, Failure> {
+    let damaged = |reason: &dyn Display| {
+        let path = path.display();
+        Exit::CannotStart.because(format!(
+            "`{path}` is damaged: {reason}. Without this file, the frames are judged as those of a run that broke off: move it away for that"
+        ))
     };
     match scenario::read_text(path, VERDICT_BYTES_MAX) {
         Ok(text) => Verdict::from_json(&text)

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::console::{Bar, WorkBar, print, print_error, print_text};
+use crate::console::{Bar, WorkBar, print, print_problem, print_text};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::run::Judged;
@@ -56,7 +56,7 @@ impl Terminal {
     fn report(&self, path: &Path, judged: &Judged) {
         if judged.verdict.outcome == Outcome::Incomplete {
             let reason = judged.verdict.reason.as_deref().unwrap_or_default();
-            print_error(&format!("canrig: `{}`: {reason}", path.display()));
+            print_problem(format!("`{}`: {reason}", path.display()));
         }
         if self.quiet && judged.verdict.judged_nothing() && judged.exit == Exit::Pass {
             print(&terminal::line(&judged.verdict));
@@ -107,7 +107,7 @@ impl Listener for Terminal {
             }
             RunEvent::Failed(reason) => {
                 self.progress().take();
-                print_error(&format!("canrig: {reason}"));
+                print_problem(reason);
             }
             RunEvent::Ended(verdicts) if self.json => {
                 print(&serde_json::to_string_pretty(verdicts).expect("plain data"));

@@ -10,7 +10,7 @@ use super::page;
 use super::play::{Play, PlayError, latest};
 use judge::verdict::Outcome;
 use recording::run_folder::file;
-use runner::console::{print, print_error, print_text};
+use runner::console::{failed, print, print_problem, print_text};
 use runner::exit::Exit;
 use runner::output::{link, write_page};
 use runner::recorded::{opened, refuse};
@@ -40,10 +40,7 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
     let requirements = match gather(args) {
         Ok(requirements) => requirements,
         Err(PlayError::Run(error)) => return refuse(error),
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            return Exit::CannotStart;
-        }
+        Err(error) => return failed(Exit::CannotStart, error),
     };
     if args.json {
         print(&serde_json::to_string_pretty(&requirements).expect("plain data"));
@@ -114,7 +111,7 @@ fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, PlayError> {
         return Err(error);
     }
     for error in left_out {
-        print_error(&format!("canrig: {error}; it is left out"));
+        print_problem(format!("{error}; it is left out"));
     }
     Ok(tests)
 }

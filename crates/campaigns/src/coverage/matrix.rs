@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use jiff::Timestamp;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 use super::play::{Play, Tested};
 use judge::verdict::Outcome;
@@ -44,7 +44,7 @@ pub(super) struct RequirementTest {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
     /// Time of that play, as RFC 3339 writes it.
-    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "written")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub played_at: Option<Timestamp>,
     /// Number of runs, if the play is a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,11 +52,6 @@ pub(super) struct RequirementTest {
     /// First of the worst runs, if the play is a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub case: Option<usize>,
-}
-
-/// Serializes a time as RFC 3339 writes it.
-fn written<S: Serializer>(time: &Option<Timestamp>, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&time.unwrap_or_default())
 }
 
 impl Requirement {

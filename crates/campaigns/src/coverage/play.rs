@@ -157,7 +157,7 @@ impl Play {
     }
 
     /// Returns a play without results. Other values on the command line make another test, and so does another `kind`.
-    fn named(folder: &Path, plan: &Plan, kind: Vec<String>) -> Result<Self, RecordedError> {
+    fn named(folder: &Path, plan: &Plan, kind: Vec<String>) -> Result<Self, Failure> {
         let record = PlayRecord::read(folder)?;
         let set = record.iter().flat_map(|record| &record.set);
         let kind = kind

@@ -12,13 +12,13 @@ use super::store::{Header, Rows, Writer};
 use super::sweep_cases::SweepCases;
 use crate::error::run;
 use crate::torture::cases::TortureCases;
-use recording::run_folder::{RunFolder, file, file_in};
-use runner::console::print_error;
+use recording::run_folder::{RunFolder, file};
+use runner::console::failed;
 use runner::exit::{Exit, Failure};
 use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
-use runner::recorded::{RecordedError, refuse};
+use runner::recorded::require_inside;
 use runner::run::RUNS;
 
 /// Arguments of `merge`.
@@ -43,17 +43,12 @@ pub fn merge(args: &MergeArgs) -> Exit {
     let is_campaign = |path: &&PathBuf| path.join(file::SCENARIO).exists();
     if let Some(other) = args.shards.iter().find(|path| !is_campaign(path)) {
         let (path, name) = (other.display(), file::SCENARIO);
-        print_error(&format!(
-            "canrig: `{path}` is not the folder of a sweep (no {name} in it)"
-        ));
-        return Exit::CannotStart;
+        let reason = format!("`{path}` is not the folder of a sweep (no {name} in it)");
+        return failed(Exit::CannotStart, reason);
     }
-    let scenario = match file_in(first, file::SCENARIO) {
+    let scenario = match require_inside(first, file::SCENARIO) {
         Ok(scenario) => scenario,
-        Err(source) => {
-            let path = first.join(file::SCENARIO);
-            return refuse(RecordedError::Read { path, source });
-        }
+        Err(error) => return failed(error.exit, error),
     };
     run(&scenario, &ValueArgs::default(), |plan| {
         let cases: Box<dyn Cases> = match TortureCases::read(first, plan)? {

@@ -17,7 +17,7 @@ use super::row::SweepRow;
 use crate::engine::quoted;
 use judge::verdict::Identity;
 use recording::run_folder::{file, file_in};
-use runner::console::print_error;
+use runner::console::print_problem;
 use runner::exit::{Exit, Failure};
 use runner::machine;
 
@@ -370,12 +370,12 @@ impl Rows {
             lines.map(|line| (line, file.path.display()))
         });
         for (line, path) in lines.clone().take(NAMED_MAX) {
-            print_error(&format!(
-                "canrig: line {line} of {path} is damaged or cut short, and does not count"
+            print_problem(format!(
+                "line {line} of {path} is damaged or cut short, and does not count"
             ));
         }
         if let more @ 1.. = lines.count().saturating_sub(NAMED_MAX) {
-            print_error(&format!("canrig: and {more} more lines"));
+            print_problem(format!("and {more} more lines"));
         }
     }
 

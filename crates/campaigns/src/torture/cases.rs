@@ -8,7 +8,7 @@ use plan::Plan;
 use recording::capture::Watch;
 use recording::run_folder::file_in;
 use runner::exit::Failure;
-use runner::recorded::RecordedError;
+use runner::recorded::unreadable;
 use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
@@ -68,8 +68,7 @@ impl TortureCases {
     }
 
     /// Reads the cases of a part's folder; `None` if it is not one of torture.
-    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Option<Self>, RecordedError> {
-        let path = folder.join(FILE);
+    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Option<Self>, Failure> {
         let text = file_in(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
         let text = match text {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -77,7 +76,7 @@ impl TortureCases {
         };
         let draws = text
             .and_then(|text| Ok(serde_json::from_str(&text)?))
-            .map_err(|source| RecordedError::Read { path, source })?;
+            .map_err(unreadable(folder.join(FILE)))?;
         Ok(Some(Self::new(plan, draws)))
     }
 

@@ -80,8 +80,8 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
     let cases = TortureCases::new(plan, draws);
     // The first case shows whether torture can play the scenario at all.
     if let Err(reason) = cases.case(1).plan() {
-        print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
-        return Ok(Exit::CannotStart);
+        let path = args.scenario.display();
+        return Err(Exit::CannotStart.because(format!("{path}: {reason}")));
     }
     started_by(plan).iter().for_each(|line| print_error(line));
     if args.plan {

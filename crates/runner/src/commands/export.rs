@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
-use crate::console::{WorkBar, failed, print_error, print_with};
-use crate::exit::Exit;
+use crate::console::{WorkBar, failed, print_problem, print_with};
+use crate::exit::{Exit, Failure};
 use crate::output::write_with;
 use crate::recorded::{Recorded, RecordedError, refuse};
-use dbc::SignalMissing;
+use dbc::{Database, SignalMissing};
 use exports::{asc, blf, events, frames, mcap, mf4, parquet};
+use recording::run_folder::file;
 use report::csv;
 use worlds::catalogue::catalogue;
 
@@ -70,29 +71,23 @@ pub fn export(args: &ExportArgs) -> Exit {
     if args.message.is_some() && args.format != Format::Frames {
         return failed(Exit::Usage, "--message needs --format frames");
     }
-    let bar = WorkBar::new(args.format.passes(), is_silent(args));
-    let recorded = match Recorded::load(&args.recording, None, catalogue()) {
-        Ok(recorded) => recorded,
-        Err(error) => return refuse(error),
-    };
-    let conversion = match conversion(args, &recorded) {
-        Ok(conversion) => conversion,
-        Err(error) => return refuse(error),
-    };
+    exported(args).err().unwrap_or(Exit::Pass)
+}
+
+fn exported(args: &ExportArgs) -> Result<(), Exit> {
+    let _bar = WorkBar::new(args.format.passes(), is_silent(args));
+    let recorded = Recorded::load(&args.recording, None, catalogue()).map_err(refuse)?;
+    let conversion = conversion(args, &recorded).map_err(refuse)?;
     for remark in recorded.log.unread.remarks() {
-        print_error(&format!("canrig: {remark}; the other frames are written"));
+        print_problem(format!("{remark}; the other frames are written"));
     }
-    let exit = match &args.output {
-        Some(place) => write_with(place, |output| conversion(output))
-            .err()
-            .unwrap_or(Exit::Pass),
+    match &args.output {
+        Some(place) => write_with(place, |output| conversion(output)),
         None => {
             print_with(|output| conversion(output));
-            Exit::Pass
+            Ok(())
         }
-    };
-    drop(bar);
-    exit
+    }
 }
 
 /// Returns whether a bar may be drawn, since the export itself does not go to the terminal.
@@ -151,10 +146,21 @@ fn frame_table<'a>(
         Some(name) => {
             let message = database
                 .message(name)
-                .ok_or_else(|| RecordedError::no_message(name, database))?;
+                .ok_or_else(|| no_message(name, database))?;
             Box::new(move |output| frames::write_message(output, frames, database, zero, message))
         }
     })
+}
+
+/// Returns the failure of a name that the frames do not have.
+fn no_message(name: &str, database: &Database) -> Failure {
+    let names = database.messages().iter();
+    let meant = scenario::nearest(name, names.map(|message| message.name.as_str()));
+    let hint = meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
+    let file = file::FRAMES;
+    Exit::CannotStart.because(format!(
+        "no message `{name}` is in the recording's {file}{hint}"
+    ))
 }
 
 /// Returns the begin of scenario time on the clock of the frames; 0 on that clock if the scenario never began.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use platform::clock::{Clock, sleep};
 
-use crate::console::{WorkBar, print, print_error, print_text};
+use crate::console::{WorkBar, print, print_problem, print_text};
 use crate::exit::Exit;
 use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -81,8 +81,11 @@ fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), Recor
     bar.expect(PASSES + recorded.passes_for_timing());
     if let Some(limits) = limits {
         let plan = with_limits(recorded.plan, path, limits, catalogue())?;
-        recorded.plan = plan.ok_or_else(|| RecordedError::OtherLoops {
-            path: limits.to_owned(),
+        recorded.plan = plan.ok_or_else(|| {
+            let path = limits.display();
+            Exit::CannotStart.because(format!(
+                "`{path}` has other loops than the recording, so its limits cannot be applied"
+            ))
         })?;
     }
     let timelines = recorded.timelines()?;
@@ -121,16 +124,14 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
 
 fn report_all(reasons: &[String]) {
     for reason in reasons {
-        print_error(&format!("canrig: {reason}"));
+        print_problem(reason);
     }
 }
 
 fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     for remark in recorded.log.unread.remarks() {
         let read = recorded.log.frames.len();
-        print_error(&format!(
-            "canrig: {remark}; the other {read} frames are judged"
-        ));
+        print_problem(format!("{remark}; the other {read} frames are judged"));
     }
     if args.json {
         print(verdict.to_json().trim_end());

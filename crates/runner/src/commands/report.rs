@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::console::{WorkBar, print_error};
+use crate::console::{WorkBar, print_problem};
 use crate::exit::Exit;
 use crate::output::{link, renew_page, write_page};
 use crate::play_record::PlayRecord;
@@ -32,16 +32,15 @@ pub struct ReportArgs {
 
 /// Makes the page of each run, and one of all of them at the place of `--output`.
 pub fn report(args: &ReportArgs) -> Exit {
+    reported(args).err().unwrap_or(Exit::Pass)
+}
+
+fn reported(args: &ReportArgs) -> Result<(), Exit> {
     let folders = opened(&args.runs);
     let paths = runs_among(&folders);
     let bar = WorkBar::new(PASSES * paths.len() as u64, true);
-    let mut runs = Vec::new();
-    for path in paths {
-        match read(path) {
-            Ok(run) => runs.push(run),
-            Err(error) => return refuse(error),
-        }
-    }
+    let read: Result<Vec<Judged>, _> = paths.into_iter().map(read).collect();
+    let runs = read.map_err(refuse)?;
     let further_loops = |run: &Judged| run.recorded.plan.loops.len() as u64 - 1;
     let further = runs.iter().map(further_loops);
     bar.expect(PASSES * runs.len() as u64 + further.sum::<u64>());
@@ -70,26 +69,20 @@ pub fn report(args: &ReportArgs) -> Exit {
     for Judged { recorded, .. } in &runs {
         for remark in recorded.log.unread.remarks() {
             let path = recorded.path.display();
-            print_error(&format!(
-                "canrig: {path}: {remark}; the page shows the other frames"
-            ));
+            print_problem(format!("{path}: {remark}; the page shows the other frames"));
         }
     }
     for page in pages {
-        let written = match page {
-            Ok((place, text)) if args.output.as_ref() == Some(&place) => write_page(&place, &text),
-            Ok((place, text)) => renew_page(&place, &text),
-            Err(error) => return refuse(error.into()),
-        };
-        if let Err(exit) = written {
-            return exit;
+        let (place, text) = page.map_err(|error| refuse(error.into()))?;
+        if args.output.as_ref() == Some(&place) {
+            write_page(&place, &text)?;
+        } else {
+            renew_page(&place, &text)?;
         }
     }
     match &args.output {
-        Some(output) if !is_of_one => write_page(output, &together(&runs, output))
-            .err()
-            .unwrap_or(Exit::Pass),
-        _ => Exit::Pass,
+        Some(output) if !is_of_one => write_page(output, &together(&runs, output)),
+        _ => Ok(()),
     }
 }
 

@@ -108,7 +108,8 @@ fn compared<'a>(
         scales: a.plan.loops.iter().map(Scale::of).collect(),
     };
     if let Some(name) = tolerances.unknown_name(&a_timelines, [&a_verdict, &b_verdict]) {
-        return Err(RecordedError::NoSuchName(name));
+        let reason = format!("--tolerance: no signal, metric or unit is called `{name}`");
+        return Err(Exit::Usage.because(reason).into());
     }
     let mut comparison = compare_runs(
         &tolerances,
@@ -124,17 +125,15 @@ fn compared<'a>(
         }
     }
     let page = args.output.as_deref().map(|place| {
-        let run = |recorded: &Recorded, verdict| ComparedRun {
-            path: recorded.path.display().to_string(),
+        let runs = [(&a, &a_verdict), (&b, &b_verdict)].map(|(recorded, verdict)| ComparedRun {
+            recorded,
             page: link(place, &recorded.path.join(file::REPORT)),
-            rig: recorded.plan.shared.rig.name.clone(),
             played: PlayRecord::read(&recorded.path).ok().flatten(),
-            clock: recorded.log.frames.clock(),
             verdict,
-        };
+        });
         let compared = Compared {
             comparison: &comparison,
-            runs: [run(&a, &a_verdict), run(&b, &b_verdict)],
+            runs,
             timelines: [&a_timelines, &b_timelines],
             time_tolerance_seconds: tolerances.time_seconds,
         };

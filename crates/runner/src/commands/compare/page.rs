@@ -5,11 +5,11 @@ use std::collections::VecDeque;
 use maud::{Markup, html};
 
 use crate::play_record::PlayRecord;
+use crate::recorded::Recorded;
 use dbc::names;
 use judge::comparison::{Comparison, MetricDifference, SignalDifference, reach};
 use judge::verdict::Verdict;
 use platform::series::Series;
-use recording::frames::Clock;
 use recording::timeline::{self, Timeline};
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
@@ -192,14 +192,10 @@ pub(super) struct Compared<'a> {
 
 /// One of the runs, as its head on the page names it.
 pub(super) struct ComparedRun<'a> {
-    pub(super) path: String,
+    pub(super) recorded: &'a Recorded,
     /// Link to the run's own page.
     pub(super) page: Option<String>,
-    /// Name of the rig.
-    pub(super) rig: String,
     pub(super) played: Option<PlayRecord>,
-    /// Clock of the recording; `None` if it has no frames.
-    pub(super) clock: Option<Clock>,
     pub(super) verdict: &'a Verdict,
 }
 
@@ -245,13 +241,13 @@ fn heads(runs: &[ComparedRun<'_>; 2]) -> Markup {
     html! { div.wide { table.stacked {
         thead { tr { th { "run" } @for letter in LETTERS { th { (letter) } } } }
         tbody {
-            (row("folder", |run| html! { @match &run.page { Some(page) => a href=(page) { (run.path) }, None => (run.path) } }))
+            (row("folder", |run| html! { @let path = run.recorded.path.display(); @match &run.page { Some(page) => a href=(page) { (path) }, None => (path) } }))
             (row("scenario", |run| html! { (run.verdict.scenario) @for set in run.played.iter().flat_map(|play| &play.set) { div.soft { (page::set(set)) } } }))
-            (row("rig", |run| html! { (run.rig) }))
+            (row("rig", |run| html! { (run.recorded.plan.shared.rig.name) }))
             (row("law", |run| html! { @if let Some(identity) = &run.verdict.identity { (identity.law) } }))
             (row("seed", |run| html! { (run.verdict.seed) }))
             (row("result", |run| html! { span.(page::class(run.verdict.outcome)) { (page::word(run.verdict.outcome)) } }))
-            (row("played", |run| html! { (run.played.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { @if let Some(clock) = run.clock { "in " (page::time_by(clock)) ", " } "canrig " (run.verdict.version) @if let Some(identity) = &run.verdict.identity { ", program " code { (identity.program) } } } }))
+            (row("played", |run| html! { (run.played.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { @if let Some(clock) = run.recorded.log.frames.clock() { "in " (page::time_by(clock)) ", " } "canrig " (run.verdict.version) @if let Some(identity) = &run.verdict.identity { ", program " code { (identity.program) } } } }))
         }
     } } }
 }
