@@ -41,25 +41,15 @@ Example, a heartbeat of node 16 every 50 ms:
 /// Communication parameters and mappings of all PDOs (CiA 301, 7.5.1).
 const PDO_TABLES: RangeInclusive<u16> = 0x1400..=0x1BFF;
 
-/// Action on an object.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Request {
-    /// Upload.
-    Read,
-    /// Download of these bytes.
-    Write {
-        bytes: Vec<u8>,
-        /// The user accepts that a controller may be running.
-        is_forced: bool,
-    },
-}
-
 /// Object of a node that a guest reads or writes.
 #[derive(Debug)]
 struct Target {
     node_id: u8,
     place: (u16, u8),
-    request: Request,
+    /// Bytes to write; `None` to read.
+    written: Option<Vec<u8>>,
+    /// Whether the user accepts a write while a controller may be running.
+    is_forced: bool,
     /// Data sheets of the nodes on the bus.
     sheets: Vec<DataSheet>,
 }
@@ -73,10 +63,7 @@ impl Target {
     fn needs_silence(&self) -> bool {
         let (index, _) = self.place;
         let is_guarded = index == CONTROLWORD || PDO_TABLES.contains(&index);
-        match self.request {
-            Request::Write { is_forced, .. } => is_guarded && !is_forced,
-            Request::Read => false,
-        }
+        is_guarded && self.written.is_some() && !self.is_forced
     }
 
     /// Returns why the default channel is not free.
@@ -142,10 +129,7 @@ impl Target {
         channel: Option<(u16, u16)>,
         presence: &mut Presence,
     ) -> Result<Vec<u8>, ToolError> {
-        let written = match &self.request {
-            Request::Read => None,
-            Request::Write { bytes, .. } => Some(&bytes[..]),
-        };
+        let written = self.written.as_deref();
         let mut client = client(self.node_id, channel);
         let answer = guest.transfer(&mut client, self.place, written, |frame| {
             presence.on_frame(frame)
@@ -203,12 +187,12 @@ pub(crate) struct ObjectArgs {
 /// Reads or writes an object, and prints its value.
 pub(crate) fn sdo(args: &SdoArgs) -> Exit {
     ended(match &args.action {
-        SdoAction::Read(target) => transferred(target, None),
+        SdoAction::Read(target) => transferred(target, None, false),
         SdoAction::Write {
             object,
             value,
             force,
-        } => transferred(object, Some((value, *force))),
+        } => transferred(object, Some(value), *force),
     })
 }
 
@@ -248,48 +232,42 @@ fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
     }
 }
 
-/// Reads an object, or writes it if there is a value (with whether that is forced). Returns the line to print.
-fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<String, ToolError> {
+/// Reads an object, or writes it if there is a value. Returns the line to print.
+fn transferred(
+    target: &ObjectArgs,
+    value: Option<&str>,
+    is_forced: bool,
+) -> Result<String, ToolError> {
     let mut sheets = target.names.nodes()?.sheets;
     let node_id = data_sheet::node_id(&target.node, &sheets)?;
     if let Some(path) = &target.eds {
         sheets.insert(0, DataSheet::load(path, node_id)?);
     }
-    let sheet = sheets.iter().find(|sheet| sheet.node_id == node_id);
-    let place = match sheet {
-        Some(sheet) => sheet.find(&target.object)?,
-        None => DataSheet {
-            name: format!("node {node_id} (no EDS is known; name one with --eds)"),
-            node_name: String::new(),
-            node_id,
-            dictionary: canopen::ObjectDictionary::new(),
-        }
-        .find(&target.object)?,
+    let unknown = DataSheet {
+        name: format!("node {node_id} (no EDS is known; name one with --eds)"),
+        node_name: String::new(),
+        node_id,
+        dictionary: canopen::ObjectDictionary::new(),
     };
-    let entry = sheet
-        .and_then(|sheet| sheet.entry(place.0, place.1))
-        .cloned();
+    let mut known = sheets.iter().filter(|sheet| sheet.node_id == node_id);
+    let sheet = known.next().unwrap_or(&unknown);
+    let place = sheet.find(&target.object)?;
+    let entry = sheet.entry(place.0, place.1).cloned();
     let written = value
-        .map(|(text, _)| to_write(entry.as_ref(), place, text))
+        .map(|text| to_write(entry.as_ref(), place, text))
         .transpose()?;
-    let request = match (&written, value) {
-        (Some(bytes), Some((_, is_forced))) => Request::Write {
-            bytes: bytes.clone(),
-            is_forced,
-        },
-        _ => Request::Read,
-    };
     if written.is_some() && target.bus.bus.is_none() {
         confirm(&target.node, place)?;
     }
     let asked = Target {
         node_id,
         place,
-        request,
+        written,
+        is_forced,
         sheets,
     };
     let read = asked.transfer(&mut guest(&target.bus.chosen())?)?;
-    let bytes = written.as_ref().unwrap_or(&read);
+    let bytes = asked.written.as_ref().unwrap_or(&read);
     let name = entry.as_ref().map_or_else(String::new, |entry| {
         format!("  {} ({})", entry.name, value::type_name(entry.data_type))
     });
@@ -299,7 +277,7 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
         place.1,
         value::show(entry.as_ref(), bytes)
     );
-    if written.is_some() {
+    if asked.written.is_some() {
         line += "  written";
     }
     if let Some(entry) = &entry {
@@ -327,7 +305,8 @@ mod tests {
         let target = Target {
             node_id,
             place: (index, 0),
-            request: Request::Write { bytes, is_forced },
+            written: Some(bytes),
+            is_forced,
             sheets: rig_data_sheets(),
         };
         let mut presence = Presence::default();
