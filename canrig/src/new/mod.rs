@@ -15,7 +15,7 @@ use clap::{Args, Subcommand};
 use scenario::custom::{Section, is_name};
 
 use controller::ControllerArgs;
-use name::Name;
+use name::{camel, require_crate_name};
 use platform::unfinished::Unfinished;
 use recording::run_folder::{write_new, write_whole};
 use rig::RigArgs;
@@ -177,14 +177,12 @@ impl Crate {
 }
 
 fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, Failure> {
-    let name = Name::new(&args.name, skeleton.section)?;
-    let folder = args
-        .path
-        .clone()
-        .unwrap_or_else(|| PathBuf::from(name.snake()));
+    let name = args.name.as_str();
+    require_crate_name(name, skeleton.section)?;
+    let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
     let checkout = checkout(args.canrig.as_deref())?;
     in_new_folder(&folder, |folder| {
-        write_files(folder, skeleton.files(&name, &checkout))?;
+        write_files(folder, skeleton.files(name, &checkout))?;
         // The versions that canrig is tested with; cargo adds the new crate.
         let lock = checkout.join("Cargo.lock");
         if lock.is_file() {
@@ -264,16 +262,16 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, Failure> {
 
 impl Skeleton {
     /// Returns the files of the crate: the path in its folder, and the content.
-    fn files(&self, name: &Name, checkout: &Path) -> Vec<(PathBuf, String)> {
+    fn files(&self, name: &str, checkout: &Path) -> Vec<(PathBuf, String)> {
         let renamed = |text: &str| {
-            let text = text.replace(self.name, name.snake());
-            text.replace(&name::camel(self.name), &name.camel())
+            let text = text.replace(self.name, name);
+            text.replace(&camel(self.name), &camel(name))
         };
         let checkout = escaped(&checkout.display().to_string());
         let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout);
-        let scenario = format!("scenarios/{}.toml", name.snake());
+        let scenario = format!("scenarios/{name}.toml");
         let rig = self.rig.map(|rig| {
-            let path = format!("scenarios/{}_rig.toml", name.snake());
+            let path = format!("scenarios/{name}_rig.toml");
             (path.into(), renamed(rig))
         });
         let files = [
@@ -340,9 +338,7 @@ mod tests {
             assert!(names_it.iter().any(|name| text.contains(name)), "{text}");
             let program = fs::read_to_string(written_to.join("src/main.rs")).unwrap();
             assert!(program.contains("::<SwingArm>()"), "{program}");
-            for (path, text) in
-                skeleton.files(&Name::new("x1", skeleton.section).unwrap(), folder.path())
-            {
+            for (path, text) in skeleton.files("x1", folder.path()) {
                 assert!(!text.to_lowercase().contains("my_"), "{}", path.display());
                 assert!(!text.contains("CANRIG"), "{}", path.display());
             }

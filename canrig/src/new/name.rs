@@ -58,41 +58,24 @@ const TAKEN: [&str; 35] = [
     "state",
 ];
 
-/// A valid name.
-pub(super) struct Name(String);
-
-impl Name {
-    /// Checks a name for a section's table, a crate and a type.
-    pub(super) fn new(text: &str, section: Section) -> Result<Self, Failure> {
-        let refused = |why: &str| Err(Exit::Usage.because(format!("`{text}` {why}")));
-        is_free(section, text).map_err(|error| Exit::Usage.because(error))?;
-        // A number sticks to the word before it, so `a_1` and `a1` are the same type.
-        if text.split('_').any(str::is_empty) {
-            return refused(
-                "cannot become the name of a type; write single underscores between words",
-            );
-        }
-        let is_keyword = syn::parse_str::<syn::Ident>(text).is_err();
-        if is_keyword || KEPT.contains(&text) {
-            return refused(
-                "has a meaning of its own in Rust, so no crate can have this name; choose another one",
-            );
-        }
-        if TAKEN.contains(&text) {
-            return refused("is the name of something that the crate uses; choose another one");
-        }
-        Ok(Self(text.to_owned()))
+/// Refuses a name that a section's table, a crate or a type cannot have.
+pub(super) fn require_crate_name(text: &str, section: Section) -> Result<(), Failure> {
+    let refused = |why: &str| Err(Exit::Usage.because(format!("`{text}` {why}")));
+    is_free(section, text).map_err(|error| Exit::Usage.because(error))?;
+    // A number sticks to the word before it, so `a_1` and `a1` are the same type.
+    if text.split('_').any(str::is_empty) {
+        return refused("cannot become the name of a type; write single underscores between words");
     }
-
-    /// Returns the name for crates, modules and tables: `my_plant`.
-    pub(super) fn snake(&self) -> &str {
-        &self.0
+    let is_keyword = syn::parse_str::<syn::Ident>(text).is_err();
+    if is_keyword || KEPT.contains(&text) {
+        return refused(
+            "has a meaning of its own in Rust, so no crate can have this name; choose another one",
+        );
     }
-
-    /// Returns the name for types: `MyPlant`.
-    pub(super) fn camel(&self) -> String {
-        camel(&self.0)
+    if TAKEN.contains(&text) {
+        return refused("is the name of something that the crate uses; choose another one");
     }
+    Ok(())
 }
 
 /// Converts `my_plant` to the name of a type, `MyPlant`.
@@ -111,14 +94,12 @@ mod tests {
     #[test]
     fn names_of_tables_crates_and_types_differ_from_others() {
         let refused = |text: &str| {
-            Name::new(text, Section::Plant)
+            require_crate_name(text, Section::Plant)
                 .err()
                 .map(|error| error.to_string())
         };
-        assert_eq!(
-            Name::new("swing_arm_2", Section::Plant).unwrap().camel(),
-            "SwingArm2"
-        );
+        assert_eq!(refused("swing_arm_2"), None);
+        assert_eq!(camel("swing_arm_2"), "SwingArm2");
         for text in ["pendulum", "a", "pid"] {
             assert_eq!(refused(text), None, "{text}");
         }
@@ -142,6 +123,6 @@ mod tests {
                 "{text}"
             );
         }
-        assert!(Name::new("pid", Section::Controller).is_err());
+        assert!(require_crate_name("pid", Section::Controller).is_err());
     }
 }
