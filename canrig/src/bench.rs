@@ -1,13 +1,14 @@
 //! A bench with custom plants and laws: every command of canrig, which treats them like the shipped ones.
 
+use std::error::Error;
 use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 use clap::FromArgMatches;
-use controller::catalogue::{InvalidCustomLaw, LawRow, register_laws};
+use controller::catalogue::{LawRow, register_laws};
 use controller::law::Law;
-use plant_emulator::catalogue::{InvalidCustomPlant, PlantRow, register_plants};
+use plant_emulator::catalogue::{PlantRow, register_plants};
 use plant_emulator::plant::Plant;
 use platform::terminal::printable;
 use recording::frames::LogChanged;
@@ -29,15 +30,6 @@ pub struct Bench {
     plants: Vec<PlantRow>,
     models: Vec<OwnModel>,
     laws: Vec<LawRow>,
-}
-
-/// Reason why a bench cannot begin: a mistake of its author, not of its user.
-#[derive(Debug, thiserror::Error)]
-enum InvalidBench {
-    #[error(transparent)]
-    Plant(#[from] InvalidCustomPlant),
-    #[error(transparent)]
-    Law(#[from] InvalidCustomLaw),
 }
 
 impl Bench {
@@ -89,7 +81,8 @@ impl Bench {
         exit.into()
     }
 
-    fn register(self) -> Result<(), InvalidBench> {
+    /// Registers the plants and laws. An invalid one is a mistake of the bench's author, not of its user.
+    fn register(self) -> Result<(), Box<dyn Error>> {
         register_laws(self.laws)?;
         register_plants(self.plants)?;
         export::register(self.models);

@@ -125,37 +125,33 @@ fn in_loop(error: RunError) -> Failure {
     }
 }
 
-/// Reads the plan of the scenario.
-fn load_plan(args: &NodeArgs) -> Result<Plan, Failure> {
-    Plan::load(&args.scenario, catalogue()).map_err(|error| in_plan(without_colours(&error)))
-}
-
 /// Makes the controller.
-fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
-    let plan = load_plan(args)?;
-    let views = controller_views(&plan);
-    let planned = LawPlace::of(&plan);
+fn hosted_controller(
+    args: &NodeArgs,
+    plan: &Plan,
+    late: &Arc<AtomicU64>,
+) -> Result<Box<dyn Node>, Failure> {
+    let views = controller_views(plan);
+    let planned = LawPlace::of(plan);
+    let is_real_time = args.lockstep.is_none();
     // The scenario is the copy in the folder of the run.
     let run = args.scenario.parent().map(Path::to_owned);
     let place = LawPlace {
         folder: args.laws_in.clone().unwrap_or(planned.folder),
         logs: run.filter(|_| args.laws_in.is_some()),
-        is_real_time: args.lockstep.is_none(),
+        is_real_time,
         late: Arc::clone(late),
         ..planned
     };
     let make = move || make_controller(&views, &place);
-    faulty_controller(make, &plan, is_caused_by_bench(args)).map_err(in_plan)
+    // In real time the bench causes crash and hang, from outside the process.
+    let is_caused_by_bench = move |kind: &FaultKind| {
+        is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
+    };
+    faulty_controller(make, plan, is_caused_by_bench).map_err(in_plan)
 }
 
-/// Returns whether the bench causes a fault from outside the process, as it does with crash and hang in real time.
-fn is_caused_by_bench(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
-    let is_real_time = args.lockstep.is_none();
-    move |kind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
-}
-
-fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    let plan = load_plan(args)?;
+fn hosted_emulator(args: &NodeArgs, plan: &Plan) -> Result<Box<dyn Node>, Failure> {
     let names = emulator_names(&plan.loops);
     let plant = match (args.plant.as_deref(), &names[..]) {
         (None, [only]) => only,
@@ -167,7 +163,7 @@ fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
             return Err(in_plan(reason));
         }
     };
-    plant_emulator(&plan, plant).map_err(in_plan)
+    plant_emulator(plan, plant).map_err(in_plan)
 }
 
 /// Runs one node as this process, for the hidden subcommand `node`.
@@ -182,9 +178,11 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
 }
 
 fn hosted(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
+    let loaded = Plan::load(&args.scenario, catalogue());
+    let plan = loaded.map_err(|error| in_plan(without_colours(&error)))?;
     match args.role {
-        Role::Controller => hosted_controller(args, late),
-        Role::PlantEmulator => hosted_emulator(args),
+        Role::Controller => hosted_controller(args, &plan, late),
+        Role::PlantEmulator => hosted_emulator(args, &plan),
     }
 }
 
