@@ -3,6 +3,7 @@
 use std::io;
 use std::path::Path;
 
+use clap::Args;
 use faults::Stream;
 use plan::Plan;
 use recording::capture::Watch;
@@ -33,12 +34,22 @@ pub(crate) fn is_torture(folder: &Path) -> bool {
 }
 
 /// Parameters of the draws.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
-pub(crate) struct Draws {
-    /// Number of mixes of faults.
+#[derive(Args, Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Draws {
+    /// Number of random combinations of faults
+    #[arg(long, value_name = "COUNT", default_value_t = 1000, value_parser = runs)]
     pub(crate) runs: usize,
-    /// Seed of all mixes.
+    /// Seed of the random combinations
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub(crate) seed: u64,
+}
+
+fn runs(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("it must be at least 1".to_owned()),
+        Ok(runs) => Ok(runs),
+        Err(error) => Err(format!("{error}")),
+    }
 }
 
 /// Random mixes of faults in a scenario.

@@ -1,6 +1,5 @@
 //! The command `canrig torture`.
 
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -27,25 +26,13 @@ use worlds::{Played, lockstep};
 /// Largest number of failing cases that are shrunk; more of them usually have the same cause.
 const SHRUNK_MAX: usize = 5;
 
-fn runs(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(0) => Err("it must be at least 1".to_owned()),
-        Ok(runs) => Ok(runs),
-        Err(error) => Err(format!("{error}")),
-    }
-}
-
 /// Arguments of `torture`.
 #[derive(Args, Debug)]
 pub struct TortureArgs {
     /// The scenario that is played with faults; its own faults and limits are left out
     pub scenario: PathBuf,
-    /// Number of random combinations of faults
-    #[arg(long, value_name = "COUNT", default_value_t = 1000, value_parser = runs)]
-    pub runs: usize,
-    /// Seed of the random combinations
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    pub seed: u64,
+    #[command(flatten)]
+    pub draws: Draws,
     /// Folder in which the folders of the torture and of shrunk cases are made; an interrupted torture that is there is
     /// continued
     #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
@@ -73,11 +60,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
 /// Plays the mixes that have no row yet, and makes tables and page. Of all mixes together, it shrinks the first that broke each
 /// invariant; `canrig merge` does so for parts.
 fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
-    let draws = Draws {
-        runs: args.runs,
-        seed: args.seed,
-    };
-    let cases = TortureCases::new(plan, draws);
+    let cases = TortureCases::new(plan, args.draws);
     // The first case shows whether torture can play the scenario at all.
     if let Err(reason) = cases.case(1).plan() {
         let path = args.scenario.display();
@@ -85,7 +68,7 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
     }
     started_by(plan).iter().for_each(|line| print_error(line));
     if args.plan {
-        let (file, runs, seed) = (args.scenario.display(), args.runs, args.seed);
+        let (file, Draws { runs, seed }) = (args.scenario.display(), args.draws);
         let submit = format!("{file} --torture {runs} --seed {seed}");
         return Estimate::print(&cases, args.threads, &submit);
     }
@@ -104,7 +87,7 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
         shrink_all(&args.output, &broken, &cases)?;
     }
     if part.is_whole() || !args.quiet {
-        print(&summary(args.seed, rows.len(), &broken));
+        print(&summary(args.draws.seed, rows.len(), &broken));
     }
     Ok(exit)
 }
@@ -171,10 +154,10 @@ fn keep(case: &TortureCase<'_>, output: &Path) -> Result<PathBuf, String> {
         overrides: &[],
         is_strict: false,
     };
-    let folder = RefCell::new(output.to_owned());
+    let mut folder = output.to_owned();
     let judged = caught(|| {
         let judged = run::run(&plan, place, &watch, taps, |created, capture| {
-            created.path().clone_into(&mut folder.borrow_mut());
+            created.path().clone_into(&mut folder);
             let hosting = Hosting {
                 logs: Some(created.path()),
                 ..Hosting::default()
@@ -185,7 +168,7 @@ fn keep(case: &TortureCase<'_>, output: &Path) -> Result<PathBuf, String> {
     });
     match judged {
         Ok(Err(error)) => Err(error.to_string()),
-        Ok(Ok(())) | Err(_) => Ok(folder.into_inner()),
+        Ok(Ok(())) | Err(_) => Ok(folder),
     }
 }
 
