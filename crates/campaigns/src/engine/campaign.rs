@@ -10,7 +10,6 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use judge::verdict::Identity;
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::play_record::PlayRecord;
 use scenario::Override;
@@ -63,7 +62,8 @@ pub(super) struct Submitted {
 /// Campaign on the shared disk.
 pub(super) struct SharedCampaign<'a> {
     pub(super) cases: &'a dyn Cases,
-    pub(super) identity: Identity,
+    /// Header of the rows of each part.
+    pub(super) header: Header,
     /// Folder in which the campaign's folder is, by the path that every machine of the engine has for it.
     pub(super) output: PathBuf,
     /// Arguments of a task's command between the program and the part.
@@ -123,12 +123,8 @@ impl SharedCampaign<'_> {
     }
 
     /// Returns the job that plays some parts.
-    pub(super) fn job<'a>(
-        &self,
-        folder: &'a Path,
-        record: &'a Record,
-        parts: &'a [usize],
-    ) -> Job<'a> {
+    pub(super) fn job<'a>(&self, record: &'a Record, parts: &'a [usize]) -> Job<'a> {
+        let folder = self.path();
         let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
         let mut command = vec![
             path(PROGRAM),
@@ -161,10 +157,9 @@ impl SharedCampaign<'_> {
 
     /// Returns the rows of each part, still unread.
     pub(super) fn rows(&self, of: usize) -> BTreeMap<usize, Rows> {
-        let header = Header::new(self.cases, &self.identity);
         let parts = (1..=of).map(|number| {
             let shard = Shard { number, of };
-            (number, Rows::unread(&self.part(shard), &header, shard))
+            (number, Rows::unread(&self.part(shard), &self.header, shard))
         });
         parts.collect()
     }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
 
 use clap::Args;
 
@@ -16,14 +15,13 @@ use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::merge::merge_parts;
 use crate::sweep::shard::SHARDS_MAX;
-use crate::sweep::store::read_error;
+use crate::sweep::store::{Header, read_error};
 use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
 use plan::Plan;
 use recording::run_folder::WriteError;
 use runner::console::{Bar, print};
 use runner::exit::{Exit, Failure};
-use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
 
@@ -103,14 +101,14 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
     };
     let campaign = SharedCampaign {
         cases: &*cases,
-        identity: identity(plan)?,
+        header: Header::new(&*cases)?,
         output: std::path::absolute(&args.output).map_err(WriteError::at(&args.output))?,
         arguments,
     };
     let mut record = record(args, &campaign)?;
     if args.dry_run {
-        let (path, parts) = (campaign.path(), Vec::from_iter(1..=record.parts));
-        let job = campaign.job(&path, &record, &parts);
+        let parts = Vec::from_iter(1..=record.parts);
+        let job = campaign.job(&record, &parts);
         print(record.engine.engine().file(&job).1.trim_end());
         return Ok(Exit::Pass);
     }
@@ -143,7 +141,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Fa
     };
     let parts = args.parts.map(usize::from);
     match (known, args.engine) {
-        (Some(known), _) if known.program != campaign.identity.program => {
+        (Some(known), _) if known.program != campaign.header.identity.program => {
             let program = path.join("engine/canrig");
             refused(format!(
                 "this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away",
@@ -185,7 +183,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Fa
             path.display()
         )),
         (None, Some(engine)) => Ok(Record {
-            program: campaign.identity.program.clone(),
+            program: campaign.header.identity.program.clone(),
             engine,
             parts: match parts {
                 Some(parts) => parts.min(campaign.cases.runs()),
@@ -213,17 +211,16 @@ fn play(
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
 ) -> Result<(), Failure> {
-    let counter = Mutex::new(RowCounter(campaign.rows(record.parts)));
-    let locked = || counter.lock().unwrap_or_else(PoisonError::into_inner);
-    locked().count()?;
-    let bar = Bar::parts(campaign.cases.runs(), locked().rows(), !args.quiet);
+    let mut counter = RowCounter(campaign.rows(record.parts));
+    counter.count()?;
+    let bar = Bar::parts(campaign.cases.runs(), counter.rows(), !args.quiet);
     let engine = record.engine.engine();
     let mut begun = 0;
     loop {
         let submitted = match record.job.clone() {
             Some(submitted) => submitted,
             None => {
-                let missing = locked().missing();
+                let missing = counter.missing();
                 if missing.is_empty() {
                     break;
                 }
@@ -244,7 +241,7 @@ fn play(
             }
         };
         begun += 1;
-        let Some(failed) = wait(engine, campaign, &submitted, &counter, &bar)? else {
+        let Some(failed) = wait(engine, campaign, &submitted, &mut counter, &bar)? else {
             let queue = record.limits.queue.as_deref();
             let cancel = engine.cancel_command(&submitted.id, queue);
             return Err(Exit::Interrupted.because(format!(
@@ -253,11 +250,11 @@ fn play(
         };
         record.job = None;
         campaign.keep(record)?;
-        locked().count()?;
-        print_missing(&bar, campaign, &locked(), &failed);
+        counter.count()?;
+        print_missing(&bar, campaign, &counter, &failed);
     }
     drop(bar);
-    print_lost(args, &locked());
+    print_lost(args, &counter);
     Ok(())
 }
 
@@ -268,8 +265,7 @@ fn hand_over(
     parts: Vec<usize>,
 ) -> Result<Submitted, Failure> {
     let engine = record.engine.engine();
-    let path = campaign.path();
-    let (name, text) = engine.file(&campaign.job(&path, record, &parts));
+    let (name, text) = engine.file(&campaign.job(record, &parts));
     let file = campaign.write_job(name, &text)?;
     let submitted = Submitted {
         id: engine.submit(&file)?,

@@ -118,7 +118,7 @@ fn pod(job: &Job<'_>) -> Value {
     }
     if let Some(claim) = &limits.claim {
         // The campaign is at the same place in the pods as on this machine.
-        let place = job.folder.parent().unwrap_or(job.folder);
+        let place = job.folder.parent().unwrap_or(&job.folder);
         pod["volumes"] = json!([{"name": VOLUME, "persistentVolumeClaim": {"claimName": claim}}]);
         pod["containers"][0]["volumeMounts"] = json!([{"name": VOLUME, "mountPath": place}]);
     }

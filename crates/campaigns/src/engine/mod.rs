@@ -55,7 +55,7 @@ struct Job<'a> {
     /// Name in the engine's lists.
     name: String,
     /// Folder of the campaign on the disk that all machines share.
-    folder: &'a Path,
+    folder: PathBuf,
     /// Folder of the tasks' output.
     logs: PathBuf,
     /// Program and arguments, except for the part.
@@ -138,7 +138,7 @@ mod tests {
     pub(super) fn job<'a>(folder: &'a Path, limits: &'a Limits) -> Job<'a> {
         Job {
             name: "canrig-1f".to_owned(),
-            folder,
+            folder: folder.to_owned(),
             logs: folder.join("engine/log"),
             command: ["/shared/my campaign/canrig", "sweep", "/shared/it's.toml"]
                 .map(str::to_owned)

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use runner::console::Bar;
@@ -25,7 +24,7 @@ pub(super) fn wait(
     engine: &dyn Engine,
     campaign: &SharedCampaign<'_>,
     submitted: &Submitted,
-    counter: &Mutex<RowCounter>,
+    counter: &mut RowCounter,
     bar: &Bar,
 ) -> Result<Option<BTreeMap<usize, String>>, EngineError> {
     let (stop, stopped) = mpsc::channel::<()>();
@@ -38,14 +37,13 @@ pub(super) fn wait(
                 _ => return Ok(None),
             }
             period = (period + period / 4).min(PERIOD_MAX);
-            let mut counter = counter.lock().unwrap_or_else(PoisonError::into_inner);
             // Rows that cannot be read are tried again the next time.
             let _ = counter.count();
             match engine.state(&submitted.id, &file, &submitted.parts) {
                 Ok(state) => {
                     silences = 0;
                     bar.show(counter.rows() as u64);
-                    bar.say(&state_text(&state, &counter));
+                    bar.say(&state_text(&state, counter));
                     // Work of the engine on completed parts, such as a repetition, does not matter.
                     if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
                         return Ok(Some(state.failed));

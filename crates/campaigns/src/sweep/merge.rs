@@ -15,7 +15,6 @@ use crate::torture::cases::TortureCases;
 use recording::run_folder::{RunFolder, file};
 use runner::console::failed;
 use runner::exit::{Exit, Failure};
-use runner::identity::identity;
 use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
 use runner::recorded::require_inside;
@@ -68,7 +67,7 @@ pub(crate) fn merge_parts(
     shown: Shown,
 ) -> Result<Exit, Failure> {
     let folder = open_folder(output, cases, Shard::WHOLE)?;
-    let header = Header::new(cases, &identity(cases.plan())?);
+    let header = Header::new(cases)?;
     let mut rows = Rows::read(folder.path(), &header, Shard::WHOLE)?;
     rows.require_unwritten()?;
     if !rows.is_whole() {
@@ -161,7 +160,7 @@ mod tests {
         );
         assert_eq!(merge(&parts).unwrap(), Exit::CannotStart);
         let whole = std::fs::read_dir(output).unwrap().next().unwrap().unwrap();
-        let header = Header::new(&cases, &identity(&plan).unwrap());
+        let header = Header::new(&cases).unwrap();
         let rows = Rows::read(&whole.path(), &header, Shard::WHOLE).unwrap();
         let reasons = rows.iter().unwrap().map(|row| row.unwrap().reason.unwrap());
         assert_eq!(Vec::from_iter(reasons), ["a1", "b2", "a3", "b4"]);
@@ -175,7 +174,7 @@ mod tests {
         row: &dyn Fn(usize) -> SweepRow,
     ) -> PathBuf {
         let part = open_folder(folder, cases, shard).unwrap();
-        let header = Header::new(cases, &identity(cases.plan()).unwrap());
+        let header = Header::new(cases).unwrap();
         let mut writer = Writer::begin(part.path(), &header).unwrap();
         for case in shard.cases(cases.runs()) {
             writer.append(&row(case)).unwrap();

@@ -21,7 +21,6 @@ use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
 use runner::console::{Bar, print};
 use runner::exit::{Exit, Failure};
-use runner::identity::identity;
 use runner::lines::EventLines;
 use runner::play_record::PlayRecord;
 use scenario::Override;
@@ -190,7 +189,7 @@ impl PartPlay<'_> {
     pub(crate) fn play(&self, cases: &dyn Cases) -> Result<(Exit, Rows, Option<Writer>), Failure> {
         let files = Uncopied::new(cases.plan())?;
         let folder = open_folder(self.output, cases, self.shard)?;
-        let header = Header::new(cases, &identity(cases.plan())?);
+        let header = Header::new(cases)?;
         let mut rows = Rows::read(folder.path(), &header, self.shard)?;
         // A part may be played by several processes at the same time, the whole by one.
         if self.is_whole() {

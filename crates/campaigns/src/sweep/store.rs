@@ -19,6 +19,7 @@ use judge::verdict::Identity;
 use recording::run_folder::{file, file_in};
 use runner::console::print_problem;
 use runner::exit::{Exit, Failure};
+use runner::identity::{NoIdentity, identity};
 use runner::machine;
 
 /// Beginning of each line.
@@ -74,7 +75,7 @@ pub(crate) struct Header {
     /// Cases of the whole campaign.
     pub(crate) runs: usize,
     /// Participants of each run.
-    identity: Identity,
+    pub(crate) identity: Identity,
     /// Machine and process that write the file.
     node: String,
     process: u32,
@@ -82,15 +83,18 @@ pub(crate) struct Header {
 
 impl Header {
     /// Header of the rows that this process would write.
-    pub(crate) fn new(cases: &dyn Cases, identity: &Identity) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// The program's file cannot be read.
+    pub(crate) fn new(cases: &dyn Cases) -> Result<Self, NoIdentity> {
+        Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             sweep: cases.id().to_owned(),
             runs: cases.runs(),
-            identity: identity.clone(),
+            identity: identity(cases.plan())?,
             node: machine::name(),
             process: std::process::id(),
-        }
+        })
     }
 
     /// Reads the header in a folder, whatever its campaign; `None` if there is none.

@@ -141,7 +141,6 @@ mod tests {
     use crate::sweep::sweep_cases::SweepCases;
     use plan::Plan;
     use proptest::prelude::*;
-    use runner::identity::identity;
     use scenario::Beside;
     use worlds::catalogue::catalogue;
 
@@ -205,10 +204,9 @@ mod tests {
             catalogue(),
         )
         .unwrap();
-        let identity = identity(&plan).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let header = Header::new(&cases, &identity);
+        let header = Header::new(&cases).unwrap();
         let mut writer = Writer::begin(folder.path(), &header).unwrap();
         let row = |case| {
             let id = &cases.case(case).id;
