@@ -77,13 +77,6 @@ pub(crate) struct CrateArgs {
     pub canrig: Option<PathBuf>,
 }
 
-/// A crate that was written, and the checkout that it depends on.
-#[derive(Debug)]
-struct Crate {
-    folder: PathBuf,
-    checkout: PathBuf,
-}
-
 /// The files of a crate, with a placeholder for the name of the plant or law.
 struct Skeleton {
     section: Section,
@@ -155,28 +148,17 @@ fn require_name(name: &str, of: &str) -> Result<(), Failure> {
 /// Writes the requested files, and prints the next steps.
 pub(crate) fn new(args: &NewArgs) -> Exit {
     let written = match &args.what {
-        What::Plant(of) => written(&PLANT, of).map(|made| made.next_steps(&of.name)),
-        What::Law(LawArgs { loops, of }) => {
-            let skeleton = if *loops == 1 { &LAW } else { &LAW_OF_LOOPS };
-            written(skeleton, of).map(|made| made.next_steps(&of.name))
-        }
+        What::Plant(of) => written(&PLANT, of),
+        What::Law(LawArgs { loops: 1, of }) => written(&LAW, of),
+        What::Law(LawArgs { of, .. }) => written(&LAW_OF_LOOPS, of),
         What::Rig(args) => rig::written(args),
         What::Controller(args) => controller::written(args),
     };
     ended(written, |failure| failure.exit)
 }
 
-impl Crate {
-    fn next_steps(&self, name: &str) -> String {
-        let (folder, checkout) = (self.folder.display(), self.checkout.display());
-        format!(
-            "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
-             The first build takes as long as canrig's own, unless CARGO_TARGET_DIR names canrig's target folder."
-        )
-    }
-}
-
-fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, Failure> {
+/// Writes a crate, and returns the next steps for the user.
+fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<String, Failure> {
     let name = args.name.as_str();
     require_crate_name(name, skeleton.section)?;
     let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
@@ -193,7 +175,11 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, Failure> {
         }
         Ok(())
     })?;
-    Ok(Crate { folder, checkout })
+    let (folder, checkout) = (folder.display(), checkout.display());
+    Ok(format!(
+        "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
+         The first build takes as long as canrig's own, unless CARGO_TARGET_DIR names canrig's target folder."
+    ))
 }
 
 /// Makes a new folder with the files that `write` puts into it. The folder appears complete, or not at all.
@@ -331,7 +317,9 @@ mod tests {
         for skeleton in [&PLANT, &LAW, &LAW_OF_LOOPS] {
             let folder = tempfile::tempdir().unwrap();
             let args = args(folder.path(), "swing_arm");
-            let written_to = written(skeleton, &args).unwrap().folder;
+            let written_to = folder.path().join("deep/down");
+            let said = written(skeleton, &args).unwrap();
+            assert!(said.contains("simulate scenarios/swing_arm.toml"), "{said}");
             let scenario = written_to.join("scenarios/swing_arm.toml");
             let text = fs::read_to_string(&scenario).unwrap();
             let names_it = [".swing_arm]", "swing_arm_rig.toml"];
