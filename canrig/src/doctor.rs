@@ -210,22 +210,18 @@ fn write_into(folder: &Path) -> io::Result<()> {
 fn kernel_can() -> MachineCheck {
     let found = probe::kernel_can().map(|()| "CAN sockets open".to_owned());
     let fix = "sudo modprobe -a can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
-    MachineCheck::new("kernel CAN", found.map_err(|error| first_part(&error)), fix)
+    MachineCheck::new("kernel CAN", found.map_err(first_part), fix)
 }
 
 fn private_bus() -> MachineCheck {
     let found =
         PrivateBus::start().map(|_| "a vcan in a private namespace carries frames".to_owned());
     let fix = "sudo modprobe -a can-raw vcan && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
-    MachineCheck::new(
-        "private bus",
-        found.map_err(|error| first_part(&error)),
-        fix,
-    )
+    MachineCheck::new("private bus", found.map_err(first_part), fix)
 }
 
 /// Returns an error without the advice of the message: the line below has a command.
-fn first_part(error: &impl ToString) -> String {
+fn first_part(error: impl ToString) -> String {
     let text = error.to_string();
     let ends = ["; ", " (load it with"].map(|advice| text.find(advice));
     let end = ends.into_iter().flatten().min().unwrap_or(text.len());
@@ -235,7 +231,7 @@ fn first_part(error: &impl ToString) -> String {
 fn fifo() -> MachineCheck {
     let found = match refused_priority() {
         None => Ok(format!("SCHED_FIFO {} granted", scheduling::NODE_PRIORITY)),
-        Some(refused) => Err(first_part(&refused)),
+        Some(refused) => Err(first_part(refused)),
     };
     let fix = "sudo prlimit --pid $$ --rtprio=99   (for ever: \"@realtime - rtprio 99\" in /etc/security/limits.d/)";
     MachineCheck::new("real-time priority", found, fix)
@@ -244,11 +240,7 @@ fn fifo() -> MachineCheck {
 fn memory() -> MachineCheck {
     let found = scheduling::lock_memory().map(|()| "granted".to_owned());
     let fix = "sudo prlimit --pid $$ --memlock=unlimited";
-    MachineCheck::new(
-        "locked memory",
-        found.map_err(|error| first_part(&error)),
-        fix,
-    )
+    MachineCheck::new("locked memory", found.map_err(first_part), fix)
 }
 
 fn clock_source() -> MachineCheck {

@@ -174,7 +174,13 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let late = Arc::default();
     let hosted = hosted(args, &late);
-    exit(hosted.and_then(|mut node| run_node(&mut *node, args, fifo, &late)))
+    exit(hosted.and_then(|mut node| {
+        let ended = run_node(&mut *node, args, fifo, &late);
+        if let Some(BusAddress::Embedded(socket)) = &args.bus {
+            hub::remove_orphaned(socket);
+        }
+        ended
+    }))
 }
 
 fn hosted(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
@@ -240,19 +246,6 @@ fn nanoseconds(time: Duration) -> u64 {
 }
 
 fn run_node(
-    node: &mut dyn Node,
-    args: &NodeArgs,
-    fifo: Fifo,
-    late: &AtomicU64,
-) -> Result<(), Failure> {
-    let ended = run_on_bus(node, args, fifo, late);
-    if let Some(BusAddress::Embedded(socket)) = &args.bus {
-        hub::remove_orphaned(socket);
-    }
-    ended
-}
-
-fn run_on_bus(
     node: &mut dyn Node,
     args: &NodeArgs,
     fifo: Fifo,

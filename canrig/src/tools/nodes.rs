@@ -278,29 +278,24 @@ fn report(roll_call: &RollCall) -> String {
         "name",
         "EDS",
     ]);
+    let unasked = Err("not asked: interrupted".to_owned());
     for node_id in &nodes {
         let state = roll_call
             .presence
             .states()
             .get(node_id)
             .map_or("no heartbeat", |state| state_name(*state));
-        let identity = roll_call.identities.get(node_id);
-        let known = identity.and_then(|identity| identity.as_ref().ok());
-        let data_sheet = roll_call.data_sheet(*node_id, known);
+        let identity = roll_call.identities.get(node_id).unwrap_or(&unasked);
+        let data_sheet = roll_call.data_sheet(*node_id, identity.as_ref().ok());
         let [device_type, identity, name] = match identity {
-            Some(Ok(identity)) => [
+            Ok(identity) => [
                 identity
                     .device_type
                     .map_or_else(|| "-".to_owned(), device_type),
                 identity_text(&identity.identity),
                 identity.name.clone().unwrap_or_else(|| "-".to_owned()),
             ],
-            Some(Err(reason)) => [String::new(), reason.clone(), String::new()],
-            None => [
-                String::new(),
-                "not asked: interrupted".to_owned(),
-                String::new(),
-            ],
+            Err(reason) => [String::new(), reason.clone(), String::new()],
         };
         let number = roll_call.node(*node_id);
         table.add([
