@@ -177,11 +177,8 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Exit> {
 
 /// Returns whether a file is a scenario and not a rig file; both may be in one folder.
 pub(crate) fn is_scenario(path: &Path) -> bool {
-    let is_rig = || {
-        let text = read_text(path, FILE_BYTES_MAX);
-        text.is_ok_and(|text| Rig::is_meant(&text))
-    };
-    !is_rig()
+    let text = read_text(path, FILE_BYTES_MAX);
+    !text.is_ok_and(|text| Rig::is_meant(&text))
 }
 
 /// Returns the scenario files in the arguments: files as they are, folders with every wanted file below them in order.
@@ -191,29 +188,26 @@ pub(crate) fn scenario_files(
 ) -> Result<Vec<PathBuf>, String> {
     let mut files = Vec::new();
     for argument in arguments {
-        if argument.is_dir() {
-            let before = files.len();
-            let searched = find_scenarios(argument, FOLDER_DEPTH_MAX, &mut files);
-            searched
-                .map_err(|error| format!("`{}` cannot be read: {error}", argument.display()))?;
-            let found = files.split_off(before);
-            // A line is printed for each file, from which some CI systems take commands.
-            let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
-            if let Some(path) = found.iter().find(has_control) {
-                return Err(format!(
-                    "{path:?} has a line end or another control character in its name: rename it"
-                ));
-            }
-            files.extend(found.into_iter().filter(|path| is_wanted(path)));
-            if files.len() == before {
-                return Err(format!(
-                    "`{}` holds no scenario (*.toml)",
-                    argument.display()
-                ));
-            }
-        } else {
+        if !argument.is_dir() {
             files.push(argument.clone());
+            continue;
         }
+        let folder = argument.display();
+        let mut found = Vec::new();
+        find_scenarios(argument, FOLDER_DEPTH_MAX, &mut found)
+            .map_err(|error| format!("`{folder}` cannot be read: {error}"))?;
+        // A line is printed for each file, from which some CI systems take commands.
+        let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
+        if let Some(path) = found.iter().find(has_control) {
+            return Err(format!(
+                "{path:?} has a line end or another control character in its name: rename it"
+            ));
+        }
+        found.retain(|path| is_wanted(path));
+        if found.is_empty() {
+            return Err(format!("`{folder}` holds no scenario (*.toml)"));
+        }
+        files.extend(found);
     }
     Ok(files)
 }

@@ -7,13 +7,14 @@ use clap::Args;
 
 use super::matrix::Requirement;
 use super::page;
-use super::play::{Play, PlayError, latest};
+use super::play::{Play, latest};
+use crate::torture::cases::is_torture;
 use judge::verdict::Outcome;
 use recording::run_folder::file;
 use runner::console::{failed, print, print_problem, print_text};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::output::{link, write_page};
-use runner::recorded::{opened, refuse};
+use runner::recorded::{RecordedError, holds_many_runs, opened, refuse};
 
 /// Columns of the list: name and text of a requirement.
 const COLUMNS: [&str; 2] = ["id", "text"];
@@ -39,8 +40,9 @@ pub struct CoverageArgs {
 pub fn coverage(args: &CoverageArgs) -> Exit {
     let requirements = match gather(args) {
         Ok(requirements) => requirements,
-        Err(PlayError::Run(error)) => return refuse(error),
-        Err(error) => return failed(Exit::CannotStart, error),
+        // Without each folder there is no matrix, whatever the reason.
+        Err(RecordedError::Other(failure)) => return failed(Exit::CannotStart, failure),
+        Err(error) => return refuse(error),
     };
     if args.json {
         print(&serde_json::to_string_pretty(&requirements).expect("plain data"));
@@ -67,7 +69,7 @@ fn exit(requirements: &[Requirement]) -> Exit {
     exits.max().unwrap_or(Exit::Pass)
 }
 
-fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, PlayError> {
+fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, RecordedError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
     for (test, plays) in tests(&opened(&args.runs))? {
@@ -92,35 +94,42 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, PlayError> {
 
 /// Returns the tests in some folders by their names, each with its plays. Folders of torture are reported and left out; if there
 /// are no others, they are an error.
-fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, PlayError> {
+fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, RecordedError> {
+    let refused = |folder: &Path| {
+        let folder = folder.display();
+        Exit::CannotStart.because(format!(
+            "{folder} is the folder of torture, which plays without the scenario's limits and tests no requirement"
+        ))
+    };
     let mut tests: Vec<(String, Vec<Play>)> = Vec::new();
     let mut left_out = Vec::new();
     for folder in folders {
-        match Play::read(folder) {
-            Ok(play) => match tests.iter_mut().find(|(test, _)| *test == play.test) {
-                Some((_, plays)) => plays.push(play),
-                None => tests.push((play.test.clone(), vec![play])),
-            },
-            Err(error @ PlayError::Torture(_)) => left_out.push(error),
-            Err(error) => return Err(error),
+        if holds_many_runs(folder) && is_torture(folder) {
+            left_out.push(refused(folder));
+            continue;
+        }
+        let play = Play::read(folder)?;
+        match tests.iter_mut().find(|(test, _)| *test == play.test) {
+            Some((_, plays)) => plays.push(play),
+            None => tests.push((play.test.clone(), vec![play])),
         }
     }
     if tests.is_empty()
-        && let Some(error) = left_out.pop()
+        && let Some(failure) = left_out.pop()
     {
-        return Err(error);
+        return Err(failure.into());
     }
-    for error in left_out {
-        print_problem(format!("{error}; it is left out"));
+    for failure in left_out {
+        print_problem(format!("{failure}; it is left out"));
     }
     Ok(tests)
 }
 
 /// Reads the names and texts of a CSV file.
-fn read_list(path: &Path) -> Result<Vec<(String, Option<String>)>, PlayError> {
-    let wrong = |reason: String| PlayError::List {
-        path: path.to_owned(),
-        reason,
+fn read_list(path: &Path) -> Result<Vec<(String, Option<String>)>, Failure> {
+    let wrong = |reason: String| {
+        let path = path.display();
+        Exit::CannotStart.because(format!("`{path}` is not a list of requirements: {reason}"))
     };
     let text = scenario::read_text(path, plan::FILE_BYTES_MAX)
         .map_err(|error| wrong(error.to_string()))?;

@@ -18,20 +18,6 @@ use worlds::catalogue::catalogue;
 use crate::sweep::Shard;
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::{Header, Rows};
-use crate::torture::cases::is_torture;
-
-/// Reason why a folder or a list cannot be used for the matrix.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum PlayError {
-    #[error(transparent)]
-    Run(#[from] RecordedError),
-    #[error(transparent)]
-    Rows(#[from] Failure),
-    #[error("{} is the folder of torture, which plays without the scenario's limits and tests no requirement", .0.display())]
-    Torture(PathBuf),
-    #[error("`{}` is not a list of requirements: {reason}", path.display())]
-    List { path: PathBuf, reason: String },
-}
 
 /// Play of a scenario.
 #[derive(Clone, Debug)]
@@ -65,17 +51,19 @@ pub(super) struct Tested {
 }
 
 impl Play {
-    pub(super) fn read(folder: &Path) -> Result<Self, PlayError> {
-        if !holds_many_runs(folder) {
-            Self::read_run(folder)
-        } else if is_torture(folder) {
-            Err(PlayError::Torture(folder.to_owned()))
-        } else {
+    /// Reads the folder of a run or of a sweep.
+    ///
+    /// # Errors
+    /// The folder is neither, or damaged.
+    pub(super) fn read(folder: &Path) -> Result<Self, RecordedError> {
+        if holds_many_runs(folder) {
             Self::read_sweep(folder)
+        } else {
+            Self::read_run(folder)
         }
     }
 
-    fn read_run(folder: &Path) -> Result<Self, PlayError> {
+    fn read_run(folder: &Path) -> Result<Self, RecordedError> {
         require_run(folder)?;
         let (plan, verdict) = read_played(folder, catalogue())?;
         let verdict = verdict.as_ref();
@@ -111,8 +99,8 @@ impl Play {
     }
 
     /// Reads a sweep, which counts by its worst run. Runs that it lacks are incomplete.
-    fn read_sweep(folder: &Path) -> Result<Self, PlayError> {
-        let plan = read_plan(folder, None, catalogue()).map_err(RecordedError::from)?;
+    fn read_sweep(folder: &Path) -> Result<Self, RecordedError> {
+        let plan = read_plan(folder, None, catalogue())?;
         let untimed = untimed(&plan, true);
         let limits: BTreeMap<String, Limit> = judge::limits(&plan).into_iter().collect();
         let unplayed = |row| Tested {

@@ -40,7 +40,7 @@ pub struct PartArgs {
     shards: Option<usize>,
     /// For an engine: exit with 0 when every run of the part has a result, whatever it is, and leave tables and page to `merge`
     #[arg(long)]
-    for_engine: bool,
+    pub(crate) for_engine: bool,
 }
 
 impl PartArgs {
@@ -52,11 +52,6 @@ impl PartArgs {
                 .because("--shards goes with --shard auto only; a part is written as --shard 2/4")),
             (Wanted::Auto, shards) => engine_shard(|name| env::var(name).ok(), shards),
         }
-    }
-
-    /// Returns whether an engine evaluates the exit code.
-    pub(crate) fn is_for_engine(&self) -> bool {
-        self.for_engine
     }
 }
 

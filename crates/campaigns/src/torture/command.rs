@@ -75,7 +75,7 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
     let part = PartPlay {
         output: &args.output,
         shard: args.part.shard()?,
-        is_for_engine: args.part.is_for_engine(),
+        is_for_engine: args.part.for_engine,
         threads: args.threads,
         shown: Shown::unless(args.quiet),
         lines: None,

@@ -32,9 +32,8 @@ pub fn check(args: &CheckArgs) -> Exit {
     };
     let mut worst = Exit::Pass;
     for path in paths {
-        match checked(&path, &args.values) {
-            Ok(()) => {}
-            Err(error) => worst = worst.max(invalid(error)),
+        if let Err(error) = checked(&path, &args.values) {
+            worst = worst.max(invalid(error));
         }
     }
     worst
