@@ -199,7 +199,7 @@ pub(crate) trait Testbed {
     /// # Errors
     /// The world failed.
     fn play(
-        &self,
+        &mut self,
         plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,
@@ -207,7 +207,11 @@ pub(crate) trait Testbed {
 }
 
 /// Plays each scenario on a testbed and reports events; returns the worst exit of all.
-pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Listener) -> Exit {
+pub(crate) fn play_all(
+    args: &PlayArgs,
+    testbed: &mut dyn Testbed,
+    listener: &dyn Listener,
+) -> Exit {
     let paths = match scenario_files(&args.scenarios, is_scenario) {
         Ok(paths) => paths,
         Err(error) => return failed(Exit::CannotStart, error),
@@ -319,7 +323,7 @@ impl<'a> Stage<'a> {
 fn play_one(
     args: &PlayArgs,
     plan: &Plan,
-    testbed: &dyn Testbed,
+    testbed: &mut dyn Testbed,
     stage: &Stage<'_>,
     viewers: &mut Viewers,
 ) -> (Exit, Option<Judged>) {

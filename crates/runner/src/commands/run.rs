@@ -1,6 +1,5 @@
 //! `canrig run`: plays scenarios with controller and plant as processes on a CAN bus.
 
-use std::cell::Cell;
 use std::path::Path;
 
 use clap::{Args, ValueEnum};
@@ -67,12 +66,12 @@ pub enum ClockChoice {
 /// Plays the scenarios, or makes the pre-flight alone; returns the worst exit of all.
 pub fn run(args: &RunArgs) -> Exit {
     let listener = args.play.listener();
-    let played = RunTestbed::resolve(args, &*listener).and_then(|testbed| {
+    let played = RunTestbed::resolve(args, &*listener).and_then(|mut testbed| {
         testbed.announce();
         if args.dry_run {
             testbed.dry_run()
         } else {
-            Ok(play_all(&args.play, &testbed, &*listener))
+            Ok(play_all(&args.play, &mut testbed, &*listener))
         }
     });
     played.unwrap_or_else(|exit| exit)
@@ -85,7 +84,7 @@ struct RunTestbed<'a> {
     /// Place on the bus, held until the command ends.
     _claim: Option<Claim>,
     /// Vigil between two scenarios.
-    vigil: Cell<Option<Vigil>>,
+    vigil: Option<Vigil>,
     preflight: Preflight,
     listener: &'a dyn Listener,
 }
@@ -100,7 +99,7 @@ impl<'a> RunTestbed<'a> {
             args,
             bus,
             _claim: claim,
-            vigil: Cell::new(None),
+            vigil: None,
             preflight: Preflight::new(!args.no_heating),
             listener,
         })
@@ -131,7 +130,7 @@ impl<'a> RunTestbed<'a> {
 
     /// Opens the bus, makes the pre-flight of an external drive, and plays the scenario.
     fn in_real_time(
-        &self,
+        &mut self,
         plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,
@@ -161,13 +160,12 @@ impl<'a> RunTestbed<'a> {
 
     /// Keeps the place of the manager until the next scenario, on a bus that outlives this one. The next scenario reports errors
     /// of that bus.
-    fn keep_place(&self, plan: &Plan, address: &BusAddress) {
+    fn keep_place(&mut self, plan: &Plan, address: &BusAddress) {
         let is_ours = |one: &ControlLoop| one.is_ours(Part::Controller);
         let is_manager = plan.loops.iter().all(is_ours);
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
         if is_manager && is_lasting {
-            self.vigil
-                .set(Vigil::begin(address, plan.controller().id).ok());
+            self.vigil = Vigil::begin(address, plan.controller().id).ok();
         }
     }
 
@@ -248,7 +246,7 @@ impl Testbed for RunTestbed<'_> {
     }
 
     fn play(
-        &self,
+        &mut self,
         plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,

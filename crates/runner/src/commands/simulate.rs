@@ -1,7 +1,5 @@
 //! `canrig simulate`: plays scenarios in one process and virtual time.
 
-use std::cell::Cell;
-
 use clap::Args;
 
 use crate::event::{Listener, RunEvent};
@@ -30,13 +28,13 @@ pub struct SimulateArgs {
 pub fn simulate(args: &SimulateArgs) -> Exit {
     let listener = args.play.listener();
     listener.on_note("bus: modelled · clock: lock-step, in one process".to_owned());
-    let testbed = OneProcess {
+    let mut testbed = OneProcess {
         args,
         listener: &*listener,
-        has_difference: Cell::new(false),
+        has_difference: false,
     };
-    let exit = play_all(&args.play, &testbed, &*listener);
-    if testbed.has_difference.get() {
+    let exit = play_all(&args.play, &mut testbed, &*listener);
+    if testbed.has_difference {
         exit.max(Exit::VerdictFailed)
     } else {
         exit
@@ -48,12 +46,12 @@ struct OneProcess<'a> {
     args: &'a SimulateArgs,
     listener: &'a dyn Listener,
     /// Whether two plays of a scenario differed.
-    has_difference: Cell<bool>,
+    has_difference: bool,
 }
 
 impl OneProcess<'_> {
     /// Plays the plan once more, and prints whether the frames are the same.
-    fn compare(&self, plan: &Plan, first: &Capture<'_>) -> Result<(), WorldError> {
+    fn compare(&mut self, plan: &Plan, first: &Capture<'_>) -> Result<(), WorldError> {
         let clock = plan.scenario_clock()?;
         let mut second = Capture::in_memory(clock, first.watch());
         let announce = |text: &str| self.listener.on_note(text.to_owned());
@@ -62,7 +60,7 @@ impl OneProcess<'_> {
         let difference = difference(plan, first, &second);
         let path = plan.shared.beside.scenario().display();
         if let Some(difference) = difference {
-            self.has_difference.set(true);
+            self.has_difference = true;
             let difference = format!("{path}: {difference}");
             self.listener.on_event(&RunEvent::Failed(difference));
         } else {
@@ -124,7 +122,7 @@ impl Testbed for OneProcess<'_> {
     }
 
     fn play(
-        &self,
+        &mut self,
         plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,
@@ -183,12 +181,12 @@ mod tests {
                 guests: GuestArgs::default(),
                 twice: false,
             };
-            let testbed = OneProcess {
+            let mut testbed = OneProcess {
                 args: &args,
                 listener: &Nobody,
-                has_difference: Cell::new(false),
+                has_difference: false,
             };
-            play_all(&args.play, &testbed, &Nobody)
+            play_all(&args.play, &mut testbed, &Nobody)
         };
         assert_eq!(exit([&met, &met]), Exit::Pass);
         assert_eq!(exit([&missed, &met]), Exit::VerdictFailed);
