@@ -214,20 +214,16 @@ pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
 
 /// Parses bytes, each as two hexadecimal digits.
 pub(crate) fn parse_bytes(text: &str) -> Option<Vec<u8>> {
-    let digits: String = text
-        .chars()
-        .filter(|letter| !letter.is_whitespace())
-        .collect();
-    if digits.is_empty()
-        || !digits.len().is_multiple_of(2)
-        || !digits.bytes().all(|byte| byte.is_ascii_hexdigit())
-    {
-        return None;
-    }
-    (0..digits.len())
-        .step_by(2)
-        .map(|place| u8::from_str_radix(&digits[place..place + 2], 16).ok())
-        .collect()
+    let letters = text.chars().filter(|letter| !letter.is_whitespace());
+    let digits: Vec<u32> = letters
+        .map(|letter| letter.to_digit(16))
+        .collect::<Option<_>>()?;
+    let byte = |pair: &[u32]| match pair {
+        [high, low] => u8::try_from(16 * high + low).ok(),
+        _ => None,
+    };
+    let bytes: Vec<u8> = digits.chunks(2).map(byte).collect::<Option<_>>()?;
+    (!bytes.is_empty()).then_some(bytes)
 }
 
 fn parse_integer(text: &str) -> Option<i128> {
