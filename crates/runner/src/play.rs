@@ -84,15 +84,6 @@ pub struct GuestArgs {
 /// Longest time for an answer; unlimited if `None`.
 pub type Patience = Option<Duration>;
 
-impl Default for GuestArgs {
-    fn default() -> Self {
-        Self {
-            external: Vec::new(),
-            patience: Hosting::default().patience,
-        }
-    }
-}
-
 impl GuestArgs {
     /// Returns how programs are hosted whose output is kept in a folder, if there is one.
     pub(crate) fn hosting<'a>(

@@ -143,6 +143,7 @@ mod tests {
 
     use super::*;
     use crate::play::{ValueArgs, ViewerArgs};
+    use worlds::programs::Hosting;
 
     struct Nobody;
 
@@ -165,6 +166,10 @@ mod tests {
         let met = scenario("met.toml", "");
         let missed = scenario("missed.toml", "current_amperes_rms = { max = 0.0 }\n");
         let exit = |scenarios: [&std::path::PathBuf; 2]| {
+            let guests = GuestArgs {
+                external: Vec::new(),
+                patience: Hosting::default().patience,
+            };
             let play = PlayArgs {
                 scenarios: scenarios.map(Clone::clone).into(),
                 output: folder.path().join("runs"),
@@ -178,7 +183,7 @@ mod tests {
             };
             let args = SimulateArgs {
                 play,
-                guests: GuestArgs::default(),
+                guests,
                 twice: false,
             };
             let mut testbed = OneProcess {
