@@ -5,9 +5,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
-use scenario::Override;
 use scenario::node::Part;
-use scenario::overrides::{OverrideError, overridden};
+use scenario::overrides::{OverrideError, overridden, set};
 use scenario::rig::nodes::{Rig, controller_in};
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
 use scenario::{Beside, ScenarioError, read_text};
@@ -122,25 +121,24 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     Ok(Plan::parse(&beside, text, read, catalogue())?)
 }
 
-/// Returns the text of a scenario whose controller is a program.
+/// Returns the text of a scenario whose controller is a program. Errors of scenario and rig are reported when they are loaded.
 fn led_by(text: String, command: &[String], read: &dyn Fn(&str) -> io::Result<String>) -> String {
-    let rig = text.parse::<toml::Table>().ok();
-    let rig = rig.and_then(|scenario| Some(scenario.get("rig")?.as_str()?.to_owned()));
-    let rig = rig.and_then(|rig| match shipped_rig(&rig) {
+    let Ok(mut document) = text.parse::<toml::Table>() else {
+        return text;
+    };
+    let rig = document.get("rig").and_then(toml::Value::as_str);
+    let rig_text = rig.and_then(|rig| match shipped_rig(rig) {
         Some(text) => Some(text.to_owned()),
-        None => read(&rig).ok(),
+        None => read(rig).ok(),
     });
-    // Errors of the rig are reported when it is loaded.
-    let controller = rig
+    let controller = rig_text
         .and_then(|rig| controller_in(&rig))
         .unwrap_or_else(|| Part::Controller.word().to_owned());
-    let command = toml::Value::from(command.to_vec());
-    let program = format!("node.{controller}.program={command}")
-        .parse()
-        .map(|program: Override| overridden(text, &[program]));
-    program
-        .expect("a key and a value")
-        .expect("tables on the way are made")
+    let key = format!("node.{controller}.program");
+    match set(&mut document, &key, command.to_vec().into()) {
+        Ok(()) => document.to_string(),
+        Err(_) => text,
+    }
 }
 
 /// Returns the text of a rig file, or if there is none, of the one that ships by this name.
@@ -224,4 +222,19 @@ fn find_scenarios(folder: &Path, depth: u32, files: &mut Vec<PathBuf>) -> io::Re
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_leads_and_nodes_that_are_no_table_are_left_to_the_loader() {
+        let read = |_: &str| -> io::Result<String> { unreachable!("the rig ships") };
+        let led = |text: &str| led_by(text.to_owned(), &["./program".to_owned()], &read);
+        let text = led("rig = \"sma_actuator\"\n");
+        assert!(text.contains("program = [\"./program\"]"), "{text}");
+        let wrong = "rig = \"sma_actuator\"\nnode = 3\n";
+        assert_eq!(led(wrong), wrong);
+    }
 }
