@@ -47,7 +47,7 @@ struct Identity {
 }
 
 /// The roll call of a bus.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct RollCall {
     sheets: Vec<DataSheet>,
     /// Names of the nodes in the user's rig.
@@ -226,14 +226,9 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 /// Calls every node on a bus, and returns the table.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
-    let mut names = BTreeMap::new();
-    if args.names.rig.is_some() {
-        names.extend(
-            sheets
-                .iter()
-                .map(|sheet| (sheet.node_id, sheet.node_name.clone())),
-        );
-    }
+    let named = sheets.iter().filter(|_| args.names.rig.is_some());
+    let name = |sheet: &DataSheet| (sheet.node_id, sheet.node_name.clone());
+    let names = named.map(name).collect();
     for path in &args.eds {
         // The sheet is used for its identity only; the node-ID is not known yet.
         let sheet = DataSheet::load(path, 127)?;
@@ -246,9 +241,7 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
         sheets,
         names,
         listen: Duration::from_secs_f64(args.listen),
-        presence: Presence::default(),
-        called: BTreeSet::new(),
-        identities: BTreeMap::new(),
+        ..RollCall::default()
     };
     let mut guest = guest(&args.bus.chosen())?;
     match roll_call.play(&mut guest) {
