@@ -97,15 +97,12 @@ impl Sampler {
             let worst = self.worst.entry(name.clone()).or_default();
             let place = worst.partition_point(|one| one.badness >= badness);
             if place < self.worst_max {
-                let (case, value) = (row.case, *value);
-                worst.insert(
-                    place,
-                    Worst {
-                        badness,
-                        case,
-                        value,
-                    },
-                );
+                let one = Worst {
+                    badness,
+                    case: row.case,
+                    value: *value,
+                };
+                worst.insert(place, one);
                 worst.truncate(self.worst_max);
             }
         }

@@ -157,24 +157,14 @@ fn drawn(spread: &MetricSpread) -> Markup {
         let label = format!("limit {}", terminal::as_written(limit[0]));
         plot.draw(label, Colour::Wanted, Shape::Dashed, limit, &[0.0, 100.0]);
     }
-    let outside = outside(spread, range);
-    let label = match outside.0.len() {
+    let (edge_x, edge_y) = outside(spread, range);
+    let outliers = match edge_x.len() {
         1 => "1 outlier",
         _ => "outliers",
     };
-    let [least, .., greatest] = spread.quantiles;
-    let label = format!(
-        "{label} ({} to {})",
-        terminal::value(name, least),
-        terminal::value(name, greatest)
-    );
-    plot.draw(
-        label,
-        Colour::Estimated,
-        Shape::Points,
-        &outside.0,
-        &outside.1,
-    );
+    let [least, .., greatest] = spread.quantiles.map(|value| terminal::value(name, value));
+    let label = format!("{outliers} ({least} to {greatest})");
+    plot.draw(label, Colour::Estimated, Shape::Points, &edge_x, &edge_y);
     plot.patches.extend(spread.limit.map(|limit| Patch {
         class: "band",
         x: (
@@ -287,13 +277,8 @@ fn scatter(summary: &Summary<'_>, driven: &Driven) -> Markup {
         ..Plot::over_time(driven.name.as_str(), "")
     };
     plot.draw("runs", Colour::Measured, Shape::Path, &x, &y);
-    plot.draw(
-        worst_label(driven),
-        Colour::Estimated,
-        Shape::Path,
-        &worst_x,
-        &worst_y,
-    );
+    let label = worst_label(driven);
+    plot.draw(label, Colour::Estimated, Shape::Path, &worst_x, &worst_y);
     let note = |(case, key, value): &(usize, f64, f64)| {
         let command = summary.command(*case).map(|command| format!(": {command}"));
         let text = format!("case {case}{}", command.unwrap_or_default());

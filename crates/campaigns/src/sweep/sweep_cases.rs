@@ -5,7 +5,7 @@ use std::io;
 
 use faults::Stream;
 use scenario::overrides::set;
-use scenario::sweep::{Axis, Distribution, LogUniform, Normal, Sweep, Uniform};
+use scenario::sweep::{Axis, Distribution, LogUniform, Sweep, Uniform};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
@@ -273,26 +273,14 @@ fn values_text(values: &[f64]) -> String {
 }
 
 fn distribution_text(distribution: Distribution<'_>) -> String {
+    let range = |from, to| format!("from {} to {}", as_written(from), as_written(to));
     match distribution {
-        Distribution::Uniform(&Uniform { from, to, .. }) => {
-            format!("uniform from {} to {}", as_written(from), as_written(to))
+        Distribution::Uniform(one) => format!("uniform {}", range(one.from, one.to)),
+        Distribution::LogUniform(one) => format!("log-uniform {}", range(one.from, one.to)),
+        Distribution::Normal(one) => {
+            let [mean, deviation] = [one.mean, one.standard_deviation].map(as_written);
+            format!("normal, {mean} ± {deviation}")
         }
-        Distribution::LogUniform(&LogUniform { from, to, .. }) => {
-            format!(
-                "log-uniform from {} to {}",
-                as_written(from),
-                as_written(to)
-            )
-        }
-        Distribution::Normal(&Normal {
-            mean,
-            standard_deviation,
-            ..
-        }) => format!(
-            "normal, {} ± {}",
-            as_written(mean),
-            as_written(standard_deviation)
-        ),
     }
 }
 
