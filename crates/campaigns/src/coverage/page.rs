@@ -71,15 +71,12 @@ pub(super) fn to_html(
 }
 
 fn name(requirement: &Requirement) -> String {
-    let text = requirement
-        .text
-        .as_deref()
-        .map(|text| format!(" {text}"))
-        .unwrap_or_default();
-    if requirement.is_listed {
-        format!("{}{text}", requirement.id)
-    } else {
-        format!("{} (not in the list)", requirement.id)
+    let id = &requirement.id;
+    match &requirement.text {
+        // Only the list has texts.
+        Some(text) => format!("{id} {text}"),
+        None if requirement.is_listed => id.clone(),
+        None => format!("{id} (not in the list)"),
     }
 }
 

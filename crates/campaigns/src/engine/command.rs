@@ -115,13 +115,8 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
     campaign.prepare(&args.values.all())?;
     campaign.keep(&record)?;
     play(args, &campaign, &mut record)?;
-    let parts = (1..=record.parts).map(|number| {
-        campaign.part(Shard {
-            number,
-            of: record.parts,
-        })
-    });
-    let parts: Vec<PathBuf> = parts.collect();
+    let of = record.parts;
+    let parts = Vec::from_iter((1..=of).map(|number| campaign.part(Shard { number, of })));
     let shown = Shown::unless(args.quiet);
     merge_parts(&parts, &*cases, &campaign.output, shown)
 }
