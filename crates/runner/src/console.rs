@@ -369,10 +369,8 @@ impl WorkBar {
         let drawn = is_shown.then(|| {
             let (ended, end) = mpsc::channel();
             let (expected, before) = (Arc::clone(&passes), parts_done());
-            (
-                ended,
-                thread::spawn(move || show_work(&expected, before, &end)),
-            )
+            let thread = thread::spawn(move || show_work(&expected, before, &end));
+            (ended, thread)
         });
         Self { passes, drawn }
     }

@@ -211,13 +211,11 @@ impl Recorded {
         let zero = timelines.first().and_then(|timeline| timeline.zero_seconds);
         let end = zero.and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
         let stored = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
+        let unread = &self.log.unread;
         Unrecorded {
             frames_lost: stored(|stored| stored.frames_lost),
-            fd_frames: stored(|stored| stored.fd_frames) + self.log.unread.fd_frames,
-            unreadable_lines: self
-                .log
-                .unread
-                .unreadable_until(end.unwrap_or(Duration::MAX)),
+            fd_frames: stored(|stored| stored.fd_frames) + unread.fd_frames,
+            unreadable_lines: unread.unreadable_until(end.unwrap_or(Duration::MAX)),
         }
     }
 
