@@ -174,15 +174,11 @@ impl Cases for TortureCases {
 
     fn values_text(&self, number: usize, _: fn(f64) -> String) -> String {
         let values = self.keys.iter().zip(self.values(number));
-        let drawn = values
-            .filter(|(_, count)| *count > 0.0)
-            .map(|(key, count)| {
-                if count > 1.0 {
-                    format!("{count} × {key}")
-                } else {
-                    key.clone()
-                }
-            });
+        let drawn = values.filter_map(|(key, count)| match count {
+            0.0 => None,
+            1.0 => Some(key.clone()),
+            _ => Some(format!("{count} × {key}")),
+        });
         drawn.collect::<Vec<_>>().join(", ")
     }
 
