@@ -132,8 +132,6 @@ fn together(runs: &[Judged], output: &Path) -> String {
 fn folder_name(path: &Path) -> String {
     let whole = fs::canonicalize(path);
     let name = whole.as_deref().unwrap_or(path).file_name();
-    name.map_or_else(
-        || path.display().to_string(),
-        |name| name.to_string_lossy().into_owned(),
-    )
+    let shown = name.unwrap_or(path.as_os_str());
+    shown.to_string_lossy().into_owned()
 }
