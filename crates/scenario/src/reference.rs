@@ -173,43 +173,33 @@ impl Reference {
 
     /// Prepares the set-point for a look-up in every cycle.
     pub fn trajectory(&self) -> Trajectory {
-        let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
-        let holds = self
-            .hold
-            .iter()
-            .map(|hold| constant(hold.at_seconds, hold.position));
-        let steps = self
-            .step
-            .iter()
-            .map(|step| constant(step.at_seconds, step.position));
-        let ramps = self.ramp.iter().map(|ramp| {
-            let (until_seconds, end) = (ramp.until_seconds, ramp.position);
-            (ramp.from_seconds, Piece::Line { until_seconds, end })
-        });
-        let sines = self
-            .sine
-            .iter()
-            .map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
-        let tables = self.table.iter().map(|table| {
-            let rows = table.rows.clone();
-            (table.from_seconds, Piece::Table { rows })
-        });
-        let chirps = self
-            .chirp
-            .iter()
-            .map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
-        let moving = ramps.chain(sines).chain(chirps).chain(tables);
-        Trajectory::new(holds.chain(steps).chain(moving).collect())
+        Trajectory::new(self.pieces().collect())
     }
 
     /// Returns the starts of all pieces, kind by kind.
     pub fn starts_seconds(&self) -> impl Iterator<Item = f64> + '_ {
-        let holds = self.hold.iter().map(|hold| hold.at_seconds);
-        let steps = self.step.iter().map(|step| step.at_seconds);
-        let ramps = self.ramp.iter().map(|ramp| ramp.from_seconds);
-        let sines = self.sine.iter().map(|sine| sine.from_seconds);
-        let chirps = self.chirp.iter().map(|chirp| chirp.from_seconds);
-        let tables = self.table.iter().map(|table| table.from_seconds);
+        self.pieces().map(|(start_seconds, _)| start_seconds)
+    }
+
+    /// Returns all pieces, kind by kind, each with its start.
+    fn pieces(&self) -> impl Iterator<Item = (f64, Piece)> + '_ {
+        let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
+        let holds = self.hold.iter();
+        let holds = holds.map(move |hold| constant(hold.at_seconds, hold.position));
+        let steps = self.step.iter();
+        let steps = steps.map(move |step| constant(step.at_seconds, step.position));
+        let ramps = self.ramp.iter().map(|ramp| {
+            let (until_seconds, end) = (ramp.until_seconds, ramp.position);
+            (ramp.from_seconds, Piece::Line { until_seconds, end })
+        });
+        let sines = self.sine.iter();
+        let sines = sines.map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
+        let chirps = self.chirp.iter();
+        let chirps = chirps.map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
+        let tables = self.table.iter().map(|table| {
+            let rows = table.rows.clone();
+            (table.from_seconds, Piece::Table { rows })
+        });
         let moving = ramps.chain(sines).chain(chirps).chain(tables);
         holds.chain(steps).chain(moving)
     }
