@@ -6,7 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::custom::{self, Custom, Parameters, any, defaults};
+use crate::custom::{self, Custom, Parameters, any};
 use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
@@ -40,8 +40,8 @@ impl Controller {
     /// Returns the names of the laws that have a table.
     pub fn law_names(&self) -> impl Iterator<Item = &str> {
         let custom = self.custom.as_ref().map(|custom| custom.name());
-        let laws = LAWS.iter().zip(self.tables());
-        let chosen = laws.filter_map(|((name, _), table)| table.map(|_| *name));
+        let laws = self.laws().into_iter();
+        let chosen = laws.filter_map(|(name, _, table)| table.map(|_| name));
         chosen.chain(custom)
     }
 
@@ -58,17 +58,8 @@ impl Controller {
         &self,
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
-        let built_in = self.tables().into_iter().flatten();
-        match built_in.filter_map(|table| table.downcast_ref()).next() {
-            Some(parameters) => Ok(make(parameters)),
-            None => {
-                let parameters = self
-                    .custom
-                    .as_ref()
-                    .map_or_else(defaults, Custom::parameters);
-                Ok(make(&parameters?))
-            }
-        }
+        let tables = self.laws().map(|(_, _, table)| table);
+        custom::with_parameters(tables, self.custom.as_ref(), make)
     }
 
     /// Returns the law if it runs in a separate process.
@@ -103,17 +94,18 @@ impl Controller {
         }
     }
 
-    /// Returns the tables, in the order of [`LAWS`].
-    fn tables(&self) -> [Option<&dyn Any>; LAWS.len()] {
+    /// Returns the laws whose tables the format has, each with its table and the number of drives that it leads; `None` if its
+    /// ports tell the number.
+    fn laws(&self) -> [(&'static str, Option<usize>, Option<&dyn Any>); 8] {
         [
-            any(&self.sliding_mode),
-            any(&self.sliding_mode_paper),
-            any(&self.pid),
-            any(&self.pid_pair),
-            any(&self.open_loop),
-            any(&self.program),
-            any(&self.library),
-            any(&self.fmu),
+            ("sliding_mode", Some(1), any(&self.sliding_mode)),
+            ("sliding_mode_paper", Some(1), any(&self.sliding_mode_paper)),
+            ("pid", Some(1), any(&self.pid)),
+            ("pid_pair", Some(2), any(&self.pid_pair)),
+            ("open_loop", Some(1), any(&self.open_loop)),
+            ("program", None, any(&self.program)),
+            ("library", None, any(&self.library)),
+            ("fmu", None, any(&self.fmu)),
         ]
     }
 }
@@ -332,29 +324,19 @@ impl Default for PidPair {
     }
 }
 
-/// Laws whose tables the format has, each with the number of drives that it leads; `None` if its ports tell the number.
-const LAWS: [(&str, Option<usize>); 8] = [
-    ("sliding_mode", Some(1)),
-    ("sliding_mode_paper", Some(1)),
-    ("pid", Some(1)),
-    ("pid_pair", Some(2)),
-    ("open_loop", Some(1)),
-    ("program", None),
-    ("library", None),
-    ("fmu", None),
-];
-
 /// Checks whether the format has the table of a law; tables from outside are registered.
 pub fn is_built_in(law: &str) -> bool {
-    LAWS.iter().any(|(name, _)| *name == law)
+    let laws = Controller::default();
+    laws.laws().iter().any(|(name, ..)| *name == law)
 }
 
 /// Returns the number of drives that a law leads, by the name of its table; `None` if it is not known, or if the law's ports tell
 /// it.
 pub fn drives_led_by(law: &str) -> Option<usize> {
-    let built_in = LAWS.iter().find(|(name, _)| *name == law);
+    let laws = Controller::default();
+    let built_in = laws.laws().into_iter().find(|(name, ..)| *name == law);
     match built_in {
-        Some((_, drives)) => *drives,
+        Some((_, drives, _)) => drives,
         None => custom::drives_led_by(law),
     }
 }

@@ -32,6 +32,26 @@ pub fn defaults<P: Parameters>() -> Result<P, toml::de::Error> {
     toml::Table::new().try_into()
 }
 
+/// Applies a function to parameters: those of the table of their type among the format's, else of the table from outside, else
+/// the defaults.
+///
+/// # Errors
+/// The table from outside has other parameters, or one of them has no default.
+pub(crate) fn with_parameters<'a, P: Parameters, T>(
+    tables: impl IntoIterator<Item = Option<&'a dyn Any>>,
+    custom: Option<&Custom>,
+    make: impl FnOnce(&P) -> T,
+) -> Result<T, toml::de::Error> {
+    let mut given = tables.into_iter().flatten();
+    match given.find_map(|table| table.downcast_ref()) {
+        Some(parameters) => Ok(make(parameters)),
+        None => {
+            let parameters = custom.map_or_else(defaults, Custom::parameters)?;
+            Ok(make(&parameters))
+        }
+    }
+}
+
 /// Returns a table as one of any type.
 pub(crate) fn any<T: Any>(table: &Option<T>) -> Option<&dyn Any> {
     table.as_ref().map(|table| table as &dyn Any)

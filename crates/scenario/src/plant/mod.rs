@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::current::CurrentRange;
-use crate::custom::{self, Custom, Parameters, any, defaults};
+use crate::custom::{self, Custom, Parameters, any};
 pub use dc_motor::DcMotor;
 pub(crate) use fmu::whole_names;
 pub use fmu::{Fmu, FmuPort};
@@ -116,17 +116,7 @@ impl PlantModel {
         &self,
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
-        if let Some(custom) = &self.custom {
-            return Ok(make(&custom.parameters()?));
-        }
-        match self
-            .table()
-            .parameters
-            .and_then(|table| table.downcast_ref())
-        {
-            Some(parameters) => Ok(make(parameters)),
-            None => Ok(make(&defaults()?)),
-        }
+        custom::with_parameters([self.table().parameters], self.custom.as_ref(), make)
     }
 
     /// Returns the table of the format that is given; the actuator's if there is none.
