@@ -226,12 +226,8 @@ pub struct Scaled {
 }
 
 impl Scaled {
-    fn steps_from_zero(&self, data: u64) -> f64 {
-        self.field.read(data) as f64 - self.offset
-    }
-
     fn read(&self, data: u64) -> f64 {
-        self.steps_from_zero(data) / self.units
+        (self.field.read(data) as f64 - self.offset) / self.units
     }
 }
 
@@ -305,39 +301,35 @@ impl DriveLayout {
         let (statusword, controlword) = (word(cia402::STATUSWORD)?, word(cia402::CONTROLWORD)?);
         let position = object(&rig.position.object)?;
         let target = object(&rig.command.object)?;
-        let has_current = !rig.current.object.is_empty();
-        let current = has_current
-            .then(|| object(&rig.current.object))
-            .transpose()?;
+        let current = match rig.current.object.as_str() {
+            "" => None,
+            measured => Some(object(measured)?),
+        };
         let reported: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
         let feedback = pdo(0x1800, 0x1A00)?.with(&reported)?;
         let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
-        let missing =
+        let place =
             |pdo: &Pdo, object: &Object| pdo.place(object).ok_or_else(|| no_pdo(pdo.parameters));
-        let scaled = |field, units, offset| Scaled {
-            field,
-            units,
-            offset,
+        let scaled = |pdo: &Pdo, object: &Object, units, offset| {
+            let field = place(pdo, object)?;
+            Ok::<_, DriveError>(Scaled {
+                field,
+                units,
+                offset,
+            })
         };
-        let current = current
-            .map(|object| missing(&feedback, &object))
-            .transpose()?;
-        let target = scaled(
-            missing(&command, &target)?,
-            rig.command.units_per_ampere,
-            0.0,
-        );
+        let counts = &rig.position;
+        let (per_unit, at_zero) = (counts.increments_per_unit, counts.increments_at_zero);
+        let measured =
+            current.map(|object| scaled(&feedback, &object, rig.current.units_per_ampere, 0.0));
+        let target = scaled(&command, &target, rig.command.units_per_ampere, 0.0)?;
         let units_max = libm::floor(current_amperes_max * target.units);
         Ok(Self {
             node_id,
-            statusword: missing(&feedback, &statusword)?,
-            position: scaled(
-                missing(&feedback, &position)?,
-                rig.position.increments_per_unit,
-                rig.position.increments_at_zero,
-            ),
-            current: current.map(|field| scaled(field, rig.current.units_per_ampere, 0.0)),
-            controlword: missing(&command, &controlword)?,
+            statusword: place(&feedback, &statusword)?,
+            position: scaled(&feedback, &position, per_unit, at_zero)?,
+            current: measured.transpose()?,
+            controlword: place(&command, &controlword)?,
             target,
             target_max: units_max.min(target.field.max()),
             mode_of_operation: rig.mode_of_operation,
@@ -358,7 +350,7 @@ impl DriveLayout {
         let data = u64::from_le_bytes(frame.buffer());
         Some(Feedback {
             statusword: u16::try_from(self.statusword.read(data)).ok()?,
-            position: self.position.steps_from_zero(data) / self.position.units,
+            position: self.position.read(data),
             current_amperes: self.current.map(|current| current.read(data)),
         })
     }
