@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::{Form, Group, KINDS, Key, Kind, Need, Time};
+use super::{Form, Group, KINDS, Kind, Need, Time};
 use crate::TIME_SECONDS_MAX;
 use crate::schema::reference;
 
@@ -32,12 +32,6 @@ pub(crate) fn describe(schema: &mut Value) {
         let described = reference_to(&group_definition(group), group.text());
         (group.name().to_owned(), described)
     });
-    let faults = json!({
-        "description": TEXT,
-        "type": "object",
-        "properties": Map::from_iter(groups),
-        "additionalProperties": false,
-    });
     let choices = KINDS.iter().flat_map(|kind| kind.keys).filter_map(|key| {
         let Form::Word(words) = key.form else {
             return None;
@@ -50,7 +44,7 @@ pub(crate) fn describe(schema: &mut Value) {
             json!({"oneOf": Vec::from_iter(words)}),
         ))
     });
-    let all = [("Faults".to_owned(), faults)];
+    let all = [("Faults".to_owned(), table(TEXT, groups))];
     if let Some(definitions) = schema["definitions"].as_object_mut() {
         definitions.extend(kinds.chain(group_kinds).chain(choices).chain(all));
     }
@@ -88,24 +82,17 @@ fn kinds_schema(group: Group) -> Value {
         });
         (kind.name.to_owned(), array)
     });
-    json!({
-        "description": group.text(),
-        "type": "object",
-        "properties": Map::from_iter(arrays),
-        "additionalProperties": false,
-    })
+    table(group.text(), arrays)
 }
 
 fn kind_schema(kind: &Kind) -> Value {
-    let mut properties = times(kind.time);
-    let mut required = match kind.time {
-        Time::Lasts | Time::Ends => vec!["from_seconds"],
-        Time::Instant => vec!["at_seconds"],
-        Time::Boot => Vec::new(),
-    };
-    for key in kind.keys {
-        properties.insert(key.name.to_owned(), key_schema(key));
-        required.extend(matches!(key.need, Need::Required).then_some(key.name));
+    let mut properties = Map::new();
+    let mut required = Vec::new();
+    let keys = kind.keys.iter();
+    let keys = keys.map(|key| (key.name, key.form, key.need, key.text));
+    for (key, form, need, text) in times(kind.time).into_iter().chain(keys) {
+        properties.insert(key.to_owned(), key_schema(key, form, need, text));
+        required.extend(matches!(need, Need::Required).then_some(key));
     }
     if kind.is_drive_fault() {
         let node = name("The drive; needed where there are several.");
@@ -115,66 +102,67 @@ fn kind_schema(kind: &Kind) -> Value {
         let plant = name("The plant, in place of one of its drives.");
         properties.insert("plant".to_owned(), plant);
     }
+    let mut schema = table(kind.text, properties);
+    schema["required"] = required.into();
+    schema
+}
+
+/// Returns the schema of a table with these keys alone.
+fn table(text: &str, properties: impl IntoIterator<Item = (String, Value)>) -> Value {
     json!({
-        "description": kind.text,
+        "description": text,
         "type": "object",
-        "properties": properties,
-        "required": required,
+        "properties": Map::from_iter(properties),
         "additionalProperties": false,
     })
 }
 
-fn times(time: Time) -> Map<String, Value> {
-    let seconds = |text: &str| {
-        json!({
-            "description": text,
-            "type": "number",
-            "format": "double",
-            "minimum": 0.0,
-            "maximum": TIME_SECONDS_MAX,
-        })
-    };
+/// Returns the keys of the time of a fault, as those of its kind: name, form, need and description.
+fn times(time: Time) -> Vec<(&'static str, Form, Need, &'static str)> {
+    let seconds = Form::Number(0.0, TIME_SECONDS_MAX);
     let until = match time {
         Time::Ends => "When the fault ends.",
         _ => "When the fault ends; with the run if absent.",
     };
-    let keys = match time {
+    match time {
         Time::Lasts | Time::Ends => vec![
-            ("from_seconds", "When the fault begins."),
-            ("until_seconds", until),
+            (
+                "from_seconds",
+                seconds,
+                Need::Required,
+                "When the fault begins.",
+            ),
+            ("until_seconds", seconds, Need::Optional, until),
         ],
-        Time::Instant => vec![("at_seconds", "When it happens.")],
+        Time::Instant => vec![("at_seconds", seconds, Need::Required, "When it happens.")],
         Time::Boot => Vec::new(),
-    };
-    let keys = keys.into_iter();
-    keys.map(|(key, text)| (key.to_owned(), seconds(text)))
-        .collect()
+    }
 }
 
 fn name(text: &str) -> Value {
     json!({"description": text, "type": "string"})
 }
 
-fn key_schema(key: &Key) -> Value {
-    let mut schema = match key.form {
+fn key_schema(name: &str, form: Form, need: Need, text: &str) -> Value {
+    let mut schema = match form {
         Form::Number(min, max) => {
             json!({"type": "number", "format": "double", "minimum": min, "maximum": max})
         }
         Form::Whole(min, max) => {
             json!({"type": "integer", "format": "uint32", "minimum": min, "maximum": max})
         }
-        Form::Word(_) => json!({"allOf": [reference(&capitalised(key.name))]}),
+        Form::Word(_) => json!({"allOf": [reference(&capitalised(name))]}),
         Form::Node | Form::Station => json!({"type": "string"}),
     };
-    schema["description"] = match key.form {
+    schema["description"] = match form {
         Form::Station => {
-            let text = key.text.trim_end_matches('.');
+            let text = text.trim_end_matches('.');
             format!("{text}: the name of a node; `bench` is canrig's own node.").into()
         }
-        _ => key.text.into(),
+        _ => text.into(),
     };
-    match key.need {
-        Need::Default(number) if matches!(key.form, Form::Whole(..)) => {
+    match need {
+        Need::Default(number) if matches!(form, Form::Whole(..)) => {
             #[expect(clippy::cast_possible_truncation, reason = "a whole number")]
             let whole = number as i64;
             schema["default"] = whole.into();

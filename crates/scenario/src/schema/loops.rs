@@ -63,11 +63,11 @@ fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
         "type": "object",
         "additionalProperties": {"type": "object", "anyOf": models},
     });
-    let mut part = rig_part(&mut schema);
+    let part = rig_part(&mut schema);
     schema["properties"]["node"] = json!({
         "description": "Values of nodes that differ from those of the rig, as in `[node.NAME.sensor]`.",
         "type": "object",
-        "additionalProperties": part.take(),
+        "additionalProperties": part,
     });
     prune(&mut schema);
     schema
@@ -95,10 +95,9 @@ fn parts_schema() -> Value {
 
 /// Removes definitions without a reference.
 fn prune(schema: &mut Value) {
-    let Some(mut definitions) = schema["definitions"].as_object().cloned() else {
+    let Value::Object(mut definitions) = schema["definitions"].take() else {
         return;
     };
-    schema["definitions"] = json!({});
     let mut used = Map::new();
     let mut referring = vec![schema.clone()];
     while let Some(value) = referring.pop() {
@@ -116,16 +115,11 @@ fn prune(schema: &mut Value) {
 fn references(value: &Value) -> Vec<String> {
     match value {
         Value::Object(table) => {
-            let definition = table
-                .get("$ref")
-                .and_then(Value::as_str)
-                .and_then(|path| path.rsplit('/').next());
+            let path = table.get("$ref").and_then(Value::as_str);
+            let definition = path.and_then(|path| path.rsplit('/').next());
             let below = table.values().flat_map(references);
-            definition
-                .map(str::to_owned)
-                .into_iter()
-                .chain(below)
-                .collect()
+            let here = definition.map(str::to_owned).into_iter();
+            here.chain(below).collect()
         }
         Value::Array(values) => values.iter().flat_map(references).collect(),
         _ => Vec::new(),
