@@ -8,7 +8,6 @@ use std::path::PathBuf;
 use campaigns::campaign::{Campaign, CampaignRun, one_loop_plan};
 use judge::verdict::Outcome;
 use scenario::Trial;
-use scenario::expect::Expectation;
 
 use crate::real_time::in_real_time;
 use crate::support::{
@@ -55,8 +54,12 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
 /// Without its faults no case of the catalogue passes that expects an event: the expectations can fail.
 #[test]
 fn a_reaction_that_does_not_come_fails() {
-    let is_safe_wanted =
-        |scenario: &Trial| scenario.expect.of("safe_state") == Some(&Expectation::Answer(true));
+    let is_safe_wanted = |scenario: &Trial| {
+        scenario
+            .expect
+            .limit("safe_state")
+            .is_some_and(|limit| limit.admits(1.0))
+    };
     let scenarios: Vec<Trial> = catalogue().into_iter().filter_map(|path| {
         let mut scenario = Trial::load(&path).unwrap();
         let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";

@@ -69,7 +69,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 /// Returns the rows of a scenario's verdict that have a limit, in their order, without those of `[expect.timing]`.
 pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
-        let limit = metric.limit(&trial.expect)?;
+        let limit = trial.expect.limit(metric.name)?;
         Some((trial.wiring.feedback.measurand.name(metric.name), limit))
     });
     limited
@@ -84,7 +84,7 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
-        let limit = metric.limit(expect);
+        let limit = expect.limit(metric.name);
         if let Some(missing) = metric.missing_in(evidence.trial) {
             let lacks = |_| Metric::new(name, Err(format!("the scenario lacks {missing}")), limit);
             rows.extend(limit.map(lacks));

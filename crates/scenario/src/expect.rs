@@ -21,17 +21,13 @@ pub use signal::{Course, Demand, SignalCheck};
 /// Names of requirements, such as "REQ-12", in the system that lists them.
 pub type Requirements = Vec<String>;
 
-/// Expectation of a metric, in the form of its row in [`METRICS`].
-#[derive(Clone, Debug, PartialEq)]
-pub enum Expectation {
-    /// A limit with two sides.
-    Limit(Limit),
-    /// The largest value.
-    AtMost(f64),
-    /// Yes or no.
-    Answer(bool),
-    /// Texts.
-    List(Vec<String>),
+/// Expectation of a metric.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Expectation {
+    /// Limit of its value. A yes is exactly 1, a no exactly 0.
+    pub limit: Limit,
+    /// Texts of a list. The limit is then exactly 0: none of its events may happen, and none of its emergencies may be missing.
+    pub texts: Vec<String>,
 }
 
 /// Limits on the metrics of a run.
@@ -72,17 +68,14 @@ impl Expect {
         self.metrics.get(metric)
     }
 
-    /// Returns the two-sided limit of a metric.
+    /// Returns the limit of a metric; `None` if it has no expectation.
     pub fn limit(&self, metric: &str) -> Option<Limit> {
-        Metric::named(metric)?.limit(self)
+        self.of(metric).map(|expected| expected.limit)
     }
 
     /// Returns the texts that a metric lists.
     pub fn listed(&self, metric: &str) -> &[String] {
-        match self.of(metric) {
-            Some(Expectation::List(texts)) => texts,
-            _ => &[],
-        }
+        self.of(metric).map_or(&[], |expected| &expected.texts)
     }
 
     /// Sets the largest value of a metric that has a two-sided limit.
@@ -92,21 +85,18 @@ impl Expect {
     #[must_use]
     pub fn with_max(mut self, metric: &str, max: f64) -> Self {
         let metric = Metric::named(metric).expect("a metric of the table");
-        let limit = Limit {
-            min: None,
-            max: Some(max),
+        let expected = Expectation {
+            limit: at_most(max),
+            ..Expectation::default()
         };
-        self.metrics.insert(metric.name, Expectation::Limit(limit));
+        self.metrics.insert(metric.name, expected);
         self
     }
 
     /// Returns the two-sided limits that are given, each with its metric, in the order of the table.
     pub fn limits(&self) -> impl Iterator<Item = (&'static Metric, Limit)> {
-        let metrics = METRICS.iter();
-        metrics.filter_map(|metric| match self.of(metric.name)? {
-            Expectation::Limit(limit) => Some((metric, *limit)),
-            _ => None,
-        })
+        let two_sided = METRICS.iter().filter(|one| one.form == Form::TwoSided);
+        two_sided.filter_map(|metric| Some((metric, self.limit(metric.name)?)))
     }
 
     /// Returns the names of all metrics that have an expectation.
@@ -157,10 +147,12 @@ impl<'de> Deserialize<'de> for Expect {
             if let Some(value) = table.remove(metric.name) {
                 let read = expected(metric.form, value)
                     .map_err(|error| D::Error::custom(error.message()))?;
-                metrics.insert(metric.name, read);
+                // An empty list expects nothing.
+                if metric.form != Form::List || !read.texts.is_empty() {
+                    metrics.insert(metric.name, read);
+                }
             }
         }
-        metrics.retain(|_, expected| *expected != Expectation::List(Vec::new()));
         let others = Self::deserialize(toml::Value::from(table))
             .map_err(|error| D::Error::custom(error.message()))?;
         Ok(Self { metrics, ..others })
@@ -168,12 +160,27 @@ impl<'de> Deserialize<'de> for Expect {
 }
 
 fn expected(form: Form, value: toml::Value) -> Result<Expectation, toml::de::Error> {
-    match form {
-        Form::TwoSided => value.try_into().map(Expectation::Limit),
-        Form::AtMost(_) => value.try_into().map(Expectation::AtMost),
-        Form::Answer => value.try_into().map(Expectation::Answer),
-        Form::List => value.try_into().map(Expectation::List),
-    }
+    let mut texts = Vec::new();
+    let limit = match form {
+        Form::TwoSided => value.try_into()?,
+        Form::AtMost(_) => at_most(value.try_into()?),
+        Form::Answer => exactly(if value.try_into()? { 1.0 } else { 0.0 }),
+        Form::List => {
+            texts = value.try_into()?;
+            exactly(0.0)
+        }
+    };
+    Ok(Expectation { limit, texts })
+}
+
+fn at_most(max: f64) -> Limit {
+    let max = Some(max);
+    Limit { min: None, max }
+}
+
+fn exactly(value: f64) -> Limit {
+    let (min, max) = (Some(value), Some(value));
+    Limit { min, max }
 }
 
 /// Adds the keys of the metrics to the schema.

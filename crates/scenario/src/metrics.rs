@@ -3,8 +3,6 @@
 
 use serde_json::{Value, json};
 
-use crate::expect::{Expect, Expectation};
-use crate::limit::Limit;
 use crate::port::UNIT;
 use crate::trial::Trial;
 
@@ -272,20 +270,6 @@ impl Metric {
         METRICS.iter().find(|metric| metric.name == name)
     }
 
-    /// Returns the limit of the metric; `None` if it has no expectation.
-    pub fn limit(&self, expect: &Expect) -> Option<Limit> {
-        Some(match expect.of(self.name)? {
-            Expectation::Limit(limit) => *limit,
-            Expectation::AtMost(max) => Limit {
-                min: None,
-                max: Some(*max),
-            },
-            Expectation::Answer(is_yes) => exactly(if *is_yes { 1.0 } else { 0.0 }),
-            // No event of the list may happen, and none of its emergencies may be missing.
-            Expectation::List(_) => exactly(0.0),
-        })
-    }
-
     /// Checks whether it measures the traffic on the bus. Such a metric has a value of a run that broke off, too.
     pub fn is_traffic_metric(&self) -> bool {
         matches!(self.subject, Subject::Cycles | Subject::Bus)
@@ -343,13 +327,6 @@ impl Metric {
     }
 }
 
-fn exactly(value: f64) -> Limit {
-    Limit {
-        min: Some(value),
-        max: Some(value),
-    }
-}
-
 /// Checks whether a row of a verdict is a metric of the bus, which all loops share.
 pub fn is_bus_metric(row: &str) -> bool {
     Metric::named(row).is_some_and(|metric| metric.subject == Subject::Bus)
@@ -374,6 +351,7 @@ pub fn answer(name: &str, value: f64) -> Option<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::expect::Expect;
     use crate::port::{Measurand, known_units};
 
     fn given(metric: &Metric) -> String {
@@ -391,7 +369,9 @@ mod tests {
     fn each_metric_reads_its_own_key() {
         for metric in METRICS {
             let expect: Expect = toml::from_str(&given(metric)).unwrap();
-            let limited = METRICS.iter().filter(|one| one.limit(&expect).is_some());
+            let limited = METRICS
+                .iter()
+                .filter(|one| expect.limit(one.name).is_some());
             assert!(limited.map(|one| one.name).eq([metric.name]));
             assert!(expect.keys().eq([metric.name]));
         }
@@ -403,7 +383,7 @@ mod tests {
         let text = "safe_state = true\nno_event = [\"loss\"]\nemcy = [\"drive 0x8130\"]\n";
         let expect: Expect = toml::from_str(text).unwrap();
         let answers = METRICS.iter().filter_map(|metric| {
-            let wanted = metric.limit(&expect)?.min?;
+            let wanted = expect.limit(metric.name)?.min?;
             Some((metric.name, answer(metric.name, wanted)))
         });
         let yes = ["no_event", "safe_state", "emcy"].map(|name| (name, Some(true)));

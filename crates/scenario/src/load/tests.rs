@@ -3,7 +3,7 @@ use std::fs;
 use crate::Asked;
 use crate::beside::Beside;
 use crate::error::ScenarioError;
-use crate::expect::Expectation;
+use crate::expect::Limit;
 use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
 use crate::trial::Trial;
@@ -453,8 +453,11 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
         (rms(x), rms(y)),
         ((None, Some(0.2)), (Some(0.1), Some(0.5)))
     );
-    let yes = Some(&Expectation::Answer(true));
-    assert_eq!([x, y].map(|expect| expect.of("safe_state")), [yes, yes]);
+    let yes = Some(Limit {
+        min: Some(1.0),
+        max: Some(1.0),
+    });
+    assert_eq!([x, y].map(|expect| expect.limit("safe_state")), [yes, yes]);
     let rows = x.row_requirements().into_keys();
     assert!(rows.eq(["bus_load_percent", "safe_state"]));
     assert!(y.row_requirements().into_keys().eq(["safe_state"]));
