@@ -208,14 +208,6 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     )
 }
 
-/// Adds the tables of a section from outside to the properties of a schema.
-pub(crate) fn describe_section(section: Section, properties: Option<&mut Value>) {
-    if let Some(properties) = properties.and_then(Value::as_object_mut) {
-        let tables = tables(section).iter();
-        properties.extend(tables.map(|table| (table.name.to_owned(), table.schema.clone())));
-    }
-}
-
 /// Definitions of the schema that have the tables of a section.
 pub(crate) const DEFINITIONS: [(Section, &str); 2] = [
     (Section::Plant, "PlantModel"),
@@ -226,7 +218,10 @@ pub(crate) const DEFINITIONS: [(Section, &str); 2] = [
 pub(crate) fn describe(schema: &mut Value) {
     for (section, definition) in DEFINITIONS {
         let properties = schema.pointer_mut(&format!("/definitions/{definition}/properties"));
-        describe_section(section, properties);
+        if let Some(properties) = properties.and_then(Value::as_object_mut) {
+            let tables = tables(section).iter();
+            properties.extend(tables.map(|table| (table.name.to_owned(), table.schema.clone())));
+        }
     }
 }
 

@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use super::{CONTOURS, RIG, RUN, SWEPT, TRIAL, entries, part_of, resolve, schema_of};
-use crate::custom::{self, Section};
+use super::{CONTOURS, RIG, RUN, SWEPT, TRIAL, entries, part_of, resolve};
 use crate::fault;
 use crate::node::Part;
 use crate::plant::PlantModel;
@@ -38,12 +37,11 @@ pub(super) fn scenario_schema() -> Value {
 fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
     let mut schema = with_names(parts_schema());
     fault::describe(&mut schema);
-    add_definitions(&mut schema, &CONTOURS);
     put_travel(&mut schema, travel);
     name_keys(&mut schema, measurands);
     let laws = properties(&schema, "Controller");
     let limits = with_contours(&schema);
-    let models = models(&mut schema);
+    let models = models();
     schema["properties"]["controller"] = json!({
         "description": "The laws: `[controller.LOOP.LAW]`, or `[controller.all.LAW]` for one law over all loops; `[controller.LAW]` where there is one loop.",
         "type": "object",
@@ -87,7 +85,7 @@ fn parts_schema() -> Value {
     if let Some(required) = schema["required"].as_array_mut() {
         required.push("controller".into());
     }
-    for part in [&*TRIAL, &*SWEPT, &*RIG] {
+    for part in [&*TRIAL, &*SWEPT, &*RIG, &*CONTOURS] {
         add_definitions(&mut schema, part);
     }
     schema
@@ -165,7 +163,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         }
         below["default"] = json!({});
     }
-    let models = &RIG["definitions"]["PlantModel"]["properties"];
+    let models = properties(&RIG, "PlantModel");
     let plants = rig.plant.iter().map(|(name, plant)| {
         let definition = match &plant.fmu {
             Some(_) => fmu(&schema, plant),
@@ -174,8 +172,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         let parameters = json!({"allOf": [definition], "default": {}});
         (name.clone(), parameters)
     });
-    let plants = Map::from_iter(plants);
-    schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
+    schema["properties"]["plant"] = table(plants);
     let nodes = rig.node.iter().map(|(name, node)| {
         let has = toml::Table::try_from(node).expect("plain data");
         let parts = PARTS
@@ -186,13 +183,15 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
                 let part_schema = json!({"allOf": [definition], "default": {}});
                 (part.to_owned(), part_schema)
             });
-        let parts = Map::from_iter(parts);
-        let node = json!({"type": "object", "default": {}, "properties": parts});
-        (name.clone(), node)
+        (name.clone(), table(parts))
     });
-    let nodes = Map::from_iter(nodes);
-    schema["properties"]["node"] = json!({"type": "object", "default": {}, "properties": nodes});
+    schema["properties"]["node"] = table(nodes);
     schema
+}
+
+/// Returns the schema of a table that may be left out, as each of these keys may.
+fn table(properties: impl IntoIterator<Item = (String, Value)>) -> Value {
+    json!({"type": "object", "default": {}, "properties": Map::from_iter(properties)})
 }
 
 /// Returns the schema of an FMU; the start values that the rig file has may be other numbers.
@@ -202,8 +201,7 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
         .filter(|(_, value)| value.is_float() || value.is_integer())
         .map(|(name, _)| (name.clone(), json!({"type": "number"})));
     let mut fmu = schema["definitions"]["Fmu"].clone();
-    fmu["properties"]["start"] =
-        json!({"type": "object", "default": {}, "properties": Map::from_iter(numbers)});
+    fmu["properties"]["start"] = table(numbers);
     fmu
 }
 
@@ -373,12 +371,10 @@ fn with_contours(schema: &Value) -> Value {
     limits
 }
 
-/// Returns the schema of a plant's parameters.
-fn models(schema: &mut Value) -> Value {
-    let mut model = schema_of::<PlantModel>();
-    custom::describe_section(Section::Plant, model.get_mut("properties"));
-    add_definitions(schema, &model);
-    let models = model["properties"].as_object().into_iter().flatten();
+/// Returns the schemas of other values for the models of plants.
+fn models() -> Value {
+    let models = properties(&RIG, "PlantModel");
+    let models = models.as_object().into_iter().flatten();
     models.map(|(_, model)| model_values(model)).collect()
 }
 
