@@ -199,9 +199,14 @@ impl Kind {
         self.group != Group::Bus && self.node_key().is_none()
     }
 
+    /// Returns the path of its array in the document.
+    pub(super) fn path(&self) -> String {
+        format!("fault.{}.{}", self.group.name(), self.name)
+    }
+
     /// Returns the heading of its table.
     pub fn heading(&self) -> String {
-        format!("[[fault.{}.{}]]", self.group.name(), self.name)
+        format!("[[{}]]", self.path())
     }
 }
 

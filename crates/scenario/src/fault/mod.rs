@@ -46,8 +46,7 @@ pub struct Fault {
 impl Fault {
     /// Returns its path in the document, which also names its stream of random numbers.
     pub fn path(&self) -> String {
-        let Kind { group, name, .. } = self.kind;
-        format!("fault.{}.{name}.{}", group.name(), self.index)
+        format!("{}.{}", self.kind.path(), self.index)
     }
 
     /// Returns the number at a key.

@@ -9,6 +9,7 @@ use toml::de::{DeTable, DeValue};
 use super::schema::definition;
 use super::{Fault, Faults, Group, KINDS, Key, Kind, Need, Time, Value};
 use crate::check::outside;
+use crate::current::CurrentRange;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
@@ -17,8 +18,8 @@ use crate::node::{Node, Part};
 use crate::rig::nodes::Rig;
 use crate::schema;
 use crate::structure::{self, check_table, number};
+use crate::wiring::Wiring;
 
-const FAULT: &str = "fault";
 const PLANT: &str = "plant";
 const BENCH: &str = "bench";
 
@@ -43,11 +44,8 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
     let mut problems = reader.shape();
     let mut faults = Vec::new();
     for kind in KINDS {
-        let path = format!("{FAULT}.{}.{}", kind.group.name(), kind.name);
-        let entries = document
-            .spanned(&path)
-            .map(Spanned::get_ref)
-            .and_then(DeValue::as_array);
+        let entries = document.spanned(&kind.path());
+        let entries = entries.and_then(|entries| entries.get_ref().as_array());
         for (index, entry) in entries.into_iter().flatten().enumerate() {
             match reader.fault(kind, index, entry) {
                 Ok(fault) => faults.extend(fault),
@@ -66,7 +64,7 @@ struct Reader<'a, 'text> {
 impl<'text> Reader<'_, 'text> {
     /// Checks groups and kinds against the schema, which leaves the entries of their arrays to [`Reader::fault`].
     fn shape(&self) -> Vec<Problem> {
-        let document = self.document.only(&[FAULT]);
+        let document = self.document.only(&["fault"]);
         structure::check(&document, "the scenario", &schema::FAULTS)
     }
 
@@ -76,7 +74,7 @@ impl<'text> Reader<'_, 'text> {
         index: usize,
         entry: &Spanned<DeValue<'text>>,
     ) -> Result<Option<Fault>, Vec<Problem>> {
-        let path = format!("{FAULT}.{}.{}.{index}", kind.group.name(), kind.name);
+        let path = format!("{}.{index}", kind.path());
         let DeValue::Table(table) = entry.get_ref() else {
             return Ok(None);
         };
@@ -85,7 +83,9 @@ impl<'text> Reader<'_, 'text> {
             Some(_) => None,
             None => self.node(kind, &path, table).map_err(one)?,
         };
-        let table = self.in_loop_unit(kind, (entry.span(), table.clone()), node.as_ref())?;
+        let drive = node.as_ref().filter(|node| node.part == Part::Drive);
+        let wiring = drive.map(|drive| self.rig.wiring_of(&drive.name));
+        let table = self.in_loop_unit(kind, (entry.span(), table.clone()), wiring.as_ref())?;
         let values = kind.keys.iter().filter(|key| !key.names_node());
         let mut read = BTreeMap::new();
         for key in values {
@@ -104,7 +104,10 @@ impl<'text> Reader<'_, 'text> {
         if kind.time != Time::Boot && from_seconds.is_none() {
             return Ok(None);
         }
-        if let Some(problem) = self.outside_amplifier(kind, &path, node.as_ref(), &table) {
+        let range = wiring.map(|wiring| wiring.current());
+        if let Some(range) = range
+            && let Some(problem) = self.outside_amplifier(kind, &path, &range, &table)
+        {
             return Err(vec![problem]);
         }
         Ok(Some(Fault {
@@ -189,13 +192,11 @@ impl<'text> Reader<'_, 'text> {
         &self,
         kind: &Kind,
         path: &str,
-        node: Option<&Node>,
+        range: &CurrentRange,
         table: &DeTable<'_>,
     ) -> Option<Problem> {
-        let drive = node.filter(|node| node.part == Part::Drive)?;
         let key = kind.keys.iter().find(|key| key.name.starts_with(CURRENT))?;
         let current = number(table.get(key.name)?.get_ref())?;
-        let range = self.rig.wiring_of(&drive.name).current();
         let within = match key.name {
             CURRENT => [range.min, range.max],
             _ => [0.0, range.max],
@@ -209,15 +210,12 @@ impl<'text> Reader<'_, 'text> {
         &self,
         kind: &Kind,
         (span, mut table): (Range<usize>, DeTable<'text>),
-        node: Option<&Node>,
+        wiring: Option<&Wiring>,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
-        let drive = node.filter(|node| node.part == Part::Drive);
-        let wiring = drive
-            .map(|node| self.rig.wiring_of(&node.name))
-            .unwrap_or_default();
-        let measurand = wiring.sensor.measurand;
+        let measurand = wiring.map(|wiring| wiring.sensor.measurand.clone());
+        let measurand = measurand.unwrap_or_default();
         let part = &schema::FAULTS["definitions"][definition(kind)];
-        if drive.is_some() {
+        if let Some(wiring) = wiring {
             let naming = Naming {
                 source: &self.document.source,
                 measurand: &measurand,
