@@ -194,18 +194,12 @@ impl Wiring {
 
     /// Returns the index of the output that the sensor reads.
     pub fn measured(&self, ports: &Ports) -> Option<usize> {
-        match self.output.as_str() {
-            "" => Some(0).filter(|_| !ports.outputs.is_empty()),
-            name => ports.output(name),
-        }
+        named_or_first(&self.output, &ports.outputs)
     }
 
     /// Returns the index of the input that the amplifier drives.
     pub fn driven(&self, ports: &Ports) -> Option<usize> {
-        match self.input.as_str() {
-            "" => Some(0).filter(|_| !ports.inputs.is_empty()),
-            name => ports.input(name),
-        }
+        named_or_first(&self.input, &ports.inputs)
     }
 
     /// Returns the outputs that the drive publishes: those that the rig file names, else its own. If a plant has one drive, all
@@ -372,6 +366,12 @@ fn output_like(name: &str, port: &Port) -> Option<Port> {
         steps_per_unit: steps_for(range),
         ..port.clone()
     })
+}
+
+/// Returns the index of the port of a name, of the first one if the name is empty.
+fn named_or_first(name: &str, ports: &[Port]) -> Option<usize> {
+    let is_it = |port: &Port| name.is_empty() || port.name == name;
+    ports.iter().position(is_it)
 }
 
 /// Returns the first word of the name of a port.

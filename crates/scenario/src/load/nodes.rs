@@ -361,11 +361,11 @@ impl Check<'_> {
             timeouts,
             ..
         } = &real;
+        let eds = self.rig.node[name].eds.as_ref();
         let mut object = |key: &str, message: &str, label: &str| {
             let path = format!("{path}.{key}");
             self.at(&path, message, label);
         };
-        let eds = drive.eds.as_ref();
         if eds.is_some_and(|eds| !table::is_inside_folder(eds)) {
             let message = "the EDS must lie in the rig file's folder";
             object("eds", message, "no absolute path, no `..`");

@@ -77,7 +77,7 @@ impl Pdo {
             .iter()
             .position(|entry| *entry == object.entry)?;
         let start_byte = bytes_of(&self.entries[..place]);
-        Field::new(start_byte, object.length_bytes, object.is_signed)
+        Field::new(start_byte, bytes_of(&[object.entry]), object.is_signed)
     }
 
     /// Returns the PDO with these objects: with the mapping of the EDS if it has them all, else with these objects alone.
@@ -124,7 +124,6 @@ fn bytes_of(entries: &[u32]) -> usize {
 struct Object {
     /// Entry of the object in a mapping.
     entry: u32,
-    length_bytes: usize,
     is_signed: bool,
 }
 
@@ -150,7 +149,6 @@ impl Object {
         let bits = 8 * length_bytes as u32;
         Ok(Self {
             entry: u32::from(index) << 16 | u32::from(sub_index) << 8 | bits,
-            length_bytes,
             is_signed: data_type.is_signed(),
         })
     }

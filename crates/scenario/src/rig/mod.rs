@@ -45,8 +45,6 @@ impl RealDrive {
 pub struct RigDrive {
     /// Node-ID of the drive.
     pub node_id: u8,
-    /// EDS of the drive, beside the rig file; that of the emulated drive if left out.
-    pub eds: Option<String>,
     /// Mode of operation, written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative modes are the
     /// maker's own.
     pub mode_of_operation: i8,
@@ -62,7 +60,6 @@ impl Default for RigDrive {
     fn default() -> Self {
         Self {
             node_id: 16,
-            eds: None,
             mode_of_operation: 10,
             command: CommandObject::default(),
             position: PositionObject::default(),

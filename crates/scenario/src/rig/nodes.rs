@@ -55,8 +55,7 @@ pub struct Rig {
 impl Rig {
     /// Returns the plant that a drive moves.
     pub fn plant_of(&self, drive: &str) -> Option<&str> {
-        let amplifier = self.node.get(drive)?.amplifier.as_ref()?;
-        plant_of_port(amplifier.port.as_deref()?)
+        plant_of_port(self.node.get(drive)?.amplifier_port()?)
     }
 
     /// Returns the plant that a drive moves, with its files in the folder of the rig file; the actuator of the paper if the
@@ -206,43 +205,35 @@ impl Rig {
         let Some(node) = self.node.get(drive) else {
             return Wiring::default();
         };
-        let amplifier_port = |node: &RigNode| node.amplifier.as_ref()?.port.clone();
-        let sensor = node.sensor.clone().unwrap_or_default();
         let plant = self.plant_of(drive).unwrap_or_default();
-        let in_full = |port: &String| {
-            if port.contains('.') {
-                port.clone()
-            } else {
-                format!("{plant}.{port}")
-            }
+        let in_full = |port: &String| match plant_of_port(port) {
+            Some(_) => port.clone(),
+            None => format!("{plant}.{port}"),
         };
         let others = self.node.iter().filter(|(name, _)| {
             name.as_str() != drive && !plant.is_empty() && self.plant_of(name) == Some(plant)
         });
         let others = Vec::from_iter(others.map(|(_, node)| node));
+        let inputs = others.iter().filter_map(|other| other.amplifier_port());
+        let emulated = self.emulated_with(drive);
+        let followed = self.followed_by(drive).map(|(_, node)| node.measured());
+        let recorded = node.record.as_ref();
         let loop_name = self.loop_of(drive);
         let rig_loop = self.loops.get(loop_name);
         Wiring {
             nodes: self.nodes_of(drive, node.node_id),
             plant: plant.to_owned(),
-            emulated_with: self
-                .emulated_with(drive)
-                .first()
-                .map_or_else(String::new, |one| (*one).to_owned()),
-            input: amplifier_port(node).unwrap_or_default(),
-            output: sensor.port.unwrap_or_default(),
+            emulated_with: emulated.first().copied().unwrap_or_default().to_owned(),
+            input: node.amplifier_port().unwrap_or_default().to_owned(),
+            output: node.sensor_port().unwrap_or_default().to_owned(),
             sensor: node.measured(),
-            feedback: self
-                .followed_by(drive)
-                .map_or_else(Measured::default, |(_, node)| node.measured())
+            feedback: followed
+                .unwrap_or_default()
                 .commanding(node.command_quantity()),
             io: self.io_beside(drive),
             truth_every_cycles: node.truth_every_cycles,
-            record: node
-                .record
-                .as_ref()
-                .map(|ports| ports.iter().map(in_full).collect()),
-            beside: others.iter().copied().filter_map(amplifier_port).collect(),
+            record: recorded.map(|ports| ports.iter().map(in_full).collect()),
+            beside: inputs.map(str::to_owned).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
             also_leads: rig_loop.map_or(0, |one| one.drives.len().saturating_sub(1)),
@@ -289,17 +280,12 @@ impl Rig {
     /// Returns the facts of a loop for the other loops.
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopFacts {
         let drive = one.drives.first().cloned().unwrap_or_default();
-        let node = self.node.get(&drive);
-        let amplifier = node.and_then(|node| node.amplifier.as_ref());
+        let (_, amplifier) = self.parts_of(&drive);
+        let command = self.measurand_of(&drive).command;
         LoopFacts {
             name: name.clone(),
-            measurand: self
-                .node
-                .get(one.followed())
-                .map(RigNode::measurand)
-                .unwrap_or_default()
-                .commanding(node.map(RigNode::command_quantity).unwrap_or_default()),
-            current: amplifier.map(Amplifier::range).unwrap_or_default(),
+            measurand: self.measurand_of(one.followed()).commanding(command),
+            current: amplifier.range,
             led_by: self.led_by(&drive),
             drive,
         }
@@ -329,7 +315,6 @@ impl Rig {
         Some(RealDrive {
             drive: RigDrive {
                 node_id: node.node_id,
-                eds: node.eds.clone(),
                 mode_of_operation: node.mode_of_operation.unwrap_or(emulated.mode_of_operation),
                 command: node.command.clone().unwrap_or_default(),
                 position: node.position.clone().unwrap_or_default(),
@@ -364,7 +349,6 @@ impl Rig {
         });
         if let Some(node) = rig.node.get_mut(drive) {
             let objects = real.drive.clone();
-            node.eds = objects.eds;
             node.mode_of_operation = Some(objects.mode_of_operation);
             node.command = Some(objects.command);
             node.position = Some(objects.position);
@@ -553,9 +537,19 @@ impl RigNode {
 
     /// Returns the output quantity of its amplifier: a current, unless its port says otherwise.
     pub(crate) fn command_quantity(&self) -> Command {
-        let port = self.amplifier.as_ref().and_then(|one| one.port.as_deref());
+        let port = self.amplifier_port();
         let command = port.and_then(|port| Command::in_port_unit(unit_in(port)));
         command.unwrap_or_default()
+    }
+
+    /// Returns the port that its amplifier drives.
+    fn amplifier_port(&self) -> Option<&str> {
+        self.amplifier.as_ref()?.port.as_deref()
+    }
+
+    /// Returns the port that its sensor reads.
+    fn sensor_port(&self) -> Option<&str> {
+        self.sensor.as_ref()?.port.as_deref()
     }
 
     /// Returns the signal of its sensor with its range.
@@ -571,12 +565,11 @@ impl RigNode {
 
     /// Returns the plants that the node connects: by its amplifier, its sensor, its outputs, and its record.
     pub(crate) fn plants(&self) -> BTreeSet<&str> {
-        let amplifier = self.amplifier.iter().filter_map(|one| one.port.as_ref());
-        let sensor = self.sensor.iter().filter_map(|one| one.port.as_ref());
+        let parts = [self.amplifier_port(), self.sensor_port()];
         let outputs = self.outputs.iter().flat_map(|outputs| outputs.0.values());
-        let recorded = self.record.iter().flatten();
-        let ports = amplifier.chain(sensor).chain(outputs).chain(recorded);
-        ports.filter_map(|port| plant_of_port(port)).collect()
+        let named = outputs.chain(self.record.iter().flatten());
+        let ports = parts.into_iter().flatten().chain(named.map(String::as_str));
+        ports.filter_map(plant_of_port).collect()
     }
 }
 
