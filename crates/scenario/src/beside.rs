@@ -84,12 +84,8 @@ impl Beside {
             "" => self.scenario.clone(),
             rig => self.place(rig),
         };
-        let folder = match file.parent() {
-            _ if names_file => Path::new("."),
-            None => Path::new("."),
-            Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
-            Some(folder) => folder,
-        };
+        let own = Some(folder_of(&file)).filter(|_| !names_file);
+        let folder = own.map_or(Path::new("."), or_here);
         (placed.collect(), folder.to_owned())
     }
 
@@ -155,11 +151,7 @@ impl Beside {
     /// The file cannot be read, or a link leads out of the folder.
     pub fn read_text(&self, name: &str) -> io::Result<String> {
         let (folder, name) = self.folder_of(name);
-        let folder = if folder.as_os_str().is_empty() {
-            Path::new(".")
-        } else {
-            folder
-        };
+        let folder = or_here(folder);
         let path = folder.join(name).canonicalize()?;
         if !path.starts_with(folder.canonicalize()?) {
             return Err(io::Error::other("it lies outside the scenario's folder"));
@@ -170,4 +162,13 @@ impl Beside {
 
 fn folder_of(file: &Path) -> &Path {
     file.parent().unwrap_or(Path::new(""))
+}
+
+/// Returns the path by which a folder without a name is opened.
+fn or_here(folder: &Path) -> &Path {
+    if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
+    }
 }

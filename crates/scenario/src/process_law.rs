@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
-use crate::plant::whole_names;
+use crate::plant::{any_values, whole_names};
 
 /// A law that a program plays, in any language. In each cycle it gets the values that the law reads, and answers with those that
 /// it writes.
@@ -32,7 +32,7 @@ pub struct Program {
     pub terms: Vec<String>,
     /// Its parameters, which `--set` and `[sweep]` reach.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    #[schemars(schema_with = "values")]
+    #[schemars(schema_with = "any_values")]
     pub parameters: BTreeMap<String, Value>,
 }
 
@@ -82,13 +82,8 @@ pub struct FmuLaw {
         deserialize_with = "whole_names",
         skip_serializing_if = "BTreeMap::is_empty"
     )]
-    #[schemars(schema_with = "values")]
+    #[schemars(schema_with = "any_values")]
     pub parameters: BTreeMap<String, Value>,
-}
-
-/// Returns the schema of values that a program interprets.
-fn values(_: &mut SchemaGenerator) -> Schema {
-    json_schema!({"type": "object", "additionalProperties": {}})
 }
 
 /// A law of any kind in a separate process.

@@ -29,7 +29,7 @@ pub struct Fmu {
         deserialize_with = "whole_names",
         skip_serializing_if = "BTreeMap::is_empty"
     )]
-    #[schemars(schema_with = "values")]
+    #[schemars(schema_with = "any_values")]
     pub start: BTreeMap<String, Value>,
     /// Its variables as ports, by names that end in the unit that they have on the bench.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -87,8 +87,8 @@ pub struct FmuPort {
     pub range: Option<Vec<f64>>,
 }
 
-/// Returns the schema of values that the kind of a variable decides.
-fn values(_: &mut SchemaGenerator) -> Schema {
+/// Returns the schema of values of any kind: that of an FMU's variable decides, or the program that gets them.
+pub(crate) fn any_values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
 }
 

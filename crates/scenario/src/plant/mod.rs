@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use crate::current::CurrentRange;
 use crate::custom::{self, Custom, Parameters, any};
 pub use dc_motor::DcMotor;
-pub(crate) use fmu::whole_names;
 pub use fmu::{Fmu, FmuPort};
+pub(crate) use fmu::{any_values, whole_names};
 pub use sma::{Heat, Kinetics, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
 pub use sma_pair::SmaPair;
 
