@@ -62,7 +62,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
     let chirps = evidence.trial.judged_chirps();
     let bandwidths = chirps.iter().map(|chirp| {
         let points = response(evidence, chirp).collect::<Result<Vec<_>, _>>()?;
-        last_followed(&sorted(points), offset_of_amplitude * chirp.amplitude)
+        last_followed(&sorted(points), offset_of_amplitude * chirp.piece.amplitude)
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
     lowest.unwrap_or_else(|| Err(Absence::nothing())).into()
@@ -106,20 +106,21 @@ fn point(
     first: f64,
     end: f64,
 ) -> Result<FrequencyPoint, Absence> {
-    let at = |turns: f64| chirp.from_seconds + chirp.sweep.seconds_at(turns);
+    let JudgedChirp { piece, .. } = chirp;
+    let at = |turns: f64| piece.from_seconds + piece.seconds_at(turns);
     let window = Window::new(at(first), at(end));
     let samples = evidence.seen(window)?.map(|sample| {
-        let phase = chirp.sweep.at(sample.time_seconds - chirp.from_seconds);
+        let phase = piece.phase_at(sample.time_seconds - piece.from_seconds);
         (phase.radians(), sample.position)
     });
     let position = Harmonic::fit_phases(samples)
         .ok_or_else(|| Absence::from("too few positions for a turn of the chirp"))?;
-    let middle = chirp.sweep.seconds_at(0.5 * (first + end));
+    let middle = piece.seconds_at(0.5 * (first + end));
     Ok(FrequencyPoint {
-        hertz: chirp.sweep.at(middle).hertz(),
-        gain: position.amplitude() / chirp.amplitude,
+        hertz: piece.phase_at(middle).hertz(),
+        gain: position.amplitude() / piece.amplitude,
         phase_degrees: phase_between(0.0, position.phase_degrees()),
-        offset: position.mean - chirp.centre,
+        offset: position.mean - piece.centre,
     })
 }
 

@@ -189,9 +189,9 @@ fn chirp(added: &str) -> Trial {
 
 /// Returns the frames of a position that follows the chirp with this gain, 30° late and 1 mm high.
 fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
-    let sweep = chirp("").reference.chirp[0].sweep();
+    let chirp = chirp("").reference.chirp[0].clone();
     frames(4000, |cycle| {
-        let phase = sweep.at(f64::from(cycle) / 1e3);
+        let phase = chirp.phase_at(f64::from(cycle) / 1e3);
         let late = phase.radians() - 30_f64.to_radians();
         Some(26.0 + 10.0 * gain(phase.hertz()) * libm::sin(late))
     })

@@ -2,18 +2,8 @@
 
 use std::f64::consts::TAU;
 
-/// Frequency that moves over time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrequencySweep {
-    /// Frequency at the start.
-    pub from_hertz: f64,
-    /// Frequency at the end, different from that at the start.
-    pub until_hertz: f64,
-    /// Duration of the move.
-    pub duration_seconds: f64,
-    /// Whether the frequency grows by equal factors in equal times; else by equal differences.
-    pub is_logarithmic: bool,
-}
+use crate::reference::Chirp;
+use crate::sweep::Spacing;
 
 /// Phase of a swept sine at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,19 +26,19 @@ impl SweptPhase {
     }
 }
 
-impl FrequencySweep {
-    /// Returns the phase after a time.
-    pub fn at(&self, elapsed_seconds: f64) -> SweptPhase {
+impl Chirp {
+    /// Returns the phase at a time after the start.
+    pub fn phase_at(&self, elapsed_seconds: f64) -> SweptPhase {
         let (from, until) = (self.from_hertz, self.until_hertz);
-        if self.is_logarithmic {
-            let rate = libm::log(until / from) / self.duration_seconds;
+        if self.spacing == Spacing::Logarithmic {
+            let rate = libm::log(until / from) / self.duration_seconds();
             let hertz = from * libm::exp(rate * elapsed_seconds);
             SweptPhase {
                 turns: (hertz - from) / rate,
                 derivatives: [TAU * hertz, TAU * hertz * rate, TAU * hertz * rate * rate],
             }
         } else {
-            let slope = (until - from) / self.duration_seconds;
+            let slope = (until - from) / self.duration_seconds();
             let hertz = from + slope * elapsed_seconds;
             SweptPhase {
                 turns: 0.5 * (from + hertz) * elapsed_seconds,
@@ -60,19 +50,18 @@ impl FrequencySweep {
     /// Returns the time after which the sine has made a number of turns.
     pub fn seconds_at(&self, turns: f64) -> f64 {
         let (from, until) = (self.from_hertz, self.until_hertz);
-        if self.is_logarithmic {
-            let rate = libm::log(until / from) / self.duration_seconds;
+        if self.spacing == Spacing::Logarithmic {
+            let rate = libm::log(until / from) / self.duration_seconds();
             libm::log(1.0 + turns * rate / from) / rate
         } else {
             // This is the root of from t + slope t² / 2 = turns that grows with the turns, without a difference of near numbers.
-            let slope = (until - from) / self.duration_seconds;
+            let slope = (until - from) / self.duration_seconds();
             2.0 * turns / (from + libm::sqrt((from * from + 2.0 * slope * turns).max(0.0)))
         }
     }
 
-    /// Returns the number of all turns.
-    pub fn turns(&self) -> f64 {
-        self.at(self.duration_seconds).turns
+    fn duration_seconds(&self) -> f64 {
+        self.until_seconds - self.from_seconds
     }
 }
 
@@ -80,15 +69,18 @@ impl FrequencySweep {
 mod tests {
     use super::*;
 
-    fn sweeps() -> impl Iterator<Item = FrequencySweep> {
+    fn sweeps() -> impl Iterator<Item = Chirp> {
         let ends = [(0.1, 5.0), (5.0, 0.1)];
-        let kinds = [false, true].into_iter();
-        kinds.flat_map(move |is_logarithmic| {
-            ends.map(|(from_hertz, until_hertz)| FrequencySweep {
+        let spacings = [Spacing::Linear, Spacing::Logarithmic].into_iter();
+        spacings.flat_map(move |spacing| {
+            ends.map(|(from_hertz, until_hertz)| Chirp {
+                from_seconds: 0.0,
+                until_seconds: 40.0,
+                centre: 0.0,
+                amplitude: 1.0,
                 from_hertz,
                 until_hertz,
-                duration_seconds: 40.0,
-                is_logarithmic,
+                spacing,
             })
         })
     }
@@ -96,12 +88,12 @@ mod tests {
     #[test]
     fn both_ends_are_met_and_the_turns_are_the_area_below_the_frequency() {
         for sweep in sweeps() {
-            let end = sweep.at(sweep.duration_seconds);
-            assert!((sweep.at(0.0).hertz() - sweep.from_hertz).abs() < 1e-12);
+            let end = sweep.phase_at(40.0);
+            assert!((sweep.phase_at(0.0).hertz() - sweep.from_hertz).abs() < 1e-12);
             assert!((end.hertz() - sweep.until_hertz).abs() < 1e-12);
             let step = 1e-3;
             let area: f64 = (0..40_000)
-                .map(|place| step * sweep.at(step * (f64::from(place) + 0.5)).hertz())
+                .map(|place| step * sweep.phase_at(step * (f64::from(place) + 0.5)).hertz())
                 .sum();
             assert!((area - end.turns).abs() < 1e-4, "{area} {end:?}");
         }
@@ -110,8 +102,8 @@ mod tests {
     #[test]
     fn the_time_of_a_turn_is_when_it_is_complete() {
         for sweep in sweeps() {
-            for turns in [0.0, 1.0, 17.0, 0.999 * sweep.turns()] {
-                let found = sweep.at(sweep.seconds_at(turns)).turns;
+            for turns in [0.0, 1.0, 17.0, 0.999 * sweep.phase_at(40.0).turns] {
+                let found = sweep.phase_at(sweep.seconds_at(turns)).turns;
                 assert!((found - turns).abs() < 1e-9, "{found} {turns}");
             }
         }

@@ -194,7 +194,7 @@ impl Sine {
 impl Chirp {
     /// Returns `centre + amplitude sin φ` with its exact derivatives.
     fn at(&self, elapsed_seconds: f64) -> SetPoint {
-        let (amplitude, phase) = (self.amplitude, self.sweep().at(elapsed_seconds));
+        let (amplitude, phase) = (self.amplitude, self.phase_at(elapsed_seconds));
         let (sin, cos) = libm::sincos(phase.radians());
         let [omega, slope, curvature] = phase.derivatives;
         let jerk = (curvature - omega * omega * omega) * cos - 3.0 * omega * slope * sin;

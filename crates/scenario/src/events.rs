@@ -1,8 +1,8 @@
 //! The part of a scenario that the metrics use: steps, periods and disturbances, with their windows in scenario time.
 
-use crate::chirp::FrequencySweep;
 use crate::disturbance::Change;
 use crate::port::Unit;
+use crate::reference::Chirp;
 use crate::trial::Trial;
 pub use crate::window::Window;
 
@@ -32,18 +32,12 @@ pub struct JudgedSine {
 }
 
 /// A chirp of the set-point that the metrics judge.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct JudgedChirp {
-    /// Start of the chirp.
-    pub from_seconds: f64,
-    /// Move of its frequency.
-    pub sweep: FrequencySweep,
+    /// The chirp itself.
+    pub piece: Chirp,
     /// Whole turns up to its end, the next piece or the end of the judgement; at least four.
     pub turns: f64,
-    /// Mean of the set-point.
-    pub centre: f64,
-    /// Amplitude of the set-point.
-    pub amplitude: f64,
 }
 
 /// Event of a run, for plots.
@@ -126,16 +120,11 @@ impl Trial {
         let end_of_piece = self.piece_ends();
         let judged = self.reference.chirp.iter().filter_map(|chirp| {
             let until_seconds = end_of_piece(chirp.from_seconds).min(chirp.until_seconds);
-            let sweep = chirp.sweep();
             // A turn that ends with the run counts in spite of rounding.
-            let turns = libm::floor(sweep.at(until_seconds - chirp.from_seconds).turns + 1e-9);
-            (turns >= 4.0).then_some(JudgedChirp {
-                from_seconds: chirp.from_seconds,
-                sweep,
-                turns,
-                centre: chirp.centre,
-                amplitude: chirp.amplitude,
-            })
+            let phase = chirp.phase_at(until_seconds - chirp.from_seconds);
+            let turns = libm::floor(phase.turns + 1e-9);
+            let piece = chirp.clone();
+            (turns >= 4.0).then_some(JudgedChirp { piece, turns })
         });
         judged.collect()
     }

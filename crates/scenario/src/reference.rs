@@ -3,7 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::chirp::FrequencySweep;
 use crate::curve::Piece;
 pub use crate::curve::Trajectory;
 use crate::sweep::Spacing;
@@ -122,18 +121,6 @@ pub struct Chirp {
     /// Spacing of the frequency over time; `linear` if absent.
     #[serde(default)]
     pub spacing: Spacing,
-}
-
-impl Chirp {
-    /// Returns the move of its frequency.
-    pub fn sweep(&self) -> FrequencySweep {
-        FrequencySweep {
-            from_hertz: self.from_hertz,
-            until_hertz: self.until_hertz,
-            duration_seconds: self.until_seconds - self.from_seconds,
-            is_logarithmic: self.spacing == Spacing::Logarithmic,
-        }
-    }
 }
 
 /// Straight lines through the rows of a CSV file with the columns `time_seconds,position_millimetres`.
