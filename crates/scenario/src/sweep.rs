@@ -147,15 +147,6 @@ pub struct Normal {
     pub standard_deviation: f64,
 }
 
-/// Key of the grid with its values.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
-    /// The key that varies.
-    pub key: String,
-    /// Its values in their order.
-    pub values: Vec<f64>,
-}
-
 /// Distribution of a number that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Distribution<'a> {
@@ -227,17 +218,13 @@ fn rounded(value: f64) -> f64 {
 }
 
 impl Sweep {
-    /// Returns the keys of the grid, lists before ranges.
-    pub fn axes(&self) -> Vec<Axis> {
-        let lists = self.list.iter().map(|list| Axis {
-            key: list.key.clone(),
-            values: list.values.clone(),
-        });
-        let ranges = self.range.iter().map(|range| Axis {
+    /// Returns the axes of the grid: the lists, then the ranges as lists.
+    pub fn axes(&self) -> Vec<List> {
+        let ranges = self.range.iter().map(|range| List {
             key: range.key.clone(),
             values: range.values(),
         });
-        lists.chain(ranges).collect()
+        self.list.iter().cloned().chain(ranges).collect()
     }
 
     /// Returns the distributions of the keys that are drawn.

@@ -5,7 +5,7 @@ use std::io;
 
 use faults::Stream;
 use scenario::overrides::set;
-use scenario::sweep::{Axis, Distribution, LogUniform, Sweep, Uniform};
+use scenario::sweep::{Distribution, List, LogUniform, Sweep, Uniform};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
@@ -28,7 +28,7 @@ const ID_BYTES: usize = 8;
 /// Sweep: a scenario and the keys that vary in it.
 pub struct SweepCases {
     document: Table,
-    axes: Vec<Axis>,
+    axes: Vec<List>,
     sweep: Sweep,
     draws: usize,
     runs: usize,
@@ -161,9 +161,7 @@ impl Cases for SweepCases {
 
     /// Keys of the grid, then those that are drawn.
     fn keys(&self) -> Vec<&str> {
-        let axes = self.axes.iter().map(|axis| axis.key.as_str());
-        let drawn = self.sweep.distributions().map(Distribution::key);
-        axes.chain(drawn).collect()
+        self.sweep.keys().collect()
     }
 
     fn variations(&self) -> Vec<(String, String)> {
