@@ -225,18 +225,12 @@ struct LoopPlan<'a> {
 impl<'a> LoopPlan<'a> {
     fn emulated(view: &'a ControllerView) -> Result<Self, ControllerError> {
         let node_id = view.wiring.nodes.drive.id;
-        let mut rig = RigDrive {
-            node_id,
-            ..RigDrive::default()
-        };
-        let currents = view.wiring.current();
-        rig.command.units_per_ampere = currents.counts_per_ampere();
-        rig.current.units_per_ampere = currents.counts_per_ampere();
-        rig.position.increments_per_unit = view.wiring.sensor.counts_per_unit();
+        let objects = RigDrive::emulated(node_id, &view.wiring);
+        let current_max = view.wiring.current().largest();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,
-            drive: DriveLayout::new(dictionary, &rig, currents.largest())?,
+            drive: DriveLayout::new(dictionary, &objects, current_max)?,
             limits: None,
             timeouts: Timeouts::default(),
         })

@@ -15,6 +15,8 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::wiring::Wiring;
+
 /// A drive that canrig does not emulate, as its node in the rig file describes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealDrive {
@@ -65,6 +67,21 @@ impl Default for RigDrive {
             position: PositionObject::default(),
             current: CurrentObject::default(),
         }
+    }
+}
+
+impl RigDrive {
+    /// Returns the objects of a drive that canrig emulates.
+    pub fn emulated(node_id: u8, wiring: &Wiring) -> Self {
+        let mut drive = Self {
+            node_id,
+            ..Self::default()
+        };
+        let units_per_ampere = wiring.current().counts_per_ampere();
+        drive.command.units_per_ampere = units_per_ampere;
+        drive.current.units_per_ampere = units_per_ampere;
+        drive.position.increments_per_unit = wiring.sensor.counts_per_unit();
+        drive
     }
 }
 

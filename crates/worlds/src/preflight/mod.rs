@@ -22,7 +22,7 @@ use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
 use scenario::node::Part;
-use scenario::rig::{CommandObject, CurrentObject, Limits, PositionObject, RealDrive, RigDrive};
+use scenario::rig::{Limits, RealDrive, RigDrive};
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -322,23 +322,8 @@ fn emulated(one: &ControlLoop) -> RealDrive {
     let [lowest, highest] = wiring.sensor.range();
     let travel = highest - lowest;
     let plausible = &wiring.plausible;
-    let drive = RigDrive {
-        node_id: one.place.drive_node_id,
-        command: CommandObject {
-            units_per_ampere: currents.counts_per_ampere(),
-            ..CommandObject::default()
-        },
-        current: CurrentObject {
-            units_per_ampere: currents.counts_per_ampere(),
-            ..CurrentObject::default()
-        },
-        position: PositionObject {
-            increments_per_unit: wiring.sensor.counts_per_unit(),
-            resolution: travel / STEPS_OF_TRAVEL,
-            ..PositionObject::default()
-        },
-        ..RigDrive::default()
-    };
+    let mut drive = RigDrive::emulated(one.place.drive_node_id, wiring);
+    drive.position.resolution = travel / STEPS_OF_TRAVEL;
     let limits = Limits {
         current_amperes: currents.largest(),
         min: plausible.min.unwrap_or(lowest),
