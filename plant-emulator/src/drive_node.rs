@@ -8,7 +8,7 @@ use canopen::{Device, NodeId, ObjectDictionary};
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
-use faults::{FaultPlan, Faulty, Output};
+use faults::{FaultPlan, Faulty};
 use scenario::Trial;
 
 use crate::InvalidEmulator;
@@ -109,13 +109,13 @@ impl DriveNode {
             return;
         };
         let (ahead, behind) = faulty.clock_error();
-        let (zero, dead_output) = (faulty.scenario_zero(), faulty.dead_output());
+        let (zero, is_switched_off) = (faulty.scenario_zero(), faulty.is_switched_off());
         let drive = faulty.node_mut().application_mut();
         drive.set_clock_error(ahead, behind);
         if let Some(zero) = zero {
             drive.faults_mut().begin(zero);
         }
-        if dead_output == Some(Output::Zero) {
+        if is_switched_off {
             drive.cut_off(now);
         }
         drive.follow(now);

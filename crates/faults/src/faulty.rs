@@ -98,12 +98,9 @@ impl<N: Node> Faulty<N> {
         self.scenario.zero()
     }
 
-    /// Returns the output of a dead node; `None` while it lives.
-    pub fn dead_output(&self) -> Option<Output> {
-        match self.condition {
-            Condition::Dead(output) => Some(output),
-            _ => None,
-        }
+    /// Checks whether it is dead, and its drive's amplifier is switched off.
+    pub fn is_switched_off(&self) -> bool {
+        self.condition == Condition::Dead(Output::Zero)
     }
 
     /// Returns how far the node's clock is ahead of the true time, and how far behind.
