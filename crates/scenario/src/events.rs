@@ -72,34 +72,27 @@ impl Trial {
     /// Returns the steps that the metrics judge, in the order of time.
     pub fn judged_steps(&self) -> Vec<JudgedStep> {
         let trajectory = self.reference.trajectory();
-        let starts = self.starts_in_order();
+        let pieces = self.reference.starts_seconds();
+        let next_event = self.next_of(pieces.chain(self.disturbance_ends()));
         let end_seconds = self.judged_end_seconds();
         let steps = self.reference.step.iter();
-        let judged = steps
-            .filter(|step| step.at_seconds < end_seconds)
-            .map(|step| {
-                let before = starts.partition_point(|&start| start < step.at_seconds);
-                let next = starts.partition_point(|&start| start <= step.at_seconds);
-                // Just before the step the piece before it still acts.
-                let last_moment = step.at_seconds.next_down();
-                let from = match before {
-                    0 => 0.0,
-                    _ => trajectory.at(last_moment).position,
-                };
-                let next = starts.get(next).copied().unwrap_or(end_seconds);
-                JudgedStep {
-                    window: Window::new(step.at_seconds, next.min(end_seconds)),
-                    from,
-                    to: step.position,
-                }
-            });
+        let judged = steps.filter(|step| step.at_seconds < end_seconds);
+        let judged = judged.map(|step| {
+            // Just before the step the piece before it still acts.
+            let last_moment = step.at_seconds.next_down();
+            JudgedStep {
+                window: Window::new(step.at_seconds, next_event(step.at_seconds)),
+                from: trajectory.at(last_moment).position,
+                to: step.position,
+            }
+        });
         judged.collect()
     }
 
     /// Returns for each sine its last three whole periods, before the next piece or the end of the judgement. Sines of which
     /// fewer than four periods fit are left out.
     pub fn judged_sines(&self) -> Vec<JudgedSine> {
-        let end_of_piece = self.piece_ends();
+        let end_of_piece = self.next_of(self.reference.starts_seconds());
         let judged = self.reference.sine.iter().filter_map(|sine| {
             let period_seconds = sine.period_seconds;
             let length_seconds = end_of_piece(sine.from_seconds) - sine.from_seconds;
@@ -117,7 +110,7 @@ impl Trial {
     /// Returns the chirps that the metrics judge, in the order of the file. Chirps of which fewer than four turns fit are left
     /// out.
     pub fn judged_chirps(&self) -> Vec<JudgedChirp> {
-        let end_of_piece = self.piece_ends();
+        let end_of_piece = self.next_of(self.reference.starts_seconds());
         let judged = self.reference.chirp.iter().filter_map(|chirp| {
             let until_seconds = end_of_piece(chirp.from_seconds).min(chirp.until_seconds);
             // A turn that ends with the run counts in spite of rounding.
@@ -196,24 +189,17 @@ impl Trial {
         events
     }
 
-    /// Returns a function from the start of a piece to its end: the start of the next piece, or the end of the judgement.
-    fn piece_ends(&self) -> impl Fn(f64) -> f64 {
-        let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
-        starts.sort_by(f64::total_cmp);
+    /// Returns a function from a time to the first of some times after it, or to the end of the judgement if that is earlier.
+    fn next_of(&self, times_seconds: impl Iterator<Item = f64>) -> impl Fn(f64) -> f64 {
+        let mut times = Vec::from_iter(times_seconds);
+        times.sort_by(f64::total_cmp);
         let end_seconds = self.judged_end_seconds();
-        move |from_seconds| {
-            let next = starts.partition_point(|&start| start <= from_seconds);
-            let next = starts.get(next).copied().unwrap_or(end_seconds);
-            next.min(end_seconds)
+        move |seconds| {
+            let next = times.partition_point(|&time| time <= seconds);
+            times
+                .get(next)
+                .map_or(end_seconds, |time| time.min(end_seconds))
         }
-    }
-
-    /// Returns the starts of all pieces and disturbances, and the ends of disturbances, in the order of time.
-    fn starts_in_order(&self) -> Vec<f64> {
-        let starts = self.reference.starts_seconds();
-        let mut starts = Vec::from_iter(starts.chain(self.disturbance_ends()));
-        starts.sort_by(f64::total_cmp);
-        starts
     }
 }
 
