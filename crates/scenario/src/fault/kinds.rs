@@ -2,7 +2,7 @@
 //! name.
 
 /// Kind of fault: `[[fault.GROUP.NAME]]`.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 pub struct Kind {
     /// Part of a run in which it acts.
     pub group: Group,
@@ -62,7 +62,7 @@ pub enum Touch {
 }
 
 /// Key of a fault's table.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
     /// Name, which ends in the unit.
     pub name: &'static str,
@@ -77,7 +77,7 @@ pub struct Key {
 }
 
 /// Form of a key's values.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {
     /// A number in a range.
     Number(f64, f64),
@@ -92,7 +92,7 @@ pub enum Form {
 }
 
 /// Whether a key may be left out.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Need {
     /// It is required.
     Required,
@@ -105,7 +105,7 @@ pub enum Need {
 }
 
 /// Values of a key that torture draws, from harmless to severe (chosen, not measured).
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Drawn {
     /// A number of this range.
     Between(f64, f64),
@@ -174,12 +174,6 @@ impl Group {
                 "Faults of the wire and the mechanics; `bus.log` shows their consequences only."
             }
         }
-    }
-}
-
-impl PartialEq for Kind {
-    fn eq(&self, other: &Self) -> bool {
-        self.name == other.name
     }
 }
 

@@ -429,8 +429,7 @@ impl Rig {
 pub fn controller_in(text: &str) -> Option<String> {
     let rig: toml::Table = text.parse().ok()?;
     let mut nodes = rig.get("node")?.as_table()?.iter();
-    let is_controller =
-        |node: &toml::Value| node.get("kind")?.as_str().map(|kind| kind == "controller");
+    let is_controller = |node: &toml::Value| Some(node.get("kind")?.as_str()? == "controller");
     let (name, _) = nodes.find(|(_, node)| is_controller(node) == Some(true))?;
     Some(name.clone())
 }
