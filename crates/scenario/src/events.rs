@@ -76,8 +76,8 @@ impl Trial {
         let next_event = self.next_of(pieces.chain(self.disturbance_ends()));
         let end_seconds = self.judged_end_seconds();
         let steps = self.reference.step.iter();
-        let judged = steps.filter(|step| step.at_seconds < end_seconds);
-        let judged = judged.map(|step| {
+        let within = steps.filter(|step| step.at_seconds < end_seconds);
+        let judged = within.map(|step| {
             // Just before the step the piece before it still acts.
             let last_moment = step.at_seconds.next_down();
             JudgedStep {

@@ -170,25 +170,24 @@ impl Reference {
 
     /// Returns all pieces, kind by kind, each with its start.
     fn pieces(&self) -> impl Iterator<Item = (f64, Piece)> + '_ {
-        let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
-        let holds = self.hold.iter();
-        let holds = holds.map(move |hold| constant(hold.at_seconds, hold.position));
-        let steps = self.step.iter();
-        let steps = steps.map(move |step| constant(step.at_seconds, step.position));
+        let holds = self.hold.iter().map(|one| (one.at_seconds, one.position));
+        let steps = self.step.iter().map(|one| (one.at_seconds, one.position));
+        let jumps = holds.chain(steps);
+        let constants = jumps.map(|(start, value)| (start, Piece::Constant { value }));
         let ramps = self.ramp.iter().map(|ramp| {
             let (until_seconds, end) = (ramp.until_seconds, ramp.position);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
         let sines = self.sine.iter();
-        let sines = sines.map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
+        let harmonics = sines.map(|sine| (sine.from_seconds, Piece::Sine(sine.clone())));
         let chirps = self.chirp.iter();
-        let chirps = chirps.map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
+        let swept = chirps.map(|chirp| (chirp.from_seconds, Piece::Chirp(chirp.clone())));
         let tables = self.table.iter().map(|table| {
             let rows = table.rows.clone();
             (table.from_seconds, Piece::Table { rows })
         });
-        let moving = ramps.chain(sines).chain(chirps).chain(tables);
-        holds.chain(steps).chain(moving)
+        let moving = ramps.chain(harmonics).chain(swept).chain(tables);
+        constants.chain(moving)
     }
 }
 

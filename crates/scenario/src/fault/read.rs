@@ -44,8 +44,8 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
     let mut problems = reader.shape();
     let mut faults = Vec::new();
     for kind in KINDS {
-        let entries = document.spanned(&kind.path());
-        let entries = entries.and_then(|entries| entries.get_ref().as_array());
+        let array = document.spanned(&kind.path());
+        let entries = array.and_then(|array| array.get_ref().as_array());
         for (index, entry) in entries.into_iter().flatten().enumerate() {
             match reader.fault(kind, index, entry) {
                 Ok(fault) => faults.extend(fault),
@@ -212,8 +212,8 @@ impl<'text> Reader<'_, 'text> {
         (span, mut table): (Range<usize>, DeTable<'text>),
         wiring: Option<&Wiring>,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
-        let measurand = wiring.map(|wiring| wiring.sensor.measurand.clone());
-        let measurand = measurand.unwrap_or_default();
+        let sensor = wiring.map(|one| one.sensor.clone()).unwrap_or_default();
+        let measurand = sensor.measurand;
         let part = &schema::FAULTS["definitions"][definition(kind)];
         if let Some(wiring) = wiring {
             let naming = Naming {

@@ -88,8 +88,8 @@ fn kinds_schema(group: Group) -> Value {
 fn kind_schema(kind: &Kind) -> Value {
     let mut properties = Map::new();
     let mut required = Vec::new();
-    let keys = kind.keys.iter();
-    let keys = keys.map(|key| (key.name, key.form, key.need, key.text));
+    let own = kind.keys.iter();
+    let keys = own.map(|key| (key.name, key.form, key.need, key.text));
     for (key, form, need, text) in times(kind.time).into_iter().chain(keys) {
         properties.insert(key.to_owned(), key_schema(key, form, need, text));
         required.extend(matches!(need, Need::Required).then_some(key));
@@ -156,8 +156,8 @@ fn key_schema(name: &str, form: Form, need: Need, text: &str) -> Value {
     };
     schema["description"] = match form {
         Form::Station => {
-            let text = text.trim_end_matches('.');
-            format!("{text}: the name of a node; `bench` is canrig's own node.").into()
+            let whose = text.trim_end_matches('.');
+            format!("{whose}: the name of a node; `bench` is canrig's own node.").into()
         }
         _ => text.into(),
     };

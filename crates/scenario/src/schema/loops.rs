@@ -373,8 +373,8 @@ fn with_contours(schema: &Value) -> Value {
 
 /// Returns the schemas of other values for the models of plants.
 fn models() -> Value {
-    let models = properties(&RIG, "PlantModel");
-    let models = models.as_object().into_iter().flatten();
+    let all = properties(&RIG, "PlantModel");
+    let models = all.as_object().into_iter().flatten();
     models.map(|(_, model)| model_values(model)).collect()
 }
 
