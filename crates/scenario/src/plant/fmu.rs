@@ -87,7 +87,7 @@ pub struct FmuPort {
     pub range: Option<Vec<f64>>,
 }
 
-/// Returns the schema of values of any kind: that of an FMU's variable decides, or the program that gets them.
+/// Returns the schema of values of any kind: the FMU's variable or the program that gets a value decides on its kind.
 pub(crate) fn any_values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
 }
