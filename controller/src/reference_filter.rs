@@ -392,8 +392,10 @@ mod tests {
 
     #[test]
     fn the_jerk_is_less_where_the_law_backs_off() {
-        let mut state = State::default();
-        state.caution = 1.0;
+        let mut state = State {
+            caution: 1.0,
+            ..State::default()
+        };
         let reference =
             moving_filter().step(&mut state, &hold(0.025), &JerkRange::UNLIMITED, PERIOD);
         assert!((reference.jerk_metres_per_second_cubed - 300.0).abs() < 1e-6);

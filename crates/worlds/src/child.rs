@@ -54,7 +54,7 @@ enum Process {
     /// Process of canrig's own.
     Own(OwnProcess),
     /// Program, in real time.
-    Program(ProgramOrder, StartedProgram),
+    Program(Box<ProgramOrder>, StartedProgram),
 }
 
 impl NodeProcess {
@@ -120,7 +120,7 @@ impl NodeProcess {
             bus => order.start(bus.to_string(), "real", None),
         };
         let started = started.map_err(WorldError::spawn(order.name()))?;
-        Ok(Self::new(Process::Program(order, started)))
+        Ok(Self::new(Process::Program(Box::new(order), started)))
     }
 
     /// Starts another process in place of one that a fault has killed.
@@ -132,7 +132,7 @@ impl NodeProcess {
     ) -> Result<Self, WorldError> {
         match &self.process {
             Process::Own(node) => Self::spawn(&node.name, plan, folder, Some(bus), None),
-            Process::Program(order, _) => Self::start(order.clone(), bus),
+            Process::Program(order, _) => Self::start(ProgramOrder::clone(order), bus),
         }
     }
 
