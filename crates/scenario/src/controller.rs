@@ -2,6 +2,7 @@
 
 use std::any::Any;
 use std::path::Path;
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -402,7 +403,7 @@ pub struct CurrentTable {
     pub column: String,
     /// The rows, `(time_seconds, current_amperes)`, put in by the loader.
     #[serde(skip)]
-    pub rows: Vec<(f64, f64)>,
+    pub rows: Arc<[(f64, f64)]>,
 }
 
 impl CurrentTable {

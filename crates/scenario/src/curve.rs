@@ -2,6 +2,7 @@
 //! position of a profile is its current.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use crate::reference::{Chirp, SetPoint, Sine};
 
@@ -17,7 +18,7 @@ pub(crate) enum Piece {
     /// A sine whose frequency moves.
     Chirp(Chirp),
     /// Straight lines through rows `(seconds from the start, value)`, constant outside.
-    Table { rows: Vec<(f64, f64)> },
+    Table { rows: Arc<[(f64, f64)]> },
 }
 
 impl SetPoint {
@@ -292,7 +293,7 @@ mod tests {
 
     #[test]
     fn a_table_counts_from_its_start_and_holds_its_last_row() {
-        let rows = vec![(0.5, 1.0), (1.5, 3.0)];
+        let rows = Arc::new([(0.5, 1.0), (1.5, 3.0)]);
         let curve = Trajectory::new(vec![(10.0, Piece::Table { rows })]);
         assert_eq!(curve.at(10.0).position, 1.0);
         assert_eq!(curve.at(11.0).position, 2.0);

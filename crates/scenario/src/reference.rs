@@ -1,5 +1,7 @@
 //! The `[reference]` table: the raw position set-point over scenario time.
 
+use std::sync::Arc;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -134,7 +136,7 @@ pub struct Table {
     pub file: String,
     /// The rows, `(time_seconds, position_millimetres)`, put in by the loader.
     #[serde(skip)]
-    pub rows: Vec<(f64, f64)>,
+    pub rows: Arc<[(f64, f64)]>,
 }
 
 /// Set-point and its derivatives at one time, in the unit of the loop and seconds.
@@ -219,7 +221,7 @@ mod tests {
             table: vec![Table {
                 from_seconds: 8.0,
                 file: String::new(),
-                rows: vec![(0.0, 1.0), (1.0, 2.0)],
+                rows: Arc::new([(0.0, 1.0), (1.0, 2.0)]),
             }],
             // One turn: 0.5 Hz on average for 2 s.
             chirp: vec![Chirp {

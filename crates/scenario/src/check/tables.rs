@@ -24,14 +24,14 @@ pub(crate) fn read_tables(check: &mut Check<'_>, trial: &mut Trial, read_table: 
     let wiring = &trial.wiring;
     for (index, entry) in trial.reference.table.iter_mut().enumerate() {
         let (path, file) = (format!("reference.table.{index}.file"), &entry.file);
-        entry.rows = rows(&path, file, &|text| table::parse(file, text, wiring));
+        entry.rows = rows(&path, file, &|text| table::parse(file, text, wiring)).into();
     }
     let open_loop = trial.controller.open_loop.iter_mut();
     for (index, entry) in open_loop.flat_map(|one| &mut one.table).enumerate() {
         let path = format!("controller.open_loop.table.{index}.file");
         let (file, column, range) = (&entry.file, &entry.column, wiring.current());
         let parse = |text: &str| table::parse_current(file, text, column, &range);
-        entry.rows = rows(&path, file, &parse);
+        entry.rows = rows(&path, file, &parse).into();
     }
     for (index, check) in trial.expect.signal.iter_mut().enumerate() {
         let Some(course) = &mut check.follows else {
