@@ -83,14 +83,17 @@ fn measure_rest(
     if samples.is_empty() && !all.is_empty() {
         return Absence::left_out().into();
     }
-    let is_silence = |seconds_max: &f64| {
+    let silence = trace.silence_seconds_max.and_then(|seconds_max| {
         let times = samples.iter().map(|sample| sample.time_seconds);
-        let silence = evidence.first_silence(times, window, *seconds_max);
-        silence.is_some()
-    };
+        evidence.first_silence(times, window, seconds_max)
+    });
+    let is_number = samples.iter().all(|sample| sample.value.is_finite());
+    if let Some(silence) = silence.filter(|_| is_number) {
+        return Absence::silent(silence).into();
+    }
     let rest = SignalTrace {
-        silence_seconds_max: trace.silence_seconds_max.filter(is_silence),
-        samples: samples.clone(),
+        silence_seconds_max: None,
+        samples,
         ..trace.clone()
     };
     measure(&rest, window, demand, limit)

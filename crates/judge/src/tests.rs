@@ -764,6 +764,31 @@ fn a_check_of_what_a_stall_moved_is_open() {
     assert_eq!(verdict.outcome, Outcome::Fail);
 }
 
+/// The first silence is in the stall, the second is the drive's own.
+#[test]
+fn a_silence_behind_that_of_a_stall_is_the_nodes() {
+    let check = "[[expect.signal]]\nname = \"position_millimetres\"\nstays = { max = 60.0 }\n";
+    let plan = Plan::new(scenario(check), &Catalogue::shipped());
+    let judged = |missed: std::ops::Range<u32>| {
+        let is_missed = |cycle| (1150..1190).contains(&cycle) || missed.contains(&cycle);
+        let mut frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
+        answer_positions(&mut frames);
+        let timelines = decode(&frames, &plan).unwrap();
+        let (from, until) = (Duration::from_millis(1151), Duration::from_millis(1191));
+        let circumstances = Circumstances {
+            stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+            ..Circumstances::default()
+        };
+        let verdict = judge(&plan, &timelines, &circumstances);
+        let mut rows = verdict.metrics.into_iter();
+        rows.find(|row| row.name.contains("stays")).unwrap()
+    };
+    let row = judged(0..0);
+    assert_eq!(row.passed, None, "{row:?}");
+    let row = judged(3500..3530);
+    assert_eq!(row.passed, Some(false), "{row:?}");
+}
+
 #[test]
 fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
     for (missed, stall) in [(1300..1315, (1300, 1315)), (3000..3200, (3000, 3200))] {
