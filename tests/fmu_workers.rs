@@ -191,8 +191,6 @@ fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     let run = Run::begin(&steady, "lockstep");
     let (emulator, worker) = emulator_and_worker(&run);
     let runtime = run.runtime();
-    // The folder with the worker's seat is there until the worker comes.
-    wait_for("the worker at its seat", || left(&runtime).len() == 1);
     kill_process(emulator, Signal::KILL).unwrap();
     let (code, text, _folder) = run.end();
     assert_eq!(code, Some(4), "{text}");

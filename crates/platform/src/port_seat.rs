@@ -31,17 +31,17 @@ pub struct PortSeat {
 }
 
 impl PortSeat {
-    /// Starts a process in a folder, with these variables besides that of its seat. `log` is the file of its output.
+    /// Starts a process for a seat in a folder, with these variables besides that of the seat. `log` is the file of its output.
     ///
     /// # Errors
     /// If the system refuses.
     pub fn start(
+        listener: Listener,
         command: &[String],
         folder: &Path,
         log: Option<&Path>,
         variables: &[(&'static str, String)],
     ) -> io::Result<Self> {
-        let listener = Listener::open()?;
         let seat = (PORTS_VARIABLE, listener.path().display().to_string());
         let order = Order {
             command,

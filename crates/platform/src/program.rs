@@ -353,15 +353,23 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Opens a seat.
+    /// Opens a seat in the system's folder for temporary files.
     ///
     /// # Errors
     /// If the system refuses.
     pub fn open() -> io::Result<Self> {
+        Self::open_in(&std::env::temp_dir(), "canrig-seat-")
+    }
+
+    /// Opens a seat in a folder, as one whose name begins like this.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn open_in(place: &Path, prefix: &str) -> io::Result<Self> {
         let folder = tempfile::Builder::new()
-            .prefix("canrig-seat-")
+            .prefix(prefix)
             .permissions(Permissions::from_mode(0o700))
-            .tempdir()?;
+            .tempdir_in(place)?;
         let socket = seqpacket(SocketFlags::empty())?;
         let listener = Self { socket, folder };
         bind(&listener.socket, &SocketAddrUnix::new(listener.path())?)?;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fmu::{Configuration, Fault, FmuError, Instance, Unpacked};
 use platform::port_seat::{CLOSED, NotReady, PortSeat};
-use platform::program::{START_PATIENCE, Seat};
+use platform::program::{Listener, START_PATIENCE, Seat};
 use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
 
 use crate::law_worker::{Loaded, command, told};
@@ -45,9 +45,11 @@ impl RemoteFmu {
     ) -> Result<Self, FmuError> {
         let file = unpacked.file.clone();
         let command = command(SUBCOMMAND, &file.to_string_lossy(), Some(unpacked.folder()));
-        let started = command
-            .map_err(io::Error::other)
-            .and_then(|command| PortSeat::start(&command, Path::new("."), None, &[]));
+        // Where a kill leaves the seat, it goes with the unpacked files.
+        let started = Listener::open_in(unpacked.folder(), "seat-").and_then(|listener| {
+            let command = command.map_err(io::Error::other)?;
+            PortSeat::start(listener, &command, Path::new("."), None, &[])
+        });
         let seat = started.map_err(|source| FmuError {
             file: file.clone(),
             fault: Fault::File {

@@ -14,7 +14,7 @@ use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
 use platform::port_seat::{CLOSED, NotReady, PortSeat};
-use platform::program::START_PATIENCE;
+use platform::program::{Listener, START_PATIENCE};
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
 use scenario::process_law::{Plays, ProcessLaw};
@@ -89,7 +89,15 @@ impl LawPlace {
             ("CANRIG_CLOCK", clock.to_owned()),
             ("CANRIG_SEED", self.seed.to_string()),
         ];
-        let seat = PortSeat::start(&words, &self.folder, log.as_deref(), &variables)
+        // Where a kill leaves the seat, it goes with the unpacked files.
+        let listener = match &unpacked {
+            Some(unpacked) => Listener::open_in(unpacked.folder(), "seat-"),
+            None => Listener::open(),
+        };
+        let seat = listener
+            .and_then(|listener| {
+                PortSeat::start(listener, &words, &self.folder, log.as_deref(), &variables)
+            })
             .map_err(|error| format!("no process for the law `{law}` can be started: {error}"))?;
         let mut law = LawProcess {
             who,
