@@ -175,19 +175,20 @@ fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
 pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
     let law = controller.process_law()?;
     let loops = wiring.led_loops();
+    // Whether they are outputs, and then whether they are commands.
     let tables = [
-        ("reads", &law.reads),
-        ("writes", &law.writes),
-        ("terms", &law.terms),
+        ("reads", &law.reads, None),
+        ("writes", &law.writes, Some(true)),
+        ("terms", &law.terms, Some(false)),
     ];
-    let mut ports = tables.into_iter().flat_map(|(key, ports)| {
+    let mut ports = tables.into_iter().flat_map(|(key, ports, is_command)| {
         let numbered = ports.iter().enumerate();
-        numbered.map(move |(place, port)| (key, place, port))
+        numbered.map(move |(place, port)| (key, is_command, place, port))
     });
-    ports.find_map(|(key, place, port)| {
-        let wrong = match key {
-            "reads" => law_ports::reading(&input(port, wiring), &loops).err(),
-            _ => wrong_output(&output(port, wiring), &loops, key == "writes"),
+    ports.find_map(|(key, is_command, place, port)| {
+        let wrong = match is_command {
+            None => law_ports::reading(&input(port, wiring), &loops).err(),
+            Some(is_command) => wrong_output(&output(port, wiring), &loops, is_command),
         };
         let WrongPort { message, label } = wrong?;
         let place = port.variable.clone().unwrap_or_else(|| place.to_string());

@@ -61,7 +61,7 @@ fn main() -> ExitCode {
     let words = Vec::from_iter(std::env::args_os().skip(1));
     // The worker that alone loads the FMU is this program, too, as a bench's is canrig.
     if let [worker, file, folder] = words.as_slice()
-        && worker == "fmu-worker"
+        && worker == fmu_worker::SUBCOMMAND
     {
         let served = fmu_worker::serve(file.as_ref(), folder.as_ref());
         return served.map_or(Exit::BenchFailed, |()| Exit::Pass).into();

@@ -226,9 +226,14 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 /// Calls every node on a bus, and returns the table.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
-    let named = sheets.iter().filter(|_| args.names.rig.is_some());
     let name = |sheet: &DataSheet| (sheet.node_id, sheet.node_name.clone());
-    let names = named.map(name).collect();
+    // Without a rig file the nodes have no names of their own.
+    let named = if args.names.rig.is_some() {
+        &sheets[..]
+    } else {
+        &[]
+    };
+    let names = named.iter().map(name).collect();
     for path in &args.eds {
         // The sheet is used for its identity only; the node-ID is not known yet.
         let sheet = DataSheet::load(path, 127)?;

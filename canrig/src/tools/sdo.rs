@@ -249,8 +249,8 @@ fn transferred(
         node_id,
         dictionary: canopen::ObjectDictionary::new(),
     };
-    let mut known = sheets.iter().filter(|sheet| sheet.node_id == node_id);
-    let sheet = known.next().unwrap_or(&unknown);
+    let is_asked = |sheet: &&DataSheet| sheet.node_id == node_id;
+    let sheet = sheets.iter().find(is_asked).unwrap_or(&unknown);
     let place = sheet.find(&target.object)?;
     let entry = sheet.entry(place.0, place.1).cloned();
     let written = value

@@ -9,7 +9,7 @@ use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, flag, one_loop};
 /// The gains.
 #[derive(Clone, Debug)]
 pub struct PidPair {
-    /// Its output is limited to that at which a drive reaches the smaller one of the two largest currents.
+    /// Its range ends where a drive reaches the smaller one of the two largest currents; beyond it the integral rests.
     pid: Pid,
     co_contraction: f64,
     currents: [CurrentRange; 2],

@@ -158,7 +158,7 @@ impl LeadingLaw {
         self.step_on_seen(services, loops, is_waited_for)
     }
 
-    /// Steps the law on the values of the loops. Does not allocate.
+    /// Steps the law on the values of the loops. Returns false if it does not answer in time. Does not allocate.
     fn step_on_seen(
         &mut self,
         services: &Services,

@@ -13,7 +13,7 @@ use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
 use crate::law_worker::{Loaded, command, told};
 
 /// Hidden subcommand of a worker.
-const SUBCOMMAND: &str = "fmu-worker";
+pub const SUBCOMMAND: &str = "fmu-worker";
 /// Time for a step: less than the time that other nodes wait for the plant in lock-step.
 const STEP_PATIENCE: Duration = Duration::from_secs(5);
 /// Time for an FMU to terminate.
@@ -46,7 +46,7 @@ impl RemoteFmu {
         let file = unpacked.file.clone();
         let command = command(SUBCOMMAND, &file.to_string_lossy(), Some(unpacked.folder()));
         // Where a kill leaves the seat, it goes with the unpacked files.
-        let started = Listener::open_in(unpacked.folder(), "seat-").and_then(|listener| {
+        let started = Listener::open_in(unpacked.folder(), "s-").and_then(|listener| {
             let command = command.map_err(io::Error::other)?;
             PortSeat::start(listener, &command, Path::new("."), None, &[])
         });

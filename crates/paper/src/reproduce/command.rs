@@ -12,7 +12,7 @@ use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, FailedRun, Interrupted, one_loop_plan};
 use recording::run_folder::{RunFolder, WriteError, file};
-use runner::console::{Bar, print, print_error, print_text};
+use runner::console::{Bar, failed, print, print_text};
 use runner::exit::Exit;
 use runner::observer::observed;
 use runner::run::RUNS;
@@ -65,16 +65,14 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
     let kept: Vec<Kept> = match runs.into_iter().collect::<Result<_, FailedRun>>() {
         Ok(kept) => kept,
         Err(fault) => {
-            print_error(&format!("canrig: {fault}"));
-            return Exit::Internal;
+            return failed(Exit::Internal, fault);
         }
     };
     let Ok(results) = evaluated(experiments, kept, is_shown) else {
         return Exit::Interrupted;
     };
     if let Err(error) = report(args, effort, &results) {
-        print_error(&format!("canrig: {error}"));
-        return Exit::BenchFailed;
+        return failed(Exit::BenchFailed, error);
     }
     if results.iter().all(ExperimentResult::holds) {
         Exit::Pass

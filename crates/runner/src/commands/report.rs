@@ -39,8 +39,8 @@ fn reported(args: &ReportArgs) -> Result<(), Exit> {
     let folders = opened(&args.runs);
     let paths = runs_among(&folders);
     let bar = WorkBar::new(PASSES * paths.len() as u64, true);
-    let read: Result<Vec<Judged>, _> = paths.into_iter().map(read).collect();
-    let runs = read.map_err(refuse)?;
+    let runs = paths.into_iter().map(read);
+    let runs = runs.collect::<Result<Vec<Judged>, _>>().map_err(refuse)?;
     let further_loops = |run: &Judged| run.recorded.plan.loops.len() as u64 - 1;
     let further = runs.iter().map(further_loops);
     bar.expect(PASSES * runs.len() as u64 + further.sum::<u64>());
