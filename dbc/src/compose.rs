@@ -14,7 +14,7 @@ const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
 /// Messages that belong to the bus.
 const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
-/// Services of a node with their function codes (CiA 301, 7.3.5).
+/// Services of a node with their function codes (CiA 301, 7.3.5), in the order in which a node's messages are added.
 const FUNCTION_CODES: [(&str, u32); 11] = [
     (names::EMERGENCY, 0x080),
     (names::TPDO1, 0x180),

@@ -335,7 +335,7 @@ impl Entry {
         integer_from_le(self.data_type, bytes)
     }
 
-    /// Makes the like sub-object of another object; it holds this default.
+    /// Copies the sub-object to another index, with another default, which it then holds.
     #[must_use]
     pub fn twin(&self, index: u16, default: Vec<u8>) -> Self {
         Self {

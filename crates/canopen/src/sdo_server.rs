@@ -215,7 +215,7 @@ impl SdoServer {
         self.answer = Some(self.object.abort(code));
     }
 
-    /// Handles a request by its command specifier, which exists only outside the segments of a block.
+    /// Handles a request by the state and by its command specifier, which exists only outside the segments of a block.
     fn handle(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
         let command = request[0];
         let is_receiving_block = matches!(self.state, State::BlockDownload(_));
@@ -241,7 +241,7 @@ impl SdoServer {
             // The client is ready: the second part of "SDO block upload initiate".
             (State::BlockUploadStart(sender), 5, 3) => self.state = State::BlockUpload(sender),
             (_, 6, 0 | 2) => self.initiate_block_download(request, objects)?,
-            (State::BlockDownloadEnd, 6, _) => self.end_block_download(request, objects)?,
+            (State::BlockDownloadEnd, 6, 1 | 3) => self.end_block_download(request, objects)?,
             (_, 7, _) => {
                 self.object = Multiplexer::from_payload(request);
                 return Err(AbortCode::COMMAND_SPECIFIER_INVALID);

@@ -106,7 +106,7 @@ fn point(
     first: f64,
     end: f64,
 ) -> Result<FrequencyPoint, Absence> {
-    let JudgedChirp { piece, .. } = chirp;
+    let piece = &chirp.piece;
     let at = |turns: f64| piece.from_seconds + piece.seconds_at(turns);
     let window = Window::new(at(first), at(end));
     let samples = evidence.seen(window)?.map(|sample| {

@@ -83,7 +83,8 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Metric
     }
     if count > 0.0 {
         let [longest, rms] = [longest, f64::sqrt(squares / count)].map(checked);
-        let of_all = |longest, axis: &Evidence<'_>| axis.of_largest(longest);
+        let window = window(contour, end_seconds);
+        let of_all = |longest, axis: &Evidence<'_>| axis.of_largest(window, longest);
         [axes.iter().fold(longest, of_all), rms]
     } else if axes.iter().all(Evidence::has_all) {
         none("no sample of all axes in the window")

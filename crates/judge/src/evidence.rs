@@ -93,10 +93,8 @@ impl Absence {
 
     /// Returns the absence of a value that can only grow by what is left out.
     fn at_least(value: f64) -> Self {
-        Self::new(
-            "larger, perhaps, by what stalls explain",
-            Why::AtLeast(value),
-        )
+        // The value is shown in place of a reason.
+        Self::new("", Why::AtLeast(value))
     }
 
     pub(crate) fn unseen(reason: impl Into<String>, silence: Window) -> Self {
@@ -341,9 +339,9 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Returns the largest value of the run. If a part of the run is left out, it is at least that of the rest.
-    pub(crate) fn of_largest(&self, largest: MetricValue) -> MetricValue {
-        let is_cut = self.leaves_out(0.0, self.trial.run.duration_seconds);
+    /// Returns the largest value of a window. If a part of the window is left out, it is at least that of the rest.
+    pub(crate) fn of_largest(&self, window: Window, largest: MetricValue) -> MetricValue {
+        let is_cut = self.leaves_out(window.from_seconds, window.until_seconds);
         match largest {
             Ok(largest) if is_cut => Err(Absence::at_least(largest)),
             largest => largest,

@@ -139,7 +139,7 @@ fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
 fn position_max(evidence: &Evidence<'_>) -> Measurement {
     let seen = evidence.seen(evidence.whole());
     let largest = seen.and_then(|samples| largest(samples.map(|sample| sample.position)));
-    evidence.of_largest(largest).into()
+    evidence.of_largest(evidence.whole(), largest).into()
 }
 
 fn current_rms(evidence: &Evidence<'_>) -> Measurement {
@@ -184,7 +184,7 @@ fn sync_interval(evidence: &Evidence<'_>) -> Measurement {
         _ if evidence.has_all() => traffic(longest),
         _ => {
             let longest = duties::longest_interval_milliseconds(evidence);
-            evidence.of_largest(Ok(longest)).into()
+            evidence.of_largest(evidence.whole(), Ok(longest)).into()
         }
     }
 }

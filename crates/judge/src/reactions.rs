@@ -47,7 +47,7 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
         silence_of_truth(evidence).map_or(Ok(()), |silence| Err(truth_silence(silence)))
     };
     let largest = is_seen.and_then(|()| largest(temperatures));
-    evidence.of_largest(largest).into()
+    evidence.of_largest(evidence.run(), largest).into()
 }
 
 /// Returns the reason if the drive sent no temperature for too long, and the plant does not report it by itself.

@@ -87,6 +87,7 @@ fn measure_rest(
         let times = samples.iter().map(|sample| sample.time_seconds);
         evidence.first_silence(times, window, seconds_max)
     });
+    // As in `measure`, a value that is no number counts before a silence.
     let is_number = samples.iter().all(|sample| sample.value.is_finite());
     if let Some(silence) = silence.filter(|_| is_number) {
         return Absence::silent(silence).into();

@@ -822,7 +822,7 @@ fn a_largest_value_may_have_been_larger_in_a_stall() {
     // A short stall moves the loop too little.
     let short = beside_a_stall(&limit(34.9), 1800..1803, (1800, 1804), |_| 10.0);
     assert_eq!(short.outcome, Outcome::Fail);
-    // Nor does an overshoot until the stall.
+    // An overshoot until the stall says nothing of a least one, either.
     let overshoot = "[expect]\novershoot_percent = { min = 1.0 }\n";
     let judged =
         |missed| beside_a_stall(overshoot, missed, (1050, 1250), step_response(1.1)).outcome;

@@ -1,4 +1,4 @@
-//! State of a CAN interface as the kernel reports it (netlink): error state, bit rate and error counters.
+//! State of a network interface as the kernel reports it (netlink): of one for CAN its error state, bit rate and error counters.
 
 use std::ffi::CString;
 use std::io;
@@ -6,10 +6,11 @@ use std::io;
 use crate::netlink::{ask, attribute, push_attribute, word};
 use crate::seat::bytes_at;
 
-/// Length of a link's description before its attributes (`struct ifinfomsg`), and the places of hardware type and flags in it.
+/// Length of a link's description before its attributes (`struct ifinfomsg`), and the places of its hardware type, in
+/// bytes, and of its flags, in words.
 const DESCRIPTION_BYTES: usize = 16;
 const TYPE_AT: usize = 2;
-const FLAGS: usize = 2;
+const FLAGS_WORD: usize = 2;
 /// Hardware type of CAN interfaces (`linux/if_arp.h`).
 const ARPHRD_CAN: u16 = 280;
 /// Attributes of `IFLA_LINKINFO`, and of a CAN interface in it (linux/can/netlink.h).
@@ -82,7 +83,7 @@ fn read(answer: &[u8]) -> Link {
     };
     Link {
         is_can: u16::from_ne_bytes(bytes_at(answer, TYPE_AT)) == ARPHRD_CAN,
-        is_up: word(answer, FLAGS).is_some_and(|flags| flags & 1 != 0), // IFF_UP
+        is_up: word(answer, FLAGS_WORD).is_some_and(|flags| flags & 1 != 0), // IFF_UP
         // A controller that was never configured has 0.
         bit_rate: number(BIT_TIMING).filter(|rate| *rate != 0),
         state: number(STATE).map(|state| match state {
@@ -114,7 +115,7 @@ mod tests {
         push_attribute(&mut info, INFO_DATA, &data);
         let mut answer = vec![0; DESCRIPTION_BYTES];
         answer[TYPE_AT..][..2].copy_from_slice(&ARPHRD_CAN.to_ne_bytes());
-        answer[4 * FLAGS..][..4].copy_from_slice(&1_u32.to_ne_bytes());
+        answer[4 * FLAGS_WORD..][..4].copy_from_slice(&1_u32.to_ne_bytes());
         push_attribute(&mut answer, libc::IFLA_IFNAME, b"can0\0");
         push_attribute(&mut answer, libc::IFLA_LINKINFO | 0x8000, &info);
         answer

@@ -33,6 +33,5 @@ pub use follow::{FollowError, WIRE_PATIENCE, follow};
 pub use local::Local;
 pub use participant::Participant;
 pub use protocol::{FRAMES_MAX, Setting};
-pub(crate) use remote::receive_packet;
 pub use remote::{ANSWER_PATIENCE, Remote, channel};
 pub use step::StepError;

@@ -31,7 +31,8 @@ pub struct PortSeat {
 }
 
 impl PortSeat {
-    /// Starts a process for a seat in a folder, with these variables besides that of the seat. `log` is the file of its output.
+    /// Starts a process for a seat, with `folder` as its working directory and with these variables besides that of the seat.
+    /// `log` is the file of its output.
     ///
     /// # Errors
     /// If the system refuses.

@@ -57,7 +57,7 @@ pub enum PrivateBusError {
 
 /// Private bus; it ends on drop.
 pub struct PrivateBus {
-    /// The helper ends when this is closed, before it is waited for.
+    /// The helper ends when this is closed; it is before `helper`, which waits for that.
     channel: OwnedFd,
     helper: Helper,
     recorder: Option<CanSocket>,

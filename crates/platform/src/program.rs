@@ -21,12 +21,11 @@ use tempfile::TempDir;
 
 use crate::bus::seqpacket;
 use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
-use crate::lockstep::receive_packet;
 use crate::process::{myself, suspension};
 use crate::scheduling::pass_on_fifo;
 use crate::seat::{
-    Header, Kind, MESSAGE_BYTES_MAX, STOPPED, numbers, read_welcome, write_done, write_failure,
-    write_hello, write_numbers,
+    Header, Kind, MESSAGE_BYTES_MAX, STOPPED, numbers, read_welcome, receive_packet, write_done,
+    write_failure, write_hello, write_numbers,
 };
 use crate::wait::wait_ready;
 

@@ -4,6 +4,11 @@
 //! little-endian, times are nanoseconds, and reserved bytes are sent as 0 and ignored. A law has a *port seat*: numbers in,
 //! numbers out. A node has a *bus seat*: time and frames ([`crate::lockstep`]).
 
+use std::os::fd::AsFd;
+
+use rustix::io::Errno;
+use rustix::net::RecvFlags;
+
 /// Longest message.
 pub const MESSAGE_BYTES_MAX: usize = 128 << 10;
 /// Version of the protocol.
@@ -304,6 +309,19 @@ pub fn write_failure(message: &mut Vec<u8>, header: Header, text: &str) {
 /// Returns the longest start of a failure's text that fits.
 pub(crate) fn fitting_text(text: &str) -> &str {
     &text[..text.floor_char_boundary(TEXT_BYTES_MAX)]
+}
+
+/// Receives one packet into `packet`; empty if the other end is closed.
+pub(crate) fn receive_packet(channel: impl AsFd, packet: &mut Vec<u8>) -> Result<(), Errno> {
+    packet.clear();
+    loop {
+        let spare = rustix::buffer::spare_capacity(packet);
+        match rustix::net::recv(channel.as_fd(), spare, RecvFlags::empty()) {
+            Ok(_) | Err(Errno::CONNRESET | Errno::PIPE) => return Ok(()),
+            Err(Errno::INTR) => {}
+            Err(errno) => return Err(errno),
+        }
+    }
 }
 
 #[cfg(test)]

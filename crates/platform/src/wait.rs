@@ -41,8 +41,8 @@ pub(crate) fn wait_once(
     }
 }
 
-/// Waits until one of these descriptors is readable or has ended, `timeout` is over or a signal comes; returns which of them are
-/// or have.
+/// Waits until one of these descriptors is readable or has ended, `timeout` is over or a signal comes; without a `timeout`, for
+/// ever. Returns which of them are readable or have ended.
 pub(crate) fn wait_for_any<const COUNT: usize>(
     fds: [Option<BorrowedFd<'_>>; COUNT],
     timeout: Option<Duration>,

@@ -33,7 +33,7 @@ pub fn defaults<P: Parameters>() -> Result<P, toml::de::Error> {
 }
 
 /// Applies a function to parameters: those of the table of their type among the format's, else of the table from outside, else
-/// the defaults.
+/// the defaults. A law or a plant has at most one of them.
 ///
 /// # Errors
 /// The table from outside has other parameters, or one of them has no default.

@@ -133,7 +133,7 @@ pub fn scenario_folder(plan: &Plan) -> PathBuf {
 }
 
 /// Returns the additional time until the nodes are there whose plants and laws are processes.
-pub(crate) fn start_patience(plan: &Plan) -> Duration {
+pub(crate) fn processes_patience(plan: &Plan) -> Duration {
     let mut patience = Duration::ZERO;
     if plan.loops.iter().any(|one| one.trial.has_fmu()) {
         patience += START_PATIENCE;

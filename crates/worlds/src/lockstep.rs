@@ -118,6 +118,7 @@ pub fn play(
     let names = Vec::from_iter(names);
     let faults = BusFaults::new(plan, &names)?;
     let bitrate = plan.shared.run.bus.bitrate_kilobits_per_second;
+    // For as long as the participants are borrowed.
     let bus = bus.map(|bus| bus as &mut dyn Bus);
     let wire = Wire { capture, bus };
     let coordinator = Coordinator::new(bitrate, participants, faults, wire);

@@ -106,7 +106,7 @@ fn play(
     let mut processes = Processes::new(processes, plan);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
-        let patience = ANSWER_PATIENCE + law_process::start_patience(plan);
+        let patience = ANSWER_PATIENCE + law_process::processes_patience(plan);
         for (name, channel) in channels {
             let remote = Remote::accept(name, channel, Some(patience), Setting::default());
             remotes.push(remote.map_err(CoordinatorError::from)?);

@@ -434,7 +434,8 @@ impl Guests {
         Ok(Self(guests))
     }
 
-    /// Returns them as participants: those without faults, and those with faults around them. The controller is the last one.
+    /// Returns them as participants: those without faults, and those with faults around them. In a run all are of one kind. The
+    /// controller is the last one.
     pub(crate) fn participants(&mut self) -> (Vec<&mut Remote>, Vec<Local<'_>>) {
         let (mut plain, mut faulty) = (Vec::new(), Vec::new());
         for guest in &mut self.0 {

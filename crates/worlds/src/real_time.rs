@@ -298,5 +298,5 @@ impl Run<'_, '_> {
 fn start_patience(plan: &Plan) -> Duration {
     let drives = plan.loops.iter().filter_map(|one| one.real_drive.as_ref());
     let bring_ups = drives.map(|drive| drive.real.timeouts.bring_up() + ENABLE_PATIENCE);
-    bring_ups.fold(START_PATIENCE, Duration::max) + law_process::start_patience(plan)
+    bring_ups.fold(START_PATIENCE, Duration::max) + law_process::processes_patience(plan)
 }

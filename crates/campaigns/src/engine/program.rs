@@ -23,7 +23,10 @@ pub(crate) enum EngineError {
 
 impl From<EngineError> for Failure {
     fn from(error: EngineError) -> Self {
-        Exit::BenchFailed.because(error)
+        match error {
+            EngineError::Other(failure) => failure,
+            EngineError::Refused { .. } => Exit::BenchFailed.because(error),
+        }
     }
 }
 

@@ -134,7 +134,7 @@ fn is_served(socket: &Path) -> bool {
     owner(socket).is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
 }
 
-/// Removes the sockets and directories of hubs whose process is gone from `parent`. A hub that is about to listen has a process.
+/// Removes from `parent` the sockets and directories of hubs whose process is gone. A hub that is about to listen has a process.
 fn remove_leftovers(parent: &Path) {
     let is_gone = |process| test_kill_process(process) == Err(Errno::SRCH);
     for socket in sockets_in(parent) {

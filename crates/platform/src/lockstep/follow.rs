@@ -10,11 +10,11 @@ use rustix::net::SendFlags;
 
 use super::answer::Answer;
 use super::protocol::{self, FRAMES_MAX, Hello, Request};
-use super::remote::receive_packet;
+
 use super::step::{StepError, Stepper};
 use crate::bus::{Bus, BusError};
 use crate::clock::Clock;
-use crate::seat::{MESSAGE_BYTES_MAX, Misread};
+use crate::seat::{MESSAGE_BYTES_MAX, Misread, receive_packet};
 
 /// Longest wall time for an announced frame to arrive on the wire.
 pub const WIRE_PATIENCE: Duration = Duration::from_secs(10);

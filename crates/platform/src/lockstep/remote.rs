@@ -1,13 +1,13 @@
 //! Coordinator's end of the channel to a node in another process.
 
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, FilterSet, Progress};
 use rustix::io::Errno;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
-use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType};
+use rustix::net::{AddressFamily, SendFlags, SocketFlags, SocketType};
 
 use super::answer::Answer;
 use super::audience::Audience;
@@ -15,7 +15,7 @@ use super::error::LockstepError;
 use super::participant::Participant;
 use super::protocol::{self, Asked, FRAMES_MAX, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
-use crate::seat::{MESSAGE_BYTES_MAX, Misread};
+use crate::seat::{MESSAGE_BYTES_MAX, Misread, receive_packet};
 
 /// Longest wall time for a process to answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
@@ -265,18 +265,5 @@ impl Participant for Remote {
     fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {
         let asked = self.ask((at, at), None, answer);
         asked.map_err(|failure| self.error(failure))
-    }
-}
-
-/// Receives one packet into `packet`; empty if the other end is closed.
-pub(crate) fn receive_packet(channel: impl AsFd, packet: &mut Vec<u8>) -> Result<(), Errno> {
-    packet.clear();
-    loop {
-        let spare = rustix::buffer::spare_capacity(packet);
-        match rustix::net::recv(channel.as_fd(), spare, RecvFlags::empty()) {
-            Ok(_) | Err(Errno::CONNRESET | Errno::PIPE) => return Ok(()),
-            Err(Errno::INTR) => {}
-            Err(errno) => return Err(errno),
-        }
     }
 }

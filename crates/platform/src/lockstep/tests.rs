@@ -8,10 +8,10 @@ use can::{CanFrame, Filter, Progress};
 use rustix::net::SendFlags;
 
 use super::protocol::*;
-use super::remote::receive_packet;
+
 use super::*;
 use crate::bus::{Bus, BusError};
-use crate::seat::{MESSAGE_BYTES_MAX, Misread};
+use crate::seat::{MESSAGE_BYTES_MAX, Misread, receive_packet};
 use crate::test_nodes::Echo;
 
 const MS: Duration = Duration::from_millis(1);

@@ -33,12 +33,12 @@ pub(crate) fn read_tables(check: &mut Check<'_>, trial: &mut Trial, read_table: 
         let parse = |text: &str| table::parse_current(file, text, column, &range);
         entry.rows = rows(&path, file, &parse).into();
     }
-    for (index, check) in trial.expect.signal.iter_mut().enumerate() {
-        let Some(course) = &mut check.follows else {
+    for (index, signal) in trial.expect.signal.iter_mut().enumerate() {
+        let Some(course) = &mut signal.follows else {
             continue;
         };
         let path = format!("expect.signal.{index}.follows.file");
-        let (file, column) = (&course.file, course.column_for(&check.name));
+        let (file, column) = (&course.file, course.column_for(&signal.name));
         course.rows = rows(&path, file, &|text| table::parse_course(file, text, column));
     }
     if let Some(law) = &mut trial.controller.sliding_mode

@@ -79,7 +79,9 @@ impl Scenario {
         let files = Files::parse(&text, &name, beside, asked.reading, read_once)?;
         let mut scenario = resolve(files, read_once, asked)?;
         let rig = &scenario.rig_text;
-        tables.insert(rig.beside.clone(), rig.text.clone());
+        // A rig that ships was not read from a file.
+        let rig_text = || rig.text.clone();
+        tables.entry(rig.beside.clone()).or_insert_with(rig_text);
         let shared = &mut scenario.shared;
         (shared.beside, shared.text, shared.tables) = (beside.clone(), text, tables);
         Ok(scenario)
@@ -111,30 +113,25 @@ impl Scenario {
 
     /// Makes the error of an objection to the whole scenario: at its place in the scenario if that has a value there, or varies
     /// one, else in the rig file.
-    pub fn objected(&self, objection: Objection) -> ScenarioError {
-        self.placed(objection).unwrap_or_else(|error| error)
-    }
-
-    /// Makes the error as [`Scenario::objected`].
-    ///
-    /// # Errors
-    /// The texts are no longer those that were read.
-    fn placed(&self, mut objection: Objection) -> Result<ScenarioError, ScenarioError> {
+    pub fn objected(&self, mut objection: Objection) -> ScenarioError {
         let (shared, rig_text) = (&self.shared, &self.rig_text);
         let name = shared.beside.scenario().display().to_string();
         let fail = |problems| ScenarioError::new(KIND, &name, problems);
-        let document = Document::parse(Source::new(&name, &shared.text), &shared.text);
-        let document = document.map_err(fail)?;
+        let document = match Document::parse(Source::new(&name, &shared.text), &shared.text) {
+            Ok(document) => document,
+            Err(problems) => return fail(problems),
+        };
         let in_scenario = path_in_scenario(&objection.path, &shared.rig);
         let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
         let is_overlaid = document.has(&in_scenario) || document.has(table);
         if is_overlaid || objection.path.starts_with(SWEEP_PREFIX) {
             objection.path = in_scenario;
-            return Ok(fail(vec![objection.problem(&document)]));
+            return fail(vec![objection.problem(&document)]);
         }
-        let document = Rig::document(&rig_text.text, &rig_text.name)?;
-        let problem = objection.problem(&document);
-        Ok(nodes::fail(&rig_text.name, vec![problem]))
+        match Rig::document(&rig_text.text, &rig_text.name) {
+            Ok(document) => nodes::fail(&rig_text.name, vec![objection.problem(&document)]),
+            Err(error) => error,
+        }
     }
 }
 

@@ -318,15 +318,17 @@ impl DriveLayout {
         };
         let counts = &rig.position;
         let (per_unit, at_zero) = (counts.increments_per_unit, counts.increments_at_zero);
-        let measured =
-            current.map(|object| scaled(&feedback, &object, rig.current.units_per_ampere, 0.0));
+        let per_ampere = rig.current.units_per_ampere;
+        let measured = current
+            .map(|object| scaled(&feedback, &object, per_ampere, 0.0))
+            .transpose()?;
         let target = scaled(&command, &target, rig.command.units_per_ampere, 0.0)?;
         let units_max = libm::floor(current_amperes_max * target.units);
         Ok(Self {
             node_id,
             statusword: place(&feedback, &statusword)?,
             position: scaled(&feedback, &position, per_unit, at_zero)?,
-            current: measured.transpose()?,
+            current: measured,
             controlword: place(&command, &controlword)?,
             target,
             target_max: units_max.min(target.field.max()),
