@@ -12,6 +12,7 @@ use fmu::table::{Port, Wiring, wiring};
 use fmu::unit::{Conversion, unit_in_name};
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
+use platform::keeper;
 use runner::console::{failed, print};
 use runner::exit::{Exit, Failure};
 use scenario::plant::Fmu;
@@ -58,13 +59,10 @@ fn of_fmu(error: FmuError) -> Failure {
 }
 
 fn main() -> ExitCode {
-    let words = Vec::from_iter(std::env::args_os().skip(1));
-    // The worker that alone loads the FMU is this program, too, as a bench's is canrig.
-    if let [worker, file, folder] = words.as_slice()
-        && worker == fmu_worker::SUBCOMMAND
-    {
-        let served = fmu_worker::serve(file.as_ref(), folder.as_ref());
-        return served.map_or(Exit::BenchFailed, |()| Exit::Pass).into();
+    // The worker that alone loads the FMU, and its keeper, are this program, too, as those of a bench are canrig.
+    let is_hidden = |word| word == fmu_worker::SUBCOMMAND || word == keeper::SUBCOMMAND;
+    if std::env::args_os().nth(1).is_some_and(is_hidden) {
+        return canrig::Bench::new().main();
     }
     play(&PlayArgs::parse()).into()
 }
