@@ -32,31 +32,23 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 ///
 /// The first problem ends the reading: most problems of a table repeat in every row.
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
-    let reader = Reader::new(name, text);
     let position = wiring.feedback.measurand.name(HEADER[1]);
     let [min, max] = wiring.feedback.range();
-    let travel = Values {
-        what: "leaves the travel",
-        range: min..=max,
-    };
-    let names = [HEADER[0], position.as_str()];
-    if reader.columns() != names {
-        let label = format!("expected `{}`", names.join(","));
+    let mut reader = Reader::new(name, text, &position);
+    (reader.range, reader.outside) = (min..=max, "leaves the travel");
+    let columns = reader.columns();
+    if columns != reader.names {
+        let label = format!("expected `{}`", reader.names.join(","));
         return Err(reader.problem(reader.header, 1, "has the wrong header", label));
     }
-    reader.rows(&Columns {
-        names,
-        places: [0, 1],
-        count: 2,
-        values: Some(travel),
-        is_complete: true,
-    })
+    reader.is_complete = true;
+    reader.rows(&columns, [0, 1])
 }
 
 /// Reads the course of a signal, one column of a table next to its `time_seconds`, as [`parse`]; rows without a value are left
 /// out.
 pub(crate) fn parse_course(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
-    parse_column(name, text, column, None)
+    Reader::new(name, text, column).named_columns()
 }
 
 /// Reads the course of a current, as [`parse_course`].
@@ -66,98 +58,89 @@ pub(crate) fn parse_current(
     column: &str,
     range: &CurrentRange,
 ) -> Result<Rows, Problem> {
-    let values = Values {
-        what: "leaves the range of the current",
-        range: range.min..=range.max,
-    };
-    parse_column(name, text, column, Some(values))
+    let mut reader = Reader::new(name, text, column);
+    (reader.range, reader.outside) = (range.min..=range.max, "leaves the range of the current");
+    reader.named_columns()
 }
 
-fn parse_column(
-    name: &str,
-    text: &str,
-    column: &str,
-    values: Option<Values>,
-) -> Result<Rows, Problem> {
-    let reader = Reader::new(name, text);
-    let known = reader.columns();
-    let names = [HEADER[0], column];
-    let mut places = [0; 2];
-    for (place, name) in places.iter_mut().zip(names) {
-        let Some(found) = known.iter().position(|known| *known == name) else {
-            let label = match nearest(name, known.iter().copied()) {
-                Some(meant) => format!("did you mean `{meant}`?"),
-                None => format!("`{name}` is missing"),
-            };
-            let what = format!("has no column `{name}`");
-            let listed = &known[..known.len().min(COLUMNS_LISTED_MAX)];
-            let problem = reader.problem(reader.header, 1, &what, label);
-            let help = format!(
-                "columns of the table: {}; `column = \"…\"` beside `file` names the one that is meant",
-                listed.join(", ")
-            );
-            return Err(problem.with_help(help));
-        };
-        *place = found;
-    }
-    reader.rows(&Columns {
-        names,
-        places,
-        count: known.len(),
-        values,
-        is_complete: false,
-    })
-}
-
-/// Columns that are read of each row.
-struct Columns<'a> {
+/// Reader of two columns of a table: times, and values within a range.
+struct Reader<'a> {
+    source: Source,
+    text: &'a str,
+    header: &'a str,
+    /// Names of the two columns.
     names: [&'a str; 2],
-    places: [usize; 2],
-    /// Number of all columns of the table.
-    count: usize,
-    /// Allowed values; any number if absent.
-    values: Option<Values>,
+    range: RangeInclusive<f64>,
+    /// Problem of a table with a value outside the range.
+    outside: &'static str,
     /// Whether each row must have a value.
     is_complete: bool,
 }
 
-/// Allowed values.
-struct Values {
-    range: RangeInclusive<f64>,
-    /// Problem of a table with another value.
-    what: &'static str,
-}
-
-struct Reader<'text> {
-    source: Source,
-    text: &'text str,
-    header: &'text str,
-}
-
-impl<'text> Reader<'text> {
-    fn new(name: &str, text: &'text str) -> Self {
+impl<'a> Reader<'a> {
+    /// Makes a reader of a column with any numbers.
+    fn new(name: &str, text: &'a str, column: &'a str) -> Self {
         Self {
             source: Source::new(name, text),
             text,
             header: text.lines().next().unwrap_or_default(),
+            names: [HEADER[0], column],
+            range: f64::NEG_INFINITY..=f64::INFINITY,
+            outside: "",
+            is_complete: false,
         }
     }
 
-    fn columns(&self) -> Vec<&'text str> {
+    fn columns(&self) -> Vec<&'a str> {
         let header = self.header.trim_start_matches('\u{feff}');
         header.split(',').map(str::trim).collect()
     }
 
-    /// Reads the rows below the header.
-    fn rows(&self, columns: &Columns<'_>) -> Result<Rows, Problem> {
+    /// Reads the rows of a table that may have other columns, too.
+    fn named_columns(&self) -> Result<Rows, Problem> {
+        let columns = self.columns();
+        let mut places = [0; 2];
+        for (place, name) in places.iter_mut().zip(self.names) {
+            *place = columns
+                .iter()
+                .position(|column| *column == name)
+                .ok_or_else(|| self.no_column(name, &columns))?;
+        }
+        self.rows(&columns, places)
+    }
+
+    fn no_column(&self, name: &str, columns: &[&str]) -> Problem {
+        let label = match nearest(name, columns.iter().copied()) {
+            Some(meant) => format!("did you mean `{meant}`?"),
+            None => format!("`{name}` is missing"),
+        };
+        let what = format!("has no column `{name}`");
+        let problem = self.problem(self.header, 1, &what, label);
+        let listed = &columns[..columns.len().min(COLUMNS_LISTED_MAX)];
+        problem.with_help(format!(
+            "columns of the table: {}; `column = \"…\"` beside `file` names the one that is meant",
+            listed.join(", ")
+        ))
+    }
+
+    /// Reads the rows below the header, of whose columns two are at these places.
+    fn rows(&self, columns: &[&str], places: [usize; 2]) -> Result<Rows, Problem> {
         let mut rows = Rows::new();
         let lines = self.text.lines().enumerate().skip(1);
         for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
+            let number = index + 1;
             if rows.len() == ROWS_MAX {
                 let label = format!("at most {ROWS_MAX} rows are admitted");
-                return Err(self.problem(line, index + 1, "is too long", label));
+                return Err(self.problem(line, number, "is too long", label));
             }
-            rows.extend(self.row(columns, index + 1, line, rows.last())?);
+            let count = line.split(',').count();
+            if count != columns.len() {
+                let label = format!("{count} instead of {} columns", columns.len());
+                let what = "has a row with the wrong number of columns";
+                return Err(self.problem(line, number, what, label));
+            }
+            let fields = places.map(|place| line.split(',').nth(place).unwrap_or_default());
+            rows.extend(self.row(number, fields, rows.last())?);
         }
         if rows.is_empty() {
             return Err(self.problem(self.header, 1, "has no rows", "rows are missing below"));
@@ -167,24 +150,14 @@ impl<'text> Reader<'text> {
 
     fn row(
         &self,
-        columns: &Columns<'_>,
         number: usize,
-        line: &'text str,
+        [time, value]: [&'a str; 2],
         last: Option<&(f64, f64)>,
     ) -> Result<Option<(f64, f64)>, Problem> {
-        let count = line.split(',').count();
-        if count != columns.count {
-            let label = format!("{count} instead of {} columns", columns.count);
-            let what = "has a row with the wrong number of columns";
-            return Err(self.problem(line, number, what, label));
-        }
-        let [time, value] = columns
-            .places
-            .map(|place| line.split(',').nth(place).unwrap_or_default());
-        if !columns.is_complete && value.trim().is_empty() {
+        if !self.is_complete && value.trim().is_empty() {
             return Ok(None);
         }
-        let [time_name, value_name] = columns.names;
+        let [time_name, value_name] = self.names;
         let time_seconds = self.number(number, time_name, time)?;
         let found = self.number(number, value_name, value)?;
         let earliest = last.map_or(0.0, |row| row.0);
@@ -193,17 +166,19 @@ impl<'text> Reader<'text> {
             let label = format!("must be after {earliest} s");
             return Err(self.problem(time, number, &what, label));
         }
-        if let Some(Values { range, what }) = &columns.values
-            && !range.contains(&found)
-        {
-            let what = format!("{what} in column {value_name}");
-            let label = format!("must be from {} to {}", range.start(), range.end());
+        if !self.range.contains(&found) {
+            let what = format!("{} in column {value_name}", self.outside);
+            let label = format!(
+                "must be from {} to {}",
+                self.range.start(),
+                self.range.end()
+            );
             return Err(self.problem(value, number, &what, label));
         }
         Ok(Some((time_seconds, found)))
     }
 
-    fn number(&self, row: usize, column: &str, field: &'text str) -> Result<f64, Problem> {
+    fn number(&self, row: usize, column: &str, field: &'a str) -> Result<f64, Problem> {
         let parsed = field
             .trim()
             .parse::<f64>()
@@ -216,25 +191,13 @@ impl<'text> Reader<'text> {
     }
 
     /// Makes a problem at a part of the text.
-    fn problem(
-        &self,
-        part: &'text str,
-        row: usize,
-        what: &str,
-        label: impl Into<String>,
-    ) -> Problem {
-        let blank = part.len() - part.trim_start().len();
+    fn problem(&self, part: &'a str, row: usize, what: &str, label: impl Into<String>) -> Problem {
         let part = part.trim();
         // `part` is a slice of `text`, so the difference of the addresses is its place.
         let start = part
             .as_ptr()
             .addr()
             .saturating_sub(self.text.as_ptr().addr());
-        let start = if part.is_empty() {
-            start.saturating_sub(blank)
-        } else {
-            start
-        };
         let message = format!("the table {what}, line {row}");
         self.source
             .problem(start..start + part.len(), message, label)
