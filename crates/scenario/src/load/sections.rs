@@ -71,14 +71,15 @@ impl<'text> Selector<'_, 'text> {
     /// Returns the parts of all loops, and the problems of how the scenario names them.
     pub(super) fn select(&self) -> (Vec<LoopTables<'text>>, Vec<Problem>) {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
+        let with_law = Vec::from_iter(loops.iter().copied().filter(|name| !self.is_led(name)));
         // A law of no loop is not a problem of each loop that lacks a law, too; a law that is left out is no law at all.
         let mut problems = if self.rig.is_led_by_program() {
             Vec::new()
         } else {
-            self.unknown_tables(CONTROLLER, &loops)
+            self.unknown_tables(CONTROLLER, &with_law)
         };
         let is_law_said = !problems.is_empty();
-        let unknown = self.unknown_names(&loops);
+        let unknown = self.unknown_names(&loops, &with_law);
         // The loop that such an entry means lacks it.
         if !unknown.is_empty() {
             problems.extend(unknown);
@@ -105,8 +106,12 @@ impl<'text> Selector<'_, 'text> {
 
     /// Checks whether a loop represents a drive that the law of another loop leads.
     pub(super) fn is_led(&self, name: &str) -> bool {
-        let one = self.rig.loops.get(name);
-        one.is_some_and(|one| one.led_by.is_some())
+        self.leader_of(name).is_some()
+    }
+
+    /// Returns the loop whose law leads the drive that this loop represents, if it is another one.
+    fn leader_of(&self, name: &str) -> Option<&str> {
+        self.rig.loops.get(name)?.led_by.as_deref()
     }
 
     fn loop_tables(&self, name: &str) -> Result<LoopTables<'text>, Problem> {
@@ -239,16 +244,19 @@ impl<'text> Selector<'_, 'text> {
         }
         let node = table.get(NODE).and_then(|node| node.get_ref().as_str());
         let disturbed = node.and_then(|node| self.rig.drive_disturbed(node, &output));
-        let is_its = |drive| drive == self.rig.drive_of_loop(name);
+        let is_its = |drive: &str| match self.leader_of(drive) {
+            Some(leader) => leader == name,
+            None => drive == self.rig.drive_of_loop(name),
+        };
         let is_its = disturbed.map_or(self.is_only_loop(), is_its);
         is_its.then_some(entry)
     }
 
-    /// Finds loops and nodes that the scenario names and the rig does not have.
-    fn unknown_names(&self, loops: &[&str]) -> Vec<Problem> {
+    /// Finds loops and nodes that the scenario names and the rig does not have; only loops with a law have a set-point.
+    fn unknown_names(&self, loops: &[&str], with_law: &[&str]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
-        for (section, by, known) in [(REFERENCE, "loop", loops), (DISTURBANCE, NODE, &nodes)] {
+        for (section, by, known) in [(REFERENCE, "loop", with_law), (DISTURBANCE, NODE, &nodes)] {
             // The structure refuses other keys.
             let kinds = self.scenario.keys(section).into_iter();
             for kind in kinds.filter(|kind| schema::is_key(section, kind)) {

@@ -758,6 +758,37 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
 }
 
 #[test]
+fn a_drive_that_another_law_leads_has_no_law_and_no_set_point() {
+    for (more, said) in [
+        (
+            "[[reference.step]]\nloop = \"extensor\"\nat_seconds = 2.0\nposition_degrees = 1.0\n",
+            "the rig has no loop `extensor`",
+        ),
+        (
+            "[controller.extensor.pid]\n",
+            "the rig has no loop `extensor`",
+        ),
+    ] {
+        let text = JOINT.replace("[controller.pid_pair]", "[controller.angle.pid_pair]");
+        let error = load_text(&format!("{text}{more}"), JOINT_RIG).unwrap_err();
+        assert!(error.contains(said), "{more}: {error}");
+    }
+}
+
+/// The commands to an io node are recorded with the first drive by node-ID, which may be one that the law leads besides.
+#[test]
+fn a_disturbance_belongs_to_the_loop_whose_law_leads_the_drive() {
+    let module = "[node.module]\nkind = \"io\"\nnode_id = 0x18\noutputs = { added_load_grams = \"joint.added_load_kilograms\" }\n";
+    let disturbance = "[[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 20.0\n";
+    for flexor in ["node_id = 0x10", "node_id = 0x13"] {
+        let rig = JOINT_RIG.replace("node_id = 0x10", flexor);
+        let loops = load_text(&format!("{JOINT}{disturbance}"), &format!("{rig}{module}")).unwrap();
+        let counts = loops.loops.iter().map(|one| one.disturbance.load.len());
+        assert_eq!(Vec::from_iter(counts), [1, 0], "{flexor}");
+    }
+}
+
+#[test]
 fn gains_and_names_are_those_of_the_loop() {
     let spindle = JOINT_RIG
         .replacen("sensor = {", "sensor = { signal = \"tilt\",", 1)
