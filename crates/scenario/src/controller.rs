@@ -86,11 +86,20 @@ impl Controller {
         if factors.is_empty() {
             return;
         }
-        let Ok(mut tables) = toml::Table::try_from(&*self) else {
+        let Ok(mut laws) = toml::Value::try_from(&*self) else {
             return;
         };
-        scale(&mut tables, factors);
-        if let Ok(scaled) = tables.try_into() {
+        for (path, factor) in factors {
+            // Behind the name of the section, in which all laws are.
+            let mut keys = path.split('.').skip(1);
+            let gain = keys.try_fold(&mut laws, |value, key| value.get_mut(key));
+            if let Some(gain) = gain
+                && let Ok(number) = gain.clone().try_into::<f64>()
+            {
+                *gain = (number * factor).into();
+            }
+        }
+        if let Ok(scaled) = laws.try_into() {
             *self = scaled;
         }
     }
@@ -108,21 +117,6 @@ impl Controller {
             ("library", None, any(&self.library)),
             ("fmu", None, any(&self.fmu)),
         ]
-    }
-}
-
-fn scale(tables: &mut toml::Table, factors: &[(String, f64)]) {
-    for (path, factor) in factors {
-        // Behind the name of the section, in which all laws are.
-        let mut keys = path.split('.').skip(1);
-        let first = keys.next().and_then(|key| tables.get_mut(key));
-        let value = keys.try_fold(first, |value, key| Some(value?.get_mut(key)));
-        if let Some(value) = value.flatten() {
-            let number = value
-                .as_float()
-                .or(value.as_integer().map(|whole| whole as f64));
-            *value = number.map_or(value.clone(), |number| (number * factor).into());
-        }
     }
 }
 

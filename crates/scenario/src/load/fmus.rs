@@ -3,8 +3,8 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Names the start values of all FMUs of a rig file by the whole names of their variables.
-pub(super) fn name_all_start_values(rig: &mut DeTable<'_>) {
+/// Names the start values of the FMUs in the tables of a rig by the whole names of their variables.
+pub(super) fn name_start_values(rig: &mut DeTable<'_>) {
     let plants = rig.get_mut("plant").map(Spanned::get_mut);
     let Some(DeValue::Table(plants)) = plants else {
         return;
@@ -12,18 +12,12 @@ pub(super) fn name_all_start_values(rig: &mut DeTable<'_>) {
     for (_, plant) in plants.iter_mut() {
         if let DeValue::Table(models) = plant.get_mut()
             && let Some(DeValue::Table(fmu)) = models.get_mut("fmu").map(Spanned::get_mut)
+            && let Some(DeValue::Table(start)) = fmu.get_mut("start").map(Spanned::get_mut)
         {
-            name_start_values(fmu);
+            let mut whole = DeTable::new();
+            flatten(start, "", &mut whole);
+            *start = whole;
         }
-    }
-}
-
-/// Names the start values of an FMU by the whole names of their variables.
-pub(super) fn name_start_values(fmu: &mut DeTable<'_>) {
-    if let Some(DeValue::Table(start)) = fmu.get_mut("start").map(Spanned::get_mut) {
-        let mut whole = DeTable::new();
-        flatten(start, "", &mut whole);
-        *start = whole;
     }
 }
 

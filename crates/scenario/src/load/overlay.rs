@@ -61,14 +61,16 @@ pub(super) fn overlaid<'text>(
     // A problem in the rig file is shown at the scenario's key `rig`.
     let mut rig_tables = placed_table(rig_tree, &scenario.span("rig"));
     rig_tables.remove("defaults");
-    fmus::name_all_start_values(&mut rig_tables);
+    fmus::name_start_values(&mut rig_tables);
     let overlay = Overlay {
         scenario,
         tree: &rig_tables,
     };
     let mut problems = Vec::new();
     let mut tree = rig_tables.clone();
-    put(&mut tree, &overlay.values(&mut problems));
+    let mut values = overlay.values(&mut problems);
+    fmus::name_start_values(&mut values);
+    put(&mut tree, &values);
     match Rig::from_tree(&scenario.with_root(tree), reading) {
         Ok(rig) => Ok((rig, problems)),
         Err(found) => {
@@ -128,15 +130,12 @@ impl<'text> Overlay<'_, 'text> {
         } else {
             &[]
         };
-        let mut table = self.table(PLANT, name, values, wiring)?.clone();
-        if let Some(problem) = self.with_model(name, model, &table) {
+        let table = self.table(PLANT, name, values, wiring)?;
+        if let Some(problem) = self.with_model(name, model, table) {
             return Err(problem);
         }
-        if model == FMU {
-            fmus::name_start_values(&mut table);
-        }
         let model = Spanned::new(name.span(), DeString::from(model.to_owned()));
-        let parameters = table_at(&values.span(), table);
+        let parameters = values.clone();
         let models = [(model, parameters)].into_iter().collect();
         Ok(table_at(&values.span(), models))
     }
