@@ -157,9 +157,9 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Returns the start of the place in its text.
-    pub(crate) fn offset(&self) -> Option<usize> {
-        self.offset
+    /// Returns the start of the place in its text, and the label there.
+    pub(crate) fn place_and_label(&self) -> (Option<usize>, String) {
+        (self.offset, self.label.to_string())
     }
 
     /// Replaces names in the message.

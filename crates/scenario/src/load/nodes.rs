@@ -89,9 +89,7 @@ impl Rig {
         reading: Reading,
     ) -> Result<Self, Vec<Problem>> {
         let schema = reading.schema(&schema::RIG);
-        let said_once = |problems| said_once(document, problems);
-        let built = build::<Self>(document, "the rig file", &schema);
-        let (mut rig, mut problems) = built.map_err(said_once)?;
+        let (mut rig, mut problems) = build::<Self>(document, "the rig file", &schema)?;
         let played = rig
             .plant
             .iter_mut()
@@ -112,7 +110,6 @@ impl Rig {
             problems: Vec::new(),
         };
         problems.extend(check.of_rig());
-        let problems = said_once(problems);
         rig.add_led_drives();
         rig.assign_identifiers();
         without_problems(problems, rig)
@@ -120,7 +117,10 @@ impl Rig {
 }
 
 /// Makes the error of a rig file.
-pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
+pub(super) fn fail(file_name: &str, mut problems: Vec<Problem>) -> ScenarioError {
+    // Each drive that takes a wrong default has the same problem.
+    let mut said = BTreeSet::new();
+    problems.retain(|problem| said.insert(problem.place_and_label()));
     ScenarioError::new(KIND, file_name, problems)
 }
 
@@ -166,27 +166,6 @@ fn spread_defaults(root: &mut DeTable<'_>) {
             fill(node, &defaults);
         }
     }
-}
-
-/// Keeps one problem for each place in the defaults, since each drive that takes a wrong default has the same problem.
-fn said_once(document: &Document<'_>, mut problems: Vec<Problem>) -> Vec<Problem> {
-    fn add(value: &Spanned<DeValue<'_>>, places: &mut BTreeSet<usize>) {
-        places.insert(value.span().start);
-        for (key, value) in value.get_ref().as_table().into_iter().flatten() {
-            places.insert(key.span().start);
-            add(value, places);
-        }
-    }
-    let mut places = BTreeSet::new();
-    if let Some(drive) = document.spanned("defaults.drive") {
-        add(drive, &mut places);
-    }
-    let mut said = BTreeSet::new();
-    problems.retain(|problem| {
-        let copied = problem.offset().filter(|offset| places.contains(offset));
-        copied.is_none_or(|offset| said.insert(offset))
-    });
-    problems
 }
 
 /// Adds missing keys, down to the last table.

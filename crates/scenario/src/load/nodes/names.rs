@@ -23,12 +23,12 @@ impl Check<'_> {
     pub(super) fn names(&mut self) {
         let rig = self.rig;
         let named = [
-            ("plant", Vec::from_iter(rig.plant.keys())),
-            ("node", Vec::from_iter(rig.node.keys())),
-            ("loop", Vec::from_iter(rig.loops.keys())),
+            ("plant", Vec::from_iter(rig.plant.keys()), &NOT_A_PLANT[..]),
+            ("node", Vec::from_iter(rig.node.keys()), &NOT_A_NODE),
+            ("loop", Vec::from_iter(rig.loops.keys()), &NOT_A_LOOP),
         ];
         let mut taken: BTreeMap<&str, String> = BTreeMap::new();
-        for (kind, names) in named {
+        for (kind, names, reserved) in named {
             for name in names {
                 let path = format!("{kind}.{name}");
                 if !is_name(name) {
@@ -36,21 +36,11 @@ impl Check<'_> {
                     let label = "small letters, digits and underscores, a letter first";
                     self.at_key(&path, message, label);
                 }
-                let is_word = NOT_A_LOOP.contains(&name.as_str())
-                    || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
-                let label = match kind {
-                    "loop" if is_word => Some("this word has a meaning in scenarios"),
-                    "node" if NOT_A_NODE.contains(&name.as_str()) => {
-                        Some("this word has a meaning in scenarios")
-                    }
-                    "plant" if NOT_A_PLANT.contains(&name.as_str()) => {
-                        Some("the log of its process would have a name that is taken")
-                    }
-                    _ => None,
-                };
-                if let Some(label) = label {
+                let is_key = |table: &&str| schema::is_key(table, name);
+                let is_beside_loops = kind == "loop" && BESIDE_LOOPS.iter().any(is_key);
+                if is_beside_loops || reserved.contains(&name.as_str()) {
                     let message = format!("a {kind} cannot be called `{name}`");
-                    self.at_key(&path, message, label);
+                    self.at_key(&path, message, "this name has another meaning");
                 }
                 // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
                 let may_be_called_so =
