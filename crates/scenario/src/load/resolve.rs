@@ -166,6 +166,8 @@ fn resolve(
         },
         read_file,
         asked,
+        run: None,
+        has_all_faults: false,
     };
     let sheets = resolver.read_sheets();
     resolver.find_files(&programs);
@@ -182,15 +184,15 @@ fn resolve(
         resolver.check.add(unknown);
         return Err(fail(resolver.check.problems));
     }
-    let told = resolver.read_run();
-    let loops = resolver.read_loops(&selector, &told);
+    resolver.read_run();
+    let loops = resolver.read_loops(&selector);
     let mut check = resolver.check;
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
         check.add(found);
         Vec::new()
     });
     // All loops together are checked once each of them is right.
-    let run = match told.run {
+    let run = match resolver.run {
         Some(run) if loops.len() == rig.loops.len() => run,
         _ => return Err(fail(check.problems)),
     };
@@ -219,14 +221,6 @@ fn resolve(
     })
 }
 
-/// Facts of a run for the readers of its trials.
-struct Told {
-    /// `None` if they cannot be read.
-    run: Option<Arc<Run>>,
-    /// False if some of the faults could not be read.
-    has_all_faults: bool,
-}
-
 /// Reader of the facts and the trials of a run.
 struct Resolver<'a> {
     files: &'a Files<'a>,
@@ -236,17 +230,21 @@ struct Resolver<'a> {
     rig_check: Check<'a>,
     read_file: ReadTable<'a>,
     asked: &'a Asked<'a>,
+    /// Facts of the run; `None` if they cannot be read.
+    run: Option<Arc<Run>>,
+    /// Whether all faults could be read.
+    has_all_faults: bool,
 }
 
 impl Resolver<'_> {
     /// Reads the facts of the run.
-    fn read_run(&mut self) -> Told {
+    fn read_run(&mut self) {
         let (scenario, rig) = (&self.files.scenario, self.check.rig);
         let (faults, wrong_faults) = fault::read(scenario, rig);
-        let has_all_faults = wrong_faults.is_empty();
+        self.has_all_faults = wrong_faults.is_empty();
         self.check.add(wrong_faults);
         let header = scenario.only(&SHARED);
-        let run = match build::<Run>(&header, "the scenario", &schema::RUN) {
+        match build::<Run>(&header, "the scenario", &schema::RUN) {
             Ok((mut run, found)) => {
                 self.check.add(found);
                 (run.bus, run.faults) = (rig.bus.clone(), faults);
@@ -255,21 +253,14 @@ impl Resolver<'_> {
                     run.duration_seconds = f64::INFINITY;
                 }
                 check::run(&mut self.check, &run);
-                Some(Arc::new(run))
+                self.run = Some(Arc::new(run));
             }
-            Err(found) => {
-                self.check.add(found);
-                None
-            }
-        };
-        Told {
-            run,
-            has_all_faults,
+            Err(found) => self.check.add(found),
         }
     }
 
     /// Reads the trial of each loop, without loops that cannot be read.
-    fn read_loops(&mut self, selector: &Selector<'_, '_>, told: &Told) -> Vec<Trial> {
+    fn read_loops(&mut self, selector: &Selector<'_, '_>) -> Vec<Trial> {
         let (tables, wrong_tables) = selector.select();
         self.check.add(wrong_tables);
         let mut loops = Vec::new();
@@ -277,7 +268,7 @@ impl Resolver<'_> {
             let measurand = one.wiring.feedback.measurand.clone();
             // The keys of its tables, and the names in problems, are patterns.
             let document = selector.scenario.with_loop(one.tree, measurand.clone());
-            match self.read_trial(&document, &one.factors, one.wiring, told) {
+            match self.read_trial(&document, &one.factors, one.wiring) {
                 Ok(one) => loops.extend(one),
                 Err(found) => self.check.add(in_unit(found, &measurand)),
             }
@@ -292,12 +283,11 @@ impl Resolver<'_> {
         document: &Document<'_>,
         factors: &[(String, f64)],
         wiring: Wiring,
-        told: &Told,
     ) -> Result<Option<Trial>, Vec<Problem>> {
         let (rig, reading, path) = (self.check.rig, self.asked.reading, &self.files.path);
         let schema = schema::with_travel(reading.schema(&schema::TRIAL), &wiring);
         let (mut trial, mut problems) = build::<Trial>(document, "the scenario", &schema)?;
-        let Some(run) = &told.run else {
+        let Some(run) = &self.run else {
             return without_problems(problems, None);
         };
         let drive = &wiring.nodes.drive.name;
@@ -317,7 +307,7 @@ impl Resolver<'_> {
             problems,
         };
         check::trial(&mut check, &trial);
-        if told.has_all_faults {
+        if self.has_all_faults {
             check::reactions(&mut check, &trial);
         }
         check::read_tables(&mut check, &mut trial, self.read_file);
