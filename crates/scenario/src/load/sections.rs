@@ -248,7 +248,10 @@ impl<'text> Selector<'_, 'text> {
             Some(leader) => leader == name,
             None => drive == self.rig.drive_of_loop(name),
         };
-        let is_its = disturbed.map_or(self.is_only_loop(), is_its);
+        // The first loop reports a node without such an output.
+        let mut with_law = self.rig.loops.keys().filter(|name| !self.is_led(name));
+        let is_first = with_law.next().is_some_and(|first| first == name);
+        let is_its = disturbed.map_or(is_first, is_its);
         is_its.then_some(entry)
     }
 

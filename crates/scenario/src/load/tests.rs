@@ -789,6 +789,16 @@ fn a_disturbance_belongs_to_the_loop_whose_law_leads_the_drive() {
 }
 
 #[test]
+fn a_disturbance_of_a_node_without_outputs_is_refused_in_a_rig_of_several_loops() {
+    let disturbance = "[[disturbance.load]]\nnode = \"x\"\nat_seconds = 1.0\nadded_grams = 2.0\n";
+    let error = load_text(&format!("{SCENARIO}{disturbance}"), RIG).unwrap_err();
+    assert!(
+        error.contains("no io node has a load at this plant"),
+        "{error}"
+    );
+}
+
+#[test]
 fn gains_and_names_are_those_of_the_loop() {
     let spindle = JOINT_RIG
         .replacen("sensor = {", "sensor = { signal = \"tilt\",", 1)
