@@ -6,6 +6,7 @@
 use crate::custom::is_name;
 use crate::nearest::meant_or_known;
 use crate::port::{Measurand, Port, Ports, Unit, conversion};
+use crate::rig::nodes::LOOPS_MAX;
 use crate::wiring::LoopFacts;
 
 const AMPERES: &str = "amperes";
@@ -151,13 +152,7 @@ impl LawWires {
 
 /// Returns the place in the loop of the drive that an output commands; `None` if the output is a term.
 fn commanded_drive(output: &str) -> Option<usize> {
-    match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
-        "" => Some(0),
-        place => {
-            let number: usize = place.strip_suffix('_')?.parse().ok()?;
-            number.checked_sub(1).filter(|place| *place > 0)
-        }
-    }
+    (0..LOOPS_MAX).find(|place| loop_output(*place) == output)
 }
 
 fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {

@@ -105,26 +105,23 @@ impl Trial {
     /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's
     /// currents and protection, and identifiers that differ from the usual ones.
     pub fn presets(&self) -> Vec<Preset> {
-        let amplifier = self.amplifier.presets();
-        let unit = self.wiring.sensor.measurand.unit.presets();
-        let is_float = self.wiring.sensor.is_true_float();
-        let truth = is_float.then(|| Preset {
-            is_real32: true,
-            ..Preset::new(TRUE_POSITION, 0, 0)
-        });
-        let identifiers = &self.wiring.identifiers;
-        let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0);
-        let channel = (1..)
-            .zip(identifiers.second_sdo)
-            .zip(usual.second_sdo)
-            .filter(|((_, channel), usual)| channel != usual);
-        let channel = channel
-            .map(|((sub_index, channel), _)| Preset::new(SECOND_SDO, sub_index, channel.into()));
-        let drive_presets = amplifier.into_iter().chain(truth);
-        unit.into_iter()
-            .chain(drive_presets)
-            .chain(channel)
-            .collect()
+        let sensor = &self.wiring.sensor;
+        let mut presets = Vec::from(sensor.measurand.unit.presets());
+        presets.extend(self.amplifier.presets());
+        if sensor.is_true_float() {
+            presets.push(Preset {
+                is_real32: true,
+                ..Preset::new(TRUE_POSITION, 0, 0)
+            });
+        }
+        let channel = self.wiring.identifiers.second_sdo;
+        let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0).second_sdo;
+        for (sub_index, (identifier, usual)) in (1..).zip(channel.into_iter().zip(usual)) {
+            if identifier != usual {
+                presets.push(Preset::new(SECOND_SDO, sub_index, identifier.into()));
+            }
+        }
+        presets
     }
 
     /// Checks whether a fault of the run belongs to its loop.

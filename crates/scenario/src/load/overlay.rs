@@ -150,13 +150,10 @@ impl<'text> Overlay<'_, 'text> {
         }
     }
 
-    /// Returns the entries of a table of the rig file.
+    /// Returns the plants or the nodes of the rig file by name.
     fn entries(&self, section: &str) -> impl Iterator<Item = (&str, &DeTable<'text>)> {
-        let table = self.tree.get(section);
-        let entries = table
-            .into_iter()
-            .flat_map(|table| table.get_ref().as_table())
-            .flatten();
+        let entries = self.tree.get(section).map(Spanned::get_ref);
+        let entries = entries.and_then(DeValue::as_table).into_iter().flatten();
         entries.filter_map(|(name, value)| Some((&**name.get_ref(), value.get_ref().as_table()?)))
     }
 
@@ -167,7 +164,13 @@ impl<'text> Overlay<'_, 'text> {
             return Ok(entry);
         }
         let known = Vec::from_iter(self.entries(section).map(|(known, _)| known));
-        Err(self.unknown(name, section, &known))
+        let message = format!("the rig has no {section} `{}`", name.get_ref());
+        let label = match known.as_slice() {
+            [] => format!("it has no {section}s"),
+            known => meant_or_known(name.get_ref(), known),
+        };
+        let help = "this table gives other values to the scenario's rig: play it on a rig that has this, or leave it out";
+        Err(self.problem(name.span(), message, label).with_help(help))
     }
 
     /// Refuses the name of a plant's model, which only a rig file has.
@@ -243,16 +246,6 @@ impl<'text> Overlay<'_, 'text> {
         let message = format!("`{path}` must be a table");
         let label = format!("this is {}", found_kind(value.get_ref()));
         self.problem(value.span(), message, label)
-    }
-
-    fn unknown(&self, name: &Key<'text>, kind: &str, known: &[&str]) -> Problem {
-        let message = format!("the rig has no {kind} `{}`", name.get_ref());
-        let label = match known {
-            [] => format!("it has no {kind}s"),
-            known => meant_or_known(name.get_ref(), known),
-        };
-        let problem = self.problem(name.span(), message, label);
-        problem.with_help("this table gives other values to the scenario's rig: play it on a rig that has this, or leave it out")
     }
 
     fn problem(&self, span: Range<usize>, message: String, label: impl Into<String>) -> Problem {
