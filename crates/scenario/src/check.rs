@@ -44,7 +44,16 @@ pub(crate) struct Check<'a> {
     pub(crate) problems: Vec<Problem>,
 }
 
-impl Check<'_> {
+impl<'a> Check<'a> {
+    /// Makes a check that has found these problems.
+    pub(crate) fn new(document: &'a Document<'a>, rig: &'a Rig, problems: Vec<Problem>) -> Self {
+        Self {
+            document,
+            rig,
+            problems,
+        }
+    }
+
     /// Reports problems.
     pub(crate) fn add(&mut self, problems: impl IntoIterator<Item = Problem>) {
         self.problems.extend(problems);

@@ -153,21 +153,17 @@ impl Port {
         } else {
             f64::from(u16::MAX)
         };
-        let is_range = min < max;
-        match () {
-            () if !is_name(&self.name) => {
-                Some("needs a name of at most 64 small letters, digits and underscores")
-            }
-            () if !is_range => Some("has a range that ends where it has not begun"),
-            () if !(self.steps_per_unit > 0.0 && self.steps_per_unit.is_finite()) => {
-                Some("needs a number of steps per unit above 0")
-            }
-            () if self.has_range()
-                && !(lowest >= f64::from(i16::MIN) && highest <= highest_max) =>
-            {
-                Some("does not fit 16 bits over its range: take fewer steps per unit")
-            }
-            () => None,
+        let fits = lowest >= f64::from(i16::MIN) && highest <= highest_max;
+        if !is_name(&self.name) {
+            Some("needs a name of at most 64 small letters, digits and underscores")
+        } else if min.is_nan() || max.is_nan() || min >= max {
+            Some("has a range that ends where it has not begun")
+        } else if !(self.steps_per_unit > 0.0 && self.steps_per_unit.is_finite()) {
+            Some("needs a number of steps per unit above 0")
+        } else if self.has_range() && !fits {
+            Some("does not fit 16 bits over its range: take fewer steps per unit")
+        } else {
+            None
         }
     }
 
@@ -256,6 +252,8 @@ type Known = (&'static str, &'static str, &'static str, f64);
 /// Quantity of a number without a unit: 100 percent are 1.
 const SHARE: &str = "share";
 
+const DEGREES_OF_A_RADIAN: f64 = 180.0 / std::f64::consts::PI;
+
 /// Units in which names end.
 const KNOWN: [Known; 31] = [
     ("metres", "m", "length", 1.0),
@@ -263,7 +261,7 @@ const KNOWN: [Known; 31] = [
     ("micrometres", "um", "length", 1e-6),
     ("degrees", "deg", "angle", 1.0),
     ("revolutions", "rev", "angle", 360.0),
-    ("radians", "rad", "angle", 180.0 / std::f64::consts::PI),
+    ("radians", "rad", "angle", DEGREES_OF_A_RADIAN),
     ("kilograms", "kg", "mass", 1.0),
     ("grams", "g", "mass", 1e-3),
     ("amperes", "A", "current", 1.0),
@@ -291,7 +289,7 @@ const KNOWN: [Known; 31] = [
         "radians_per_second",
         "rad/s",
         "turning speed",
-        180.0 / std::f64::consts::PI,
+        DEGREES_OF_A_RADIAN,
     ),
     ("litres_per_minute", "l/min", "flow", 1.0),
 ];

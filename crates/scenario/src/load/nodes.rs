@@ -96,12 +96,7 @@ impl Rig {
         for one in rig.loops.values_mut() {
             one.name_drives();
         }
-        let check = Check {
-            document,
-            rig: &rig,
-            problems: Vec::new(),
-        };
-        problems.extend(check.of_rig());
+        problems.extend(Check::new(document, &rig, Vec::new()).of_rig());
         rig.add_led_drives();
         rig.assign_identifiers();
         without_problems(problems, rig)

@@ -154,16 +154,8 @@ fn resolve(
     let programs = programs(&rig, &files);
     let mut resolver = Resolver {
         files: &files,
-        check: Check {
-            document,
-            rig: &rig,
-            problems,
-        },
-        rig_check: Check {
-            document: &rig_document,
-            rig: &rig,
-            problems: Vec::new(),
-        },
+        check: Check::new(document, &rig, problems),
+        rig_check: Check::new(&rig_document, &rig, Vec::new()),
         read_file,
         asked,
         run: None,
@@ -301,11 +293,7 @@ impl Resolver<'_> {
             check_custom(document, section, section.key(), law, &mut problems);
         }
         trial.controller.scale(factors);
-        let mut check = Check {
-            document,
-            rig,
-            problems,
-        };
+        let mut check = Check::new(document, rig, problems);
         check::trial(&mut check, &trial);
         if self.has_all_faults {
             check::reactions(&mut check, &trial);

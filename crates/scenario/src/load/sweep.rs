@@ -16,11 +16,7 @@ pub(super) fn read_sweep(
     let document = scenario.only(&["sweep"]);
     let (Swept { mut sweep }, problems) =
         build::<Swept>(&document, "the scenario", &schema::SWEPT)?;
-    let mut check = Check {
-        document: scenario,
-        rig,
-        problems,
-    };
+    let mut check = Check::new(scenario, rig, problems);
     if let Some(sweep) = &mut sweep {
         check::sweep(&mut check, sweep);
     }
