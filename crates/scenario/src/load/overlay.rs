@@ -7,6 +7,7 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
 use super::fmus;
+use super::nodes::fill;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::Reading;
@@ -67,10 +68,9 @@ pub(super) fn overlaid<'text>(
         tree: &rig_tables,
     };
     let mut problems = Vec::new();
-    let mut tree = rig_tables.clone();
-    let mut values = overlay.values(&mut problems);
-    fmus::name_start_values(&mut values);
-    put(&mut tree, &values);
+    let mut tree = overlay.values(&mut problems);
+    fmus::name_start_values(&mut tree);
+    fill(&mut tree, &rig_tables);
     match Rig::from_tree(&scenario.with_root(tree), reading) {
         Ok(rig) => Ok((rig, problems)),
         Err(found) => {
@@ -284,20 +284,6 @@ fn first_key<'a, 'text>(table: &'a DeTable<'text>, keys: &[&str]) -> Option<&'a 
 
 fn table_at<'text>(at: &Range<usize>, table: DeTable<'text>) -> Value<'text> {
     Spanned::new(at.clone(), DeValue::Table(table))
-}
-
-/// Replaces values by others, down to the last table.
-fn put<'text>(tree: &mut DeTable<'text>, values: &DeTable<'text>) {
-    for (key, value) in values {
-        let name: &str = key.get_ref();
-        match (tree.get_mut(name).map(Spanned::get_mut), value.get_ref()) {
-            (Some(DeValue::Table(below)), DeValue::Table(values)) => put(below, values),
-            _ => {
-                tree.remove(name);
-                tree.insert(key.clone(), value.clone());
-            }
-        }
-    }
 }
 
 /// Copies a table of another file; every value gets one place of this file.
