@@ -161,6 +161,12 @@ impl<'text> Document<'text> {
         keys.into_iter().map(|key| key.get_ref().as_ref()).collect()
     }
 
+    /// Returns the entries of the array at a path.
+    pub(crate) fn entries(&self, path: &str) -> &[Spanned<DeValue<'text>>] {
+        let array = self.value(path).and_then(DeValue::as_array);
+        array.map_or(&[], |array| array)
+    }
+
     /// Makes a problem at the value at a path.
     pub(crate) fn problem(
         &self,

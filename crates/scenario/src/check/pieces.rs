@@ -1,8 +1,5 @@
 //! Checks the times of pieces of the set-point, of a current profile, and of disturbances.
 
-use toml::Spanned;
-use toml::de::DeValue;
-
 use super::Check;
 use crate::document::Document;
 use crate::structure::number;
@@ -21,13 +18,8 @@ pub(super) fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<
     let kinds = document.keys(table).into_iter();
     let pieces = kinds.flat_map(|kind| {
         let path = format!("{table}.{kind}");
-        let entries = document
-            .spanned(&path)
-            .map(Spanned::get_ref)
-            .and_then(DeValue::as_array)
-            .into_iter()
-            .flatten();
-        entries.enumerate().filter_map(move |(index, entry)| {
+        let entries = document.entries(&path).iter().enumerate();
+        entries.filter_map(move |(index, entry)| {
             let entry = entry.get_ref().as_table()?;
             let seconds = |key: &str| number(entry.get(key)?.get_ref());
             let mut starts = ["at_seconds", "from_seconds"].into_iter();

@@ -44,9 +44,7 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
     let mut problems = reader.shape();
     let mut faults = Vec::new();
     for kind in KINDS {
-        let array = document.spanned(&kind.path());
-        let entries = array.and_then(|array| array.get_ref().as_array());
-        for (index, entry) in entries.into_iter().flatten().enumerate() {
+        for (index, entry) in document.entries(&kind.path()).iter().enumerate() {
             match reader.fault(kind, index, entry) {
                 Ok(fault) => faults.extend(fault),
                 Err(found) => problems.extend(found),

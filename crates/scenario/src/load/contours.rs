@@ -19,28 +19,21 @@ pub(super) fn read_contours(
     scenario: &Document<'_>,
     rig: &Rig,
 ) -> Result<Vec<Contour>, Vec<Problem>> {
-    let expect = scenario
-        .root()
-        .get(EXPECT)
-        .and_then(|expect| expect.get_ref().as_table());
-    let entry = expect.and_then(|table| table.get_key_value(CONTOUR));
-    let tree = entry.map(|(key, value)| (key.clone(), value.clone()));
-    let mut tree: DeTable<'_> = tree.into_iter().collect();
-    let entries = tree.get_mut(CONTOUR).map(Spanned::get_mut);
-    if let Some(DeValue::Array(entries)) = entries {
+    let expect = scenario.spanned(EXPECT).map(Spanned::get_ref);
+    let entries = expect.and_then(DeValue::as_table).into_iter().flatten();
+    let contours = entries.filter(|(key, _)| key.get_ref() == CONTOUR);
+    let mut tree = DeTable::from_iter(contours.map(|(key, value)| (key.clone(), value.clone())));
+    if let Some(DeValue::Array(entries)) = tree.get_mut(CONTOUR).map(Spanned::get_mut) {
         for entry in entries.iter_mut() {
             to_patterns(scenario, entry.get_mut(), rig).map_err(|problem| vec![problem])?;
         }
     }
     let document = scenario.with_root(tree);
-    let place = "[expect]";
     let (Contours { mut contour }, mut problems) =
-        build::<Contours>(&document, place, &schema::CONTOURS)?;
-    for one in &mut contour {
+        build::<Contours>(&document, "[expect]", &schema::CONTOURS)?;
+    for (number, one) in contour.iter_mut().enumerate() {
         let first = one.loops.first().map_or("", String::as_str);
         one.unit = unit_of(first, rig);
-    }
-    for (number, one) in contour.iter().enumerate() {
         let path = format!("{CONTOUR}.{number}");
         problems.extend(wrong_contour(&document, &path, one, rig));
     }

@@ -264,11 +264,7 @@ impl<'text> Selector<'_, 'text> {
             let kinds = self.scenario.keys(section).into_iter();
             for kind in kinds.filter(|kind| schema::is_key(section, kind)) {
                 let path = format!("{section}.{kind}");
-                let entries = self
-                    .scenario
-                    .spanned(&path)
-                    .and_then(|entries| entries.get_ref().as_array());
-                for (place, entry) in entries.into_iter().flatten().enumerate() {
+                for (place, entry) in self.scenario.entries(&path).iter().enumerate() {
                     let path = format!("{path}.{place}");
                     let unknown_name = |table| self.unknown_name(table, [kind, &path], by, known);
                     problems.extend(entry.get_ref().as_table().and_then(unknown_name));
