@@ -19,7 +19,6 @@ use clap::{Parser, Subcommand};
 use controller::law::{CurrentRange, Cycle, Law, LoopReads};
 use controller::laws::sliding_mode::SlidingMode;
 use faults::Stream;
-use paper::identify::nominal_model::nominal_model;
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
 use plant_emulator::sensor::PositionSensor;
@@ -121,7 +120,7 @@ fn drawn(random: &mut Stream, arguments: &Arguments, kinetics: Kinetics) -> Sma 
 fn law(plant: &Sma, is_known: bool) -> SlidingMode {
     let mut config = Config::default();
     if is_known {
-        config.nominal_model = nominal_model(plant);
+        config.nominal_model = plant.into();
     }
     let currents = CurrentRange {
         rated: 1.0,

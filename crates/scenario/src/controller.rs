@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::custom::{self, Custom, Parameters, any};
+use crate::plant::Sma;
 use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
@@ -508,30 +509,79 @@ pub struct NominalModel {
     pub damping_newton_seconds_per_metre: f64,
 }
 
+/// The parameters of the paper's actuator.
 impl Default for NominalModel {
     fn default() -> Self {
+        Self::from(&Sma::default())
+    }
+}
+
+/// The model with the plant's numbers. Its equations are those of the plant's simpler law of stress and strain.
+impl From<&Sma> for NominalModel {
+    fn from(plant: &Sma) -> Self {
+        let Sma {
+            heat,
+            phase,
+            mechanics,
+            ..
+        } = plant;
         Self {
-            mass_kilograms_per_metre: 2e-4,
-            specific_heat_joules_per_kilogram_kelvin: 837.0,
-            resistance_ohms_per_metre: 32.0,
-            surface_square_metres_per_metre: 6.28e-4,
-            convection_watts_per_square_metre_kelvin: 7.0,
-            conduction_watts_per_metre_kelvin: 0.255,
-            ambient_celsius: 20.0,
-            cooling_element_celsius: 15.0,
-            austenite_start_celsius: 53.0,
-            austenite_finish_celsius: 93.0,
-            martensite_start_celsius: 66.0,
-            martensite_finish_celsius: 34.0,
-            austenite_modulus_pascals: 75e9,
-            wire_diameter_metres: 2e-4,
-            wire_length_metres: 0.15,
-            recoverable_strain: 0.04,
-            inner_pulley_radius_metres: 4.5e-3,
-            outer_pulley_radius_metres: 45e-3,
-            pulley_inertia_kilogram_square_metres: 2e-5,
-            load_kilograms: 0.04,
-            damping_newton_seconds_per_metre: 0.5,
+            mass_kilograms_per_metre: heat.mass_kilograms_per_metre,
+            specific_heat_joules_per_kilogram_kelvin: heat.specific_heat_joules_per_kilogram_kelvin,
+            resistance_ohms_per_metre: heat.resistance_ohms_per_metre,
+            surface_square_metres_per_metre: heat.surface_square_metres_per_metre,
+            convection_watts_per_square_metre_kelvin: heat.convection_watts_per_square_metre_kelvin,
+            conduction_watts_per_metre_kelvin: heat.conduction_watts_per_metre_kelvin,
+            ambient_celsius: heat.ambient_celsius,
+            cooling_element_celsius: heat.cooling_element_celsius,
+            austenite_start_celsius: phase.austenite_start_celsius,
+            austenite_finish_celsius: phase.austenite_finish_celsius,
+            martensite_start_celsius: phase.martensite_start_celsius,
+            martensite_finish_celsius: phase.martensite_finish_celsius,
+            austenite_modulus_pascals: mechanics.austenite_modulus_pascals,
+            wire_diameter_metres: mechanics.wire_diameter_metres,
+            wire_length_metres: mechanics.wire_length_metres,
+            recoverable_strain: mechanics.recoverable_strain,
+            inner_pulley_radius_metres: mechanics.inner_pulley_radius_metres,
+            outer_pulley_radius_metres: mechanics.outer_pulley_radius_metres,
+            pulley_inertia_kilogram_square_metres: mechanics.pulley_inertia_kilogram_square_metres,
+            load_kilograms: mechanics.load_kilograms,
+            damping_newton_seconds_per_metre: mechanics.damping_newton_seconds_per_metre,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the parameters of a model as a scenario has them.
+    fn parameters(model: &NominalModel) -> toml::Table {
+        toml::Table::try_from(model).unwrap()
+    }
+
+    #[test]
+    fn the_model_of_a_plant_has_the_numbers_of_the_plant() {
+        let plant = Sma::default();
+        let tables = toml::Table::try_from(&plant).unwrap();
+        let parts = ["heat", "phase", "mechanics"].map(|part| &tables[part]);
+        for (key, value) in parameters(&NominalModel::from(&plant)) {
+            let numbers = parts.iter().filter_map(|part| part.get(&key));
+            assert_eq!(Vec::from_iter(numbers), [&value], "{key}");
+        }
+    }
+
+    #[test]
+    fn the_nominal_plant_gives_the_nominal_model() {
+        let of_paper = "mass_kilograms_per_metre = 2e-4\nspecific_heat_joules_per_kilogram_kelvin = 837.0\n\
+            resistance_ohms_per_metre = 32.0\nsurface_square_metres_per_metre = 6.28e-4\n\
+            convection_watts_per_square_metre_kelvin = 7.0\nconduction_watts_per_metre_kelvin = 0.255\n\
+            ambient_celsius = 20.0\ncooling_element_celsius = 15.0\naustenite_start_celsius = 53.0\n\
+            austenite_finish_celsius = 93.0\nmartensite_start_celsius = 66.0\nmartensite_finish_celsius = 34.0\n\
+            austenite_modulus_pascals = 75e9\nwire_diameter_metres = 2e-4\nwire_length_metres = 0.15\n\
+            recoverable_strain = 0.04\ninner_pulley_radius_metres = 4.5e-3\nouter_pulley_radius_metres = 45e-3\n\
+            pulley_inertia_kilogram_square_metres = 2e-5\nload_kilograms = 0.04\ndamping_newton_seconds_per_metre = 0.5\n";
+        let model = parameters(&NominalModel::default());
+        assert_eq!(model, of_paper.parse::<toml::Table>().unwrap());
     }
 }

@@ -5,12 +5,12 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 
 use dbc::Database;
+use scenario::controller::NominalModel;
 use scenario::plant::Sma;
 use serde::Serialize;
 
 use super::data::IdentificationData;
 use super::fit::Fit;
-use super::nominal_model::nominal_model;
 use super::parameter::{self, Parameter};
 use super::picture;
 use super::played::{PLANT, text_on_shipped_rig};
@@ -256,7 +256,7 @@ fn write(
     )?;
     folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
     folder.write(name::PLANT, plant.to_file_text(PLANT)?.as_bytes())?;
-    let model = CALIBRATED_LAW.to_owned() + &nominal_model(&plant).to_file_text()?;
+    let model = CALIBRATED_LAW.to_owned() + &NominalModel::from(&plant).to_file_text()?;
     folder.write(name::NOMINAL_MODEL, model.as_bytes())?;
     let scenario = text_on_shipped_rig(&first.text, &first.control_loop, &plant)?;
     folder.write(file::SCENARIO, scenario.as_bytes())?;

@@ -8,7 +8,6 @@
 pub mod command;
 pub mod data;
 pub mod fit;
-pub mod nominal_model;
 pub mod optimiser;
 pub mod parameter;
 pub mod picture;

@@ -11,7 +11,6 @@ use scenario::plant::{Kinetics, Sma, StressStrain};
 use super::bases;
 use super::quantity::{Model, Paper, Quantity};
 use crate::identify::data::IdentificationData;
-use crate::identify::nominal_model::nominal_model;
 use campaigns::campaign;
 use judge::swing;
 use judge::verdict::{Metric, Verdict};
@@ -384,7 +383,7 @@ fn is_equal(model: &NominalModel, plant: &Sma) -> bool {
     plant.kinetics == Kinetics::Paper
         && plant.heat.latent_heat_joules_per_kilogram == 0.0
         && plant.mechanics.stress_strain == StressStrain::AusteniteOnly
-        && *model == nominal_model(plant)
+        && *model == NominalModel::from(plant)
 }
 
 #[cfg(test)]
