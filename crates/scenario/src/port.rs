@@ -471,14 +471,9 @@ pub enum Command {
 impl Command {
     pub(crate) const ALL: [Self; 4] = [Self::Current, Self::Voltage, Self::Torque, Self::Force];
 
-    /// Returns the name of the signal.
+    /// Returns the name of the signal: the quantity of its unit.
     pub fn signal(self) -> &'static str {
-        match self {
-            Self::Current => "current",
-            Self::Voltage => "voltage",
-            Self::Force => "force",
-            Self::Torque => "torque",
-        }
+        find(self.word()).map_or("", |(_, _, quantity, _)| quantity)
     }
 
     /// Returns the word of its unit.

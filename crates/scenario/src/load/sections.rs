@@ -3,6 +3,7 @@
 //! The division works on the tree of the file, before any type is made of it, so that every value keeps its place.
 
 use std::mem;
+use std::ops::Range;
 
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
@@ -117,12 +118,8 @@ impl<'text> Selector<'_, 'text> {
     fn loop_tables(&self, name: &str) -> Result<LoopTables<'text>, Problem> {
         let mut tables = DeTable::new();
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
-        let laws = [name, ALL].map(|table| format!("{CONTROLLER}.{table}"));
-        let table = laws.iter().find(|path| self.scenario.has(path));
-        let place = self
-            .scenario
-            .key_span(table.map_or(CONTROLLER, String::as_str));
-        tables.insert(Spanned::new(place, CONTROLLER.into()), self.law(name)?);
+        let (place, law) = self.law(name)?;
+        tables.insert(Spanned::new(place, CONTROLLER.into()), law);
         let sections = [REFERENCE, DISTURBANCE].into_iter();
         for section in sections.filter(|_| !self.is_led(name)) {
             if let Some(value) = self.scenario.root().get(section) {
@@ -149,18 +146,22 @@ impl<'text> Selector<'_, 'text> {
         })
     }
 
-    /// Returns `[controller.LOOP.LAW]`, else `[controller.all.LAW]`, and for an only loop also `[controller.LAW]`.
-    fn law(&self, name: &str) -> Result<Spanned<DeValue<'text>>, Problem> {
+    /// Returns `[controller.LOOP.LAW]`, else `[controller.all.LAW]`, and for an only loop also `[controller.LAW]`, with the place
+    /// of its key.
+    fn law(&self, name: &str) -> Result<(Range<usize>, Spanned<DeValue<'text>>), Problem> {
         if self.is_led(name) || self.rig.is_led_by_program() {
-            return Ok(self.no_law());
+            return Ok((self.scenario.key_span(CONTROLLER), self.no_law()));
         }
-        let laws = self.scenario.root().get(CONTROLLER);
-        let of = |key: &str| laws?.get_ref().as_table()?.get(key).cloned();
         if let Some(problem) = self.law_for_all(name) {
             return Err(problem);
         }
-        let only = || laws.filter(|_| !self.is_by_loop(CONTROLLER)).cloned();
-        of(name).or_else(|| of(ALL)).or_else(only).ok_or_else(|| {
+        let only = (!self.is_by_loop(CONTROLLER)).then(|| CONTROLLER.to_owned());
+        let by_loop = [name, ALL].map(|table| format!("{CONTROLLER}.{table}"));
+        let law = by_loop.into_iter().chain(only).find_map(|path| {
+            let law = self.scenario.spanned(&path)?.clone();
+            Some((self.scenario.key_span(&path), law))
+        });
+        law.ok_or_else(|| {
             let message = format!("no law closes the loop `{name}`");
             let label =
                 format!("[controller.{name}.LAW] is missing, and so is [controller.{ALL}.LAW]");
