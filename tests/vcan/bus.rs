@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use can::frame::ERROR_FLAG;
 use can::{CanFrame, Filter, Node, Progress};
-use platform::bus::{Bus, BusError};
+use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::counting_allocator::allocations;
 use platform::lockstep::{
@@ -182,9 +182,10 @@ fn an_interface_that_is_missing_or_down_says_what_to_do() {
     vcan.set("down");
     assert!(error("vcan-down").starts_with("CAN interface vcan-down is down"));
     for result in [bus.receive(SOON).map(drop), bus.send(&frame(1, 1))] {
+        let error = result.unwrap_err().to_string();
         assert!(
-            matches!(result, Err(BusError::InterfaceDown { .. })),
-            "{result:?}"
+            error.starts_with("CAN interface vcan-down is down"),
+            "{error}"
         );
     }
 }

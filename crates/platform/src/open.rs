@@ -3,9 +3,8 @@
 use can::Filter;
 
 use crate::bus::{Bus, BusAddress, BusError};
-use crate::embedded_bus::EmbeddedBus;
 use crate::private_bus;
-use crate::socketcan_bus::SocketCanBus;
+use crate::socket_bus::{SocketBus, open_socket};
 
 /// Opens the bus for one participant, which receives the frames that one of `filters` accepts. A private bus is for a process
 /// with a single thread, which enters its namespaces for good.
@@ -13,16 +12,14 @@ use crate::socketcan_bus::SocketCanBus;
 /// # Errors
 /// With a message that names the missing part and a remedy.
 pub fn open(address: &BusAddress, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
-    Ok(match address {
-        BusAddress::Interface(name) => Box::new(SocketCanBus::open(name, filters)?),
-        BusAddress::Embedded(path) => Box::new(EmbeddedBus::open(path, filters)?),
+    let on_interface = |name: &str| SocketBus::on_interface(name, open_socket(name)?, filters);
+    Ok(Box::new(match address {
+        BusAddress::Interface(name) => on_interface(name)?,
+        BusAddress::Embedded(path) => SocketBus::on_hub(path, filters)?,
         BusAddress::Private(process) => {
-            private_bus::enter(*process).map_err(|source| BusError::System {
-                address: address.clone(),
-                action: "enter",
-                source,
-            })?;
-            Box::new(SocketCanBus::open(private_bus::INTERFACE, filters)?)
+            private_bus::enter(*process)
+                .map_err(|source| BusError::system(address, "enter", source))?;
+            on_interface(private_bus::INTERFACE)?
         }
-    })
+    }))
 }

@@ -29,7 +29,7 @@ use crate::lockstep::channel;
 use crate::netlink::{ask, push_attribute};
 use crate::process;
 use crate::recorder::Recorder;
-use crate::socketcan_bus::SocketCanBus;
+use crate::socket_bus::{SocketBus, open_socket};
 use crate::wait::wait_ready;
 
 /// Name of the interface in its namespace.
@@ -46,13 +46,14 @@ const SOCKETS: usize = 2;
 
 /// Reason why there is no private bus.
 #[derive(Debug, thiserror::Error)]
-pub enum PrivateBusError {
-    /// The helper could not be started or heard.
-    #[error("the helper for a private bus failed: {0}")]
-    Helper(io::Error),
-    /// The system refuses a step; the text is the helper's.
-    #[error("{0}")]
-    Refused(String),
+#[error("{0}")]
+pub struct PrivateBusError(String);
+
+/// Converts an error of the helper, which could not be started or heard.
+impl From<io::Error> for PrivateBusError {
+    fn from(error: io::Error) -> Self {
+        Self(format!("the helper for a private bus failed: {error}"))
+    }
 }
 
 /// Private bus; it ends on drop.
@@ -80,15 +81,14 @@ impl PrivateBus {
     /// # Errors
     /// With the step that the system refuses.
     pub fn start() -> Result<Self, PrivateBusError> {
-        let (ours, theirs) = channel().map_err(PrivateBusError::Helper)?;
-        let mut command = process::myself().map_err(PrivateBusError::Helper)?;
+        let (ours, theirs) = channel()?;
+        let mut command = process::myself()?;
         let number = process::inherit(&mut command, theirs);
         let helper = command
             .args([HELPER.to_owned(), number.to_string()])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
-            .spawn()
-            .map_err(PrivateBusError::Helper)?;
+            .spawn()?;
         drop(command);
         let mut bus = Self {
             channel: ours,
@@ -96,11 +96,11 @@ impl PrivateBus {
             recorder: None,
             node_socket: None,
         };
-        let (text, sockets) = receive(&bus.channel).map_err(PrivateBusError::Helper)?;
+        let (text, sockets) = receive(&bus.channel)?;
         let mut sockets = sockets.into_iter().map(CanSocket::from);
         (bus.recorder, bus.node_socket) = (sockets.next(), sockets.next());
         if bus.node_socket.is_none() {
-            return Err(PrivateBusError::Refused(text));
+            return Err(PrivateBusError(text));
         }
         Ok(bus)
     }
@@ -125,16 +125,14 @@ impl PrivateBus {
     /// If the system refuses it, or it was taken before.
     pub fn join(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
         let socket = self.node_socket.take().ok_or_else(taken)?;
-        Ok(Box::new(SocketCanBus::on_socket(
+        Ok(Box::new(SocketBus::on_interface(
             INTERFACE, socket, filters,
         )?))
     }
 }
 
 fn taken() -> BusError {
-    BusError::NoInterface {
-        name: INTERFACE.to_owned(),
-    }
+    BusError::no_interface(INTERFACE)
 }
 
 /// Runs the helper; call it in a process with a single thread. Returns when the bench closes the channel.
@@ -164,7 +162,7 @@ fn make() -> Result<Vec<CanSocket>, String> {
         "a vcan cannot be made in a private namespace (load it with: sudo modprobe -a can-raw vcan)",
     ))?;
     let fault = |error: BusError| error.to_string();
-    let open = || crate::socketcan_bus::open_socket(INTERFACE).map_err(fault);
+    let open = || open_socket(INTERFACE).map_err(fault);
     let (mut one, mut other) = (probe(open()?)?, probe(open()?)?);
     let frame = CanFrame::new(0x7FF, &[]);
     one.send(&frame).map_err(fault)?;
@@ -175,8 +173,8 @@ fn make() -> Result<Vec<CanSocket>, String> {
     (0..SOCKETS).map(|_| open()).collect()
 }
 
-fn probe(socket: CanSocket) -> Result<SocketCanBus, String> {
-    SocketCanBus::on_socket(INTERFACE, socket, &[Filter::ALL]).map_err(|error| error.to_string())
+fn probe(socket: CanSocket) -> Result<SocketBus, String> {
+    SocketBus::on_interface(INTERFACE, socket, &[Filter::ALL]).map_err(|error| error.to_string())
 }
 
 /// Moves to new namespaces. Root needs no user namespace, in which it would lose its right to real-time priority.

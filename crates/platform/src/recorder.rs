@@ -15,7 +15,7 @@ use socketcan::{CanAnyFrame, CanFdSocket, CanSocket, Socket, SocketOptions};
 
 use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
-use crate::socketcan_bus::{kernel_drops, open_socket};
+use crate::socket_bus::{kernel_drops, open_socket};
 use crate::stop::StoppedThread;
 use crate::wait::wait_for_any;
 
@@ -62,11 +62,8 @@ impl Recorder {
 
     /// As [`Recorder::on_interface`] with an open socket.
     pub(crate) fn on_socket(name: &str, socket: CanSocket) -> Result<Self, BusError> {
-        let failed = |source| BusError::System {
-            address: BusAddress::Interface(name.into()),
-            action: "record",
-            source,
-        };
+        let address = BusAddress::Interface(name.into());
+        let failed = |source| BusError::system(&address, "record", source);
         let (mut ring, recorder) = ring();
         // Only a socket for both kinds of frames has room for CAN FD frames, which a smaller one cuts.
         let socket = CanFdSocket::try_from(socket).map_err(failed)?;

@@ -12,7 +12,7 @@ use rustix::net::{
 };
 
 use super::*;
-use crate::bus::{Bus, BusError};
+use crate::bus::Bus;
 use crate::clock::Clock;
 
 const SOON: Duration = Duration::from_secs(5);
@@ -161,10 +161,8 @@ fn more_clients_than_there_is_room_for_are_refused_and_places_become_free() {
         .map(|_| join(&hub, &[Filter::ALL]))
         .collect();
     let refused = crate::open(&hub.address(), &[Filter::ALL]).err().unwrap();
-    assert!(
-        matches!(refused, BusError::Refused { .. }),
-        "{refused}: not the right error"
-    );
+    let refused = refused.to_string();
+    assert!(refused.ends_with("did not let us join"), "{refused}");
     clients.pop();
     eventually(|| crate::open(&hub.address(), &[Filter::ALL]).is_ok());
 }
@@ -184,10 +182,8 @@ fn the_socket_is_private_and_goes_with_the_hub() {
     assert!(!socket.parent().unwrap().exists());
     let closed = client.receive(SOON).unwrap_err();
     assert_eq!(closed.to_string(), format!("the bus {address} ended"));
-    assert!(matches!(
-        client.send(&frame(1, 1)),
-        Err(BusError::Closed { .. })
-    ));
+    let closed = client.send(&frame(1, 1)).unwrap_err();
+    assert_eq!(closed.to_string(), format!("the bus {address} ended"));
     let gone = crate::open(&address, &[]).err().unwrap().to_string();
     assert!(gone.ends_with("has the run that made it ended?"), "{gone}");
 }
