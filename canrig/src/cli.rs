@@ -199,10 +199,7 @@ pub(crate) enum Command {
     },
     /// The helper that makes a private bus; `run` starts it
     #[command(hide = true)]
-    PrivateBus {
-        /// File descriptor of the channel to the bench
-        channel: i32,
-    },
+    PrivateBus,
 }
 
 /// Returns the command line, whose help lists the commands by group.
@@ -273,8 +270,8 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Completions(args) => completions(&args, &mut command_line()),
         Command::Man(args) => man(&args, command_line()),
         Command::Node(args) => host(&args),
-        Command::PrivateBus { channel } => {
-            let served = process::inherited_channel(channel).and_then(private_bus::serve);
+        Command::PrivateBus => {
+            let served = process::channel_from_parent().and_then(private_bus::serve);
             served.map_or(Exit::BenchFailed, |()| Exit::Pass)
         }
     }

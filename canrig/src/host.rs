@@ -11,7 +11,7 @@ use clap::{Args, Command, CommandFactory, FromArgMatches, Parser, ValueEnum};
 use faults::FaultKind;
 use platform::bus::{Bus, BusAddress};
 use platform::hub;
-use platform::process::inherited_channel;
+use platform::process::channel_from_parent;
 use platform::real_time::{RunError, RunReport};
 use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
@@ -47,9 +47,9 @@ pub(crate) struct NodeArgs {
     /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
     #[arg(long)]
     pub bus: Option<BusAddress>,
-    /// File descriptor of the side channel; its presence means lock-step
+    /// Lock-step; the standard input is the side channel
     #[arg(long)]
-    pub lockstep: Option<i32>,
+    pub lockstep: bool,
 }
 
 /// Node that the process plays.
@@ -97,7 +97,7 @@ pub fn by_hand(name: &'static str, about: &'static str) -> ExitCode {
         plant,
         laws_in: None,
         bus: None,
-        lockstep: None,
+        lockstep: false,
     };
     let fifo = scheduling::request_fifo(scheduling::NODE_PRIORITY);
     let hosted = hosted(&args, &Arc::default());
@@ -133,7 +133,7 @@ fn hosted_controller(
 ) -> Result<Box<dyn Node>, Failure> {
     let views = controller_views(plan);
     let planned = LawPlace::of(plan);
-    let is_real_time = args.lockstep.is_none();
+    let is_real_time = !args.lockstep;
     // The scenario is the copy in the folder of the run.
     let run = args.scenario.parent().map(Path::to_owned);
     let place = LawPlace {
@@ -168,7 +168,7 @@ fn hosted_emulator(args: &NodeArgs, plan: &Plan) -> Result<Box<dyn Node>, Failur
 
 /// Runs one node as this process, for the hidden subcommand `node`.
 pub(crate) fn host(args: &NodeArgs) -> Exit {
-    let is_real_time = args.lockstep.is_none();
+    let is_real_time = !args.lockstep;
     // Before the node: the worker of an FMU gets a priority if this thread has one. And before the bus: a process that
     // enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
@@ -252,9 +252,10 @@ fn run_node(
     late: &AtomicU64,
 ) -> Result<(), Failure> {
     let stop = StopSignal::from_parent().map_err(on_bus)?;
-    let filters = match args.lockstep {
-        None => node.filters(),
-        Some(_) => node.filters_as_configured(),
+    let filters = if args.lockstep {
+        node.filters_as_configured()
+    } else {
+        node.filters()
     };
     let opened = args
         .bus
@@ -263,11 +264,11 @@ fn run_node(
     let mut wire = opened.transpose().map_err(on_bus)?;
     let bus = wire.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
     match (args.lockstep, bus) {
-        (Some(number), wire) => {
-            let channel = inherited_channel(number).map_err(on_bus)?;
+        (true, wire) => {
+            let channel = channel_from_parent().map_err(on_bus)?;
             lockstep::follow(node, channel, wire).map_err(on_bus)
         }
-        (None, Some(bus)) => {
+        (false, Some(bus)) => {
             let scheduling = Scheduling {
                 fifo: fifo.unwrap_or(Ok(())),
                 memory: scheduling::lock_memory(),
@@ -277,6 +278,6 @@ fn run_node(
             print(&serde_json::to_string(&report).map_err(on_bus)?);
             ended.map_err(in_loop)
         }
-        (None, None) => Err(in_plan("a node needs --bus or --lockstep")),
+        (false, None) => Err(in_plan("a node needs --bus or --lockstep")),
     }
 }

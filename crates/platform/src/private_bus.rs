@@ -35,7 +35,7 @@ use crate::wait::wait_ready;
 /// Name of the interface in its namespace.
 pub const INTERFACE: &str = "vcan0";
 
-/// The hidden subcommand that runs [`serve`]; its argument is the channel's number.
+/// The hidden subcommand that runs [`serve`]; its standard input is the channel.
 pub const HELPER: &str = "private-bus";
 
 /// Longest time that the helper may take.
@@ -83,12 +83,13 @@ impl PrivateBus {
     pub fn start() -> Result<Self, PrivateBusError> {
         let (ours, theirs) = channel()?;
         let mut command = process::myself()?;
-        let number = process::inherit(&mut command, theirs);
         let helper = command
-            .args([HELPER.to_owned(), number.to_string()])
+            .arg(HELPER)
+            .stdin(theirs)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()?;
+        // Its end of the channel.
         drop(command);
         let mut bus = Self {
             channel: ours,

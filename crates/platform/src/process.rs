@@ -1,18 +1,12 @@
 //! Child processes of the bench, and the descriptors that they inherit.
-#![expect(
-    unsafe_code,
-    reason = "what happens between fork and exec, and descriptors passed by number"
-)]
+#![expect(unsafe_code, reason = "what happens between fork and exec")]
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd, RawFd};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicI32, Ordering};
 
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
-use rustix::net::SocketType;
-use rustix::net::sockopt::socket_type;
 use rustix::process::{
     Pid, Resource, Rlimit, Signal, getpid, getppid, getrlimit, kill_process,
     set_parent_process_death_signal, setrlimit, setsid,
@@ -101,8 +95,8 @@ pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
 }
 
 /// Makes the child inherit `descriptor`; returns the number to pass to the child. The descriptor is closed here when `command` is
-/// dropped: drop it once the child is spawned, or its end of a side channel stays open after its death.
-pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
+/// dropped.
+pub(crate) fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
     let number = descriptor.as_raw_fd();
     let prepare = move || Ok(fcntl_setfd(descriptor.as_fd(), FdFlags::empty())?);
     // SAFETY: the closure makes one system call and does not allocate.
@@ -153,96 +147,57 @@ pub fn is_crash(signal: i32) -> bool {
     .contains(&signal)
 }
 
-/// Opens the side channel that the parent passed under `number`.
+/// Returns the side channel that the parent gave this process in place of a standard input.
 ///
 /// # Errors
-/// If `number` is no `SOCK_SEQPACKET` socket, or was taken before.
-pub fn inherited_channel(number: RawFd) -> io::Result<OwnedFd> {
-    static TAKEN: AtomicI32 = AtomicI32::new(-1);
-    if number <= 2 {
-        return Err(io::Error::other(format!(
-            "descriptor {number} is a standard stream, not a side channel"
-        )));
-    }
-    if TAKEN
-        .compare_exchange(-1, number, Ordering::Relaxed, Ordering::Relaxed)
-        .is_err()
-    {
-        return Err(io::Error::other("the side channel was taken before"));
-    }
-    // SAFETY: the number is not used here before or after, as long as it is a socket, which is checked next; if it is
-    // not, it is given back unclosed.
-    let channel = unsafe { OwnedFd::from_raw_fd(number) };
-    match socket_type(&channel) {
-        Ok(SocketType::SEQPACKET) => {
-            fcntl_setfd(&channel, FdFlags::CLOEXEC)?;
-            Ok(channel)
-        }
-        _ => {
-            std::mem::forget(channel);
-            TAKEN.store(-1, Ordering::Relaxed);
-            Err(io::Error::other(format!(
-                "descriptor {number} is no side channel"
-            )))
-        }
-    }
+/// If the system refuses.
+pub fn channel_from_parent() -> io::Result<OwnedFd> {
+    io::stdin().as_fd().try_clone_to_owned()
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::{BufRead, BufReader};
     use std::os::unix::process::ExitStatusExt;
     use std::process::{Child, ExitStatus};
     use std::time::Duration;
 
-    use rustix::event::PollFlags;
-    use rustix::net::{RecvFlags, SendFlags, recv, send};
+    use rustix::net::{RecvFlags, recv};
     use rustix::process::{Pid, kill_process};
 
     use super::*;
     use crate::clock::Clock;
     use crate::lockstep::channel;
     use crate::stop::StopSignal;
-    use crate::wait::wait_ready;
 
     const SOON: Duration = Duration::from_secs(10);
-    const CHANNEL: &str = "PLATFORM_TEST_CHANNEL";
-    const HANGS: &str = "PLATFORM_TEST_HANGS";
+    const CHILD: &str = "PLATFORM_TEST_CHILD";
+    const HANGS: &str = "hangs";
 
     /// Child of the tests below; not a test by itself.
     #[test]
     #[ignore = "not a test: the child of the other tests"]
     fn child() {
-        let Ok(number) = std::env::var(CHANNEL) else {
+        let Ok(kind) = std::env::var(CHILD) else {
             return;
         };
         let stop = StopSignal::from_parent().unwrap();
-        let number = number.parse().unwrap();
-        let channel = inherited_channel(number).unwrap();
-        assert!(inherited_channel(number).is_err());
-        send(&channel, b"up", SendFlags::NOSIGNAL).unwrap();
-        while std::env::var_os(HANGS).is_some() || !stop.is_raised() {
+        rustix::io::write(rustix::stdio::stdout(), b"up\n").unwrap();
+        while kind == HANGS || !stop.is_raised() {
             std::thread::yield_now();
         }
         std::process::exit(42);
     }
 
-    /// Starts a child; returns it once it is up, with our end of its channel.
-    fn child_that(hangs: bool) -> (Child, OwnedFd) {
-        let (ours, theirs) = channel().unwrap();
+    /// Starts a child with this standard input; returns it once it is up.
+    fn child_that(kind: &str, input: Stdio) -> Child {
         let mut command = myself().unwrap();
         command.args(["--exact", "process::tests::child", "--ignored"]);
-        let number = inherit(&mut command, theirs);
-        command.env(CHANNEL, number.to_string());
-        if hangs {
-            command.env(HANGS, "yes");
-        }
-        let child = command.stdout(Stdio::null()).spawn().unwrap();
-        drop(command);
-        assert!(wait_ready(ours.as_fd(), PollFlags::IN, SOON).unwrap());
-        let mut bytes = [0; 8];
-        let (_, length) = recv(&ours, &mut bytes, RecvFlags::empty()).unwrap();
-        assert_eq!(&bytes[..length], b"up");
-        (child, ours)
+        command.env(CHILD, kind).stdin(input).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let output = BufReader::new(child.stdout.take().unwrap());
+        assert!(output.lines().any(|line| line.unwrap().ends_with("up")));
+        child
     }
 
     fn signal(child: &Child, signal: Signal) {
@@ -266,17 +221,33 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_its_input_stops_a_child_and_its_channel_ends_with_it() {
-        let (mut child, channel) = child_that(false);
+    fn the_end_of_its_input_stops_a_child() {
+        let mut child = child_that("stops", Stdio::piped());
         drop(child.stdin.take());
         assert_eq!(ended(&mut child).code(), Some(42));
-        let (_, length) = recv(&channel, &mut [0; 8], RecvFlags::empty()).unwrap();
+    }
+
+    #[test]
+    fn the_channel_of_a_child_ends_with_it() {
+        let (ours, theirs) = channel().unwrap();
+        let mut child = child_that("stops", theirs.into());
+        signal(&child, Signal::TERM);
+        assert_eq!(ended(&mut child).code(), Some(42));
+        let (_, length) = recv(&ours, &mut [0; 8], RecvFlags::empty()).unwrap();
         assert_eq!(length, 0);
     }
 
     #[test]
+    fn the_end_of_its_channel_stops_a_child() {
+        let (ours, theirs) = channel().unwrap();
+        let mut child = child_that("stops", theirs.into());
+        drop(ours);
+        assert_eq!(ended(&mut child).code(), Some(42));
+    }
+
+    #[test]
     fn no_signal_of_a_terminal_ends_a_child_but_sigterm_stops_it() {
-        let (mut child, _channel) = child_that(false);
+        let mut child = child_that("stops", Stdio::piped());
         signal(&child, Signal::INT);
         signal(&child, Signal::HUP);
         signal(&child, Signal::QUIT);
@@ -288,24 +259,15 @@ mod tests {
 
     #[test]
     fn a_child_stops_when_the_thread_that_spawned_it_ends() {
-        let (mut child, _channel) = std::thread::spawn(|| child_that(false)).join().unwrap();
+        let start = || child_that("stops", Stdio::piped());
+        let mut child = std::thread::spawn(start).join().unwrap();
         assert_eq!(ended(&mut child).code(), Some(42));
     }
 
     #[test]
     fn a_child_that_hangs_is_ended_by_the_kernel() {
-        let (mut child, _channel) = child_that(true);
+        let mut child = child_that(HANGS, Stdio::piped());
         signal(&child, Signal::TERM);
         assert_eq!(ended(&mut child).signal(), Some(Signal::ALARM.as_raw()));
-    }
-
-    #[test]
-    fn what_is_no_side_channel_is_refused() {
-        let error = inherited_channel(0).unwrap_err().to_string();
-        assert!(error.contains("standard stream"), "{error}");
-        let file = std::fs::File::open("/dev/null").unwrap();
-        let error = inherited_channel(file.as_raw_fd()).unwrap_err().to_string();
-        assert!(error.contains("is no side channel"), "{error}");
-        assert!(inherited_channel(9999).is_err());
     }
 }

@@ -66,7 +66,7 @@ impl NodeProcess {
     }
 
     /// Starts this program again as the node `name`. Its standard error goes to a log in the run's folder; its standard output is
-    /// its report; `side_channel` is passed on.
+    /// its report; a `side_channel` takes the place of the lifeline.
     pub(super) fn spawn(
         name: &str,
         plan: &Plan,
@@ -97,8 +97,7 @@ impl NodeProcess {
             command.arg("--bus").arg(bus.to_string());
         }
         if let Some(side_channel) = side_channel {
-            let number = process::inherit(&mut command, side_channel);
-            command.arg("--lockstep").arg(number.to_string());
+            command.arg("--lockstep").stdin(side_channel);
         }
         command.stdout(Stdio::piped()).stderr(output);
         let mut child = command.spawn().map_err(refused)?;

@@ -22,8 +22,8 @@ pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
 /// Length of one wait for an answer. A standstill of the machine takes one such wait of the patience.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Makes a side channel: the coordinator's end and the process's end. Both close on `exec`; `process::inherit` passes the second
-/// one on. Drop the process's end once it is passed on, or its death goes unnoticed.
+/// Makes a side channel: the coordinator's end and the process's end. Both close on `exec`; the second one becomes the standard
+/// input of the process. Drop it once the process is started, or its death goes unnoticed.
 ///
 /// # Errors
 /// If the system refuses the socket pair.
