@@ -17,23 +17,21 @@
 //!
 //! Each frame is stamped where it passes and handed to the [`Recorder`].
 
-mod error;
 mod place;
 mod switch;
 #[cfg(test)]
 mod tests;
 
+use std::io;
 use std::path::PathBuf;
 
 use crate::bus::BusAddress;
+use crate::program::Listener;
 use crate::recorder::{self, Recorder};
 use crate::scheduling;
 use crate::stop::StoppedThread;
 
-pub use error::HubError;
-use place::Place;
 pub use place::remove_orphaned;
-pub(crate) use place::remove_silent;
 pub use switch::CLIENTS_MAX;
 use switch::Switch;
 
@@ -51,7 +49,18 @@ pub fn running() -> Vec<BusAddress> {
 pub struct Hub {
     // The thread ends before its socket is removed.
     _thread: StoppedThread,
-    place: Place,
+    listener: Listener,
+}
+
+/// Reason why there is no hub.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct HubError(String);
+
+impl From<io::Error> for HubError {
+    fn from(error: io::Error) -> Self {
+        Self(format!("the embedded bus could not be started: {error}"))
+    }
 }
 
 impl Hub {
@@ -64,10 +73,11 @@ impl Hub {
     }
 
     fn start_in(directories: &[PathBuf]) -> Result<(Self, Recorder), HubError> {
-        let (place, listener) = Place::make(directories)?;
+        let listener = place::listen(directories)?;
+        let socket = listener.socket.try_clone()?;
         let (ring, recorder) = recorder::ring();
         let thread = StoppedThread::start("hub", |stop| {
-            let switch = Switch::new(listener, stop, ring)?;
+            let switch = Switch::new(socket, stop, ring)?;
             Ok(move || {
                 // Without that priority the bus is only slower.
                 let _ = scheduling::request_fifo(PRIORITY);
@@ -76,13 +86,13 @@ impl Hub {
         })?;
         let hub = Self {
             _thread: thread,
-            place,
+            listener,
         };
         Ok((hub, recorder))
     }
 
     /// Returns the address of the bus.
     pub fn address(&self) -> BusAddress {
-        BusAddress::Embedded(self.place.socket())
+        BusAddress::Embedded(self.listener.path())
     }
 }

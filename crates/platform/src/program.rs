@@ -1,6 +1,6 @@
 //! External programs at a seat: start, messages, end.
 
-use std::fs::Permissions;
+use std::fs::{self, Permissions};
 use std::io;
 use std::ops::Range;
 use std::os::fd::{AsFd, OwnedFd};
@@ -347,7 +347,7 @@ impl Seat {
 /// Seat that waits for its program: a socket in a folder that no other user can enter.
 #[derive(Debug)]
 pub struct Listener {
-    socket: OwnedFd,
+    pub(crate) socket: OwnedFd,
     folder: TempDir,
 }
 
@@ -357,22 +357,24 @@ impl Listener {
     /// # Errors
     /// If the system refuses.
     pub fn open() -> io::Result<Self> {
-        Self::open_in(&std::env::temp_dir(), "canrig-seat-")
+        Self::open_in(&std::env::temp_dir(), "canrig-seat-", 1)
     }
 
-    /// Opens a seat in a folder, as one whose name begins like this.
+    /// Opens a seat in a folder, as one whose name begins like this. Only so many programs may wait to be accepted.
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn open_in(place: &Path, prefix: &str) -> io::Result<Self> {
+    pub fn open_in(place: &Path, prefix: &str, waiting_max: i32) -> io::Result<Self> {
         let folder = tempfile::Builder::new()
             .prefix(prefix)
             .permissions(Permissions::from_mode(0o700))
             .tempdir_in(place)?;
-        let socket = seqpacket(SocketFlags::empty())?;
+        let socket = seqpacket(SocketFlags::NONBLOCK)?;
         let listener = Self { socket, folder };
         bind(&listener.socket, &SocketAddrUnix::new(listener.path())?)?;
-        listen(&listener.socket, 1)?;
+        // No other user can pass the folder meanwhile.
+        fs::set_permissions(listener.path(), Permissions::from_mode(0o600))?;
+        listen(&listener.socket, waiting_max)?;
         Ok(listener)
     }
 

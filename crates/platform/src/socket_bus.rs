@@ -17,7 +17,6 @@ use socketcan::{CanFilter, CanSocket, Socket, SocketOptions};
 
 use crate::bus::{Bus, BusAddress, BusError, PATH_BYTES_MAX, SEND_PATIENCE, seqpacket};
 use crate::clock::{Clock, monotonic, sleep};
-use crate::hub;
 use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_filters, encode_frame};
 use crate::link::link;
 use crate::probe;
@@ -139,10 +138,8 @@ impl SocketBus {
             (BusAddress::Interface(name), Errno::NODEV | Errno::NXIO) => {
                 BusError::no_interface(name)
             }
-            (BusAddress::Embedded(path), Errno::PIPE | Errno::CONNRESET) => {
-                // The socket of a killed hub still exists.
-                hub::remove_silent(path);
-                BusError(format!("the bus {} ended", self.address))
+            (address @ BusAddress::Embedded(_), Errno::PIPE | Errno::CONNRESET) => {
+                BusError(format!("the bus {address} ended"))
             }
             (address, errno) => BusError::system(address, action, errno),
         }

@@ -46,7 +46,7 @@ impl RemoteFmu {
         let file = unpacked.file.clone();
         let command = command(SUBCOMMAND, &file.to_string_lossy(), Some(unpacked.folder()));
         // Where a kill leaves the seat, it goes with the unpacked files.
-        let started = Listener::open_in(unpacked.folder(), "s-").and_then(|listener| {
+        let started = Listener::open_in(unpacked.folder(), "s-", 1).and_then(|listener| {
             let command = command.map_err(io::Error::other)?;
             PortSeat::start(listener, &command, Path::new("."), None, &[])
         });

@@ -91,7 +91,7 @@ impl LawPlace {
         ];
         // Where a kill leaves the seat, it goes with the unpacked files.
         let listener = match &unpacked {
-            Some(unpacked) => Listener::open_in(unpacked.folder(), "s-"),
+            Some(unpacked) => Listener::open_in(unpacked.folder(), "s-", 1),
             None => Listener::open(),
         };
         let seat = listener

@@ -1,27 +1,26 @@
 //! Place of a hub's socket in the file system: a private directory, made for the run and removed after it.
 
-use std::fs::{self, DirBuilder, Permissions};
+use std::fs;
 use std::io;
-use std::os::fd::OwnedFd;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::io::Errno;
-use rustix::net::{SocketAddrUnix, SocketFlags, bind, connect, listen};
+use rustix::net::{SocketAddrUnix, SocketFlags, connect};
 use rustix::process::{Pid, getppid, test_kill_process};
 
-use super::error::HubError;
-use super::switch::CLIENTS_MAX;
+use super::HubError;
 use crate::bus::seqpacket;
 use crate::clock::{Clock, sleep};
 use crate::process::stat;
+use crate::program::Listener;
 
-/// Prefix of a directory's name, `canrig-bus-<process>-<number>`.
+/// Prefix of a directory's name, `canrig-bus-<process>-<letters>`.
 const PREFIX: &str = "canrig-bus-";
 const SOCKET: &str = "socket";
-/// Largest number of hubs in one process.
-const HUBS_MAX: u32 = 1000;
+/// Largest number of clients that wait to be accepted.
+const WAITING_MAX: i32 = 32;
 
 /// Longest time that a listener may outlive its connections while its process ends.
 const LISTENER_PATIENCE: Duration = Duration::from_secs(1);
@@ -31,12 +30,6 @@ const LISTENER_LOOK: Duration = Duration::from_millis(10);
 /// Index of the flags in `/proc/PID/stat` after the process's name, and the flag of an ending process (proc(5), `sched.h`).
 const FLAGS_FIELD: usize = 6;
 const PF_EXITING: u32 = 0x4;
-
-/// Directory with a hub's socket; both are removed on drop.
-#[derive(Debug)]
-pub(super) struct Place {
-    directory: PathBuf,
-}
 
 /// Returns the directories to try: the user's runtime directory, then the one for temporary files.
 pub(super) fn candidates() -> Vec<PathBuf> {
@@ -48,64 +41,26 @@ pub(super) fn candidates() -> Vec<PathBuf> {
         .collect()
 }
 
-impl Place {
-    /// Makes a directory in the first of `parents` that takes one, and a listening socket in it.
-    pub(super) fn make(parents: &[PathBuf]) -> Result<(Self, OwnedFd), HubError> {
-        let place = Self {
-            directory: make_directory(parents)?,
-        };
-        let listener = place.listen()?;
-        Ok((place, listener))
-    }
-
-    pub(super) fn socket(&self) -> PathBuf {
-        self.directory.join(SOCKET)
-    }
-
-    fn listen(&self) -> Result<OwnedFd, HubError> {
-        let path = self.socket();
-        let address =
-            SocketAddrUnix::new(&path).map_err(|_| HubError::PathTooLong { path: path.clone() })?;
-        let socket = seqpacket(SocketFlags::NONBLOCK).map_err(io::Error::from)?;
-        bind(&socket, &address).map_err(io::Error::from)?;
-        // No other user can pass the directory meanwhile.
-        fs::set_permissions(&path, Permissions::from_mode(0o600))?;
-        let backlog = i32::try_from(CLIENTS_MAX).expect("a small constant");
-        listen(&socket, backlog).map_err(io::Error::from)?;
-        Ok(socket)
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        remove(&self.socket());
-    }
-}
-
-fn make_directory(parents: &[PathBuf]) -> Result<PathBuf, HubError> {
+/// Makes a directory in the first of `parents` that takes one, and a listening socket in it.
+pub(super) fn listen(parents: &[PathBuf]) -> Result<Listener, HubError> {
+    let prefix = format!("{PREFIX}{}-", std::process::id());
     let mut refused = (PathBuf::new(), io::Error::from(io::ErrorKind::NotFound));
     for parent in parents {
         remove_leftovers(parent);
-        match make_directory_in(parent) {
-            Ok(directory) => return Ok(directory),
+        match Listener::open_in(parent, &prefix, WAITING_MAX) {
+            Ok(listener) => return Ok(listener),
             Err(error) => refused = (parent.clone(), error),
         }
     }
     let (tried, source) = refused;
-    Err(HubError::NoDirectory { tried, source })
-}
-
-fn make_directory_in(parent: &Path) -> io::Result<PathBuf> {
-    let process = std::process::id();
-    for number in 0..HUBS_MAX {
-        let directory = parent.join(format!("{PREFIX}{process}-{number}"));
-        // Fails if the name is taken, so the directory cannot be another user's.
-        match DirBuilder::new().mode(0o700).create(&directory) {
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            result => return result.map(|()| directory),
-        }
-    }
-    Err(io::Error::other("this process has too many buses"))
+    let advice = match Errno::from_io_error(&source) {
+        Some(Errno::NAMETOOLONG) => "a shorter directory",
+        _ => "one that you may write to",
+    };
+    Err(HubError(format!(
+        "no directory for the bus's socket could be made in {}: {source}; set XDG_RUNTIME_DIR or TMPDIR to {advice}",
+        tried.display()
+    )))
 }
 
 /// Returns the sockets of this user's hubs that are running.
@@ -139,17 +94,25 @@ fn remove_leftovers(parent: &Path) {
     let is_gone = |process| test_kill_process(process) == Err(Errno::SRCH);
     for socket in sockets_in(parent) {
         if owner(&socket).is_some_and(is_gone) {
-            remove_silent(&socket);
+            remove(&socket);
         }
     }
 }
 
 /// Removes the socket of a killed bench, at the end of a node's process that the bench started. A node may reach its safe state
-/// before it notices that the bus has ended, and before a killed bench on a busy machine is gone.
+/// before it notices that the bus has ended, and before a killed bench on a busy machine is gone; the listener may outlive the
+/// connections for a moment.
 pub fn remove_orphaned(socket: &Path) {
     let has_lost = |process| getppid() != Some(process) || is_ending(process);
-    if owner(socket).is_some_and(has_lost) || nobody_listens(socket) {
-        remove_silent(socket);
+    if !owner(socket).is_some_and(has_lost) {
+        return;
+    }
+    let clock = Clock::start();
+    while clock.now() < LISTENER_PATIENCE {
+        if nobody_listens(socket) {
+            return remove(socket);
+        }
+        sleep(LISTENER_LOOK);
     }
 }
 
@@ -163,18 +126,6 @@ fn owner(socket: &Path) -> Option<Pid> {
     let directory = socket.parent()?.file_name()?.to_str()?;
     let (process, _) = directory.strip_prefix(PREFIX)?.split_once('-')?;
     Pid::from_raw(process.parse().ok()?)
-}
-
-/// Removes a hub's socket and directory once its listener is gone. Called by its clients: a killed process may still be waiting
-/// to be collected by its parent, and its connections may end a moment before its listener.
-pub(crate) fn remove_silent(socket: &Path) {
-    let clock = Clock::start();
-    while clock.now() < LISTENER_PATIENCE {
-        if nobody_listens(socket) {
-            return remove(socket);
-        }
-        sleep(LISTENER_LOOK);
-    }
 }
 
 fn nobody_listens(socket: &Path) -> bool {
@@ -227,14 +178,14 @@ mod tests {
         fs::create_dir(&parent).unwrap();
         let parents = [parent.clone()];
         assert_eq!(running_in(&parents), Vec::<PathBuf>::new());
-        let (place, _listener) = Place::make(&parents).unwrap();
+        let listener = listen(&parents).unwrap();
         // Leftovers of a killed hub: no process has this number, which is beyond the kernel's limit.
         let leftover = parent.join(format!("{PREFIX}{}-0", i32::MAX));
         fs::create_dir(&leftover).unwrap();
         fs::write(leftover.join(SOCKET), "").unwrap();
         fs::create_dir(parent.join("something else")).unwrap();
-        assert_eq!(running_in(&parents), [place.socket()]);
-        drop(place);
+        assert_eq!(running_in(&parents), [listener.path()]);
+        drop(listener);
         assert_eq!(running_in(&parents), Vec::<PathBuf>::new());
         fs::remove_dir_all(parent).unwrap();
     }
