@@ -10,7 +10,7 @@ use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::error_frames;
 use plan::{ControlLoop, Plan};
-use platform::lockstep::LockstepError;
+use platform::lockstep::{Failure, LockstepError};
 use recording::capture::Capture;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
@@ -75,7 +75,8 @@ pub(crate) fn end_by_node(
         WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
             Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
         }
-        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Channel {
+        WorldError::Coordinator(CoordinatorError::Participant(LockstepError {
+            failure: Failure::Channel(_),
             ..
         })) => Err(error),
         WorldError::Coordinator(ref cause) => {
@@ -83,9 +84,10 @@ pub(crate) fn end_by_node(
                 return Err(error);
             };
             let what = match cause {
-                CoordinatorError::Participant(LockstepError::NoAnswer { patience, .. }) => {
-                    format!("no answer within {} s", patience.as_secs())
-                }
+                CoordinatorError::Participant(LockstepError {
+                    failure: Failure::NoAnswer(patience),
+                    ..
+                }) => format!("no answer within {} s", patience.as_secs()),
                 _ => {
                     let text = error.to_string();
                     text.strip_prefix(name).unwrap_or(&text).trim().to_owned()

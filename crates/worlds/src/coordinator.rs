@@ -94,7 +94,7 @@ impl CoordinatorError {
     /// Returns the name of the participant that is its cause.
     pub(crate) fn participant(&self) -> Option<&str> {
         match self {
-            Self::Participant(error) => Some(error.name()),
+            Self::Participant(error) => Some(&error.name),
             Self::Failed { name, .. } | Self::Overloaded { name } => Some(name),
             Self::Wire { .. } => None,
         }

@@ -1,7 +1,7 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
 use platform::bus::{Bus, BusAddress};
-use platform::lockstep::{ANSWER_PATIENCE, LockstepError, Remote, Setting, channel};
+use platform::lockstep::{ANSWER_PATIENCE, Failure, LockstepError, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 
@@ -121,7 +121,10 @@ fn play(
 fn with_end(played: Result<End, WorldError>, processes: &mut Processes) -> Result<End, WorldError> {
     // The end of a process says more than its missing answer.
     let played = played.map_err(|error| match &error {
-        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended { name })) => {
+        WorldError::Coordinator(CoordinatorError::Participant(LockstepError {
+            name,
+            failure: Failure::Ended,
+        })) => {
             let process = processes.get_mut(name);
             let ended = process.and_then(NodeProcess::awaited_end);
             ended.unwrap_or(error)

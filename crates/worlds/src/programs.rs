@@ -9,7 +9,7 @@ use can::{CanFrame, Filter, Node as CanNode, Progress};
 use faults::{FaultPlan, Faulty};
 use platform::clock::Clock;
 use platform::lockstep::{
-    ANSWER_PATIENCE, Answer, Local, LockstepError, Participant, Remote, Setting,
+    ANSWER_PATIENCE, Answer, Failure, Local, LockstepError, Participant, Remote, Setting,
 };
 use platform::program::{
     BUS_VARIABLE, END_PATIENCE, Listener, ORDERLY, Order, Program, START_PATIENCE,
@@ -249,20 +249,16 @@ fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldErro
     let Some(program) = program else {
         return CoordinatorError::from(error).into();
     };
-    match &error {
-        LockstepError::Ended { name } => {
-            program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE)
-        }
-        LockstepError::NoAnswer { name, patience } => {
+    let LockstepError { name, failure } = &error;
+    match failure {
+        Failure::Ended => program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE),
+        Failure::NoAnswer(patience) => {
             let what = format!("gave no answer within {} s", patience.as_secs());
             program.silent(name, what, Duration::ZERO)
         }
-        LockstepError::Protocol { name, source } => {
-            let what = format!("answered with what is no answer: {source}");
-            program.broken(name, what)
-        }
-        LockstepError::Step { name, source } => program.broken(name, source.to_string()),
-        LockstepError::Channel { .. } => CoordinatorError::from(error).into(),
+        Failure::Protocol(_) => program.broken(name, failure.to_string()),
+        Failure::Step(source) => program.broken(name, source.to_string()),
+        Failure::Channel(_) => CoordinatorError::from(error).into(),
     }
 }
 
@@ -289,7 +285,7 @@ impl ProgramNode {
     fn explained(self, error: CoordinatorError) -> WorldError {
         let node = self.order.name();
         match (error, self.program) {
-            (CoordinatorError::Participant(error), program) if error.name() == node => {
+            (CoordinatorError::Participant(error), program) if error.name == node => {
                 explained(program, error)
             }
             (CoordinatorError::Overloaded { name }, Some(program)) if name == node => {

@@ -11,7 +11,7 @@ use rustix::net::SendFlags;
 use super::answer::Answer;
 use super::protocol::{self, FRAMES_MAX, Hello, Request};
 
-use super::step::{StepError, Stepper};
+use super::step::Stepper;
 use crate::bus::{Bus, BusError};
 use crate::clock::Clock;
 use crate::seat::{MESSAGE_BYTES_MAX, Misread, receive_packet};
@@ -28,27 +28,13 @@ pub enum FollowError {
     /// The coordinator sent a packet that breaks the protocol.
     #[error("the coordinator sent bytes that are not a message of lock-step: {0}")]
     Protocol(#[from] Misread),
-    /// The step was not possible.
-    #[error("the node could not be stepped: {0}")]
-    Step(#[from] StepError),
-    /// The wire carried another frame than the coordinator announced.
-    #[error(
-        "frame {announced} was announced but {arrived} arrived: is another program sending on this bus?"
-    )]
-    OtherFrame {
+    /// The wire did not carry the frame that the coordinator announced.
+    #[error("frame {announced} was announced but {found}")]
+    Wire {
         /// Frame that the coordinator announced.
         announced: CanFrame,
-        /// Frame that arrived on the wire.
-        arrived: CanFrame,
-    },
-    /// No frame came over the wire in time.
-    #[error(
-        "frame {announced} was announced but nothing arrived within {} s",
-        WIRE_PATIENCE.as_secs()
-    )]
-    NoFrame {
-        /// Frame that the coordinator announced.
-        announced: CanFrame,
+        /// What came in its place.
+        found: String,
     },
     /// The wire failed.
     #[error(transparent)]
@@ -112,21 +98,9 @@ impl Follower<'_> {
         loop {
             self.receive()?;
             let (number, request) = protocol::decode_request(&self.packet, &mut self.delivered)?;
-            let impossible = match self.serve(node, &request) {
-                Ok(()) => None,
-                // An impossible step is a failure of the node; a wrong frame on the wire is not.
-                Err(FollowError::Step(error)) => {
-                    self.answer.frames.clear();
-                    self.answer.progress = Progress::Failed(error.to_string());
-                    Some(error)
-                }
-                Err(error) => return Err(error),
-            };
+            self.serve(node, &request)?;
             protocol::encode_done(&mut self.packet, number, &self.answer)?;
             self.send()?;
-            if let Some(error) = impossible {
-                return Err(error.into());
-            }
             match &self.answer.progress {
                 Progress::Running => {}
                 Progress::Stopped => return Ok(()),
@@ -135,17 +109,22 @@ impl Follower<'_> {
         }
     }
 
-    /// Carries out the request and writes the answer.
+    /// Carries out the request and writes the answer. An impossible step is a failure of the node; a wrong frame on the wire is not.
     fn serve(&mut self, node: &mut dyn Node, request: &Request) -> Result<(), FollowError> {
-        match *request {
+        let stepped = match *request {
             Request::Grant { to, until } => {
                 if let Some(wire) = &mut self.wire {
                     wire.replace_with_copies(&mut self.delivered)?;
                 }
+                let times = (to, until);
                 self.stepper
-                    .advance(node, (to, until), &self.delivered, &mut self.answer)?;
+                    .advance(node, times, &self.delivered, &mut self.answer)
             }
-            Request::Stop { at } => self.stepper.stop(node, at, &mut self.answer)?,
+            Request::Stop { at } => self.stepper.stop(node, at, &mut self.answer),
+        };
+        if let Err(error) = stepped {
+            self.answer.frames.clear();
+            self.answer.progress = Progress::Failed(error.to_string());
         }
         if let Some(wire) = &mut self.wire {
             wire.expect_echoes(&self.answer.frames);
@@ -205,7 +184,9 @@ impl<'a> Wire<'a> {
             let waited = clock.map_or(Duration::ZERO, |clock| clock.now());
             let patience = WIRE_PATIENCE.saturating_sub(waited);
             let Some(arrived) = self.bus.receive(patience)? else {
-                return Err(FollowError::NoFrame { announced });
+                let seconds = WIRE_PATIENCE.as_secs();
+                let found = format!("nothing arrived within {seconds} s");
+                return Err(FollowError::Wire { announced, found });
             };
             if arrived == announced {
                 return Ok(arrived);
@@ -216,7 +197,8 @@ impl<'a> Wire<'a> {
             }
             clock.get_or_insert_with(Clock::start);
             if !arrived.is_error() {
-                return Err(FollowError::OtherFrame { announced, arrived });
+                let found = format!("{arrived} arrived: is another program sending on this bus?");
+                return Err(FollowError::Wire { announced, found });
             }
         }
     }

@@ -31,9 +31,11 @@ impl<'a> Local<'a> {
         }
     }
 
-    fn error(&self, source: StepError) -> LockstepError {
-        let name = self.name.clone();
-        LockstepError::Step { name, source }
+    fn error(&self, error: StepError) -> LockstepError {
+        LockstepError {
+            name: self.name.clone(),
+            failure: error.into(),
+        }
     }
 }
 

@@ -11,11 +11,11 @@ use rustix::net::{AddressFamily, SendFlags, SocketFlags, SocketType};
 
 use super::answer::Answer;
 use super::audience::Audience;
-use super::error::LockstepError;
+use super::error::{Failure, LockstepError};
 use super::participant::Participant;
 use super::protocol::{self, Asked, FRAMES_MAX, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
-use crate::seat::{MESSAGE_BYTES_MAX, Misread, receive_packet};
+use crate::seat::{MESSAGE_BYTES_MAX, receive_packet};
 
 /// Longest wall time for a process to answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
@@ -57,18 +57,6 @@ pub struct Remote {
     packet: Vec<u8>,
 }
 
-/// Error on the channel, without the participant's name.
-enum Failure {
-    Protocol(Misread),
-    Channel(Errno),
-}
-
-impl From<Misread> for Failure {
-    fn from(misread: Misread) -> Self {
-        Self::Protocol(misread)
-    }
-}
-
 impl Remote {
     /// Waits for the process at the other end to introduce itself; `name` is for messages. Each answer may take as long as
     /// `patience`, without limit if it is `None`.
@@ -108,7 +96,8 @@ impl Remote {
     }
 
     fn meet_process(&mut self) -> Result<(), Failure> {
-        set_socket_timeout(&self.channel, Timeout::Recv, Some(WAIT)).map_err(Failure::Channel)?;
+        set_socket_timeout(&self.channel, Timeout::Recv, Some(WAIT))
+            .map_err(|errno| self.failed(errno))?;
         self.receive()?;
         let hello = protocol::decode_hello(&self.packet)?;
         self.filters = hello.filters;
@@ -163,49 +152,36 @@ impl Remote {
     fn send(&self) -> Result<(), Failure> {
         let flags = SendFlags::NOSIGNAL | SendFlags::DONTWAIT;
         let sent = rustix::net::send(&self.channel, &self.packet, flags);
-        sent.map(drop).map_err(Failure::Channel)
+        sent.map(drop).map_err(|errno| self.failed(errno))
     }
 
     fn receive(&mut self) -> Result<(), Failure> {
         let mut left = self.patience;
         loop {
             match receive_packet(&self.channel, &mut self.packet) {
-                Ok(()) if self.packet.is_empty() => return Err(Failure::Channel(Errno::PIPE)),
+                Ok(()) if self.packet.is_empty() => return Err(Failure::Ended),
                 Ok(()) => return Ok(()),
                 Err(Errno::AGAIN) if left != Some(Duration::ZERO) => {
                     left = left.map(|left| left.saturating_sub(WAIT));
                 }
-                Err(errno) => return Err(Failure::Channel(errno)),
+                Err(errno) => return Err(self.failed(errno)),
             }
         }
     }
 
-    fn error(&self, failure: Failure) -> LockstepError {
-        let name = self.name.clone();
-        match failure {
-            Failure::Protocol(source) => LockstepError::Protocol { name, source },
-            Failure::Channel(Errno::AGAIN) => LockstepError::NoAnswer {
-                name,
-                patience: self.patience.unwrap_or_default(),
-            },
-            Failure::Channel(Errno::PIPE | Errno::CONNRESET) => LockstepError::Ended { name },
-            Failure::Channel(errno) => LockstepError::Channel {
-                name,
-                source: errno.into(),
-            },
+    fn failed(&self, errno: Errno) -> Failure {
+        match errno {
+            Errno::AGAIN => Failure::NoAnswer(self.patience.unwrap_or_default()),
+            Errno::PIPE | Errno::CONNRESET => Failure::Ended,
+            errno => Failure::Channel(errno.into()),
         }
     }
 
-    /// Refuses a node whose deadline does not move.
-    fn refuse_stuck(&self) -> Result<(), LockstepError> {
-        let (at, times) = self.reached;
-        if times <= TICKS_PER_INSTANT_MAX {
-            return Ok(());
-        }
-        Err(LockstepError::Step {
+    fn error(&self, failure: Failure) -> LockstepError {
+        LockstepError {
             name: self.name.clone(),
-            source: StepError::Stuck { at },
-        })
+            failure,
+        }
     }
 }
 
@@ -259,7 +235,12 @@ impl Participant for Remote {
             queued.append(&mut answer.frames);
             answer.frames = queued;
         }
-        self.refuse_stuck()
+        let (at, times) = self.reached;
+        // A node whose deadline does not move.
+        if times > TICKS_PER_INSTANT_MAX {
+            return Err(self.error(StepError::stuck(at).into()));
+        }
+        Ok(())
     }
 
     fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {

@@ -12,38 +12,16 @@ pub(super) const TICKS_PER_INSTANT_MAX: u32 = 1000;
 
 /// Reason why a step was not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum StepError {
-    /// The coordinator asked for a time before the node's own.
-    #[error("time would go back from {from:?} to {to:?}")]
-    Backwards {
-        /// The node's time.
-        from: Duration,
-        /// The time asked for.
-        to: Duration,
-    },
-    /// The frames are not in order, or lie outside the step.
-    #[error("frame {frame} at {at:?} is out of order in the step from {from:?} to {to:?}")]
-    FrameOutOfOrder {
-        /// The frame.
-        frame: CanFrame,
-        /// Its time.
-        at: Duration,
-        /// The node's time when its turn came.
-        from: Duration,
-        /// The end of the step.
-        to: Duration,
-    },
-    /// The node's deadline does not move.
-    #[error(
-        "the node wants more than {TICKS_PER_INSTANT_MAX} ticks at {at:?}: its deadline does not move"
-    )]
-    Stuck {
-        /// The instant.
-        at: Duration,
-    },
-    /// The node queued more frames than one answer holds.
-    #[error("the node queued more than {FRAMES_MAX} frames in one step")]
-    TooManyFrames,
+#[error("{0}")]
+pub struct StepError(String);
+
+impl StepError {
+    /// Returns the error for a node whose deadline does not move.
+    pub(super) fn stuck(at: Duration) -> Self {
+        Self(format!(
+            "the node wants more than {TICKS_PER_INSTANT_MAX} ticks at {at:?}: its deadline does not move"
+        ))
+    }
 }
 
 /// Steps a node and keeps its time.
@@ -106,12 +84,10 @@ impl Stepper {
         self.check_forwards(to)?;
         for (place, (at, frame)) in frames.iter().enumerate() {
             if *at < self.now || *at > to {
-                return Err(StepError::FrameOutOfOrder {
-                    frame: *frame,
-                    at: *at,
-                    from: self.now,
-                    to,
-                });
+                let from = self.now;
+                return Err(StepError(format!(
+                    "frame {frame} at {at:?} is out of order in the step from {from:?} to {to:?}"
+                )));
             }
             self.tick_until(node, queued, |deadline| deadline < *at)?;
             if !self.is_running() {
@@ -203,7 +179,7 @@ impl Stepper {
                 0
             };
             if ticks_at_instant > TICKS_PER_INSTANT_MAX {
-                return Err(StepError::Stuck { at: self.now });
+                return Err(StepError::stuck(self.now));
             }
             self.now = deadline;
             node.on_tick(self.now);
@@ -218,7 +194,10 @@ impl Stepper {
 
     fn check_forwards(&self, to: Duration) -> Result<(), StepError> {
         if to < self.now {
-            return Err(StepError::Backwards { from: self.now, to });
+            let from = self.now;
+            return Err(StepError(format!(
+                "time would go back from {from:?} to {to:?}"
+            )));
         }
         Ok(())
     }
@@ -231,7 +210,9 @@ impl Stepper {
     ) -> Result<(), StepError> {
         while let Some(frame) = node.next_frame() {
             if queued.len() == FRAMES_MAX {
-                return Err(StepError::TooManyFrames);
+                return Err(StepError(format!(
+                    "the node queued more than {FRAMES_MAX} frames in one step"
+                )));
             }
             queued.push((self.now, frame));
         }

@@ -125,26 +125,19 @@ fn a_deadline_that_does_not_move_is_an_error_and_not_a_hang() {
     let mut node = Echo::new(Duration::ZERO);
     let mut local = Local::new("echo", &mut node);
     let error = step(&mut local, ms(2), &[]).unwrap_err();
-    assert!(matches!(
-        error,
-        LockstepError::Step {
-            source: StepError::Stuck { .. },
-            ..
-        }
-    ));
+    assert!(matches!(error.failure, Failure::Step(_)));
+    let error = error.to_string();
+    assert!(error.ends_with("its deadline does not move"), "{error}");
 }
 
 #[test]
 fn more_frames_than_an_answer_holds_is_an_error() {
     let mut node = Echo::new(Duration::from_micros(1));
     let mut local = Local::new("echo", &mut node);
-    assert!(matches!(
-        step(&mut local, ms(3), &[]),
-        Err(LockstepError::Step {
-            source: StepError::TooManyFrames,
-            ..
-        })
-    ));
+    let error = step(&mut local, ms(3), &[]).unwrap_err();
+    assert!(matches!(error.failure, Failure::Step(_)));
+    let error = error.to_string();
+    assert!(error.contains("queued more than 1024 frames"), "{error}");
 }
 
 #[test]
@@ -169,10 +162,8 @@ fn a_step_that_the_remote_node_cannot_do_is_its_failure() {
         panic!("an impossible step was answered");
     };
     assert!(text.contains("out of order"), "{text}");
-    assert!(matches!(
-        echo.join().unwrap(),
-        Err(FollowError::Step(StepError::FrameOutOfOrder { .. }))
-    ));
+    let error = echo.join().unwrap().unwrap_err().to_string();
+    assert!(error.contains("out of order"), "{error}");
 }
 
 #[test]
@@ -180,7 +171,7 @@ fn a_dead_process_is_named() {
     let (ours, theirs) = channel().unwrap();
     drop(theirs);
     let error = accept("controller", ours).err().unwrap();
-    assert!(matches!(error, LockstepError::Ended { .. }));
+    assert!(matches!(error.failure, Failure::Ended));
     assert_eq!(
         error.to_string(),
         "controller ended before it answered; see the end of its log"
@@ -190,10 +181,8 @@ fn a_dead_process_is_named() {
     send(&theirs, &hello_packet());
     let mut remote = accept("controller", ours).unwrap();
     drop(theirs);
-    assert!(matches!(
-        step(&mut remote, MS, &[]),
-        Err(LockstepError::Ended { .. })
-    ));
+    let error = step(&mut remote, MS, &[]).unwrap_err();
+    assert!(matches!(error.failure, Failure::Ended));
 }
 
 #[test]
@@ -205,7 +194,7 @@ fn a_process_that_dies_in_the_middle_of_a_step_is_named() {
         receive_packet(&theirs, &mut Vec::with_capacity(MESSAGE_BYTES_MAX))
     });
     let error = step(&mut remote, MS, &[]).unwrap_err();
-    assert!(matches!(error, LockstepError::Ended { .. }), "{error}");
+    assert!(matches!(error.failure, Failure::Ended), "{error}");
     dying.join().unwrap().unwrap();
 }
 
@@ -216,7 +205,7 @@ fn a_silent_process_is_named() {
     let mut remote = Remote::accept("plant", ours, Some(ms(30)), Setting::default()).unwrap();
     let error = step(&mut remote, MS, &[]).unwrap_err();
     assert!(
-        matches!(error, LockstepError::NoAnswer { .. }),
+        matches!(error.failure, Failure::NoAnswer(_)),
         "{error}: not the right error"
     );
     drop(theirs);
@@ -512,7 +501,7 @@ fn a_different_frame_on_the_wire_is_an_error() {
     let (answer, outcome) = announced_with(&[ping(2)]);
     let text =
         "frame 100#01 was announced but 100#02 arrived: is another program sending on this bus?";
-    assert!(matches!(answer, Err(LockstepError::Ended { .. })));
+    assert!(matches!(answer.unwrap_err().failure, Failure::Ended));
     assert_eq!(outcome.unwrap_err().to_string(), text);
 }
 
@@ -520,7 +509,7 @@ fn a_different_frame_on_the_wire_is_an_error() {
 fn a_frame_missing_on_the_wire_is_an_error() {
     let (answer, outcome) = announced_with(&[]);
     let text = "frame 100#01 was announced but nothing arrived within 10 s";
-    assert!(matches!(answer, Err(LockstepError::Ended { .. })));
+    assert!(matches!(answer.unwrap_err().failure, Failure::Ended));
     assert_eq!(outcome.unwrap_err().to_string(), text);
 }
 
