@@ -127,13 +127,13 @@ fn execute(cli: Cli) -> Exit {
     let _ = platform::stop::take_long_files_as_errors();
     // Without it a signal ends the program too, with another code.
     let _ = platform::stop::end_at_once(Exit::Interrupted.code());
-    match platform::process::permit_open_files(OPEN_FILES) {
+    match platform::process::require_open_files(OPEN_FILES) {
         Ok(()) => {
             platform::memory::keep_freed();
             cli::execute(cli)
         }
         Err(error) => {
-            console::print_error(&error.to_string());
+            console::print_error(&error);
             Exit::BenchFailed
         }
     }

@@ -8,8 +8,8 @@ use std::process::{Command, Stdio};
 
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::process::{
-    Pid, Resource, Rlimit, Signal, getpid, getppid, getrlimit, kill_process,
-    set_parent_process_death_signal, setrlimit, setsid,
+    Pid, Resource, Signal, getpid, getppid, getrlimit, kill_process,
+    set_parent_process_death_signal, setsid,
 };
 
 use crate::stop::OF_TERMINAL;
@@ -62,36 +62,17 @@ pub(crate) fn in_new_session(command: &mut Command) {
     unsafe { command.pre_exec(prepare) };
 }
 
-/// Error: fewer files than a run needs may be open at once.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "only {permitted} files may be open at once, and {needed} are needed; permit them with: ulimit -n {needed}"
-)]
-pub struct TooFewFiles {
-    permitted: u64,
-    needed: u64,
-}
-
-/// Raises this process's limit of open files if it is below `needed`.
+/// Checks that this process may open as many files as it needs.
 ///
 /// # Errors
-/// If more are not permitted.
-pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
-    let limit = getrlimit(Resource::Nofile);
-    let (Some(current), maximum) = (limit.current, limit.maximum) else {
-        return Ok(());
-    };
-    if current >= needed {
-        return Ok(());
+/// If fewer are permitted.
+pub fn require_open_files(needed: u64) -> Result<(), String> {
+    match getrlimit(Resource::Nofile).current {
+        Some(permitted) if permitted < needed => Err(format!(
+            "only {permitted} files may be open at once, and {needed} are needed; permit them with: ulimit -n {needed}"
+        )),
+        _ => Ok(()),
     }
-    let raised = Rlimit {
-        current: Some(needed),
-        maximum,
-    };
-    setrlimit(Resource::Nofile, raised).map_err(|_| TooFewFiles {
-        permitted: current,
-        needed,
-    })
 }
 
 /// Makes the child inherit `descriptor`; returns the number to pass to the child. The descriptor is closed here when `command` is
