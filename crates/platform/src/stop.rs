@@ -80,12 +80,12 @@ impl StopSignal {
     /// # Errors
     /// If the system refuses the pipe.
     pub fn manual() -> io::Result<(Stopper, Self)> {
-        let (reader, writer) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
+        let (reader, stopper) = stop_pipe()?;
         let signal = Self {
             pipe: Some(Pipe::Owned(reader)),
             event: None,
         };
-        Ok((Stopper { _pipe: writer }, signal))
+        Ok((stopper, signal))
     }
 
     /// Returns whether it is time to stop. Never waits.
@@ -109,12 +109,12 @@ impl StopSignal {
 /// Thread that works until it is told to end; the drop tells it and waits.
 #[derive(Debug)]
 pub(crate) struct StoppedThread {
-    stop: OwnedFd,
+    stopper: Option<Stopper>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl StoppedThread {
-    /// Starts a thread. `prepare` makes its work, and gets the event that tells it to end.
+    /// Starts a thread. `prepare` makes its work, and gets a descriptor that becomes readable when the thread is to end.
     ///
     /// # Errors
     /// If the system refuses.
@@ -122,23 +122,29 @@ impl StoppedThread {
         name: &str,
         prepare: impl FnOnce(OwnedFd) -> io::Result<Work>,
     ) -> io::Result<Self> {
-        let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
-        let work = prepare(stop.try_clone()?)?;
+        let (reader, stopper) = stop_pipe()?;
+        let work = prepare(reader)?;
         let thread = thread::Builder::new().name(name.to_owned());
-        let thread = Some(thread.spawn(work)?);
-        Ok(Self { stop, thread })
+        Ok(Self {
+            stopper: Some(stopper),
+            thread: Some(thread.spawn(work)?),
+        })
     }
 }
 
 impl Drop for StoppedThread {
     fn drop(&mut self) {
-        // An event counter takes this write; should it not, the join below would wait for ever.
-        if rustix::io::write(&self.stop, &1_u64.to_ne_bytes()).is_ok()
-            && let Some(thread) = self.thread.take()
-        {
+        self.stopper = None;
+        if let Some(thread) = self.thread.take() {
             drop(thread.join());
         }
     }
+}
+
+/// Makes a pipe that ends when the stopper is dropped.
+fn stop_pipe() -> io::Result<(OwnedFd, Stopper)> {
+    let (reader, writer) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
+    Ok((reader, Stopper { _pipe: writer }))
 }
 
 fn is_readable(fd: BorrowedFd<'_>) -> bool {
