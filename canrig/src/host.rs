@@ -13,7 +13,7 @@ use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::process::channel_from_parent;
 use platform::real_time::{RunError, RunReport};
-use platform::scheduling::Scheduling;
+use platform::scheduling::Refused;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::without_colours;
@@ -99,9 +99,9 @@ pub fn by_hand(name: &'static str, about: &'static str) -> ExitCode {
         bus: None,
         lockstep: false,
     };
-    let fifo = scheduling::request_fifo(scheduling::NODE_PRIORITY);
+    let refused = scheduling::request_fifo(scheduling::NODE_PRIORITY).err();
     let hosted = hosted(&args, &Arc::default());
-    let ended = hosted.and_then(|mut node| run_by_hand(&mut *node, &bus, fifo));
+    let ended = hosted.and_then(|mut node| run_by_hand(&mut *node, &bus, refused));
     exit(ended).into()
 }
 
@@ -172,10 +172,11 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
     // Before the node: the worker of an FMU gets a priority if this thread has one. And before the bus: a process that
     // enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
+    let refused = fifo.and_then(Result::err);
     let late = Arc::default();
     let hosted = hosted(args, &late);
     exit(hosted.and_then(|mut node| {
-        let ended = run_node(&mut *node, args, fifo, &late);
+        let ended = run_node(&mut *node, args, refused, &late);
         if let Some(BusAddress::Embedded(socket)) = &args.bus {
             hub::remove_orphaned(socket);
         }
@@ -205,25 +206,26 @@ fn exit(ended: Result<(), Failure>) -> Exit {
 fn run_by_hand(
     node: &mut dyn Node,
     address: &BusAddress,
-    fifo: Result<(), scheduling::Refused>,
+    refused_priority: Option<Refused>,
 ) -> Result<(), Failure> {
     let stop = StopSignal::from_signals().map_err(on_bus)?;
     let mut bus = platform::open(address, &node.filters()).map_err(on_bus)?;
-    let memory = scheduling::lock_memory();
-    let scheduling = Scheduling { fifo, memory };
-    scheduling
-        .refusals()
-        .for_each(|refused| print_error(&format!("warning: {refused}")));
+    for refused in refusals(refused_priority) {
+        print_error(&format!("warning: {refused}"));
+    }
     let report = real_time::run(node, &mut *bus, &stop).map_err(on_bus)?;
     print_error(&report.to_string());
     Ok(())
 }
 
-/// Whether the node's thread got its priority; `None` in virtual time.
-type Fifo = Option<Result<(), scheduling::Refused>>;
+/// Locks the memory; returns all means of real time that the system refused.
+fn refusals(priority: Option<Refused>) -> impl Iterator<Item = String> {
+    let refused = priority.into_iter().chain(scheduling::lock_memory().err());
+    refused.map(|refused| refused.to_string())
+}
 
 /// Returns the report that the bench receives at the end.
-fn node_report(report: &RunReport, scheduling: &Scheduling, late: &AtomicU64) -> NodeReport {
+fn node_report(report: &RunReport, refused: Vec<String>, late: &AtomicU64) -> NodeReport {
     NodeReport {
         ticks: report.ticks,
         overruns: report.overruns,
@@ -231,7 +233,7 @@ fn node_report(report: &RunReport, scheduling: &Scheduling, late: &AtomicU64) ->
         frames_dropped: report.frames_dropped,
         frames_delayed: report.frames_delayed,
         late_answers: late.load(Ordering::Relaxed),
-        refused: scheduling.refusals().map(ToString::to_string).collect(),
+        refused,
         sent: report.sent_frames().collect(),
         late: report
             .late
@@ -248,7 +250,7 @@ fn nanoseconds(time: Duration) -> u64 {
 fn run_node(
     node: &mut dyn Node,
     args: &NodeArgs,
-    fifo: Fifo,
+    refused_priority: Option<Refused>,
     late: &AtomicU64,
 ) -> Result<(), Failure> {
     let stop = StopSignal::from_parent().map_err(on_bus)?;
@@ -269,12 +271,9 @@ fn run_node(
             lockstep::follow(node, channel, wire).map_err(on_bus)
         }
         (false, Some(bus)) => {
-            let scheduling = Scheduling {
-                fifo: fifo.unwrap_or(Ok(())),
-                memory: scheduling::lock_memory(),
-            };
+            let refused = refusals(refused_priority).collect();
             let (report, ended) = real_time::run_reporting(node, bus, &stop);
-            let report = node_report(&report, &scheduling, late);
+            let report = node_report(&report, refused, late);
             print(&serde_json::to_string(&report).map_err(on_bus)?);
             ended.map_err(in_loop)
         }

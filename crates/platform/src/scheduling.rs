@@ -46,24 +46,6 @@ pub enum Refused {
     },
 }
 
-/// Real-time means that a loop was granted.
-#[derive(Debug)]
-pub struct Scheduling {
-    /// Real-time priority for the calling thread, or the refusal.
-    pub fifo: Result<(), Refused>,
-    /// Memory that is never paged out, for the process, or the refusal.
-    pub memory: Result<(), Refused>,
-}
-
-impl Scheduling {
-    /// Returns the refusals, one line each.
-    pub fn refusals(&self) -> impl Iterator<Item = &Refused> {
-        [&self.fifo, &self.memory]
-            .into_iter()
-            .filter_map(|result| result.as_ref().err())
-    }
-}
-
 /// Requests a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
 ///
 /// # Errors

@@ -1,26 +1,21 @@
 //! Events while scenarios are played, as lines of JSON for another program.
 
-use std::sync::Mutex;
-
 use serde_json::{Value, json};
 
-use crate::console::BufferedLines;
+use crate::console;
 use crate::event::{Listener, RunEvent};
 use dbc::names;
 use plan::loop_prefix;
 use recording::progress::RunProgress;
 use worlds::preflight::PreflightEvent;
 
-/// Printer of an object for each event, with its kind as `event`. Each object is flushed at once.
-#[derive(Default)]
-pub struct EventLines(Mutex<BufferedLines>);
+/// Printer of an object for each event, with its kind as `event`.
+pub struct EventLines;
 
 impl EventLines {
     /// Prints one object.
     pub fn print(&self, object: &Value) {
-        let mut lines = self.0.lock().unwrap_or_else(|error| error.into_inner());
-        lines.add(&object.to_string());
-        lines.flush();
+        console::print(&object.to_string());
     }
 }
 

@@ -143,7 +143,7 @@ impl PlayArgs {
     /// Returns the listener that prints events, as far as the user wants them.
     pub(crate) fn listener(&self) -> Box<dyn Listener> {
         if self.events {
-            Box::new(EventLines::default())
+            Box::new(EventLines)
         } else {
             Box::new(Terminal::new(self.json, self.quiet))
         }

@@ -56,7 +56,7 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, Failure> {
         let submit = args.scenario.display().to_string();
         return Estimate::print(&cases, args.threads, &submit);
     }
-    let lines = args.events.then(EventLines::default);
+    let lines = args.events.then_some(EventLines);
     let part = PartPlay {
         output: &args.output,
         shard: args.part.shard()?,
