@@ -1,7 +1,6 @@
 //! Writer of DBC files.
 
 use std::collections::BTreeSet;
-use std::fmt::{self, Display, Formatter};
 
 use crate::coding::{ByteOrder, Coding, Kind};
 use crate::database::{Database, Message, Signal};
@@ -33,57 +32,67 @@ impl Database {
     /// another, one without a name, two of the same name in a message, a range from 0 to 0 (which is none), a number that is not finite, a factor of 0, an identifier
     /// above 0x7FF without the flag for 29 bits, a payload beyond 8 bytes, a text beyond [`Database::TEXT_BYTES_MAX`].
     pub fn to_dbc(&self) -> String {
-        File::new(self.messages()).to_string()
-    }
-}
-
-/// A DBC file.
-struct File<'a> {
-    messages: Vec<(&'a Message, Vec<Line<'a>>)>,
-}
-
-/// A signal of the file.
-struct Line<'a> {
-    raw_id: u32,
-    short_name: String,
-    signal: &'a Signal,
-}
-
-impl<'a> File<'a> {
-    fn new(messages: &'a [Message]) -> Self {
-        let messages = messages.iter().map(|message| {
-            let names = short_names(&message.signals).into_iter();
-            let lines = names
-                .zip(&message.signals)
-                .map(|(short_name, signal)| Line {
-                    raw_id: message.raw_id,
-                    short_name,
-                    signal,
-                });
-            (message, lines.collect())
-        });
-        Self {
-            messages: messages.collect(),
+        let messages = Vec::from_iter(self.messages().iter().map(Lines::of));
+        let mut text = format!("{HEAD}BU_:");
+        for node in nodes(self.messages()) {
+            text += &format!(" {node}");
         }
-    }
-
-    fn lines(&self) -> impl Iterator<Item = &Line<'a>> {
-        self.messages.iter().flat_map(|(_, lines)| lines)
-    }
-
-    /// Returns senders and receivers in the order in which they appear.
-    fn nodes(&self) -> Vec<&'a String> {
-        let mut nodes = Vec::new();
-        for (message, _) in &self.messages {
-            let receivers = message.signals.iter().flat_map(|signal| &signal.receivers);
-            for node in message.sender.iter().chain(receivers) {
-                if !nodes.contains(&node) {
-                    nodes.push(node);
-                }
+        text += "\n\n";
+        for Lines { message, lines } in &messages {
+            let sender = message.sender.as_deref().unwrap_or(NO_NODE);
+            let (id, name, length) = (message.raw_id, &message.name, message.length_bytes);
+            text += &format!("BO_ {id} {name}: {length} {sender}\n");
+            lines.iter().for_each(|line| text += &line.definition());
+            text.push('\n');
+        }
+        text += &format!("CM_ {};\n", quoted(COMMENT));
+        for message in &messages {
+            text += &message.comments();
+        }
+        text += &declarations(self.messages());
+        for message in self.messages() {
+            let (id, milliseconds) = (message.raw_id, message.cycle_time_milliseconds);
+            if milliseconds != 0 {
+                text += &format!("BA_ \"{CYCLE_TIME}\" BO_ {id} {milliseconds};\n");
             }
         }
-        nodes
+        let lines = || messages.iter().flat_map(|message| &message.lines);
+        lines().for_each(|line| text += &line.attributes());
+        lines().for_each(|line| text += &line.labels());
+        lines().for_each(|line| text += line.value_type().as_deref().unwrap_or_default());
+        text
     }
+}
+
+/// Returns senders and receivers in the order in which they appear.
+fn nodes(messages: &[Message]) -> Vec<&String> {
+    let mut nodes = Vec::new();
+    for message in messages {
+        let receivers = message.signals.iter().flat_map(|signal| &signal.receivers);
+        for node in message.sender.iter().chain(receivers) {
+            if !nodes.contains(&node) {
+                nodes.push(node);
+            }
+        }
+    }
+    nodes
+}
+
+/// Returns the declarations of the attributes.
+fn declarations(messages: &[Message]) -> String {
+    let cycle_times = messages.iter().map(|one| one.cycle_time_milliseconds);
+    let cycle_time_max = cycle_times.fold(CYCLE_TIME_MAX, u64::max);
+    format!(
+        "BA_DEF_ \"BusType\" STRING ;\n\
+         BA_DEF_ BO_ \"{CYCLE_TIME}\" INT 0 {cycle_time_max};\n\
+         BA_DEF_ SG_ \"{LONG_NAME}\" STRING ;\n\
+         BA_DEF_ SG_ \"{OBJECT}\" STRING ;\n\
+         BA_DEF_DEF_ \"BusType\" \"CAN\";\n\
+         BA_DEF_DEF_ \"{CYCLE_TIME}\" 0;\n\
+         BA_DEF_DEF_ \"{LONG_NAME}\" \"\";\n\
+         BA_DEF_DEF_ \"{OBJECT}\" \"\";\n\
+         BA_ \"BusType\" \"CAN\";\n"
+    )
 }
 
 /// Returns for each signal a name that the grammar admits and that no other signal of the message has.
@@ -138,106 +147,54 @@ fn shortened(name: &str, number: u32) -> String {
     beginning + &ending
 }
 
-impl Display for File<'_> {
-    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        formatter.write_str(HEAD)?;
-        formatter.write_str("BU_:")?;
-        let mut nodes = self.nodes().into_iter();
-        nodes.try_for_each(|node| write!(formatter, " {node}"))?;
-        formatter.write_str("\n\n")?;
-        for (message, lines) in &self.messages {
-            let sender = message.sender.as_deref().unwrap_or(NO_NODE);
-            let (id, name, length) = (message.raw_id, &message.name, message.length_bytes);
-            writeln!(formatter, "BO_ {id} {name}: {length} {sender}")?;
-            lines
-                .iter()
-                .try_for_each(|line| writeln!(formatter, " {line}"))?;
-            formatter.write_str("\n")?;
+/// A message of the file, with its signals.
+struct Lines<'a> {
+    message: &'a Message,
+    lines: Vec<Line<'a>>,
+}
+
+/// A signal of the file.
+struct Line<'a> {
+    raw_id: u32,
+    short_name: String,
+    signal: &'a Signal,
+}
+
+impl<'a> Lines<'a> {
+    fn of(message: &'a Message) -> Self {
+        let names = short_names(&message.signals).into_iter();
+        let lines = names
+            .zip(&message.signals)
+            .map(|(short_name, signal)| Line {
+                raw_id: message.raw_id,
+                short_name,
+                signal,
+            });
+        Self {
+            message,
+            lines: lines.collect(),
         }
-        self.write_comments(formatter)?;
-        self.write_attributes(formatter)?;
-        self.write_labels(formatter)?;
-        self.write_floats(formatter)
+    }
+
+    fn comments(&self) -> String {
+        let (id, comment) = (self.message.raw_id, &self.message.comment);
+        let mut text = String::new();
+        if !comment.is_empty() {
+            text += &format!("CM_ BO_ {id} {};\n", quoted(comment));
+        }
+        for line in &self.lines {
+            let (name, comment) = (&line.short_name, &line.signal.comment);
+            if !comment.is_empty() {
+                text += &format!("CM_ SG_ {id} {name} {};\n", quoted(comment));
+            }
+        }
+        text
     }
 }
 
-impl File<'_> {
-    fn write_comments(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(formatter, "CM_ {};", quoted(COMMENT))?;
-        for (message, lines) in &self.messages {
-            let id = message.raw_id;
-            if !message.comment.is_empty() {
-                writeln!(formatter, "CM_ BO_ {id} {};", quoted(&message.comment))?;
-            }
-            let commented = lines.iter().filter(|line| !line.signal.comment.is_empty());
-            for line in commented {
-                let (name, comment) = (&line.short_name, quoted(&line.signal.comment));
-                writeln!(formatter, "CM_ SG_ {id} {name} {comment};")?;
-            }
-        }
-        Ok(())
-    }
-
-    fn write_attributes(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        let messages = || self.messages.iter().map(|(message, _)| message);
-        let cycle_times = messages().map(|message| message.cycle_time_milliseconds);
-        let cycle_time_max = cycle_times.fold(CYCLE_TIME_MAX, u64::max);
-        write!(
-            formatter,
-            "BA_DEF_ \"BusType\" STRING ;\n\
-            BA_DEF_ BO_ \"{CYCLE_TIME}\" INT 0 {cycle_time_max};\n\
-            BA_DEF_ SG_ \"{LONG_NAME}\" STRING ;\n\
-            BA_DEF_ SG_ \"{OBJECT}\" STRING ;\n\
-            BA_DEF_DEF_ \"BusType\" \"CAN\";\n\
-            BA_DEF_DEF_ \"{CYCLE_TIME}\" 0;\n\
-            BA_DEF_DEF_ \"{LONG_NAME}\" \"\";\n\
-            BA_DEF_DEF_ \"{OBJECT}\" \"\";\n\
-            BA_ \"BusType\" \"CAN\";\n"
-        )?;
-        for message in messages().filter(|message| message.cycle_time_milliseconds != 0) {
-            let (id, milliseconds) = (message.raw_id, message.cycle_time_milliseconds);
-            writeln!(formatter, "BA_ \"{CYCLE_TIME}\" BO_ {id} {milliseconds};")?;
-        }
-        for line in self.lines() {
-            let Signal { name, object, .. } = line.signal;
-            let long_name = (name != &line.short_name).then_some((LONG_NAME, name));
-            let object = (!object.is_empty()).then_some((OBJECT, object));
-            for (attribute, text) in long_name.into_iter().chain(object) {
-                let (id, name, text) = (line.raw_id, &line.short_name, quoted(text));
-                writeln!(formatter, "BA_ \"{attribute}\" SG_ {id} {name} {text};")?;
-            }
-        }
-        Ok(())
-    }
-
-    fn write_labels(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        for line in self.lines().filter(|line| !line.signal.labels.is_empty()) {
-            write!(formatter, "VAL_ {} {}", line.raw_id, line.short_name)?;
-            for (value, label) in &line.signal.labels {
-                write!(formatter, " {value} {}", quoted(label))?;
-            }
-            formatter.write_str(" ;\n")?;
-        }
-        Ok(())
-    }
-
-    fn write_floats(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-        for line in self.lines() {
-            let value_type = match line.signal.coding.kind {
-                Kind::Unsigned | Kind::Signed => continue,
-                Kind::Float32 => 1,
-                Kind::Float64 => 2,
-            };
-            let (id, name) = (line.raw_id, &line.short_name);
-            writeln!(formatter, "SIG_VALTYPE_ {id} {name} : {value_type};")?;
-        }
-        Ok(())
-    }
-}
-
-/// Writes the bits of a signal, its numbers, its unit and its receivers.
-impl Display for Line<'_> {
-    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
+impl Line<'_> {
+    /// Returns the bits of the signal, its numbers, its unit and its receivers.
+    fn definition(&self) -> String {
         let Coding {
             start_bit,
             length_bits,
@@ -260,11 +217,41 @@ impl Display for Line<'_> {
             [] => NO_NODE.to_owned(),
             receivers => receivers.join(","),
         };
-        write!(
-            formatter,
-            "SG_ {} : {start_bit}|{length_bits}@{byte_order}{sign} ({factor},{offset}) [{minimum}|{maximum}] {unit} {receivers}",
+        format!(
+            " SG_ {} : {start_bit}|{length_bits}@{byte_order}{sign} ({factor},{offset}) [{minimum}|{maximum}] {unit} {receivers}\n",
             self.short_name
         )
+    }
+
+    fn attributes(&self) -> String {
+        let (id, name) = (self.raw_id, &self.short_name);
+        let long_name = Some(&self.signal.name).filter(|long_name| *long_name != name);
+        let object = Some(&self.signal.object).filter(|object| !object.is_empty());
+        let attributes = [(LONG_NAME, long_name), (OBJECT, object)].into_iter();
+        let set = attributes.filter_map(|(attribute, text)| Some((attribute, quoted(text?))));
+        set.map(|(attribute, text)| format!("BA_ \"{attribute}\" SG_ {id} {name} {text};\n"))
+            .collect()
+    }
+
+    fn labels(&self) -> String {
+        if self.signal.labels.is_empty() {
+            return String::new();
+        }
+        let labels = self.signal.labels.iter();
+        let labels = labels.map(|(value, label)| format!(" {value} {}", quoted(label)));
+        let labels = String::from_iter(labels);
+        format!("VAL_ {} {}{labels} ;\n", self.raw_id, self.short_name)
+    }
+
+    /// Returns the kind of a floating-point number.
+    fn value_type(&self) -> Option<String> {
+        let value_type = match self.signal.coding.kind {
+            Kind::Unsigned | Kind::Signed => return None,
+            Kind::Float32 => 1,
+            Kind::Float64 => 2,
+        };
+        let (id, name) = (self.raw_id, &self.short_name);
+        Some(format!("SIG_VALTYPE_ {id} {name} : {value_type};\n"))
     }
 }
 
