@@ -61,8 +61,8 @@ pub struct PrivateBus {
     /// The helper ends when this is closed; it is before `helper`, which waits for that.
     channel: OwnedFd,
     helper: Helper,
-    recorder: Option<CanSocket>,
-    node_socket: Option<CanSocket>,
+    /// Sockets on the bus that were not taken yet.
+    sockets: Vec<CanSocket>,
 }
 
 /// Process of the helper, whose end the drop awaits.
@@ -94,13 +94,11 @@ impl PrivateBus {
         let mut bus = Self {
             channel: ours,
             helper: Helper(helper),
-            recorder: None,
-            node_socket: None,
+            sockets: Vec::new(),
         };
         let (text, sockets) = receive(&bus.channel)?;
-        let mut sockets = sockets.into_iter().map(CanSocket::from);
-        (bus.recorder, bus.node_socket) = (sockets.next(), sockets.next());
-        if bus.node_socket.is_none() {
+        bus.sockets.extend(sockets.into_iter().map(CanSocket::from));
+        if bus.sockets.len() < SOCKETS {
             return Err(PrivateBusError(text));
         }
         Ok(bus)
@@ -111,29 +109,29 @@ impl PrivateBus {
         self.helper.0.id()
     }
 
-    /// Returns the recorder of this bus, once.
+    /// Returns the recorder of this bus.
     ///
     /// # Errors
-    /// If the system refuses it, or it was taken before.
+    /// If the system refuses it, or all sockets were taken before.
     pub fn recorder(&mut self) -> Result<Recorder, BusError> {
-        let socket = self.recorder.take().ok_or_else(taken)?;
+        let socket = self.socket()?;
         Recorder::on_socket(INTERFACE, socket)
     }
 
-    /// Joins this bus as a node of the bench itself, once.
+    /// Joins this bus as a node of the bench itself.
     ///
     /// # Errors
-    /// If the system refuses it, or it was taken before.
+    /// If the system refuses it, or all sockets were taken before.
     pub fn join(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
-        let socket = self.node_socket.take().ok_or_else(taken)?;
-        Ok(Box::new(SocketBus::on_interface(
-            INTERFACE, socket, filters,
-        )?))
+        let socket = self.socket()?;
+        let bus = SocketBus::on_interface(INTERFACE, socket, filters)?;
+        Ok(Box::new(bus))
     }
-}
 
-fn taken() -> BusError {
-    BusError::no_interface(INTERFACE)
+    fn socket(&mut self) -> Result<CanSocket, BusError> {
+        let socket = self.sockets.pop();
+        socket.ok_or_else(|| BusError::no_interface(INTERFACE))
+    }
 }
 
 /// Runs the helper; call it in a process with a single thread. Returns when the bench closes the channel.

@@ -31,6 +31,14 @@ struct Values<T> {
 }
 
 impl<T: Pod> Values<T> {
+    fn in_memory(kept: Vec<T>) -> Self {
+        Self {
+            file: None,
+            filed: 0,
+            kept,
+        }
+    }
+
     fn len(&self) -> usize {
         self.filed + self.kept.len()
     }
@@ -91,11 +99,7 @@ impl<T: Pod> Default for SeriesWriter<T> {
 impl<T: Pod> SeriesWriter<T> {
     /// Makes an empty series that keeps at most `kept_max` values in memory.
     pub fn keeping(kept_max: usize) -> Self {
-        let values = Values {
-            file: None,
-            filed: 0,
-            kept: Vec::new(),
-        };
+        let values = Values::in_memory(Vec::new());
         Self { values, kept_max }
     }
 
@@ -324,15 +328,9 @@ impl<T: Pod> Series<T> {
 
 impl<T: Pod> From<Vec<T>> for Series<T> {
     fn from(values: Vec<T>) -> Self {
-        let places = 0..values.len();
-        let values = Values {
-            file: None,
-            filed: 0,
-            kept: values,
-        };
         Self {
-            values: Arc::new(values),
-            places,
+            places: 0..values.len(),
+            values: Arc::new(Values::in_memory(values)),
         }
     }
 }

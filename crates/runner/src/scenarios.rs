@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
 use scenario::node::Part;
-use scenario::overrides::{OverrideError, overridden, set};
+use scenario::overrides::{overridden, set};
 use scenario::rig::nodes::{Rig, controller_in};
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
 use scenario::{Beside, ScenarioError, read_text};
@@ -29,37 +29,14 @@ pub enum NoScenario {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Invalid(#[from] ScenarioError),
-    /// There is no such file, and no scenario of this name ships.
-    #[error("`{}`: there is no such file, and no scenario of this name ships", path.display())]
-    Unknown {
-        /// Path in the argument.
-        path: PathBuf,
+    /// Any other reason.
+    #[error("{why}")]
+    Refused {
+        /// Reason, with the path in the argument.
+        why: String,
         /// Advice to the user.
         #[help]
-        help: String,
-    },
-    /// A program where a scenario is expected.
-    #[error("`{}` is a program, not a scenario", path.display())]
-    #[diagnostic(help("a program that leads stands behind `--`: canrig simulate SCENARIO -- python3 {}", path.display()))]
-    NoToml {
-        /// Path of the program.
-        path: PathBuf,
-    },
-    /// A file of the program on the command line does not exist any more.
-    #[error("`{}`: the program cannot be found: {source}", path.display())]
-    Program {
-        /// Path of the scenario.
-        path: PathBuf,
-        /// Reason of the operating system.
-        source: io::Error,
-    },
-    /// A value of the command line has no place in the scenario.
-    #[error("`{}`: {why}", path.display())]
-    Override {
-        /// Path of the scenario.
-        path: PathBuf,
-        /// Reason of the refusal.
-        why: OverrideError,
+        help: Option<String>,
     },
 }
 
@@ -69,13 +46,15 @@ pub enum NoScenario {
 /// # Errors
 /// There is no such scenario, or it is not valid.
 pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
+    let place = path.display();
+    let refused = |why, help| Err(NoScenario::Refused { why, help });
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
         let hint = meant.map_or_else(String::new, |meant| format!("did you mean `{meant}`? "));
         let help = format!("{hint}`canrig examples` lists those that ship");
-        let path = path.to_owned();
-        return Err(NoScenario::Unknown { path, help });
+        let why = format!("`{place}`: there is no such file, and no scenario of this name ships");
+        return refused(why, Some(help));
     }
     let mut program = None;
     let text = match shipped {
@@ -87,19 +66,25 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         },
     };
     if values.program.is_empty() && is_program(path) {
-        let path = path.to_owned();
-        return Err(NoScenario::NoToml { path });
+        let help = format!(
+            "a program that leads stands behind `--`: canrig simulate SCENARIO -- python3 {place}"
+        );
+        let why = format!("`{place}` is a program, not a scenario");
+        return refused(why, Some(help));
     }
-    let text = overridden(text, &values.all()).map_err(|why| NoScenario::Override {
-        path: path.to_owned(),
-        why,
-    })?;
+    let text = match overridden(text, &values.all()) {
+        Ok(text) => text,
+        Err(why) => return refused(format!("`{place}`: {why}"), None),
+    };
     let mut beside = Beside::new(path);
     if !values.program.is_empty() {
-        let (with, command) = beside.with_program(&values.program).map_err(|source| {
-            let path = path.to_owned();
-            NoScenario::Program { path, source }
-        })?;
+        let (with, command) = match beside.with_program(&values.program) {
+            Ok(found) => found,
+            Err(error) => {
+                let why = format!("`{place}`: the program cannot be found: {error}");
+                return refused(why, None);
+            }
+        };
         beside = with;
         program = Some(command);
     }
