@@ -42,13 +42,6 @@ pub(super) struct Switch {
     packet: Box<[u8; PACKET_MAX]>,
 }
 
-/// Result of receiving from a client.
-enum Packet {
-    Nothing,
-    End,
-    Bytes(usize),
-}
-
 impl Switch {
     pub(super) fn new(listener: OwnedFd, stop: OwnedFd, ring: Ring) -> io::Result<Self> {
         let epoll = epoll::create(epoll::CreateFlags::CLOEXEC)?;
@@ -122,14 +115,14 @@ impl Switch {
             return false;
         };
         match receive(client, &mut self.packet[..]) {
-            Packet::Nothing => return false,
-            Packet::End => self.clients[index] = None,
-            Packet::Bytes(length) if client.filters.is_some() => {
+            Ok(None) => return false,
+            Err(_) => self.clients[index] = None,
+            Ok(Some(length)) if client.filters.is_some() => {
                 if let Some(frame) = self.packet.get(..length).and_then(decode_frame) {
                     self.pass_on(index, &frame);
                 }
             }
-            Packet::Bytes(length) => {
+            Ok(Some(length)) => {
                 client.filters = self.packet.get(..length).and_then(decode_filters);
                 if client.filters.is_none() || !client.send(&0_u64.to_ne_bytes()) {
                     self.clients[index] = None;
@@ -179,8 +172,11 @@ impl Client {
     }
 }
 
-/// Receives one packet; a longer one than fits is known by its length.
-fn receive(client: &Client, packet: &mut [u8]) -> Packet {
+/// Receives one packet, and returns its length, of which a longer one than fits is known; `None` if there is none.
+///
+/// # Errors
+/// If the client has left.
+fn receive(client: &Client, packet: &mut [u8]) -> Result<Option<usize>, Errno> {
     let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
     let mut receive = || rustix::net::recv(&client.socket, &mut *packet, flags);
     // Reported once for a client that left with frames unread, before the packets that it sent.
@@ -189,10 +185,10 @@ fn receive(client: &Client, packet: &mut [u8]) -> Packet {
         received => received,
     };
     match received {
-        Ok((_, 0)) => Packet::End,
-        Ok((_, length)) => Packet::Bytes(length),
-        Err(Errno::AGAIN | Errno::INTR) => Packet::Nothing,
-        Err(_) => Packet::End,
+        Ok((_, 0)) => Err(Errno::PIPE),
+        Ok((_, length)) => Ok(Some(length)),
+        Err(Errno::AGAIN | Errno::INTR) => Ok(None),
+        Err(errno) => Err(errno),
     }
 }
 
@@ -232,8 +228,8 @@ mod tests {
         let mut packet = [0; 16];
         for length in [5, 8] {
             let received = receive(&client, &mut packet);
-            assert!(matches!(received, Packet::Bytes(got) if got == length));
+            assert_eq!(received, Ok(Some(length)));
         }
-        assert!(matches!(receive(&client, &mut packet), Packet::End));
+        assert!(receive(&client, &mut packet).is_err());
     }
 }
