@@ -25,6 +25,7 @@ use plan::data_sheet::{DataSheet, DataSheetError};
 use plan::named_nodes::NamedNodes;
 use runner::exit::Exit;
 use runner::named::named_plan;
+use runner::number;
 use scenario::TIME_SECONDS_MAX;
 use worlds::guest::{Guest, GuestError};
 
@@ -85,16 +86,9 @@ impl NamesArgs {
 
 /// Parses a time from 0 to that of the longest run.
 pub(crate) fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text
-        .parse()
-        .map_err(|_| "a number of seconds is expected")?;
-    if (0.0..=TIME_SECONDS_MAX).contains(&seconds) {
-        Ok(seconds)
-    } else {
-        Err(format!(
-            "the time must be from 0 to {TIME_SECONDS_MAX} seconds"
-        ))
-    }
+    let limits = format!("the time must be from 0 to {TIME_SECONDS_MAX} seconds");
+    let expected = "a number of seconds is expected";
+    number::parse(text, 0.0..=TIME_SECONDS_MAX, expected, limits)
 }
 
 /// Reason why a tool failed.

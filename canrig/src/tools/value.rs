@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use canopen::eds::octets;
 use canopen::object_dictionary::{DataType, Entry};
 use dbc::{Database, Signal};
 
@@ -214,16 +215,7 @@ pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
 
 /// Parses bytes, each as two hexadecimal digits.
 pub(crate) fn parse_bytes(text: &str) -> Option<Vec<u8>> {
-    let letters = text.chars().filter(|letter| !letter.is_whitespace());
-    let digits: Vec<u32> = letters
-        .map(|letter| letter.to_digit(16))
-        .collect::<Option<_>>()?;
-    let byte = |pair: &[u32]| match pair {
-        [high, low] => u8::try_from(16 * high + low).ok(),
-        _ => None,
-    };
-    let bytes: Vec<u8> = digits.chunks(2).map(byte).collect::<Option<_>>()?;
-    (!bytes.is_empty()).then_some(bytes)
+    octets(text).ok().filter(|bytes| !bytes.is_empty())
 }
 
 fn parse_integer(text: &str) -> Option<i128> {

@@ -10,6 +10,7 @@ mod value;
 
 pub use error::EdsError;
 use ini::{Item, Name, Section, Sections};
+pub use value::octets;
 
 /// Longest text that is read.
 pub const MAX_TEXT_BYTES: usize = 4 << 20;

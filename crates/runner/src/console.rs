@@ -79,35 +79,29 @@ impl<W: Write> PrintableLines<W> {
         Self { output, begun }
     }
 
-    fn pass_on(&mut self) -> io::Result<()> {
-        let text = String::from_utf8_lossy(&self.begun);
+    fn pass_on(&mut self, bytes: usize) -> io::Result<()> {
+        let text = String::from_utf8_lossy(&self.begun[..bytes]);
         self.output.write_all(printable(&text).as_bytes())?;
-        self.begun.clear();
+        self.begun.drain(..bytes);
         Ok(())
     }
 }
 
 impl<W: Write> Write for PrintableLines<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let whole = bytes
-            .iter()
-            .rposition(|byte| *byte == b'\n')
-            .map_or(0, |end| end + 1);
-        let (lines, begun) = bytes.split_at(whole);
-        if !lines.is_empty() {
-            self.begun.extend(lines);
-            self.pass_on()?;
-        }
-        self.begun.extend(begun);
-        // Data without lines are not meant for a reader, so a cut character does no harm.
-        if self.begun.len() >= BUFFER_BYTES {
-            self.pass_on()?;
+        self.begun.extend(bytes);
+        let end = self.begun.iter().rposition(|byte| *byte == b'\n');
+        match end {
+            Some(end) => self.pass_on(end + 1)?,
+            // Data without lines are not meant for a reader, so a cut character does no harm.
+            None if self.begun.len() >= BUFFER_BYTES => self.pass_on(self.begun.len())?,
+            None => {}
         }
         Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.pass_on()?;
+        self.pass_on(self.begun.len())?;
         self.output.flush()
     }
 }

@@ -16,6 +16,7 @@ pub mod identity;
 pub mod lines;
 pub mod machine;
 pub mod named;
+pub mod number;
 pub mod observer;
 pub mod output;
 pub mod play;

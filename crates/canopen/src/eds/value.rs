@@ -92,7 +92,10 @@ fn real(data_type: DataType, text: &str) -> Result<Vec<u8>, String> {
 }
 
 /// Returns the bytes of hexadecimal digits; blanks between bytes are allowed.
-fn octets(text: &str) -> Result<Vec<u8>, String> {
+///
+/// # Errors
+/// With the expected form.
+pub fn octets(text: &str) -> Result<Vec<u8>, String> {
     let digits = text
         .chars()
         .filter(|letter| !letter.is_whitespace())

@@ -8,6 +8,7 @@ use platform::clock::{Clock, sleep};
 
 use crate::console::{WorkBar, print, print_problem, print_text};
 use crate::exit::Exit;
+use crate::number;
 use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::verdict::Verdict;
@@ -46,12 +47,8 @@ pub struct ReplayArgs {
 
 /// Parses a factor on time.
 fn speed(text: &str) -> Result<f64, String> {
-    let factor: f64 = text.parse().map_err(|_| "a number is expected, or inf")?;
-    if factor >= 1e-3 {
-        Ok(factor)
-    } else {
-        Err("0.001 is the slowest".to_owned())
-    }
+    let expected = "a number is expected, or inf";
+    number::parse(text, 1e-3.., expected, "0.001 is the slowest")
 }
 
 /// Judges a recording again; the exit code is that of the verdict.

@@ -7,6 +7,7 @@ use clap::Args;
 use super::page::{self, Compared, ComparedRun, LETTERS};
 use crate::console::{WorkBar, print, print_text};
 use crate::exit::Exit;
+use crate::number;
 use crate::output::{link, write};
 use crate::play_record::PlayRecord;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -47,14 +48,9 @@ pub struct CompareArgs {
 
 /// Parses a time from 0 to 10 s.
 fn milliseconds(text: &str) -> Result<f64, String> {
-    let value: f64 = text
-        .parse()
-        .map_err(|_| "a number of milliseconds is expected")?;
-    if (0.0..=10_000.0).contains(&value) {
-        Ok(value)
-    } else {
-        Err("the time must be from 0 to 10000 ms".to_owned())
-    }
+    let expected = "a number of milliseconds is expected";
+    let limits = "the time must be from 0 to 10000 ms";
+    number::parse(text, 0.0..=10_000.0, expected, limits)
 }
 
 /// Compares two recordings; the exit code is 0 if they agree, 1 if they diverge.
