@@ -273,13 +273,15 @@ fn check_interface(name: &str, address: &BusAddress) -> Result<(), BusError> {
         Some(libc::ENODEV) => BusError::no_interface(name),
         _ => BusError::system(address, "open", error),
     })?;
-    match link {
-        link if !link.is_can => Err(BusError(format!(
+    if !link.is_can {
+        return Err(BusError(format!(
             "{name} is no CAN interface; `ip -brief link show type can` and `... type vcan` list those there are"
-        ))),
-        link if !link.is_up => Err(BusError::interface_down(name)),
-        _ => Ok(()),
+        )));
     }
+    if !link.is_up {
+        return Err(BusError::interface_down(name));
+    }
+    Ok(())
 }
 
 /// Sets the kernel's receive filters. The kernel reads the error flag in an identifier as an inversion of the filter, which our

@@ -31,15 +31,9 @@ pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SI
 #[derive(Debug)]
 pub struct StopSignal {
     /// Pipe whose end means stop; bytes written to it are ignored.
-    pipe: Option<Pipe>,
+    pipe: Option<OwnedFd>,
     /// Event that the signal handler raises.
     event: Option<BorrowedFd<'static>>,
-}
-
-#[derive(Debug)]
-enum Pipe {
-    Stdin,
-    Owned(OwnedFd),
 }
 
 /// Guard that raises a [`StopSignal`] when dropped.
@@ -58,7 +52,7 @@ impl StopSignal {
     pub fn from_parent() -> io::Result<Self> {
         ignore(&OF_TERMINAL)?;
         Ok(Self {
-            pipe: Some(Pipe::Stdin),
+            pipe: Some(io::stdin().as_fd().try_clone_to_owned()?),
             event: Some(signal_event(&[libc::SIGTERM])?),
         })
     }
@@ -82,7 +76,7 @@ impl StopSignal {
     pub fn manual() -> io::Result<(Stopper, Self)> {
         let (reader, stopper) = stop_pipe()?;
         let signal = Self {
-            pipe: Some(Pipe::Owned(reader)),
+            pipe: Some(reader),
             event: None,
         };
         Ok((stopper, signal))
@@ -90,19 +84,13 @@ impl StopSignal {
 
     /// Returns whether it is time to stop. Never waits.
     pub fn is_raised(&self) -> bool {
-        self.event.is_some_and(is_readable) || self.pipe_fd().is_some_and(has_ended)
+        let [pipe, event] = self.fds();
+        event.is_some_and(is_readable) || pipe.is_some_and(has_ended)
     }
 
     /// Descriptors that become readable when [`StopSignal::is_raised`] may have changed.
     pub(crate) fn fds(&self) -> [Option<BorrowedFd<'_>>; 2] {
-        [self.pipe_fd(), self.event]
-    }
-
-    fn pipe_fd(&self) -> Option<BorrowedFd<'_>> {
-        self.pipe.as_ref().map(|pipe| match pipe {
-            Pipe::Stdin => rustix::stdio::stdin(),
-            Pipe::Owned(fd) => fd.as_fd(),
-        })
+        [self.pipe.as_ref().map(AsFd::as_fd), self.event]
     }
 }
 

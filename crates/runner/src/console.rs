@@ -219,7 +219,12 @@ impl BufferedLines {
 fn new_bar(total: Option<u64>, template: &str, is_shown: bool) -> ProgressBar {
     let parsed = ProgressStyle::with_template(template);
     let style = parsed.unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::with_draw_target(total, target(is_shown))
+    let target = if is_shown && io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
+    ProgressBar::with_draw_target(total, target)
         .with_style(style.with_key("left", show_eta).with_key("rest", show_rest))
         .with_finish(ProgressFinish::AndClear)
 }
@@ -408,15 +413,6 @@ fn show_rest(state: &ProgressState, output: &mut dyn fmt::Write) {
     let left = Duration::try_from_secs_f64(left).unwrap_or(Duration::MAX);
     // A state that cannot be written is not worth a panic.
     let _ = write!(output, "{:#}", HumanDuration(left));
-}
-
-/// Returns the terminal, or a hidden target.
-fn target(is_shown: bool) -> ProgressDrawTarget {
-    if is_shown && io::stderr().is_terminal() {
-        ProgressDrawTarget::stderr()
-    } else {
-        ProgressDrawTarget::hidden()
-    }
 }
 
 fn micros(time: Duration) -> u64 {
