@@ -21,7 +21,7 @@ const KILL_AFTER_SECONDS: libc::c_uint = 3;
 static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
 /// Exit code of a program that a signal ends at once.
 static AT_ONCE_CODE: AtomicI32 = AtomicI32::new(0);
-/// Event that wakes the thread of [`end_at_once_after`]; -1 if there is nothing to do before that end.
+/// Event that wakes the thread of [`end_at_once_after`]; -1 before there is one.
 static AT_ONCE_EVENT: AtomicI32 = AtomicI32::new(-1);
 
 /// Signals that a terminal sends to all its processes: Ctrl-C, Ctrl-\, and its end.
@@ -216,11 +216,6 @@ pub(crate) fn end_at_once_after(act: fn()) {
     });
     let event = event.as_ref().map_or(-1, AsRawFd::as_raw_fd);
     AT_ONCE_EVENT.store(event, Ordering::Relaxed);
-}
-
-/// Undoes [`end_at_once_after`].
-pub(crate) fn end_at_once_after_nothing() {
-    AT_ONCE_EVENT.store(-1, Ordering::Relaxed);
 }
 
 /// Ignores these signals from now on.

@@ -25,31 +25,16 @@ impl Unfinished {
     ) -> Result<(T, Self), E> {
         let mut paths = paths();
         stop::end_at_once_after(remove_all);
-        match make() {
-            Ok(made) => {
-                let path = path(&made);
-                paths.insert(path.clone());
-                Ok((made, Self(path)))
-            }
-            Err(error) => {
-                look_for_others(&paths);
-                Err(error)
-            }
-        }
+        let made = make()?;
+        let path = path(&made);
+        paths.insert(path.clone());
+        Ok((made, Self(path)))
     }
 }
 
 impl Drop for Unfinished {
     fn drop(&mut self) {
-        let mut paths = paths();
-        paths.remove(&self.0);
-        look_for_others(&paths);
-    }
-}
-
-fn look_for_others(paths: &BTreeSet<PathBuf>) {
-    if paths.is_empty() {
-        stop::end_at_once_after_nothing();
+        paths().remove(&self.0);
     }
 }
 
