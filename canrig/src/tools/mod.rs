@@ -17,7 +17,7 @@ use std::time::Duration;
 
 use can::Filter;
 use canopen::sdo_client::{SdoClient, SdoError};
-use platform::bus::{BadAddress, Bus, BusAddress, BusError};
+use platform::bus::{Bus, BusAddress, BusError};
 use platform::hub;
 use platform::stop::StopSignal;
 
@@ -39,9 +39,9 @@ pub(crate) enum ToolBus {
 }
 
 impl FromStr for ToolBus {
-    type Err = BadAddress;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, BadAddress> {
+    fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "embedded" => Ok(Self::Running),
             address => address.parse().map(Self::At),

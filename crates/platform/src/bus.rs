@@ -58,18 +58,15 @@ pub enum BusAddress {
     Private(u32),
 }
 
-/// Error in the text of an address.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("\"{text}\" is not a bus: name a CAN interface such as vcan0, or embedded:/path/to/socket")]
-pub struct BadAddress {
-    text: String,
-}
-
 impl FromStr for BusAddress {
-    type Err = BadAddress;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, BadAddress> {
-        let bad = || BadAddress { text: text.into() };
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || {
+            format!(
+                "\"{text}\" is not a bus: name a CAN interface such as vcan0, or embedded:/path/to/socket"
+            )
+        };
         if let Some(path) = text.strip_prefix("embedded:") {
             let valid = !path.is_empty();
             return valid.then(|| Self::Embedded(path.into())).ok_or_else(bad);

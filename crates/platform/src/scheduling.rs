@@ -25,45 +25,31 @@ const STACK_BYTES: usize = 128 * 1024;
 
 /// Refusal of real-time means by the system; the loop runs without them, its deadlines at the mercy of the machine's load.
 #[derive(Debug, thiserror::Error)]
-pub enum Refused {
-    /// No real-time priority.
-    #[error(
-        "real-time priority {priority} (SCHED_FIFO) was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --rtprio=99"
-    )]
-    Fifo {
-        /// Priority that was asked for.
-        priority: u8,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// Memory may be paged out.
-    #[error(
-        "locking memory was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --memlock=unlimited"
-    )]
-    Memory {
-        /// The system's error.
-        source: io::Error,
-    },
-}
+#[error("{0}")]
+pub struct Refused(String);
 
 /// Requests a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
 ///
 /// # Errors
 /// If it is not permitted.
 pub fn request_fifo(priority: u8) -> Result<(), Refused> {
+    set_fifo(priority).map_err(|source| {
+        Refused(format!(
+            "real-time priority {priority} (SCHED_FIFO) was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --rtprio=99"
+        ))
+    })
+}
+
+fn set_fifo(priority: u8) -> io::Result<()> {
     let parameter = libc::sched_param {
         sched_priority: priority.into(),
     };
     let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
     // SAFETY: the call only reads the parameter; 0 is the calling thread.
-    let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameter) };
-    if result == 0 {
-        return Ok(());
+    match unsafe { libc::sched_setscheduler(0, policy, &raw const parameter) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
     }
-    Err(Refused::Fifo {
-        priority,
-        source: io::Error::last_os_error(),
-    })
 }
 
 /// Makes the process of a command request the priority of a worker before it begins, if this thread has a real-time priority. If
@@ -75,7 +61,7 @@ pub(crate) fn pass_on_fifo(command: &mut Command) {
         return;
     }
     let ask = || {
-        let _ = request_fifo(WORKER_PRIORITY);
+        let _ = set_fifo(WORKER_PRIORITY);
         Ok(())
     };
     // SAFETY: the closure makes one system call and does not allocate.
@@ -91,8 +77,10 @@ pub(crate) fn pass_on_fifo(command: &mut Command) {
 /// If it is not permitted.
 pub fn lock_memory() -> Result<(), Refused> {
     touch_stack();
-    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).map_err(|errno| Refused::Memory {
-        source: errno.into(),
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).map_err(|source| {
+        Refused(format!(
+            "locking memory was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --memlock=unlimited"
+        ))
     })
 }
 
