@@ -7,7 +7,6 @@
     reason = "a process of another container has no number here, for which rustix has no type"
 )]
 
-use std::io;
 use std::os::fd::{AsRawFd, OwnedFd};
 
 use rustix::io::Errno;
@@ -22,24 +21,12 @@ const BACKLOG: i32 = 4096;
 /// Reason why an interface cannot be claimed.
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
-    /// Another process holds it.
-    #[error(
-        "{holder} of this machine plays on {name} already; wait until it ends, or take another bus"
-    )]
-    Taken {
-        /// The interface.
-        name: String,
-        /// Holder: its process if that is visible from this namespace.
-        holder: String,
-    },
+    /// Another process holds it; it is named if it is visible from this namespace.
+    #[error("{0}")]
+    Taken(String),
     /// The system refuses.
-    #[error("{name} cannot be claimed: {source}")]
-    System {
-        /// The interface.
-        name: String,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("{0}")]
+    System(String),
 }
 
 /// Exclusive claim on an interface; released on drop.
@@ -54,36 +41,33 @@ impl Claim {
     /// # Errors
     /// Another process has it, or the system refuses.
     pub fn on(interface: &str) -> Result<Self, ClaimError> {
-        let system = |errno: Errno| ClaimError::System {
-            name: interface.to_owned(),
-            source: errno.into(),
-        };
         // An interface may have several names, and get another one.
-        let index =
-            netdevice::name_to_index(socket().map_err(system)?, interface).map_err(system)?;
+        let index = socket().and_then(|socket| netdevice::name_to_index(socket, interface));
+        let index = index.map_err(|errno| refused(interface, errno))?;
         Self::named(&format!("canrig/interface/{index}"), interface)
     }
 
     fn named(name: &str, interface: &str) -> Result<Self, ClaimError> {
-        let system = |errno: Errno| ClaimError::System {
-            name: interface.to_owned(),
-            source: errno.into(),
-        };
+        let system = |errno| refused(interface, errno);
         let address = SocketAddrUnix::new_abstract_name(name.as_bytes()).map_err(system)?;
         let socket = socket().map_err(system)?;
         match bind(&socket, &address) {
             Err(Errno::ADDRINUSE) => {
                 let holder = holder(&address).map(|process| format!("process {process}"));
-                return Err(ClaimError::Taken {
-                    name: interface.to_owned(),
-                    holder: holder.unwrap_or_else(|| "another canrig".to_owned()),
-                });
+                let holder = holder.unwrap_or_else(|| "another canrig".to_owned());
+                return Err(ClaimError::Taken(format!(
+                    "{holder} of this machine plays on {interface} already; wait until it ends, or take another bus"
+                )));
             }
             bound => bound.map_err(system)?,
         }
         listen(&socket, BACKLOG).map_err(system)?;
         Ok(Self { _socket: socket })
     }
+}
+
+fn refused(interface: &str, errno: Errno) -> ClaimError {
+    ClaimError::System(format!("{interface} cannot be claimed: {errno}"))
 }
 
 fn socket() -> rustix::io::Result<OwnedFd> {

@@ -30,8 +30,8 @@ pub fn claim(bus: &RunBus) -> Result<Option<Claim>, WorldError> {
         return Ok(None);
     };
     let claim = Claim::on(name).map_err(|error| match error {
-        ClaimError::Taken { .. } => WorldError::SecondMaster(error.to_string()),
-        ClaimError::System { .. } => WorldError::Claim(error),
+        ClaimError::Taken(why) => WorldError::SecondMaster(why),
+        ClaimError::System(_) => WorldError::Claim(error),
     });
     claim.map(Some)
 }
