@@ -1,14 +1,13 @@
 //! Electronic data sheets (CiA 306-1): from EDS or DCF text to the object dictionary of one node.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use crate::object_dictionary::{Access, DataType, Entry, ObjectDictionary};
 
-mod error;
 mod ini;
 mod value;
 
-pub use error::EdsError;
 use ini::{Item, Name, Section, Sections};
 pub use value::octets;
 
@@ -17,6 +16,18 @@ pub const MAX_TEXT_BYTES: usize = 4 << 20;
 
 /// Most sub-objects that a dictionary may have; compact sub-objects let a short text ask for millions.
 pub const MAX_ENTRIES: usize = 32_768;
+
+/// Error of an EDS: its line, section, key and value as far as it has them, and the reason.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct EdsError(String);
+
+impl EdsError {
+    /// Makes an error about a line, from 1.
+    fn at_line(line: usize, reason: impl fmt::Display) -> Self {
+        Self(format!("line {line}: {reason}"))
+    }
+}
 
 /// An EDS or DCF, read for one node-ID.
 #[derive(Clone, Debug)]
@@ -41,11 +52,11 @@ pub struct Eds {
 pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
     if !(1..=127).contains(&node_id) {
         let reason = format!("node-ID {node_id} is outside 1 to 127");
-        return Err(EdsError::at_line(0, reason));
+        return Err(EdsError(reason));
     }
     if text.len() > MAX_TEXT_BYTES {
         let reason = format!("the text has {} bytes (limit {MAX_TEXT_BYTES})", text.len());
-        return Err(EdsError::at_line(0, reason));
+        return Err(EdsError(reason));
     }
     let sections = ini::read(text)?;
     check_compact_pdos(&sections, node_id)?;
@@ -127,8 +138,7 @@ impl Reader {
             .flat_map(Section::items)
             .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
         {
-            let index =
-                value::integer(item.value, self.node_id).map_err(|reason| item.error(reason))?;
+            let index = item.integer(self.node_id)?;
             if !sections.contains_key(&Name(&format!("{index:04x}"))) {
                 let reason = format!("there is no section [{index:04X}]");
                 self.warnings.push(item.error(reason));
@@ -282,8 +292,7 @@ impl Reader {
 
     /// Reads `DataType`.
     fn data_type(&mut self, item: &Item<'_>) -> Result<DataType, EdsError> {
-        let number =
-            value::integer(item.value, self.node_id).map_err(|reason| item.error(reason))?;
+        let number = item.integer(self.node_id)?;
         let known = u32::try_from(number).ok().and_then(DataType::from_number);
         Ok(known.unwrap_or_else(|| {
             let reason = "the data type is unknown, read as DOMAIN";
@@ -328,7 +337,7 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
     let Some(item) = section.get(key) else {
         return Ok(None);
     };
-    let value = value::integer(item.value, node_id).map_err(|reason| item.error(reason))?;
+    let value = item.integer(node_id)?;
     match T::try_from(value) {
         Ok(inside) if (0..=limit.into()).contains(&value) => Ok(Some(inside)),
         _ => Err(item.error(format!("{value} is outside 0 to {}", limit.into()))),

@@ -5,8 +5,10 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::fmt::Display;
 
-use super::error::EdsError;
+use super::EdsError;
+use super::value;
 
 /// Longest line; CiA 306-1 allows 255 characters.
 const MAX_LINE_BYTES: usize = 1024;
@@ -48,14 +50,19 @@ pub(super) struct Item<'t> {
 
 impl Item<'_> {
     /// Makes an error about this item.
-    pub(super) fn error(&self, reason: impl Into<String>) -> EdsError {
-        EdsError {
-            line: self.line,
-            section: self.section.to_owned(),
-            key: self.key.to_owned(),
-            value: self.value.to_owned(),
-            reason: reason.into(),
-        }
+    pub(super) fn error(&self, reason: impl Display) -> EdsError {
+        let Self {
+            line,
+            section,
+            key,
+            value,
+        } = self;
+        EdsError::at_line(*line, format!("[{section}] {key}={value}: {reason}"))
+    }
+
+    /// Reads the value as an integer.
+    pub(super) fn integer(&self, node_id: u8) -> Result<i128, EdsError> {
+        value::integer(self.value, node_id).map_err(|reason| self.error(reason))
     }
 }
 
@@ -81,14 +88,13 @@ impl<'t> Section<'t> {
     }
 
     /// Makes an error about the section as a whole.
-    pub(super) fn error(&self, reason: impl Into<String>) -> EdsError {
-        EdsError {
-            line: self.line,
-            section: self.name.to_owned(),
-            key: String::new(),
-            value: String::new(),
-            reason: reason.into(),
-        }
+    pub(super) fn error(&self, reason: impl Display) -> EdsError {
+        self.error_at(self.line, reason)
+    }
+
+    /// Makes an error about a line of the section.
+    fn error_at(&self, line: usize, reason: impl Display) -> EdsError {
+        EdsError::at_line(line, format!("[{}] {reason}", self.name))
     }
 }
 
@@ -141,10 +147,8 @@ fn header(number: usize, line: &str) -> Result<Section<'_>, EdsError> {
 
 /// Adds a `key=value` line to a section.
 fn add_item<'t>(section: &mut Section<'t>, number: usize, line: &'t str) -> Result<(), EdsError> {
-    let (key, value) = cut(line, b'=').ok_or_else(|| EdsError {
-        line: number,
-        ..section.error(format!("expected key=value, found \"{line}\""))
-    })?;
+    let (key, value) = cut(line, b'=')
+        .ok_or_else(|| section.error_at(number, format!("expected key=value, found \"{line}\"")))?;
     let item = Item {
         line: number,
         section: section.name,
