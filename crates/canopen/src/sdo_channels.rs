@@ -45,25 +45,8 @@ pub(crate) fn check_write(
 #[derive(Clone, Debug)]
 pub(crate) struct SdoServers {
     default: SdoServer,
-    additional: Vec<Channel>,
-}
-
-/// Channel of the dictionary; without server while a COB-ID is invalid.
-#[derive(Clone, Debug)]
-struct Channel {
-    index: u16,
-    server: Option<SdoServer>,
-}
-
-impl Channel {
-    /// Follows the dictionary; a server whose COB-IDs have not changed continues its transfer.
-    fn configure(&mut self, dictionary: &ObjectDictionary) {
-        let ids = channel_ids(dictionary, self.index);
-        let current = self.server.as_ref();
-        if ids != current.map(|server| (server.request_id(), server.response_id())) {
-            self.server = ids.map(|(request, response)| SdoServer::new(request, response));
-        }
-    }
+    /// Additional channels by their indices; without server while a COB-ID is invalid.
+    additional: Vec<(u16, Option<SdoServer>)>,
 }
 
 impl SdoServers {
@@ -71,22 +54,22 @@ impl SdoServers {
     pub(crate) fn new(node_id: NodeId, dictionary: &ObjectDictionary) -> Self {
         let indices =
             (FIRST_ADDITIONAL..=LAST).filter(|index| dictionary.find(*index, REQUEST_ID).is_ok());
-        let channels = indices.map(|index| Channel {
-            index,
-            server: None,
-        });
         let mut servers = Self {
             default: SdoServer::for_node(node_id.get()),
-            additional: channels.collect(),
+            additional: indices.map(|index| (index, None)).collect(),
         };
         servers.configure(dictionary);
         servers
     }
 
-    /// Follows the dictionary after a write.
+    /// Follows the dictionary after a write; a server whose COB-IDs have not changed continues its transfer.
     pub(crate) fn configure(&mut self, dictionary: &ObjectDictionary) {
-        for channel in &mut self.additional {
-            channel.configure(dictionary);
+        for (index, server) in &mut self.additional {
+            let ids = channel_ids(dictionary, *index);
+            let current = server.as_ref();
+            if ids != current.map(|server| (server.request_id(), server.response_id())) {
+                *server = ids.map(|(request, response)| SdoServer::new(request, response));
+            }
         }
     }
 
@@ -129,12 +112,12 @@ impl SdoServers {
 
     fn servers(&self) -> impl Iterator<Item = &SdoServer> {
         let additional = self.additional.iter();
-        std::iter::once(&self.default).chain(additional.flat_map(|channel| &channel.server))
+        std::iter::once(&self.default).chain(additional.flat_map(|(_, server)| server))
     }
 
     fn servers_mut(&mut self) -> impl Iterator<Item = &mut SdoServer> {
         let additional = self.additional.iter_mut();
-        std::iter::once(&mut self.default).chain(additional.flat_map(|channel| &mut channel.server))
+        std::iter::once(&mut self.default).chain(additional.flat_map(|(_, server)| server))
     }
 }
 
