@@ -61,6 +61,77 @@ impl Multiplexer {
     }
 }
 
+/// Effect of a frame on a transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    /// It does not advance the transfer, so that its time-out runs on.
+    Stale,
+    Forward,
+    Done,
+}
+
+/// Transfer under way, as client and server keep it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Transfer {
+    pub(crate) object: Multiplexer,
+    /// Length that the sender of the value has announced.
+    pub(crate) announced: Option<usize>,
+    /// Whether a block transfer ends with a CRC.
+    pub(crate) with_crc: bool,
+    /// The value, as far as it is known.
+    pub(crate) buffer: Vec<u8>,
+    /// Payload to send next.
+    pub(crate) outgoing: Option<Payload>,
+    pub(crate) deadline: Option<Duration>,
+}
+
+impl Transfer {
+    /// Sends the segment at a position; returns whether it is the last.
+    pub(crate) fn send_segment(&mut self, toggle: bool, position: usize) -> bool {
+        let (payload, is_last) = segment(&self.buffer, position, toggle);
+        self.outgoing = Some(payload);
+        is_last
+    }
+
+    /// Takes a segment; returns whether it is the last.
+    ///
+    /// # Errors
+    /// Another toggle bit, more or less than announced, or more than [`MAX_TRANSFER_BYTES`].
+    pub(crate) fn receive_segment(
+        &mut self,
+        payload: &Payload,
+        toggle: bool,
+    ) -> Result<bool, AbortCode> {
+        check_toggle(payload, toggle)?;
+        let length = SEGMENT_BYTES - usize::from(payload[0] >> 1 & 0b111);
+        let total = self.buffer.len() + length;
+        if self.announced.is_some_and(|announced| total > announced) {
+            return Err(AbortCode::TOO_LONG);
+        }
+        if total > MAX_TRANSFER_BYTES {
+            return Err(AbortCode::OUT_OF_MEMORY);
+        }
+        self.buffer.extend_from_slice(&payload[1..=length]);
+        let is_last = payload[0] & 1 != 0;
+        if is_last {
+            check_length(total, self.announced)?;
+        }
+        Ok(is_last)
+    }
+}
+
+/// Checks the toggle bit of a segment, its request or its confirmation.
+///
+/// # Errors
+/// [`AbortCode::TOGGLE_BIT_NOT_ALTERNATED`].
+pub(crate) fn check_toggle(payload: &Payload, expected: bool) -> Result<(), AbortCode> {
+    if (payload[0] & 0x10 != 0) == expected {
+        Ok(())
+    } else {
+        Err(AbortCode::TOGGLE_BIT_NOT_ALTERNATED)
+    }
+}
+
 /// Returns the payload of an SDO frame with this identifier; `None` for other identifiers and lengths.
 pub(crate) fn payload_with_id(frame: &CanFrame, id: u16) -> Option<Payload> {
     if frame.standard_id() != Some(id) {
@@ -121,27 +192,6 @@ pub(crate) fn segment(data: &[u8], position: usize, toggle: bool) -> (Payload, b
     (payload, is_last)
 }
 
-/// Appends the data of a segment.
-///
-/// # Errors
-/// More than announced, or more than [`MAX_TRANSFER_BYTES`].
-pub(crate) fn append_segment(
-    buffer: &mut Vec<u8>,
-    payload: &Payload,
-    announced: Option<usize>,
-) -> Result<(), AbortCode> {
-    let length = SEGMENT_BYTES - usize::from(payload[0] >> 1 & 0b111);
-    let total = buffer.len() + length;
-    if announced.is_some_and(|announced| total > announced) {
-        return Err(AbortCode::TOO_LONG);
-    }
-    if total > MAX_TRANSFER_BYTES {
-        return Err(AbortCode::OUT_OF_MEMORY);
-    }
-    buffer.extend_from_slice(&payload[1..=length]);
-    Ok(())
-}
-
 /// Checks the length of a value against that which was announced, or which its type has; `None` if any will do.
 ///
 /// # Errors
@@ -151,18 +201,6 @@ pub(crate) fn check_length(length: usize, expected: Option<usize>) -> Result<(),
         Some(expected) if length > expected => Err(AbortCode::TOO_LONG),
         Some(expected) if length < expected => Err(AbortCode::TOO_SHORT),
         _ => Ok(()),
-    }
-}
-
-/// Checks the toggle bit of a segment, its request or its confirmation.
-///
-/// # Errors
-/// [`AbortCode::TOGGLE_BIT_NOT_ALTERNATED`].
-pub(crate) fn check_toggle(payload: &Payload, expected: bool) -> Result<(), AbortCode> {
-    if (payload[0] & 0x10 != 0) == expected {
-        Ok(())
-    } else {
-        Err(AbortCode::TOGGLE_BIT_NOT_ALTERNATED)
     }
 }
 

@@ -1,7 +1,10 @@
 //! The segments of an SDO block transfer (CiA 301, 7.2.4.3.9 to 7.2.4.3.17), the same in both directions.
 
 use crate::object_dictionary::AbortCode;
-use crate::sdo::{MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, crc, segment, unused_bytes};
+use crate::sdo::{
+    MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, Step, Transfer, check_length, crc, segment,
+    unused_bytes,
+};
 
 /// Segments per block that a receiver of this crate grants: the standard's maximum.
 pub(crate) const BLOCK_SIZE: u8 = 127;
@@ -13,7 +16,7 @@ const MAX_FRUITLESS_ACKNOWLEDGEMENTS: u8 = 3;
 const LAST: u8 = 0x80;
 
 /// Checks that a block size is one of the standard, 1 to 127.
-pub(crate) fn check_block_size(block_size: u8) -> Result<(), AbortCode> {
+fn check_block_size(block_size: u8) -> Result<(), AbortCode> {
     if (1..=127).contains(&block_size) {
         Ok(())
     } else {
@@ -34,13 +37,14 @@ pub(crate) struct BlockSender {
 
 impl BlockSender {
     /// Makes a sender before its first block.
-    pub(crate) fn new(block_size: u8) -> Self {
-        Self {
+    pub(crate) fn new(block_size: u8) -> Result<Self, AbortCode> {
+        check_block_size(block_size)?;
+        Ok(Self {
             confirmed: 0,
             sent: 0,
             block_size,
             fruitless: 0,
-        }
+        })
     }
 
     /// Returns the next segment of the block; `None` if an acknowledgement is due.
@@ -56,19 +60,20 @@ impl BlockSender {
         Some(payload)
     }
 
-    /// Handles the receiver's acknowledgement of a block; true if the receiver has everything.
+    /// Handles the receiver's acknowledgement of a block; true if the receiver has everything, so that the end is sent.
     pub(crate) fn acknowledge(
         &mut self,
-        data: &[u8],
-        sequence: u8,
-        block_size: u8,
+        transfer: &mut Transfer,
+        payload: &Payload,
     ) -> Result<bool, AbortCode> {
+        let [_, sequence, block_size, ..] = *payload;
         if sequence > self.sent {
             return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
         }
         self.confirmed += SEGMENT_BYTES * usize::from(sequence);
         self.sent = 0;
-        if self.confirmed >= data.len().max(1) {
+        if self.confirmed >= transfer.buffer.len().max(1) {
+            transfer.outgoing = Some(end(&transfer.buffer, transfer.with_crc));
             return Ok(true);
         }
         check_block_size(block_size)?;
@@ -81,45 +86,31 @@ impl BlockSender {
     }
 }
 
-/// Returns the end of a block transfer: `command` with the unused bytes of the last segment, and the CRC.
-pub(crate) fn end(command: u8, data: &[u8], with_crc: bool) -> Payload {
+/// Returns the end of a block transfer: its command with the unused bytes of the last segment, and the CRC.
+fn end(data: &[u8], with_crc: bool) -> Payload {
     let last_length = match data.len() % SEGMENT_BYTES {
         0 if !data.is_empty() => SEGMENT_BYTES,
         length => length,
     };
     let crc = if with_crc { crc(data) } else { 0 };
     let [low, high] = crc.to_le_bytes();
-    let command = command | unused_bytes(last_length) << 2;
+    let command = 0xC1 | unused_bytes(last_length) << 2;
     [command, low, high, 0, 0, 0, 0, 0]
 }
 
-/// Cuts the padding off received data and checks CRC and size.
-pub(crate) fn check_end(
-    end: &Payload,
-    buffer: &mut Vec<u8>,
-    with_crc: bool,
-) -> Result<(), AbortCode> {
+/// Handles the end of a block transfer: cuts the padding off the received data, and checks CRC and size.
+pub(crate) fn check_end(transfer: &mut Transfer, end: &Payload) -> Result<(), AbortCode> {
+    let buffer = &mut transfer.buffer;
     let unused = usize::from(end[0] >> 2 & 0b111);
     buffer.truncate(buffer.len().saturating_sub(unused));
-    if with_crc && crc(buffer) != u16::from_le_bytes([end[1], end[2]]) {
+    if transfer.with_crc && crc(buffer) != u16::from_le_bytes([end[1], end[2]]) {
         return Err(AbortCode::CRC_ERROR);
     }
     // The receiver stores whole segments, so the padding may hide up to six bytes too many.
     if buffer.len() > MAX_TRANSFER_BYTES {
         return Err(AbortCode::OUT_OF_MEMORY);
     }
-    Ok(())
-}
-
-/// Result of a received segment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Received {
-    /// It is out of sequence; the acknowledgement will ask for it again.
-    Dropped,
-    /// It was stored.
-    Stored,
-    /// It ends the block: acknowledge up to this sequence number.
-    BlockEnded(u8),
+    check_length(buffer.len(), transfer.announced)
 }
 
 /// Receiver of segments.
@@ -136,12 +127,13 @@ impl BlockReceiver {
         self.is_complete
     }
 
-    /// Accepts a segment; the last one is stored with its padding.
+    /// Accepts a segment, the last one with its padding, and acknowledges the block at its end. A segment out of sequence is
+    /// dropped; the acknowledgement will ask for it again.
     pub(crate) fn accept(
         &mut self,
+        transfer: &mut Transfer,
         payload: &Payload,
-        buffer: &mut Vec<u8>,
-    ) -> Result<Received, AbortCode> {
+    ) -> Result<Step, AbortCode> {
         let sequence = payload[0] & !LAST;
         let is_last = payload[0] & LAST != 0;
         if sequence == 0 || sequence > BLOCK_SIZE {
@@ -149,20 +141,19 @@ impl BlockReceiver {
         }
         let is_next = sequence == self.stored + 1;
         if is_next {
-            if buffer.len() >= MAX_TRANSFER_BYTES {
+            if transfer.buffer.len() >= MAX_TRANSFER_BYTES {
                 return Err(AbortCode::OUT_OF_MEMORY);
             }
-            buffer.extend_from_slice(&payload[1..]);
+            transfer.buffer.extend_from_slice(&payload[1..]);
             self.stored += 1;
             self.is_complete = is_last;
         }
         if is_last || sequence == BLOCK_SIZE {
-            return Ok(Received::BlockEnded(std::mem::take(&mut self.stored)));
+            let stored = std::mem::take(&mut self.stored);
+            transfer.outgoing = Some([0xA2, stored, BLOCK_SIZE, 0, 0, 0, 0, 0]);
+        } else if !is_next {
+            return Ok(Step::Stale);
         }
-        Ok(if is_next {
-            Received::Stored
-        } else {
-            Received::Dropped
-        })
+        Ok(Step::Forward)
     }
 }

@@ -6,12 +6,10 @@ use std::time::Duration;
 use crate::object_dictionary::AbortCode;
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, announced_length, append_segment, check_length, check_toggle,
-    data_bytes, expedited, expedited_length, payload_with_id, segment,
+    Payload, SEGMENT_BYTES, Step, Transfer, announced_length, check_toggle, data_bytes, expedited,
+    expedited_length, payload_with_id,
 };
-use crate::sdo_block::{
-    BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
-};
+use crate::sdo_block::{BLOCK_SIZE, BlockReceiver, BlockSender, check_end};
 use can::CanFrame;
 
 /// Reason for which a transfer failed.
@@ -97,15 +95,6 @@ enum State {
     BlockDownloadEnd,
 }
 
-/// Effect of an answer.
-#[derive(PartialEq, Eq)]
-enum Step {
-    /// It belongs to no request of this transfer.
-    Stale,
-    Forward,
-    Done,
-}
-
 /// Client of one SDO channel.
 ///
 /// Start a transfer, drain [`SdoClient::next_frame`] after each call that takes a time, and take its end from
@@ -117,14 +106,7 @@ pub struct SdoClient {
     response_id: u16,
     timeout: Duration,
     state: State,
-    object: Multiplexer,
-    /// Length that the server of an upload has announced.
-    announced: Option<usize>,
-    /// Whether a block transfer ends with a CRC.
-    with_crc: bool,
-    buffer: Vec<u8>,
-    request: Option<Payload>,
-    deadline: Option<Duration>,
+    transfer: Transfer,
     result: Option<Result<Vec<u8>, SdoError>>,
 }
 
@@ -137,12 +119,7 @@ impl SdoClient {
             response_id: DEFAULT_RESPONSE_ID + u16::from(node_id),
             timeout: DEFAULT_TIMEOUT,
             state: State::Idle,
-            object: Multiplexer::default(),
-            announced: None,
-            with_crc: false,
-            buffer: Vec::new(),
-            request: None,
-            deadline: None,
+            transfer: Transfer::default(),
             result: None,
         }
     }
@@ -189,7 +166,7 @@ impl SdoClient {
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, &[])?;
         self.state = State::UploadInitiated { is_block: false };
-        self.request = Some(self.object.payload(0x40, [0; 4]));
+        self.transfer.outgoing = Some(self.transfer.object.payload(0x40, [0; 4]));
         Ok(())
     }
 
@@ -205,7 +182,7 @@ impl SdoClient {
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, &[])?;
         self.state = State::UploadInitiated { is_block: true };
-        self.request = Some(self.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
+        self.transfer.outgoing = Some(self.transfer.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
         Ok(())
     }
 
@@ -225,9 +202,9 @@ impl SdoClient {
         self.state = State::DownloadInitiated {
             is_expedited: expedited.is_some(),
         };
-        self.request = Some(match expedited {
-            Some((command, data)) => self.object.payload(command, data),
-            None => self.object.payload_with_length(0x21, bytes.len()),
+        self.transfer.outgoing = Some(match expedited {
+            Some((command, data)) => self.transfer.object.payload(command, data),
+            None => self.transfer.object.payload_with_length(0x21, bytes.len()),
         });
         Ok(())
     }
@@ -245,7 +222,7 @@ impl SdoClient {
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, bytes)?;
         self.state = State::BlockDownloadInitiated;
-        self.request = Some(self.object.payload_with_length(0xC6, bytes.len()));
+        self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0xC6, bytes.len()));
         Ok(())
     }
 
@@ -256,9 +233,9 @@ impl SdoClient {
         };
         match self.handle(&answer) {
             Ok(Step::Stale) => {}
-            Ok(Step::Forward) => self.deadline = Some(now.saturating_add(self.timeout)),
+            Ok(Step::Forward) => self.transfer.deadline = Some(now.saturating_add(self.timeout)),
             Ok(Step::Done) => {
-                let value = std::mem::take(&mut self.buffer);
+                let value = std::mem::take(&mut self.transfer.buffer);
                 self.finish(Ok(value));
             }
             Err(code) => self.give_up(code, SdoFailure::Broken(code)),
@@ -267,7 +244,11 @@ impl SdoClient {
 
     /// Ends a transfer whose server has been silent for too long.
     pub fn on_tick(&mut self, now: Duration) {
-        if self.deadline.is_some_and(|deadline| now >= deadline) {
+        if self
+            .transfer
+            .deadline
+            .is_some_and(|deadline| now >= deadline)
+        {
             let failure = SdoFailure::TimedOut(self.timeout);
             self.give_up(AbortCode::PROTOCOL_TIMED_OUT, failure);
         }
@@ -276,16 +257,16 @@ impl SdoClient {
     /// Drops the transfer in silence, with its result.
     pub fn reset(&mut self) {
         self.state = State::Idle;
-        self.deadline = None;
-        self.request = None;
+        self.transfer.deadline = None;
+        self.transfer.outgoing = None;
         self.result = None;
     }
 
     /// Returns the next frame to send.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
-        let request = self.request.take();
+        let request = self.transfer.outgoing.take();
         let payload = request.or_else(|| match &mut self.state {
-            State::BlockDownload(sender) => sender.next_segment(&self.buffer),
+            State::BlockDownload(sender) => sender.next_segment(&self.transfer.buffer),
             _ => None,
         })?;
         Some(CanFrame::new(self.request_id, &payload))
@@ -293,7 +274,7 @@ impl SdoClient {
 
     /// Returns the time at which [`SdoClient::on_tick`] is due; `None` between transfers.
     pub fn next_deadline(&self) -> Option<Duration> {
-        self.deadline
+        self.transfer.deadline
     }
 
     /// Returns the result of a transfer, once: the value that was read, or an empty one after a write. `None` during the
@@ -322,29 +303,29 @@ impl SdoClient {
         if bytes.len() > MAX_TRANSFER_BYTES {
             return Err(refuse(SdoFailure::TooLong(bytes.len())));
         }
-        self.object = Multiplexer { index, sub_index };
-        self.buffer.clear();
-        self.buffer.extend_from_slice(bytes);
+        self.transfer.object = Multiplexer { index, sub_index };
+        self.transfer.buffer.clear();
+        self.transfer.buffer.extend_from_slice(bytes);
         self.result = None;
-        self.deadline = Some(now.saturating_add(self.timeout));
+        self.transfer.deadline = Some(now.saturating_add(self.timeout));
         Ok(())
     }
 
     /// Ends the transfer.
     fn finish(&mut self, result: Result<Vec<u8>, SdoFailure>) {
         self.state = State::Idle;
-        self.deadline = None;
+        self.transfer.deadline = None;
         self.result = Some(result.map_err(|failure| SdoError {
             node_id: self.node_id,
-            index: self.object.index,
-            sub_index: self.object.sub_index,
+            index: self.transfer.object.index,
+            sub_index: self.transfer.object.sub_index,
             failure,
         }));
     }
 
     /// Ends the transfer and sends the server an abort.
     fn give_up(&mut self, code: AbortCode, failure: SdoFailure) {
-        self.request = Some(self.object.abort(code));
+        self.transfer.outgoing = Some(self.transfer.object.abort(code));
         self.finish(Err(failure));
     }
 
@@ -377,7 +358,7 @@ impl SdoClient {
 
     /// Handles the server's abort of this object.
     fn aborted(&mut self, answer: &Payload) -> Step {
-        if self.is_busy() && Multiplexer::from_payload(answer) == self.object {
+        if self.is_busy() && Multiplexer::from_payload(answer) == self.transfer.object {
             let code = AbortCode(u32::from_le_bytes(data_bytes(answer)));
             self.finish(Err(SdoFailure::Aborted(code)));
         }
@@ -386,32 +367,34 @@ impl SdoClient {
 
     /// Ends a write: there is no value to return.
     fn written(&mut self) -> Step {
-        self.buffer.clear();
+        self.transfer.buffer.clear();
         Step::Done
     }
 
     /// Handles the answer to either initiation of an upload.
     fn upload_initiated(&mut self, answer: &Payload, is_block: bool) -> Result<Step, AbortCode> {
-        if Multiplexer::from_payload(answer) != self.object {
+        if Multiplexer::from_payload(answer) != self.transfer.object {
             return Ok(Step::Stale);
         }
         match answer[0] >> 5 {
             2 if answer[0] & 0b10 != 0 => {
                 let length = expedited_length(answer[0]).unwrap_or(4);
-                self.buffer.extend_from_slice(&data_bytes(answer)[..length]);
+                self.transfer
+                    .buffer
+                    .extend_from_slice(&data_bytes(answer)[..length]);
                 Ok(Step::Done)
             }
             2 => {
-                self.announced = announced_length(answer, answer[0] & 1 != 0)?;
+                self.transfer.announced = announced_length(answer, answer[0] & 1 != 0)?;
                 self.state = State::Upload { toggle: false };
-                self.request = Some([0x60, 0, 0, 0, 0, 0, 0, 0]);
+                self.transfer.outgoing = Some([0x60, 0, 0, 0, 0, 0, 0, 0]);
                 Ok(Step::Forward)
             }
             6 if is_block && answer[0] & 1 == 0 => {
-                self.announced = announced_length(answer, answer[0] & 0b10 != 0)?;
-                self.with_crc = answer[0] & 0b100 != 0;
+                self.transfer.announced = announced_length(answer, answer[0] & 0b10 != 0)?;
+                self.transfer.with_crc = answer[0] & 0b100 != 0;
                 self.state = State::BlockUpload(BlockReceiver::default());
-                self.request = Some([0xA3, 0, 0, 0, 0, 0, 0, 0]);
+                self.transfer.outgoing = Some([0xA3, 0, 0, 0, 0, 0, 0, 0]);
                 Ok(Step::Forward)
             }
             _ => Ok(Step::Stale),
@@ -423,14 +406,11 @@ impl SdoClient {
         if answer[0] >> 5 != 0 {
             return Ok(Step::Stale);
         }
-        check_toggle(answer, toggle)?;
-        append_segment(&mut self.buffer, answer, self.announced)?;
-        if answer[0] & 1 != 0 {
-            check_length(self.buffer.len(), self.announced)?;
+        if self.transfer.receive_segment(answer, toggle)? {
             return Ok(Step::Done);
         }
         self.state = State::Upload { toggle: !toggle };
-        self.request = Some([0x60 | u8::from(!toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
+        self.transfer.outgoing = Some([0x60 | u8::from(!toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
         Ok(Step::Forward)
     }
 
@@ -440,20 +420,13 @@ impl SdoClient {
         answer: &Payload,
         mut receiver: BlockReceiver,
     ) -> Result<Step, AbortCode> {
-        let received = receiver.accept(answer, &mut self.buffer)?;
+        let step = receiver.accept(&mut self.transfer, answer)?;
         self.state = if receiver.is_complete() {
             State::BlockUploadEnd
         } else {
             State::BlockUpload(receiver)
         };
-        match received {
-            Received::Dropped => return Ok(Step::Stale),
-            Received::Stored => {}
-            Received::BlockEnded(sequence) => {
-                self.request = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
-            }
-        }
-        Ok(Step::Forward)
+        Ok(step)
     }
 
     /// Handles the end of a block upload.
@@ -461,15 +434,14 @@ impl SdoClient {
         if answer[0] >> 5 != 6 || answer[0] & 1 == 0 {
             return Ok(Step::Stale);
         }
-        check_end(answer, &mut self.buffer, self.with_crc)?;
-        check_length(self.buffer.len(), self.announced)?;
-        self.request = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        check_end(&mut self.transfer, answer)?;
+        self.transfer.outgoing = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
         Ok(Step::Done)
     }
 
     /// Handles the answer to the initiation of a plain download.
     fn download_initiated(&mut self, answer: &Payload, is_expedited: bool) -> Step {
-        if answer[0] >> 5 != 3 || Multiplexer::from_payload(answer) != self.object {
+        if answer[0] >> 5 != 3 || Multiplexer::from_payload(answer) != self.transfer.object {
             return Step::Stale;
         }
         if is_expedited {
@@ -481,8 +453,7 @@ impl SdoClient {
 
     /// Sends the segment at `position` of a segmented download.
     fn send_segment(&mut self, toggle: bool, position: usize) {
-        let (request, _) = segment(&self.buffer, position, toggle);
-        self.request = Some(request);
+        self.transfer.send_segment(toggle, position);
         let position = position + SEGMENT_BYTES;
         self.state = State::Download { toggle, position };
     }
@@ -498,7 +469,7 @@ impl SdoClient {
             return Ok(Step::Stale);
         }
         check_toggle(answer, toggle)?;
-        if position >= self.buffer.len() {
+        if position >= self.transfer.buffer.len() {
             return Ok(self.written());
         }
         self.send_segment(!toggle, position);
@@ -508,12 +479,11 @@ impl SdoClient {
     /// Handles the answer to the initiation of a block download.
     fn block_download_initiated(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let is_answer = answer[0] >> 5 == 5 && answer[0] & 0b11 == 0;
-        if !is_answer || Multiplexer::from_payload(answer) != self.object {
+        if !is_answer || Multiplexer::from_payload(answer) != self.transfer.object {
             return Ok(Step::Stale);
         }
-        check_block_size(answer[4])?;
-        self.with_crc = answer[0] & 0b100 != 0;
-        self.state = State::BlockDownload(BlockSender::new(answer[4]));
+        self.state = State::BlockDownload(BlockSender::new(answer[4])?);
+        self.transfer.with_crc = answer[0] & 0b100 != 0;
         Ok(Step::Forward)
     }
 
@@ -526,8 +496,7 @@ impl SdoClient {
         if answer[0] >> 5 != 5 || answer[0] & 0b11 != 2 {
             return Ok(Step::Stale);
         }
-        self.state = if sender.acknowledge(&self.buffer, answer[1], answer[2])? {
-            self.request = Some(end(0xC1, &self.buffer, self.with_crc));
+        self.state = if sender.acknowledge(&mut self.transfer, answer)? {
             State::BlockDownloadEnd
         } else {
             State::BlockDownload(sender)

@@ -6,12 +6,10 @@ use std::time::Duration;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, announced_length, append_segment, check_length, check_toggle,
-    data_bytes, expedited, expedited_length, payload_with_id, segment,
+    Payload, SEGMENT_BYTES, Step, Transfer, announced_length, check_length, check_toggle,
+    data_bytes, expedited, expedited_length, payload_with_id,
 };
-use crate::sdo_block::{
-    BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
-};
+use crate::sdo_block::{BLOCK_SIZE, BlockReceiver, BlockSender, check_end};
 use can::CanFrame;
 
 /// Objects that a server serves, with their reactions to reads and writes.
@@ -100,13 +98,6 @@ enum State {
     BlockUploadEnd,
 }
 
-/// Whether a request advanced the transfer, so that its time-out starts anew.
-#[derive(PartialEq, Eq)]
-enum Step {
-    Forward,
-    None,
-}
-
 /// Server of one SDO channel.
 ///
 /// Drain [`SdoServer::next_frame`] after each call that takes a time.
@@ -115,14 +106,7 @@ pub struct SdoServer {
     request_id: u16,
     response_id: u16,
     state: State,
-    object: Multiplexer,
-    /// Length that the client of a download has announced.
-    announced: Option<usize>,
-    /// Whether a block transfer ends with a CRC.
-    with_crc: bool,
-    buffer: Vec<u8>,
-    answer: Option<Payload>,
-    deadline: Option<Duration>,
+    transfer: Transfer,
 }
 
 impl SdoServer {
@@ -132,12 +116,7 @@ impl SdoServer {
             request_id: request_id & 0x7FF,
             response_id: response_id & 0x7FF,
             state: State::Idle,
-            object: Multiplexer::default(),
-            announced: None,
-            with_crc: false,
-            buffer: Vec::new(),
-            answer: None,
-            deadline: None,
+            transfer: Transfer::default(),
         }
     }
 
@@ -165,7 +144,7 @@ impl SdoServer {
     /// Forgets the transfer in silence (NMT reset, or a state without SDO).
     pub fn reset(&mut self) {
         self.close();
-        self.answer = None;
+        self.transfer.outgoing = None;
     }
 
     /// Handles a frame; frames with another COB-ID, not of 8 bytes, or other than plain data frames are ignored.
@@ -174,25 +153,29 @@ impl SdoServer {
             return;
         };
         match self.handle(&request, objects) {
-            Ok(_) if !self.is_busy() => self.deadline = None,
-            Ok(Step::Forward) => self.deadline = Some(now.saturating_add(DEFAULT_TIMEOUT)),
-            Ok(Step::None) => {}
+            Ok(_) if !self.is_busy() => self.transfer.deadline = None,
+            Ok(Step::Forward) => self.transfer.deadline = Some(now.saturating_add(DEFAULT_TIMEOUT)),
+            Ok(_) => {}
             Err(code) => self.fail(code),
         }
     }
 
     /// Aborts a transfer whose client has been silent for too long.
     pub fn on_tick(&mut self, now: Duration) {
-        if self.deadline.is_some_and(|deadline| now >= deadline) {
+        if self
+            .transfer
+            .deadline
+            .is_some_and(|deadline| now >= deadline)
+        {
             self.fail(AbortCode::PROTOCOL_TIMED_OUT);
         }
     }
 
     /// Returns the next frame to send.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
-        let answer = self.answer.take();
+        let answer = self.transfer.outgoing.take();
         let payload = answer.or_else(|| match &mut self.state {
-            State::BlockUpload(sender) => sender.next_segment(&self.buffer),
+            State::BlockUpload(sender) => sender.next_segment(&self.transfer.buffer),
             _ => None,
         })?;
         Some(CanFrame::new(self.response_id, &payload))
@@ -200,19 +183,19 @@ impl SdoServer {
 
     /// Returns the time at which [`SdoServer::on_tick`] is due; `None` between transfers.
     pub fn next_deadline(&self) -> Option<Duration> {
-        self.deadline
+        self.transfer.deadline
     }
 
     /// Ends the transfer.
     fn close(&mut self) {
         self.state = State::Idle;
-        self.deadline = None;
+        self.transfer.deadline = None;
     }
 
     /// Ends the transfer and sends the client the reason.
     fn fail(&mut self, code: AbortCode) {
         self.close();
-        self.answer = Some(self.object.abort(code));
+        self.transfer.outgoing = Some(self.transfer.object.abort(code));
     }
 
     /// Handles a request by the state and by its command specifier, which exists only outside the segments of a block.
@@ -221,7 +204,7 @@ impl SdoServer {
         let is_receiving_block = matches!(self.state, State::BlockDownload(_));
         if command >> 5 == 4 && (command == 0x80 || !is_receiving_block) {
             self.close();
-            return Ok(Step::None);
+            return Ok(Step::Stale);
         }
         match (self.state, command >> 5, command & 0b11) {
             (State::BlockDownload(receiver), ..) => {
@@ -243,7 +226,7 @@ impl SdoServer {
             (_, 6, 0 | 2) => self.initiate_block_download(request, objects)?,
             (State::BlockDownloadEnd, 6, 1 | 3) => self.end_block_download(request, objects)?,
             (_, 7, _) => {
-                self.object = Multiplexer::from_payload(request);
+                self.transfer.object = Multiplexer::from_payload(request);
                 return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
             }
             _ => return Err(AbortCode::COMMAND_SPECIFIER_INVALID),
@@ -254,8 +237,8 @@ impl SdoServer {
     /// Drops the current transfer, since the client starts a new one.
     fn begin(&mut self, request: &Payload) -> Multiplexer {
         self.close();
-        self.object = Multiplexer::from_payload(request);
-        self.object
+        self.transfer.object = Multiplexer::from_payload(request);
+        self.transfer.object
     }
 
     /// Handles "SDO download initiate", expedited or segmented.
@@ -274,7 +257,7 @@ impl SdoServer {
             self.prepare_download(request, command & 1 != 0, objects)?;
             self.state = State::Download { toggle: false };
         }
-        self.answer = Some(self.object.payload(0x60, [0; 4]));
+        self.transfer.outgoing = Some(self.transfer.object.payload(0x60, [0; 4]));
         Ok(())
     }
 
@@ -285,13 +268,13 @@ impl SdoServer {
         is_announced: bool,
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
-        let Multiplexer { index, sub_index } = self.object;
+        let Multiplexer { index, sub_index } = self.transfer.object;
         let announced = announced_length(request, is_announced);
         // A length beyond the limit may also be beyond the object's, which is the better answer.
         let asked = announced.unwrap_or(Some(usize::MAX));
         objects.prepare_write(index, sub_index, asked)?;
-        self.announced = announced?;
-        self.buffer.clear();
+        self.transfer.announced = announced?;
+        self.transfer.buffer.clear();
         Ok(())
     }
 
@@ -302,21 +285,18 @@ impl SdoServer {
         toggle: bool,
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
-        check_toggle(request, toggle)?;
-        append_segment(&mut self.buffer, request, self.announced)?;
         self.state = State::Download { toggle: !toggle };
-        if request[0] & 1 != 0 {
+        if self.transfer.receive_segment(request, toggle)? {
             self.finish_download(objects)?;
         }
-        self.answer = Some([0x20 | u8::from(toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
+        self.transfer.outgoing = Some([0x20 | u8::from(toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
         Ok(())
     }
 
     /// Writes a value that arrived in segments.
     fn finish_download(&mut self, objects: &mut dyn Access) -> Result<(), AbortCode> {
-        check_length(self.buffer.len(), self.announced)?;
-        let Multiplexer { index, sub_index } = self.object;
-        objects.write(index, sub_index, &self.buffer)?;
+        let Multiplexer { index, sub_index } = self.transfer.object;
+        objects.write(index, sub_index, &self.transfer.buffer)?;
         self.close();
         Ok(())
     }
@@ -335,7 +315,7 @@ impl SdoServer {
     /// Answers an upload, expedited or segmented.
     fn answer_upload(&mut self, value: &[u8]) -> Result<(), AbortCode> {
         if let Some((command, data)) = expedited(0x40, value) {
-            self.answer = Some(self.object.payload(command, data));
+            self.transfer.outgoing = Some(self.transfer.object.payload(command, data));
             return Ok(());
         }
         self.keep(value)?;
@@ -343,7 +323,7 @@ impl SdoServer {
             toggle: false,
             position: 0,
         };
-        self.answer = Some(self.object.payload_with_length(0x41, value.len()));
+        self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0x41, value.len()));
         Ok(())
     }
 
@@ -352,8 +332,8 @@ impl SdoServer {
         if value.len() > MAX_TRANSFER_BYTES {
             return Err(AbortCode::OUT_OF_MEMORY);
         }
-        self.buffer.clear();
-        self.buffer.extend_from_slice(value);
+        self.transfer.buffer.clear();
+        self.transfer.buffer.extend_from_slice(value);
         Ok(())
     }
 
@@ -365,9 +345,7 @@ impl SdoServer {
         position: usize,
     ) -> Result<(), AbortCode> {
         check_toggle(request, toggle)?;
-        let (answer, is_last) = segment(&self.buffer, position, toggle);
-        self.answer = Some(answer);
-        if is_last {
+        if self.transfer.send_segment(toggle, position) {
             self.close();
         } else {
             self.state = State::Upload {
@@ -386,9 +364,9 @@ impl SdoServer {
     ) -> Result<(), AbortCode> {
         self.begin(request);
         self.prepare_download(request, request[0] & 0b10 != 0, objects)?;
-        self.with_crc = request[0] & 0b100 != 0;
+        self.transfer.with_crc = request[0] & 0b100 != 0;
         self.state = State::BlockDownload(BlockReceiver::default());
-        self.answer = Some(self.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
+        self.transfer.outgoing = Some(self.transfer.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
         Ok(())
     }
 
@@ -398,20 +376,13 @@ impl SdoServer {
         request: &Payload,
         mut receiver: BlockReceiver,
     ) -> Result<Step, AbortCode> {
-        let received = receiver.accept(request, &mut self.buffer)?;
+        let step = receiver.accept(&mut self.transfer, request)?;
         self.state = if receiver.is_complete() {
             State::BlockDownloadEnd
         } else {
             State::BlockDownload(receiver)
         };
-        match received {
-            Received::Dropped => return Ok(Step::None),
-            Received::Stored => {}
-            Received::BlockEnded(sequence) => {
-                self.answer = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
-            }
-        }
-        Ok(Step::Forward)
+        Ok(step)
     }
 
     /// Handles "SDO block download end".
@@ -420,9 +391,9 @@ impl SdoServer {
         request: &Payload,
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
-        check_end(request, &mut self.buffer, self.with_crc)?;
+        check_end(&mut self.transfer, request)?;
         self.finish_download(objects)?;
-        self.answer = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        self.transfer.outgoing = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
         Ok(())
     }
 
@@ -438,11 +409,11 @@ impl SdoServer {
         if value.len() <= usize::from(threshold) {
             return self.answer_upload(&value);
         }
-        check_block_size(block_size)?;
+        let sender = BlockSender::new(block_size)?;
         self.keep(&value)?;
-        self.with_crc = request[0] & 0b100 != 0;
-        self.state = State::BlockUploadStart(BlockSender::new(block_size));
-        self.answer = Some(self.object.payload_with_length(0xC6, value.len()));
+        self.transfer.with_crc = request[0] & 0b100 != 0;
+        self.state = State::BlockUploadStart(sender);
+        self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0xC6, value.len()));
         Ok(())
     }
 
@@ -452,8 +423,7 @@ impl SdoServer {
         request: &Payload,
         mut sender: BlockSender,
     ) -> Result<(), AbortCode> {
-        self.state = if sender.acknowledge(&self.buffer, request[1], request[2])? {
-            self.answer = Some(end(0xC1, &self.buffer, self.with_crc));
+        self.state = if sender.acknowledge(&mut self.transfer, request)? {
             State::BlockUploadEnd
         } else {
             State::BlockUpload(sender)
