@@ -1,5 +1,6 @@
 //! Errors of a run.
 
+use std::fmt;
 use std::io;
 use std::time::Duration;
 
@@ -47,23 +48,13 @@ pub enum WorldError {
         /// Time that was waited.
         patience: Duration,
     },
-    /// A node cannot be built from the scenario.
-    #[error("the {name} cannot be set up: {reason}")]
-    Node {
-        /// Name of the node.
-        name: String,
-        /// Reason.
-        reason: String,
-    },
-    /// The machine cannot provide what a node needs now.
-    #[error("the {name} cannot be set up: {what}: {source}")]
-    NodeNow {
-        /// Name of the node.
-        name: String,
-        /// Action that the machine refuses.
+    /// The run cannot begin: a node cannot be set up, a process cannot be started, or a check before current may flow failed.
+    #[error("{what}")]
+    CannotBegin {
+        /// Description.
         what: String,
-        /// Error of the system.
-        source: io::Error,
+        /// Error of the system, if that refused something.
+        source: Option<io::Error>,
     },
     /// A process ended before its time, or badly.
     #[error("the {name} {how}{log}")]
@@ -76,14 +67,6 @@ pub enum WorldError {
         log: String,
         /// Attribution of its end.
         doing: Doing,
-    },
-    /// A process could not be started.
-    #[error("the {name} cannot be started: {source}")]
-    Spawn {
-        /// Name of the process.
-        name: String,
-        /// Error of the system.
-        source: io::Error,
     },
     /// The bus cannot be used.
     #[error(transparent)]
@@ -125,14 +108,6 @@ pub enum WorldError {
     /// The bench cannot claim the interface.
     #[error(transparent)]
     Claim(platform::claim::ClaimError),
-    /// A check before current may flow failed.
-    #[error("the pre-flight fails: {name}: {found}")]
-    Preflight {
-        /// Name of the check.
-        name: &'static str,
-        /// Finding of the check.
-        found: String,
-    },
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
@@ -145,7 +120,22 @@ impl WorldError {
     /// Returns a function for `map_err` that makes the error of a process or a thread that cannot be started.
     pub(crate) fn spawn(name: &str) -> impl FnOnce(io::Error) -> Self {
         let name = name.to_owned();
-        move |source| Self::Spawn { name, source }
+        move |source| Self::CannotBegin {
+            what: format!("the {name} cannot be started: {source}"),
+            source: Some(source),
+        }
+    }
+
+    /// Makes the error of a node that cannot be set up.
+    pub(crate) fn set_up(name: &str, reason: &dyn fmt::Display) -> Self {
+        let what = format!("the {name} cannot be set up: {reason}");
+        Self::CannotBegin { what, source: None }
+    }
+
+    /// Makes the error of a check of the pre-flight, with its finding.
+    pub(crate) fn preflight(name: &str, found: &dyn fmt::Display) -> Self {
+        let what = format!("the pre-flight fails: {name}: {found}");
+        Self::CannotBegin { what, source: None }
     }
 
     /// Returns whether a process was killed, or the bus failed under it.
@@ -156,10 +146,7 @@ impl WorldError {
     /// Returns whether the run never began: a program or a plant cannot be started, or a check before the run failed.
     pub fn is_before_start(&self) -> bool {
         match self {
-            Self::Node { .. }
-            | Self::NodeNow { .. }
-            | Self::Spawn { .. }
-            | Self::Preflight { .. } => true,
+            Self::CannotBegin { .. } => true,
             Self::Process { doing, .. } => *doing == Doing::NotSetUp,
             _ => false,
         }

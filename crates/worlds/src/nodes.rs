@@ -36,15 +36,12 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
 }
 
 fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
-    let name = name.to_owned();
     match error {
-        InvalidEmulator::Plant(InvalidPlant::Machine { what, source }) => {
-            WorldError::NodeNow { name, what, source }
-        }
-        error => WorldError::Node {
-            name,
-            reason: error.to_string(),
+        InvalidEmulator::Plant(InvalidPlant::Machine { what, source }) => WorldError::CannotBegin {
+            what: format!("the {name} cannot be set up: {what}: {source}"),
+            source: Some(source),
         },
+        error => WorldError::set_up(name, &error),
     }
 }
 
@@ -68,10 +65,8 @@ pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<Controller
         let real = real_drive.as_deref();
         (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
     });
-    ControllerNode::of_loops(loops, &|part| laws.start(part)).map_err(|error| WorldError::Node {
-        name: laws.controller.clone(),
-        reason: error.to_string(),
-    })
+    ControllerNode::of_loops(loops, &|part| laws.start(part))
+        .map_err(|error| WorldError::set_up(&laws.controller, &error))
 }
 
 /// Makes the manager with its faults, which it cannot see. Faults that `is_played_elsewhere` accepts happen to its process

@@ -215,10 +215,8 @@ impl Session<'_> {
     /// Reports the checks, up to the first that failed.
     fn pass(&self, checks: Vec<Check>) -> Result<(), WorldError> {
         for check in checks {
-            let failed = (check.outcome == CheckOutcome::Failed).then(|| WorldError::Preflight {
-                name: check.name,
-                found: check.found.clone(),
-            });
+            let is_failed = check.outcome == CheckOutcome::Failed;
+            let failed = is_failed.then(|| WorldError::preflight(check.name, &check.found));
             (self.report)(&PreflightEvent::Checked(check));
             failed.map_or(Ok(()), Err)?;
         }
@@ -372,8 +370,5 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
 }
 
 fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {
-    WorldError::Preflight {
-        name: NAME,
-        found: format!("cannot be made: {reason}"),
-    }
+    WorldError::preflight(NAME, &format!("cannot be made: {reason}"))
 }
