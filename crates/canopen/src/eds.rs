@@ -8,7 +8,7 @@ use crate::object_dictionary::{Access, DataType, Entry, ObjectDictionary};
 mod ini;
 mod value;
 
-use ini::{Item, Name, Section, Sections};
+use ini::{Item, Section, Sections};
 pub use value::octets;
 
 /// Longest text that is read.
@@ -87,7 +87,7 @@ struct Object<'s, 't> {
 /// Groups the sections `[1018]`, `[1018sub1]`, `[1018Name]` and `[1018Value]` by index.
 fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s, 't>>, EdsError> {
     let mut objects: BTreeMap<u16, Object<'s, 't>> = BTreeMap::new();
-    for (Name(name), section) in sections {
+    for (name, section) in sections {
         let Some((index, suffix)) = name.split_at_checked(4).and_then(|(index, suffix)| {
             let is_index = index.bytes().all(|letter| letter.is_ascii_hexdigit());
             let index = is_index.then(|| u16::from_str_radix(index, 16).ok())?;
@@ -95,8 +95,7 @@ fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s
         }) else {
             continue;
         };
-        let suffix = suffix.to_ascii_lowercase();
-        match suffix.as_str() {
+        match suffix {
             "" => objects.entry(index).or_default().main = Some(section),
             "name" => objects.entry(index).or_default().names = Some(section),
             "value" => objects.entry(index).or_default().values = Some(section),
@@ -134,12 +133,12 @@ impl Reader {
         let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
         for item in lists
             .iter()
-            .filter_map(|list| sections.get(&Name(list)))
+            .filter_map(|list| sections.get(*list))
             .flat_map(Section::items)
             .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
         {
             let index = item.integer(self.node_id)?;
-            if !sections.contains_key(&Name(&format!("{index:04x}"))) {
+            if !sections.contains_key(&format!("{index:04x}")) {
                 let reason = format!("there is no section [{index:04X}]");
                 self.warnings.push(item.error(reason));
             }
@@ -363,7 +362,7 @@ fn access(item: &Item<'_>) -> Result<Access, EdsError> {
 
 /// Refuses an EDS that leaves PDOs undescribed by `CompactPDO`, because their mapping would be a guess.
 fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsError> {
-    let Some(section) = sections.get(&Name("deviceinfo")) else {
+    let Some(section) = sections.get("deviceinfo") else {
         return Ok(());
     };
     let Some(item) = section.get("compactpdo") else {
@@ -374,7 +373,7 @@ fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsErr
     }
     for (count_key, first) in [("nrofrxpdo", "1400"), ("nroftxpdo", "1800")] {
         let count = integer_at(section, count_key, node_id, 512_u16)?.unwrap_or(0);
-        if count > 0 && !sections.contains_key(&Name(first)) {
+        if count > 0 && !sections.contains_key(first) {
             return Err(item.error("compact PDOs are not supported: describe each PDO"));
         }
     }
