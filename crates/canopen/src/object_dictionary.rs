@@ -5,7 +5,8 @@ use std::fmt;
 use crate::sdo::check_length;
 
 /// Reason for which an access was refused: an SDO abort code (CiA 301, table 22).
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("abort 0x{:04X}_{:04X}: {}", .0 >> 16, .0 & 0xFFFF, self.text())]
 pub struct AbortCode(pub u32);
 
 macro_rules! abort_codes {
@@ -51,25 +52,11 @@ abort_codes! {
     NO_DATA = 0x0800_0024, "no data available";
 }
 
-impl fmt::Display for AbortCode {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            formatter,
-            "abort 0x{:04X}_{:04X}: {}",
-            self.0 >> 16,
-            self.0 & 0xFFFF,
-            self.text()
-        )
-    }
-}
-
 impl fmt::Debug for AbortCode {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, formatter)
     }
 }
-
-impl std::error::Error for AbortCode {}
 
 /// The data types that the dictionary holds, by their CiA 301 numbers (table 44).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,5 @@
 //! The SDO client (CiA 301, 7.2.4): reads and writes objects of one server, one transfer at a time.
 
-use std::fmt;
 use std::time::Duration;
 
 use crate::object_dictionary::AbortCode;
@@ -13,22 +12,28 @@ use crate::sdo_block::{BLOCK_SIZE, BlockReceiver, BlockSender, check_end};
 use can::CanFrame;
 
 /// Reason for which a transfer failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SdoFailure {
     /// The server aborted it.
+    #[error("{0}")]
     Aborted(AbortCode),
     /// This client aborted it, because the server broke the protocol.
+    #[error("the answer is wrong, {0}")]
     Broken(AbortCode),
     /// The server did not answer within this time.
+    #[error("no answer within {} ms", .0.as_millis())]
     TimedOut(Duration),
     /// Another transfer is under way.
+    #[error("another transfer is under way")]
     Busy,
     /// The value has this many bytes, more than [`MAX_TRANSFER_BYTES`].
+    #[error("{0} bytes (limit {MAX_TRANSFER_BYTES})")]
     TooLong(usize),
 }
 
 /// Failed transfer: its node, its object, and the reason.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("object 0x{index:04X}:{sub_index:02X} of node 0x{node_id:02X}: {failure}")]
 pub struct SdoError {
     /// Node-ID of the server.
     pub node_id: u8,
@@ -39,34 +44,6 @@ pub struct SdoError {
     /// Reason of the failure.
     pub failure: SdoFailure,
 }
-
-impl fmt::Display for SdoError {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            node_id,
-            index,
-            sub_index,
-            failure,
-        } = self;
-        write!(
-            formatter,
-            "object 0x{index:04X}:{sub_index:02X} of node 0x{node_id:02X}: "
-        )?;
-        match failure {
-            SdoFailure::Aborted(code) => write!(formatter, "{code}"),
-            SdoFailure::Broken(code) => write!(formatter, "the answer is wrong, {code}"),
-            SdoFailure::TimedOut(timeout) => {
-                write!(formatter, "no answer within {} ms", timeout.as_millis())
-            }
-            SdoFailure::Busy => formatter.write_str("another transfer is under way"),
-            SdoFailure::TooLong(length) => {
-                write!(formatter, "{length} bytes (limit {MAX_TRANSFER_BYTES})")
-            }
-        }
-    }
-}
-
-impl std::error::Error for SdoError {}
 
 /// Answer for which the client waits.
 #[derive(Clone, Copy, Debug)]

@@ -5,13 +5,8 @@ use std::time::Duration;
 use crate::cob_id::CobId;
 use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary, copy};
 
-const RPDO_PARAMETERS: u16 = 0x1400;
-const RPDO_MAPPINGS: u16 = 0x1600;
-const TPDO_PARAMETERS: u16 = 0x1800;
-const TPDO_MAPPINGS: u16 = 0x1A00;
-const NUMBERS_PER_TYPE: u16 = 0x200;
-/// Distance between a PDO's parameters and its mapping.
-const MAPPING_OFFSET: u16 = RPDO_MAPPINGS - RPDO_PARAMETERS;
+/// Most PDOs of a direction: the mappings begin behind the parameters of so many.
+const NUMBERS_MAX: u16 = 0x200;
 
 const COB_ID: u8 = 1;
 const TRANSMISSION_TYPE: u8 = 2;
@@ -22,11 +17,12 @@ const SYNC_START: u8 = 6;
 const OBJECTS_MAX: u8 = 8;
 const LENGTH_MAX: u8 = 8;
 
-/// Direction of a PDO as seen from its node.
+/// Direction of a PDO as seen from its node, with the index of the first PDO's parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
 pub(crate) enum Direction {
-    Receive,
-    Transmit,
+    Receive = 0x1400,
+    Transmit = 0x1800,
 }
 
 /// Place of a PDO object: the PDO, and whether it is its parameters or its mapping.
@@ -41,17 +37,16 @@ pub(crate) struct Place {
 impl Place {
     /// Returns the place of a PDO object; `None` for other indices.
     pub(crate) fn from_index(index: u16) -> Option<Self> {
-        let (direction, is_mapping, base) = match index {
-            0x1400..=0x15FF => (Direction::Receive, false, RPDO_PARAMETERS),
-            0x1600..=0x17FF => (Direction::Receive, true, RPDO_MAPPINGS),
-            0x1800..=0x19FF => (Direction::Transmit, false, TPDO_PARAMETERS),
-            0x1A00..=0x1BFF => (Direction::Transmit, true, TPDO_MAPPINGS),
+        let direction = match index {
+            0x1400..=0x17FF => Direction::Receive,
+            0x1800..=0x1BFF => Direction::Transmit,
             _ => return None,
         };
+        let offset = index - direction as u16;
         Some(Self {
             direction,
-            number: index - base + 1,
-            is_mapping,
+            number: offset % NUMBERS_MAX + 1,
+            is_mapping: offset >= NUMBERS_MAX,
         })
     }
 
@@ -66,11 +61,7 @@ impl Place {
 
     /// Returns the index of the PDO's parameters.
     pub(crate) fn parameters_index(self) -> u16 {
-        let base = match self.direction {
-            Direction::Receive => RPDO_PARAMETERS,
-            Direction::Transmit => TPDO_PARAMETERS,
-        };
-        base + self.number - 1
+        self.direction as u16 + self.number - 1
     }
 }
 
@@ -89,7 +80,7 @@ pub(crate) fn numbers(
     dictionary: &ObjectDictionary,
     direction: Direction,
 ) -> impl Iterator<Item = u16> + '_ {
-    (1..=NUMBERS_PER_TYPE).filter(move |number| {
+    (1..=NUMBERS_MAX).filter(move |number| {
         let place = Place::from_parameters(direction, *number);
         dictionary.find(place.parameters_index(), COB_ID).is_ok()
     })
@@ -149,7 +140,7 @@ fn check_mapping_write(
     sub_index: u8,
     bytes: &[u8],
 ) -> Result<(), AbortCode> {
-    let index = place.parameters_index() + MAPPING_OFFSET;
+    let index = place.parameters_index() + NUMBERS_MAX;
     let count = dictionary.unsigned(index, 0).unwrap_or(0);
     if cob_id.is_valid() || (sub_index != 0 && count != 0) {
         return Err(AbortCode::UNSUPPORTED_ACCESS);
@@ -371,7 +362,7 @@ pub(super) fn read(
     place: Place,
 ) -> Result<(Parameters, Mapping), AbortCode> {
     let parameters = Parameters::read(dictionary, place)?;
-    let index = place.parameters_index() + MAPPING_OFFSET;
+    let index = place.parameters_index() + NUMBERS_MAX;
     let count = u8::try_from(dictionary.unsigned(index, 0).unwrap_or(0))
         .map_err(|_| AbortCode::PDO_TOO_LONG)?;
     let mapping = Mapping::read(dictionary, index, count, place.direction)?;
