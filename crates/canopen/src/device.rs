@@ -410,7 +410,7 @@ impl<A: Application> Device<A> {
     /// Sends the frames that are due by time.
     fn produce(&mut self) {
         let now = self.services.now;
-        if let Some((frame, sync)) = self.services.sync_producer.on_tick(now) {
+        if let Some((frame, sync)) = self.services.sync.on_tick(now) {
             self.services.send(frame);
             self.on_sync(&sync);
         }

@@ -9,7 +9,7 @@ use crate::nmt::{NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
 use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
 use crate::sdo_channels;
-use crate::sync::{self, SyncConsumer, SyncProducer};
+use crate::sync::{self, SyncService};
 use can::CanFrame;
 use can::{earlier, earliest};
 
@@ -36,8 +36,7 @@ pub struct Services {
     pub(crate) state: NmtState,
     pub(crate) requests: VecDeque<NmtCommand>,
     pub(crate) dictionary: ObjectDictionary,
-    pub(crate) sync: SyncConsumer,
-    pub(crate) sync_producer: SyncProducer,
+    pub(crate) sync: SyncService,
     pub(crate) rpdos: Vec<Rpdo>,
     pub(crate) tpdos: Vec<Tpdo>,
     /// Whether any PDO may have a deadline; few nodes have one, and the question comes after every event.
@@ -66,8 +65,7 @@ impl Services {
             node_id,
             state: NmtState::Initialising,
             requests: VecDeque::with_capacity(REQUESTS_MAX),
-            sync: SyncConsumer::new(&dictionary),
-            sync_producer: SyncProducer::new(&dictionary),
+            sync: SyncService::new(&dictionary),
             rpdos,
             tpdos,
             has_timed_pdos: false,
@@ -206,12 +204,12 @@ impl Services {
 
     /// Returns the time at which the next SYNC is due that this node produces.
     pub fn next_sync(&self) -> Option<Duration> {
-        self.sync_producer.next_deadline()
+        self.sync.next_sync()
     }
 
     /// Returns the number of SYNC deadlines that this producer let pass.
     pub fn sync_overruns(&self) -> u64 {
-        self.sync_producer.overruns()
+        self.sync.overruns()
     }
 
     /// Returns the number of frames that were dropped because the output was not drained.
@@ -290,7 +288,6 @@ impl Services {
         self.dictionary.restore_defaults(indices);
         let dictionary = &self.dictionary;
         self.sync.reset(dictionary);
-        self.sync_producer.reset(dictionary);
         self.monitors.reset(dictionary);
         self.emcy.reset(dictionary);
         for rpdo in &mut self.rpdos {
@@ -319,10 +316,9 @@ impl Services {
             tpdos.for_each(|tpdo| tpdo.start(now, dictionary));
         }
         if state.allows_sdo() {
-            self.sync_producer.start(self.now);
+            self.sync.start(self.now);
         } else {
-            self.sync.reset(&self.dictionary);
-            self.sync_producer.stop();
+            self.sync.stop();
         }
         if self.heartbeat.is_enabled() {
             self.send(HeartbeatProducer::frame(self.node_id, state));
@@ -350,10 +346,7 @@ impl Services {
             self.heartbeat.next_deadline(),
             self.monitors.next_deadline(),
         );
-        let syncs = earlier(
-            self.sync.next_deadline(),
-            self.sync_producer.next_deadline(),
-        );
+        let syncs = self.sync.next_deadline();
         let pdos = self.has_timed_pdos.then(|| self.next_pdo_deadline());
         earlier(earlier(heartbeats, syncs), earlier(emcy, pdos.flatten()))
     }
@@ -389,9 +382,8 @@ impl Services {
 
     fn configure_sync(&mut self) {
         self.sync.configure(self.now, &self.dictionary);
-        self.sync_producer.configure(self.now, &self.dictionary);
         if !self.state.allows_sdo() {
-            self.sync_producer.stop();
+            self.sync.stop();
         }
     }
 

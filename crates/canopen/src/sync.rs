@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::cob_id::CobId;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
-use can::CanFrame;
+use can::{CanFrame, earlier};
 
 pub(crate) const COB_ID: u16 = 0x1005;
 const PERIOD: u16 = 0x1006;
@@ -24,7 +24,7 @@ pub struct Sync {
 }
 
 /// The objects 0x1005 to 0x1007 and 0x1019.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Parameters {
     cob_id: Option<u16>,
     is_producer: bool,
@@ -80,31 +80,35 @@ pub(crate) fn check_write(
     }
 }
 
-/// Consumer of SYNC: recognises it, and watches its counter and its absence.
+/// SYNC of a node, which either consumes or produces it (0x1005).
 ///
-/// An empty SYNC is accepted whatever 0x1019 says, since widely used managers send no other; any other wrong length is an
-/// error and no SYNC. The time-out starts with the first SYNC.
-#[derive(Clone, Debug)]
-pub(crate) struct SyncConsumer {
+/// The consumer recognises SYNC, and watches its counter and its absence. An empty SYNC is accepted whatever 0x1019 says, since
+/// widely used managers send no other; any other wrong length is an error and no SYNC. The time-out starts with the first SYNC.
+///
+/// The producer's deadlines are multiples of 0x1006 from the start and never drift. A late tick sends one SYNC; the multiples that
+/// have passed meanwhile are skipped and counted as overruns.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SyncService {
     parameters: Parameters,
     missing_tolerated: u32,
     last_counter: Option<u8>,
     last: Option<Duration>,
-    /// Deadline from each SYNC on, until the time-out.
+    /// Deadline of the consumer from each SYNC on, until the time-out.
     deadline: Option<Duration>,
     has_timed_out: bool,
+    /// Time of the producer's next SYNC, and the counter of its last one.
+    next: Option<Duration>,
+    counter: u8,
+    overruns: u64,
 }
 
-impl SyncConsumer {
-    /// Makes the consumer from the dictionary's configuration.
+impl SyncService {
+    /// Makes the service from the dictionary's configuration; a producer begins with [`SyncService::start`].
     pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
         Self {
             parameters: Parameters::read(dictionary),
             missing_tolerated: MISSING_SYNCS_TOLERATED,
-            last_counter: None,
-            last: None,
-            deadline: None,
-            has_timed_out: false,
+            ..Self::default()
         }
     }
 
@@ -113,19 +117,41 @@ impl SyncConsumer {
         self.missing_tolerated = count;
     }
 
-    /// Forgets the received SYNCs (NMT reset, Stopped).
+    /// Stops and reads the configuration again (NMT reset).
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
+        self.stop();
+        self.parameters = Parameters::read(dictionary);
+    }
+
+    /// Forgets the received SYNCs and produces no more; the counter begins again with 1 (Stopped).
+    pub(crate) fn stop(&mut self) {
         *self = Self {
+            parameters: self.parameters,
             missing_tolerated: self.missing_tolerated,
-            ..Self::new(dictionary)
+            overruns: self.overruns,
+            ..Self::default()
         };
     }
 
-    /// Reads the objects again after a write; a running time-out is re-armed from `now`.
+    /// Starts if 0x1005 and 0x1006 demand it and the producer is not running: the first SYNC comes one period after `now`.
+    pub(crate) fn start(&mut self, now: Duration) {
+        if self.next.is_none() {
+            self.next = self.period().map(|period| now + period);
+        }
+    }
+
+    /// Reads the objects again after a write; a running time-out, and a new period, count from `now`.
     pub(crate) fn configure(&mut self, now: Duration, dictionary: &ObjectDictionary) {
-        self.parameters = Parameters::read(dictionary);
+        let old = std::mem::replace(&mut self.parameters, Parameters::read(dictionary));
         let is_watching = self.last.is_some() && !self.has_timed_out;
         self.deadline = self.deadline_from(now).filter(|_| is_watching);
+        if old != self.parameters {
+            self.next = None;
+            self.start(now);
+        }
+        if old.overflow != self.parameters.overflow {
+            self.counter = 0;
+        }
     }
 
     /// Checks whether the frame's identifier is that of SYNC; a producer takes no foreign SYNC.
@@ -155,9 +181,9 @@ impl SyncConsumer {
         passed.is_some()
     }
 
-    /// Returns the time at which the time-out passes.
+    /// Returns the time at which the time-out passes, or the next SYNC is due.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        self.deadline
+        earlier(self.deadline, self.next)
     }
 
     /// Checks whether a synchronous RPDO may still arrive (0x1007).
@@ -191,60 +217,6 @@ impl SyncConsumer {
             _ => 1,
         }
     }
-}
-
-/// Producer of SYNC: deadlines are multiples of 0x1006 from the start and never drift.
-///
-/// A late tick sends one SYNC; the multiples that have passed meanwhile are skipped and counted as overruns.
-#[derive(Clone, Debug)]
-pub(crate) struct SyncProducer {
-    parameters: Parameters,
-    next: Option<Duration>,
-    counter: u8,
-    overruns: u64,
-}
-
-impl SyncProducer {
-    /// Makes the producer from the dictionary's configuration; it begins with [`SyncProducer::start`].
-    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
-        Self {
-            parameters: Parameters::read(dictionary),
-            next: None,
-            counter: 0,
-            overruns: 0,
-        }
-    }
-
-    /// Stops and reads the configuration again (NMT reset).
-    pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
-        self.stop();
-        self.parameters = Parameters::read(dictionary);
-    }
-
-    /// Stops; the counter begins again with 1 (Stopped).
-    pub(crate) fn stop(&mut self) {
-        self.next = None;
-        self.counter = 0;
-    }
-
-    /// Starts if 0x1005 and 0x1006 demand it and the producer is not running: the first SYNC comes one period after `now`.
-    pub(crate) fn start(&mut self, now: Duration) {
-        if self.next.is_none() {
-            self.next = self.period().map(|period| now + period);
-        }
-    }
-
-    /// Reads the objects again after a write; a new period counts from `now`.
-    pub(crate) fn configure(&mut self, now: Duration, dictionary: &ObjectDictionary) {
-        let old = std::mem::replace(&mut self.parameters, Parameters::read(dictionary));
-        if old != self.parameters {
-            self.next = None;
-            self.start(now);
-        }
-        if old.overflow != self.parameters.overflow {
-            self.counter = 0;
-        }
-    }
 
     /// Returns the SYNC that is due at `now`.
     pub(crate) fn on_tick(&mut self, now: Duration) -> Option<(CanFrame, Sync)> {
@@ -266,8 +238,8 @@ impl SyncProducer {
         self.next = Some(now - Duration::from_nanos(remainder) + period);
     }
 
-    /// Returns the time at which the next SYNC is due.
-    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+    /// Returns the time at which the next SYNC is due that is produced here.
+    pub(crate) fn next_sync(&self) -> Option<Duration> {
         self.next
     }
 
