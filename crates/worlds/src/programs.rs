@@ -174,7 +174,7 @@ impl ProgramOrder {
                 program,
                 remote,
             }),
-            Err(error) => Err(explained(program, error)),
+            Err(error) => Err(explained(program, error.into())),
         }
     }
 }
@@ -244,21 +244,30 @@ fn broken_off(name: &str, how: String, output: &str, doing: Doing) -> WorldError
     }
 }
 
-/// Explains an error of the protocol with a node whose program canrig started: one that went silent, by its end.
-fn explained(program: Option<StartedProgram>, error: LockstepError) -> WorldError {
-    let Some(program) = program else {
-        return CoordinatorError::from(error).into();
+/// Explains an error of virtual time that a node caused, if canrig started its program: one that went silent, by its end.
+fn explained(program: Option<StartedProgram>, error: CoordinatorError) -> WorldError {
+    let (Some(program), Some(name)) = (program, error.participant()) else {
+        return error.into();
     };
-    let LockstepError { name, failure } = &error;
-    match failure {
-        Failure::Ended => program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE),
-        Failure::NoAnswer(patience) => {
-            let what = format!("gave no answer within {} s", patience.as_secs());
-            program.silent(name, what, Duration::ZERO)
+    match &error {
+        CoordinatorError::Participant(LockstepError { failure, .. }) => match failure {
+            Failure::Ended => {
+                program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE)
+            }
+            Failure::NoAnswer(patience) => {
+                let what = format!("gave no answer within {} s", patience.as_secs());
+                program.silent(name, what, Duration::ZERO)
+            }
+            Failure::Protocol(_) => program.broken(name, failure.to_string()),
+            Failure::Step(source) => program.broken(name, source.to_string()),
+            Failure::Channel(_) => error.into(),
+        },
+        CoordinatorError::Overloaded { .. } => {
+            let what = error.to_string();
+            let what = what.strip_prefix(name).unwrap_or(&what).trim();
+            program.broken(name, what.to_owned())
         }
-        Failure::Protocol(_) => program.broken(name, failure.to_string()),
-        Failure::Step(source) => program.broken(name, source.to_string()),
-        Failure::Channel(_) => CoordinatorError::from(error).into(),
+        _ => error.into(),
     }
 }
 
@@ -270,32 +279,6 @@ struct ProgramNode {
     remote: Remote,
     /// The started program; `None` if canrig did not start it.
     program: Option<StartedProgram>,
-}
-
-impl ProgramNode {
-    /// # Errors
-    /// If the program did not end in order.
-    fn end(self) -> Result<(), WorldError> {
-        drop(self.remote);
-        let name = self.order.name();
-        self.program.map_or(Ok(()), |mut program| program.end(name))
-    }
-
-    /// Explains an error of virtual time by the end of this node, if the node caused it.
-    fn explained(self, error: CoordinatorError) -> WorldError {
-        let node = self.order.name();
-        match (error, self.program) {
-            (CoordinatorError::Participant(error), program) if error.name == node => {
-                explained(program, error)
-            }
-            (CoordinatorError::Overloaded { name }, Some(program)) if name == node => {
-                let what = CoordinatorError::Overloaded { name }.to_string();
-                let what = what.strip_prefix(node).unwrap_or(&what).trim();
-                program.broken(node, what.to_owned())
-            }
-            (error, _) => error.into(),
-        }
-    }
 }
 
 /// Node at its seat that is asked at each event, as faults need.
@@ -332,7 +315,7 @@ impl Asked {
                 .extend(self.answer.frames.iter().map(|(_, frame)| *frame)),
             Err(error) => {
                 let program = self.node.take().and_then(|node| node.program);
-                let failure = explained(program, error);
+                let failure = explained(program, error.into());
                 self.answer.next_deadline = None;
                 self.answer.progress = Progress::Failed(failure.to_string());
                 self.failure = Some(failure);
@@ -472,9 +455,16 @@ impl Guest {
                 }
             }
         };
+        let name = node.order.name();
         match played {
-            Ok(played) => node.end().map(|()| played),
-            Err(WorldError::Coordinator(error)) => Err(node.explained(error)),
+            Ok(played) => {
+                drop(node.remote);
+                let ended = node.program.map(|mut program| program.end(name));
+                ended.unwrap_or(Ok(())).map(|()| played)
+            }
+            Err(WorldError::Coordinator(error)) if error.participant() == Some(name) => {
+                Err(explained(node.program, error))
+            }
             Err(error) => Err(error),
         }
     }

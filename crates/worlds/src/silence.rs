@@ -14,43 +14,40 @@ const SILENCE_MAX: Duration = Duration::from_secs(2);
 /// Longest time without a frame of a node in cycles, if these are long.
 const PERIODS_MAX: u32 = 20;
 
-/// Times of the last SYNC, position and frame of any kind, on the bench's clock: the stamps of frames may be stepped.
+/// Watch over the times at which nodes were heard, on the bench's clock: the stamps of frames may be stepped.
 pub(super) struct SilenceWatch {
-    controller: String,
-    drives: Vec<Drive>,
+    nodes: Vec<Node>,
     limit: Duration,
-    /// Whether the run has no faults, so that no node may be silent; with faults, some frame must come.
-    is_sound: bool,
     taken: usize,
-    sync: Duration,
-    any: Duration,
 }
 
-struct Drive {
+struct Node {
     name: String,
-    position_id: u32,
-    /// Time of its last position.
+    /// Identifier of the frame that must come; any frame if `None`.
+    id: Option<u32>,
     heard: Duration,
 }
 
 impl SilenceWatch {
+    /// Makes a watch for the controller's SYNC and the drives' positions. In a run with faults any node may be silent, but some
+    /// frame must come.
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
-        let period = plan.sync_period();
-        let drives = plan.loops.iter().map(|one| {
-            Ok(Drive {
-                name: one.nodes.drive.name.clone(),
-                position_id: one.drive_position()?.raw_id(),
-                heard: Duration::ZERO,
-            })
-        });
+        let node = |name: &str, id| Node {
+            name: name.to_owned(),
+            id,
+            heard: Duration::ZERO,
+        };
+        let is_sound = !plan.has_faults();
+        let sync = is_sound.then_some(SYNC_COB_ID.into());
+        let mut nodes = vec![node(&plan.controller().name, sync)];
+        for one in plan.loops.iter().filter(|_| is_sound) {
+            let position = one.drive_position()?.raw_id();
+            nodes.push(node(&one.nodes.drive.name, Some(position)));
+        }
         Ok(Self {
-            controller: plan.controller().name.clone(),
-            drives: drives.collect::<Result<_, _>>()?,
-            limit: SILENCE_MAX.max(PERIODS_MAX * period),
-            is_sound: !plan.has_faults(),
+            nodes,
+            limit: SILENCE_MAX.max(PERIODS_MAX * plan.sync_period()),
             taken: 0,
-            sync: Duration::ZERO,
-            any: Duration::ZERO,
         })
     }
 
@@ -60,31 +57,18 @@ impl SilenceWatch {
     /// If a node has been silent for too long since the scenario began.
     pub(super) fn check(&mut self, now: Duration, capture: &Capture<'_>) -> Result<(), WorldError> {
         for stamped in capture.since(&mut self.taken) {
-            self.any = now;
             let id = stamped.frame.raw_id();
-            if id == u32::from(SYNC_COB_ID) {
-                self.sync = now;
-            }
-            let mut drives = self.drives.iter_mut();
-            if let Some(drive) = drives.find(|drive| drive.position_id == id) {
-                drive.heard = now;
-            }
+            let nodes = self.nodes.iter_mut();
+            let senders = nodes.filter(|node| node.id.is_none_or(|own| own == id));
+            senders.for_each(|node| node.heard = now);
         }
-        let is_silent = |last: Duration| now.saturating_sub(last) > self.limit;
-        let silent_drive = || self.drives.iter().find(|drive| is_silent(drive.heard));
-        let controller = self.controller.as_str();
-        let silent = match (capture.zero(), self.is_sound) {
-            (None, _) => None,
-            (Some(_), true) if is_silent(self.sync) => Some(controller),
-            (Some(_), true) => silent_drive().map(|drive| drive.name.as_str()),
-            (Some(_), false) => Some(controller).filter(|_| is_silent(self.any)),
-        };
-        match silent {
-            None => Ok(()),
-            Some(node) => Err(WorldError::Silent {
-                node: node.to_owned(),
+        let is_silent = |node: &&Node| now.saturating_sub(node.heard) > self.limit;
+        match self.nodes.iter().find(is_silent) {
+            Some(node) if capture.zero().is_some() => Err(WorldError::Silent {
+                node: node.name.clone(),
                 silence: self.limit,
             }),
+            _ => Ok(()),
         }
     }
 }
