@@ -102,7 +102,7 @@ impl Drive {
         let wiring = &trial.wiring;
         let seed = drive_seed(trial.run.seed, wiring.nodes.drive.id);
         Ok(Self {
-            machine: StateMachine::new(),
+            machine: StateMachine::default(),
             sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)
                 .from(wiring.sensor.min * wires.sensor_unit),
             amplifier: Amplifier::new(&trial.amplifier),
@@ -361,7 +361,7 @@ impl Drive {
 
 impl Application for Drive {
     fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
-        self.machine = StateMachine::new();
+        self.machine = StateMachine::default();
         self.is_command_cut = false;
         self.codes = None;
         let dictionary = services.dictionary();

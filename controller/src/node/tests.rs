@@ -65,7 +65,7 @@ impl TestDrive {
 impl Application for TestDrive {
     fn on_reset(&mut self, services: &mut Services, reset: NmtCommand) {
         if reset == NmtCommand::ResetNode {
-            self.machine = StateMachine::new();
+            self.machine = StateMachine::default();
         }
         self.update(services);
     }

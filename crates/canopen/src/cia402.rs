@@ -33,10 +33,12 @@ pub const SUPPORTED_DRIVE_MODES: u16 = 0x6502;
 pub const CYCLIC_SYNCHRONOUS_TORQUE: i8 = 10;
 
 /// The states of the power state machine (CiA 402-2, figure 7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[expect(missing_docs, reason = "the names are the standard's")]
 pub enum State {
     NotReadyToSwitchOn,
+    /// State after transitions 0 and 1: self-test and initialisation need no time here.
+    #[default]
     SwitchOnDisabled,
     ReadyToSwitchOn,
     SwitchedOn,
@@ -213,27 +215,13 @@ pub struct Status {
 /// The power state machine of a drive.
 ///
 /// Current may flow only while [`StateMachine::is_current_allowed`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StateMachine {
     state: State,
     controlword: u16,
 }
 
-impl Default for StateMachine {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl StateMachine {
-    /// Makes a machine after transitions 0 and 1: self-test and initialisation need no time here.
-    pub fn new() -> Self {
-        Self {
-            state: State::SwitchOnDisabled,
-            controlword: 0,
-        }
-    }
-
     /// Returns the state.
     pub fn state(&self) -> State {
         self.state
@@ -424,7 +412,7 @@ mod tests {
 
     #[test]
     fn the_usual_sequence_leads_to_operation_enabled() {
-        let mut machine = StateMachine::new();
+        let mut machine = StateMachine::default();
         let mut statusword = machine.statusword(&Status::default());
         for expected in [ReadyToSwitchOn, SwitchedOn, OperationEnabled] {
             let state = State::from_statusword(statusword).unwrap();
