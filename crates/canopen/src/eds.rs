@@ -62,12 +62,21 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
     check_compact_pdos(&sections, node_id)?;
     let mut reader = Reader {
         node_id,
+        sections: &sections,
         dictionary: ObjectDictionary::new(),
         warnings: Vec::new(),
     };
-    reader.check_object_lists(&sections)?;
-    for (index, object) in objects(&sections)? {
-        reader.object(index, &object)?;
+    reader.check_object_lists()?;
+    for (name, section) in &sections {
+        let Some((index, part)) = index_and_part(name) else {
+            continue;
+        };
+        let is_part = matches!(part, "name" | "value") || part.starts_with("sub");
+        if part.is_empty() {
+            reader.object(index, section)?;
+        } else if is_part && !sections.contains_key(&format!("{index:04x}")) {
+            return Err(section.error(format!("there is no section [{index:04X}]")));
+        }
     }
     Ok(Eds {
         dictionary: reader.dictionary,
@@ -75,70 +84,37 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
     })
 }
 
-/// The sections that describe one object.
-#[derive(Default)]
-struct Object<'s, 't> {
-    main: Option<&'s Section<'t>>,
-    subs: BTreeMap<u8, &'s Section<'t>>,
-    names: Option<&'s Section<'t>>,
-    values: Option<&'s Section<'t>>,
+/// Splits the name of a section that describes an object: `1018`, `1018sub1`, `1018name` or `1018value`.
+fn index_and_part(name: &str) -> Option<(u16, &str)> {
+    let (index, part) = name.split_at_checked(4)?;
+    let is_index = index.bytes().all(|letter| letter.is_ascii_hexdigit());
+    let index = u16::from_str_radix(index, 16).ok().filter(|_| is_index)?;
+    Some((index, part))
 }
 
-/// Groups the sections `[1018]`, `[1018sub1]`, `[1018Name]` and `[1018Value]` by index.
-fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s, 't>>, EdsError> {
-    let mut objects: BTreeMap<u16, Object<'s, 't>> = BTreeMap::new();
-    for (name, section) in sections {
-        let Some((index, suffix)) = name.split_at_checked(4).and_then(|(index, suffix)| {
-            let is_index = index.bytes().all(|letter| letter.is_ascii_hexdigit());
-            let index = is_index.then(|| u16::from_str_radix(index, 16).ok())?;
-            Some((index?, suffix))
-        }) else {
-            continue;
-        };
-        match suffix {
-            "" => objects.entry(index).or_default().main = Some(section),
-            "name" => objects.entry(index).or_default().names = Some(section),
-            "value" => objects.entry(index).or_default().values = Some(section),
-            _ => {
-                let Some(digits) = suffix.strip_prefix("sub") else {
-                    continue;
-                };
-                let sub_index = u8::from_str_radix(digits, 16)
-                    .ok()
-                    .filter(|_| !digits.starts_with('+'))
-                    .ok_or_else(|| section.error(format!("\"{digits}\" is not a sub-index")))?;
-                let subs = &mut objects.entry(index).or_default().subs;
-                if let Some(other) = subs.insert(sub_index, section) {
-                    let first = section.line.min(other.line);
-                    let second = if section.line > first { section } else { other };
-                    let reason = format!("the sub-object stands in line {first} already");
-                    return Err(second.error(reason));
-                }
-            }
-        }
-    }
-    Ok(objects)
-}
+/// Sub-objects that are described one by one.
+type Subs<'s, 't> = BTreeMap<u8, &'s Section<'t>>;
 
 /// Collects sub-objects.
-struct Reader {
+struct Reader<'s, 't> {
     node_id: u8,
+    sections: &'s Sections<'t>,
     dictionary: ObjectDictionary,
     warnings: Vec<EdsError>,
 }
 
-impl Reader {
+impl<'s, 't> Reader<'s, 't> {
     /// Checks that each object in the lists of supported objects is described.
-    fn check_object_lists(&mut self, sections: &Sections<'_>) -> Result<(), EdsError> {
+    fn check_object_lists(&mut self) -> Result<(), EdsError> {
         let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
         for item in lists
             .iter()
-            .filter_map(|list| sections.get(*list))
+            .filter_map(|list| self.sections.get(*list))
             .flat_map(Section::items)
             .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
         {
             let index = item.integer(self.node_id)?;
-            if !sections.contains_key(&format!("{index:04x}")) {
+            if !self.sections.contains_key(&format!("{index:04x}")) {
                 let reason = format!("there is no section [{index:04X}]");
                 self.warnings.push(item.error(reason));
             }
@@ -146,28 +122,39 @@ impl Reader {
         Ok(())
     }
 
+    /// Returns the sections `[1018sub1]` of an object.
+    fn subs(&self, index: u16) -> Result<Subs<'s, 't>, EdsError> {
+        let prefix = format!("{index:04x}sub");
+        let mut subs = Subs::new();
+        for (name, section) in self.sections.range(prefix.clone()..) {
+            let Some(digits) = name.strip_prefix(&prefix) else {
+                break;
+            };
+            let sub_index = u8::from_str_radix(digits, 16)
+                .ok()
+                .filter(|_| !digits.starts_with('+'))
+                .ok_or_else(|| section.error(format!("\"{digits}\" is not a sub-index")))?;
+            if let Some(other) = subs.insert(sub_index, section) {
+                let first = section.line.min(other.line);
+                let second = if section.line > first { section } else { other };
+                let reason = format!("the sub-object stands in line {first} already");
+                return Err(second.error(reason));
+            }
+        }
+        Ok(subs)
+    }
+
     /// Reads one object by its object type (CiA 301, table 42).
-    fn object(&mut self, index: u16, object: &Object<'_, '_>) -> Result<(), EdsError> {
-        let Some(main) = object.main else {
-            let orphan = object
-                .subs
-                .values()
-                .copied()
-                .next()
-                .or(object.names)
-                .or(object.values);
-            return orphan.map_or(Ok(()), |section| {
-                Err(section.error(format!("there is no section [{index:04X}]")))
-            });
-        };
+    fn object(&mut self, index: u16, main: &Section<'_>) -> Result<(), EdsError> {
+        let subs = self.subs(index)?;
         match integer_at(main, "objecttype", self.node_id, u8::MAX)?.unwrap_or(7) {
             // NULL, DEFTYPE and DEFSTRUCT hold no value.
             0 | 5 | 6 => Ok(()),
-            2 | 7 => match object.subs.values().next() {
+            2 | 7 => match subs.values().next() {
                 None => self.described(index, 0, main),
                 Some(sub) => Err(sub.error(format!("[{}] is neither ARRAY nor RECORD", main.name))),
             },
-            8 | 9 => self.composed_object(index, main, object),
+            8 | 9 => self.composed_object(index, main, &subs),
             other => Err(main.error(format!("object type {other} is unknown"))),
         }
     }
@@ -177,16 +164,16 @@ impl Reader {
         &mut self,
         index: u16,
         main: &Section<'_>,
-        object: &Object<'_, '_>,
+        subs: &Subs<'_, '_>,
     ) -> Result<(), EdsError> {
         match integer_at(main, "compactsubobj", self.node_id, 254_u8)?.unwrap_or(0) {
-            0 if object.subs.is_empty() => {
+            0 if subs.is_empty() => {
                 self.warnings.push(main.error("there are no sub-objects"));
             }
             0 => {}
-            count => self.compact_sub_objects(index, count, main, object)?,
+            count => self.compact_sub_objects(index, count, main)?,
         }
-        for (&sub_index, section) in &object.subs {
+        for (&sub_index, section) in subs {
             self.described(index, sub_index, section)?;
         }
         Ok(())
@@ -209,7 +196,6 @@ impl Reader {
         index: u16,
         count: u8,
         main: &Section<'_>,
-        object: &Object<'_, '_>,
     ) -> Result<(), EdsError> {
         let mut number_of_entries = Entry::new(
             index,
@@ -222,15 +208,18 @@ impl Reader {
         number_of_entries.high_limit = Some(254);
         self.add(number_of_entries, main)?;
         let template = self.entry(index, 1, main)?;
+        let sections = self.sections;
+        let [names, values] =
+            ["name", "value"].map(|part| sections.get(&format!("{index:04x}{part}")));
         for sub_index in 1..=count {
             let key = sub_index.to_string();
             let mut entry = template.clone();
             entry.sub_index = sub_index;
-            entry.name = match object.names.and_then(|names| names.get(&key)) {
+            entry.name = match names.and_then(|names| names.get(&key)) {
                 Some(item) => item.value.to_owned(),
                 None => format!("{}{sub_index}", template.name),
             };
-            if let Some(item) = object.values.and_then(|values| values.get(&key)) {
+            if let Some(item) = values.and_then(|values| values.get(&key)) {
                 entry.set_default(self.default(template.data_type, item)?);
             }
             self.add(entry, main)?;
