@@ -109,17 +109,11 @@ impl EmergencyMessage {
     }
 }
 
-/// Condition that lasts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Condition {
-    code: ErrorCode,
-    source: u16,
-}
-
 /// EMCY producer of a node.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Emcy {
-    active: Vec<Condition>,
+    /// Conditions that last, each with its source.
+    active: Vec<(ErrorCode, u16)>,
     queue: VecDeque<[u8; 8]>,
     cob_id: Option<u16>,
     inhibit_time: Duration,
@@ -127,20 +121,16 @@ pub(crate) struct Emcy {
 }
 
 impl Emcy {
-    /// Makes the producer from the dictionary's configuration.
-    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
-        let mut emcy = Self {
+    /// Makes a producer that is not configured yet.
+    pub(crate) fn new() -> Self {
+        Self {
             active: Vec::with_capacity(ACTIVE_MAX),
             queue: VecDeque::with_capacity(QUEUE_LENGTH),
-            cob_id: None,
-            inhibit_time: Duration::ZERO,
-            next_allowed: Duration::ZERO,
-        };
-        emcy.configure(dictionary);
-        emcy
+            ..Self::default()
+        }
     }
 
-    /// Forgets all conditions and messages and reads the configuration again.
+    /// Forgets all conditions and messages and reads the configuration.
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
         self.active.clear();
         self.queue.clear();
@@ -186,11 +176,10 @@ impl Emcy {
         source: u16,
         manufacturer: [u8; 5],
     ) {
-        let condition = Condition { code, source };
-        if self.active.contains(&condition) || self.active.len() >= ACTIVE_MAX {
+        if self.is_active(code, source) || self.active.len() >= ACTIVE_MAX {
             return;
         }
-        self.active.push(condition);
+        self.active.push((code, source));
         record(dictionary, code, manufacturer);
         self.announce(dictionary, code, manufacturer);
     }
@@ -203,8 +192,8 @@ impl Emcy {
         code: ErrorCode,
         source: u16,
     ) {
-        let condition = Condition { code, source };
-        let Some(place) = self.active.iter().position(|active| *active == condition) else {
+        let mut active = self.active.iter();
+        let Some(place) = active.position(|active| *active == (code, source)) else {
             return;
         };
         self.active.swap_remove(place);
@@ -217,7 +206,7 @@ impl Emcy {
     /// Checks whether a condition is active.
     #[inline]
     pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
-        self.active.contains(&Condition { code, source })
+        self.active.contains(&(code, source))
     }
 
     /// Returns the next message, once the inhibit time has passed.
@@ -245,7 +234,7 @@ impl Emcy {
         code: ErrorCode,
         manufacturer: [u8; 5],
     ) {
-        let bits = self.active.iter().map(|active| active.code.register_bits());
+        let bits = self.active.iter().map(|(code, _)| code.register_bits());
         let register = bits.fold(0, |all, bits| all | bits);
         set(dictionary, ERROR_REGISTER, 0, u32::from(register));
         if self.queue.len() >= QUEUE_LENGTH {

@@ -122,14 +122,7 @@ pub(crate) struct HeartbeatConsumer {
 }
 
 impl HeartbeatConsumer {
-    /// Makes the consumer from the dictionary's configuration, before the first heartbeat.
-    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
-        let mut consumer = Self::default();
-        consumer.reset(dictionary);
-        consumer
-    }
-
-    /// Forgets the received heartbeats and reads 0x1016 again.
+    /// Forgets the received heartbeats and reads 0x1016.
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
         let entries =
             (1..=monitor_count(dictionary)).map(|sub_index| monitor(dictionary, sub_index));

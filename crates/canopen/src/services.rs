@@ -65,18 +65,18 @@ impl Services {
             node_id,
             state: NmtState::Initialising,
             requests: VecDeque::with_capacity(REQUESTS_MAX),
-            sync: SyncService::new(&dictionary),
+            sync: SyncService::new(),
             rpdos,
             tpdos,
             has_timed_pdos: false,
             heartbeat: HeartbeatProducer::default(),
-            monitors: HeartbeatConsumer::new(&dictionary),
-            emcy: Emcy::new(&dictionary),
+            monitors: HeartbeatConsumer::default(),
+            emcy: Emcy::new(),
             output: VecDeque::with_capacity(OUTPUT_LENGTH),
             dropped_frames: 0,
             dictionary,
         };
-        services.look_for_timed_pdos();
+        services.reset(0x0000..=0xFFFF);
         Ok(services)
     }
 

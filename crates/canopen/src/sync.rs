@@ -103,10 +103,9 @@ pub(crate) struct SyncService {
 }
 
 impl SyncService {
-    /// Makes the service from the dictionary's configuration; a producer begins with [`SyncService::start`].
-    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
+    /// Makes a service that is not configured yet; a producer begins with [`SyncService::start`].
+    pub(crate) fn new() -> Self {
         Self {
-            parameters: Parameters::read(dictionary),
             missing_tolerated: MISSING_SYNCS_TOLERATED,
             ..Self::default()
         }
@@ -117,7 +116,7 @@ impl SyncService {
         self.missing_tolerated = count;
     }
 
-    /// Stops and reads the configuration again (NMT reset).
+    /// Stops and reads the configuration (NMT reset).
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
         self.stop();
         self.parameters = Parameters::read(dictionary);
