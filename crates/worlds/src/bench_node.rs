@@ -30,7 +30,8 @@ pub struct BenchNode {
     /// Frames to send now.
     due: VecDeque<CanFrame>,
     set_points: SetPoints,
-    real_drives: Vec<RealDrive>,
+    /// Supervisors of the real drives.
+    supervisors: Vec<Supervisor>,
     /// Name of the drive that violated a limit first, and the limit.
     violation: Option<(String, String)>,
     is_stopped: bool,
@@ -61,7 +62,7 @@ impl BenchNode {
             frames: frames.into(),
             due: VecDeque::with_capacity(FRAMES_AT_ONCE),
             set_points: SetPoints::new(plan)?,
-            real_drives: real_drives.map(RealDrive::new).collect(),
+            supervisors: real_drives.map(Supervisor::new).collect(),
             violation: None,
             is_stopped: false,
         })
@@ -74,7 +75,7 @@ impl BenchNode {
     }
 
     fn stop_drives(&mut self) {
-        for drive in &mut self.real_drives {
+        for drive in &self.supervisors {
             self.due.extend(drive.stop());
         }
     }
@@ -83,8 +84,8 @@ impl BenchNode {
         if self.violation.is_some() {
             return;
         }
-        let violation = self.real_drives.iter_mut().find_map(|drive| {
-            let violation = drive.supervisor.as_mut()?.check(now, frame)?;
+        let violation = self.supervisors.iter_mut().find_map(|drive| {
+            let violation = drive.check(now, frame)?;
             Some((drive.name.clone(), violation))
         });
         if violation.is_some() {
@@ -157,36 +158,6 @@ impl SentSetPoint {
     }
 }
 
-/// Drive that is not the emulator.
-struct RealDrive {
-    /// Name for messages.
-    name: String,
-    node_id: Option<NodeId>,
-    /// Supervisor of its limits, if a rig file gives them.
-    supervisor: Option<Supervisor>,
-}
-
-impl RealDrive {
-    fn new(one: &ControlLoop) -> Self {
-        let real = one.real_drive.as_ref();
-        let sync_period = one.trial.run.bus.sync_period();
-        let unit = &one.trial.wiring.sensor.measurand.unit;
-        Self {
-            name: one.nodes.drive.name.clone(),
-            node_id: NodeId::new(one.place.drive_node_id),
-            supervisor: real.map(|drive| Supervisor::new(drive, sync_period, unit)),
-        }
-    }
-
-    /// Returns the frames that stop it.
-    fn stop(&self) -> Vec<CanFrame> {
-        match &self.supervisor {
-            Some(supervisor) => supervisor.stop().into(),
-            None => vec![NmtCommand::Stop.frame(self.node_id)],
-        }
-    }
-}
-
 /// Returns the NMT stops that are faults of the scenario, each with its scenario time.
 fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
     let orders = faults.of("nmt_stop");
@@ -233,19 +204,17 @@ fn disturbances(
 impl Node for BenchNode {
     /// Leaves out the clock's frames for a node with nothing to send, which need not know the time.
     fn filters(&self) -> Vec<Filter> {
-        let mut filters = Vec::new();
-        for drive in &self.real_drives {
-            filters.extend(drive.supervisor.iter().flat_map(Supervisor::filters));
-        }
+        let supervisors = self.supervisors.iter();
+        let mut filters = Vec::from_iter(supervisors.flat_map(Supervisor::filters));
         let has_orders = !self.frames.is_empty() || !self.set_points.loops.is_empty();
-        if has_orders || !self.real_drives.is_empty() {
+        if has_orders || !self.supervisors.is_empty() {
             filters.extend(self.clock.filters());
         }
         filters
     }
 
     fn silent_filters(&self) -> Vec<Filter> {
-        if self.real_drives.is_empty() {
+        if self.supervisors.is_empty() {
             self.clock.silent_filters().collect()
         } else {
             Vec::new()

@@ -4,55 +4,70 @@
 use std::time::Duration;
 
 use can::{CanFrame, Filter};
-use canopen::NmtCommand;
 use canopen::cia402::Command;
-use plan::loaded_drive::LoadedDrive;
-use scenario::port::Unit;
+use canopen::{NmtCommand, NodeId};
+use plan::ControlLoop;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
 
-/// Part of the bench's node that switches the current of a drive off.
+/// Part of the bench's node that switches the current of a drive off that is not the emulator.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
-    drive: DriveLayout,
-    watch: LimitWatch,
+    /// Name of the drive, for messages.
+    pub(crate) name: String,
+    node_id: Option<NodeId>,
+    /// The drive with its limits, if a rig file gives them.
+    limited: Option<(DriveLayout, LimitWatch)>,
 }
 
 impl Supervisor {
-    /// Makes a supervisor that has seen no frame.
-    pub(crate) fn new(drive: &LoadedDrive, sync_period: Duration, unit: &Unit) -> Self {
+    /// Makes a supervisor of a loop's drive that has seen no frame.
+    pub(crate) fn new(one: &ControlLoop) -> Self {
+        let sync_period = one.trial.run.bus.sync_period();
+        let unit = &one.trial.wiring.sensor.measurand.unit;
+        let limited = one.real_drive.as_ref().map(|drive| {
+            let watch = LimitWatch::new(&drive.real.limits, sync_period, unit);
+            (drive.layout.clone(), watch)
+        });
         Self {
-            drive: drive.layout.clone(),
-            watch: LimitWatch::new(&drive.real.limits, sync_period, unit),
+            name: one.nodes.drive.name.clone(),
+            node_id: NodeId::new(one.place.drive_node_id),
+            limited,
         }
     }
 
     /// Returns the filters for the frames that it must receive.
-    pub(crate) fn filters(&self) -> [Filter; 2] {
-        [&self.drive.feedback, &self.drive.command].map(|pdo| Filter::exact(pdo.id()))
+    pub(crate) fn filters(&self) -> impl Iterator<Item = Filter> {
+        let drives = self.limited.iter();
+        let pdos = drives.flat_map(|(drive, _)| [&drive.feedback, &drive.command]);
+        pdos.map(|pdo| Filter::exact(pdo.id()))
     }
 
     /// Checks a frame of the bus; describes the violation of a limit.
     pub(crate) fn check(&mut self, now: Duration, frame: &CanFrame) -> Option<String> {
-        match (self.drive.decode(frame), self.drive.decode_target(frame)) {
-            (Some(feedback), _) => self.watch.check(now, &feedback),
-            (_, Some(amperes)) => self.watch.check_command(amperes),
+        let (drive, watch) = self.limited.as_mut()?;
+        match (drive.decode(frame), drive.decode_target(frame)) {
+            (Some(feedback), _) => watch.check(now, &feedback),
+            (_, Some(amperes)) => watch.check_command(amperes),
             _ => None,
         }
     }
 
     /// Returns the emergency stop: command 0 with quick stop for a drive that takes it at once, and NMT stop, after which no
     /// drive may follow PDOs.
-    pub(crate) fn stop(&self) -> [CanFrame; 2] {
-        let quick_stop = self.drive.encode(Command::QuickStop.controlword(), 0.0);
-        let stop = NmtCommand::Stop.frame(Some(self.drive.node_id));
-        [quick_stop, stop]
+    pub(crate) fn stop(&self) -> impl Iterator<Item = CanFrame> {
+        let limited = self.limited.iter();
+        let quick_stop = Command::QuickStop.controlword();
+        let quick_stops = limited.map(move |(drive, _)| drive.encode(quick_stop, 0.0));
+        quick_stops.chain([NmtCommand::Stop.frame(self.node_id)])
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plan::loaded_drive::LoadedDrive;
+    use scenario::port::Unit;
     use scenario::rig::{Limits, RealDrive, RigDrive};
 
     fn supervisor() -> Supervisor {
@@ -64,7 +79,13 @@ mod tests {
         };
         let real = RealDrive::new(RigDrive::default(), limits);
         let drive = LoadedDrive::new(real, None).unwrap();
-        Supervisor::new(&drive, Duration::from_millis(1), &Unit::default())
+        let period = Duration::from_millis(1);
+        let watch = LimitWatch::new(&drive.real.limits, period, &Unit::default());
+        Supervisor {
+            name: "drive".to_owned(),
+            node_id: NodeId::new(0x10),
+            limited: Some((drive.layout, watch)),
+        }
     }
 
     fn feedback(micrometres: i32, milliamperes: i16) -> CanFrame {
