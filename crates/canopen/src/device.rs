@@ -442,17 +442,8 @@ impl<A: Application> Access for Objects<'_, A> {
         self.services.commit(handle, bytes)
     }
 
-    fn prepare_write(
-        &mut self,
-        index: u16,
-        sub_index: u8,
-        length: Option<usize>,
-    ) -> Result<(), AbortCode> {
-        Access::prepare_write(&mut self.services.dictionary, index, sub_index, length)
-    }
-
-    fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
-        Access::size_bytes(&mut self.services.dictionary, index, sub_index)
+    fn dictionary(&self) -> Option<&ObjectDictionary> {
+        Some(&self.services.dictionary)
     }
 }
 

@@ -13,7 +13,6 @@ use crate::sdo_block::{BLOCK_SIZE, BlockReceiver, BlockSender, check_end};
 use can::CanFrame;
 
 /// Objects that a server serves, with their reactions to reads and writes.
-#[expect(unused_variables, reason = "the defaults accept everything")]
 pub trait Access {
     /// Returns the value of an object, little-endian. Borrowed values up to four bytes are served without allocation.
     ///
@@ -27,22 +26,9 @@ pub trait Access {
     /// The reason for which the object cannot be written, or not with these bytes.
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode>;
 
-    /// Checks a segmented or block download before it starts, with the length that the client announces, so that hopeless
-    /// downloads end early. [`Access::write`] decides in the end.
-    ///
-    /// # Errors
-    /// The reason for which the object cannot be written.
-    fn prepare_write(
-        &mut self,
-        index: u16,
-        sub_index: u8,
-        length: Option<usize>,
-    ) -> Result<(), AbortCode> {
-        Ok(())
-    }
-
-    /// Returns the length of an object's type in bytes, for expedited downloads without a length; `None` means four.
-    fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
+    /// Returns the dictionary of the objects, by which hopeless segmented and block downloads end early, and which knows the length
+    /// of expedited downloads that do not tell theirs. Without it [`Access::write`] alone decides, and that length is four.
+    fn dictionary(&self) -> Option<&ObjectDictionary> {
         None
     }
 }
@@ -58,23 +44,8 @@ impl Access for ObjectDictionary {
         self.store(handle, bytes)
     }
 
-    fn prepare_write(
-        &mut self,
-        index: u16,
-        sub_index: u8,
-        length: Option<usize>,
-    ) -> Result<(), AbortCode> {
-        let entry = self.entry(self.find(index, sub_index)?);
-        if !entry.access.is_writable() {
-            return Err(AbortCode::READ_ONLY);
-        }
-        let size = entry.data_type.size_bytes();
-        length.map_or(Ok(()), |length| check_length(length, size))
-    }
-
-    fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
-        let handle = self.find(index, sub_index).ok()?;
-        self.entry(handle).data_type.size_bytes()
+    fn dictionary(&self) -> Option<&ObjectDictionary> {
+        Some(self)
     }
 }
 
@@ -250,8 +221,13 @@ impl SdoServer {
         let Multiplexer { index, sub_index } = self.begin(request);
         let command = request[0];
         if command & 0b10 != 0 {
-            let type_bytes = || objects.size_bytes(index, sub_index).unwrap_or(4).min(4);
-            let length = expedited_length(command).unwrap_or_else(type_bytes);
+            let type_bytes = || {
+                let dictionary = objects.dictionary()?;
+                let handle = dictionary.find(index, sub_index).ok()?;
+                dictionary.entry(handle).data_type.size_bytes()
+            };
+            let told = expedited_length(command);
+            let length = told.unwrap_or_else(|| type_bytes().unwrap_or(4).min(4));
             objects.write(index, sub_index, &data_bytes(request)[..length])?;
         } else {
             self.prepare_download(request, command & 1 != 0, objects)?;
@@ -270,9 +246,16 @@ impl SdoServer {
     ) -> Result<(), AbortCode> {
         let Multiplexer { index, sub_index } = self.transfer.object;
         let announced = announced_length(request, is_announced);
-        // A length beyond the limit may also be beyond the object's, which is the better answer.
-        let asked = announced.unwrap_or(Some(usize::MAX));
-        objects.prepare_write(index, sub_index, asked)?;
+        if let Some(dictionary) = objects.dictionary() {
+            let entry = dictionary.entry(dictionary.find(index, sub_index)?);
+            if !entry.access.is_writable() {
+                return Err(AbortCode::READ_ONLY);
+            }
+            // A length beyond the limit may also be beyond the object's, which is the better answer.
+            if let Some(length) = announced.unwrap_or(Some(usize::MAX)) {
+                check_length(length, entry.data_type.size_bytes())?;
+            }
+        }
         self.transfer.announced = announced?;
         self.transfer.buffer.clear();
         Ok(())
