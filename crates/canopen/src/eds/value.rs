@@ -95,19 +95,10 @@ fn real(data_type: DataType, text: &str) -> Result<Vec<u8>, String> {
 /// # Errors
 /// With the expected form.
 pub fn octets(text: &str) -> Result<Vec<u8>, String> {
-    let digits = text
-        .chars()
-        .filter(|letter| !letter.is_whitespace())
-        .map(|letter| {
-            letter
-                .to_digit(16)
-                .and_then(|digit| u8::try_from(digit).ok())
-        })
-        .collect::<Option<Vec<u8>>>()
-        .filter(|digits| digits.len() % 2 == 0)
-        .ok_or("expected pairs of hexadecimal digits")?;
-    Ok(digits
-        .chunks(2)
-        .map(|pair| pair[0] << 4 | pair[1])
-        .collect())
+    let digits = String::from_iter(text.split_whitespace());
+    if digits.len() % 2 != 0 || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return Err("expected pairs of hexadecimal digits".to_owned());
+    }
+    let byte = |place| u8::from_str_radix(&digits[place..place + 2], 16).ok();
+    Ok((0..digits.len()).step_by(2).filter_map(byte).collect())
 }
