@@ -412,11 +412,7 @@ impl ObjectDictionary {
 
     /// Adds a sub-object, or replaces the one at the same place. Handles taken before are void.
     pub fn insert(&mut self, entry: Entry) {
-        let key = (entry.index, entry.sub_index);
-        match self
-            .entries
-            .binary_search_by_key(&key, |entry| (entry.index, entry.sub_index))
-        {
+        match self.place(entry.index, entry.sub_index) {
             Ok(place) => self.entries[place] = entry,
             Err(place) => self.entries.insert(place, entry),
         }
@@ -445,22 +441,21 @@ impl ObjectDictionary {
     /// # Errors
     /// [`AbortCode::NO_SUCH_OBJECT`] or [`AbortCode::NO_SUCH_SUB_INDEX`].
     pub fn find(&self, index: u16, sub_index: u8) -> Result<Handle, AbortCode> {
-        let found = self
-            .entries
-            .binary_search_by_key(&(index, sub_index), |entry| (entry.index, entry.sub_index));
-        found.map(Handle).map_err(|place| {
-            let neighbours = [place.checked_sub(1), Some(place)];
-            let has_index = |place: usize| {
-                self.entries
-                    .get(place)
-                    .is_some_and(|entry| entry.index == index)
-            };
-            if neighbours.into_iter().flatten().any(has_index) {
+        self.place(index, sub_index).map(Handle).map_err(|place| {
+            let next = (place + 1).min(self.entries.len());
+            let mut neighbours = self.entries[place.saturating_sub(1)..next].iter();
+            if neighbours.any(|entry| entry.index == index) {
                 AbortCode::NO_SUCH_SUB_INDEX
             } else {
                 AbortCode::NO_SUCH_OBJECT
             }
         })
+    }
+
+    /// Returns the place of a sub-object, or the place where it would be.
+    fn place(&self, index: u16, sub_index: u8) -> Result<usize, usize> {
+        let key = |entry: &Entry| (entry.index, entry.sub_index);
+        self.entries.binary_search_by_key(&(index, sub_index), key)
     }
 
     /// Returns the sub-object at a handle.
