@@ -281,6 +281,24 @@ struct ProgramNode {
     program: Option<StartedProgram>,
 }
 
+impl ProgramNode {
+    /// Ends it after a run; returns the result of the run, or of this end.
+    fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
+        let name = self.order.name();
+        match played {
+            Ok(played) => {
+                drop(self.remote);
+                let ended = self.program.map(|mut program| program.end(name));
+                ended.unwrap_or(Ok(())).map(|()| played)
+            }
+            Err(WorldError::Coordinator(error)) if error.participant() == Some(name) => {
+                Err(explained(self.program, error))
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
 /// Node at its seat that is asked at each event, as faults need.
 #[derive(Debug)]
 struct Asked {
@@ -333,6 +351,15 @@ impl Asked {
         });
     }
 
+    /// Ends it after a run, unless a fault ended it, or it gave up.
+    fn finish<T>(&mut self, played: Result<T, WorldError>) -> Result<T, WorldError> {
+        match (self.failure.take(), self.node.take()) {
+            (Some(failure), _) if played.is_ok() => Err(failure),
+            (_, Some(node)) if self.answer.progress == Progress::Stopped => node.finish(played),
+            _ => played,
+        }
+    }
+
     /// Ends the process of a node that a fault ends, and starts another one in its place.
     fn renew(&mut self) {
         let Some(node) = self.node.take() else { return };
@@ -382,15 +409,13 @@ impl CanNode for Asked {
     }
 }
 
-/// Node of a run that canrig does not run itself.
-enum Guest {
-    Plain(Box<ProgramNode>),
-    /// The node with its name.
-    Faulty(Box<Faulty<Asked>>, String),
+/// Nodes of a run that canrig does not run itself, at their seats. In a run all are of one kind.
+#[derive(Default)]
+pub(crate) struct Guests {
+    plain: Vec<ProgramNode>,
+    /// Nodes with faults around them, by their names.
+    faulty: Vec<(String, Faulty<Asked>)>,
 }
-
-/// Nodes of a run that canrig does not run itself, at their seats.
-pub(crate) struct Guests(Vec<Guest>);
 
 impl Guests {
     /// Brings them to their seats.
@@ -398,32 +423,26 @@ impl Guests {
     /// # Errors
     /// If one of them does not come, or speaks another protocol.
     pub(crate) fn seat(plan: &Plan, hosting: &Hosting<'_>) -> Result<Self, WorldError> {
-        let mut guests = Vec::new();
+        let mut guests = Self::default();
         for order in ProgramOrder::all(plan, hosting.logs, hosting.patience) {
             let node = order.seat(Duration::ZERO, hosting.announce)?;
-            guests.push(if plan.has_faults() {
-                let faults = faults_at(plan, &order.node);
-                let clock = plan.scenario_clock()?;
+            if plan.has_faults() {
+                let (faults, clock) = (faults_at(plan, &order.node), plan.scenario_clock()?);
                 let faulty = Faulty::new(Asked::new(node), faults, clock, Asked::renew);
-                Guest::Faulty(Box::new(faulty), order.node.name)
+                guests.faulty.push((order.node.name, faulty));
             } else {
-                Guest::Plain(Box::new(node))
-            });
-        }
-        Ok(Self(guests))
-    }
-
-    /// Returns them as participants: those without faults, and those with faults around them. In a run all are of one kind. The
-    /// controller is the last one.
-    pub(crate) fn participants(&mut self) -> (Vec<&mut Remote>, Vec<Local<'_>>) {
-        let (mut plain, mut faulty) = (Vec::new(), Vec::new());
-        for guest in &mut self.0 {
-            match guest {
-                Guest::Plain(node) => plain.push(&mut node.remote),
-                Guest::Faulty(node, name) => faulty.push(Local::new(&*name, &mut **node)),
+                guests.plain.push(node);
             }
         }
-        (plain, faulty)
+        Ok(guests)
+    }
+
+    /// Returns them as participants: those without faults, and those with faults around them. The controller is the last one.
+    pub(crate) fn participants(&mut self) -> (Vec<&mut Remote>, Vec<Local<'_>>) {
+        let plain = self.plain.iter_mut().map(|node| &mut node.remote);
+        let faulty = self.faulty.iter_mut();
+        let faulty = faulty.map(|(name, node)| Local::new(&*name, node));
+        (plain.collect(), faulty.collect())
     }
 
     /// Ends them after a run; returns the result of the run.
@@ -431,42 +450,12 @@ impl Guests {
     /// # Errors
     /// With the reason why the run broke off, or with the first bad end of one of them.
     pub(crate) fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
-        let mut played = played;
-        for guest in self.0.into_iter().rev() {
-            played = guest.finish(played);
-        }
-        played
-    }
-}
-
-impl Guest {
-    fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
-        let node = match self {
-            Self::Plain(node) => *node,
-            Self::Faulty(mut faulty, _) => {
-                let asked = faulty.node_mut();
-                if let (Some(failure), true) = (asked.failure.take(), played.is_ok()) {
-                    return Err(failure);
-                }
-                match asked.node.take() {
-                    // A node that a fault ended, or that gave up, has no orderly end to check.
-                    Some(node) if asked.answer.progress == Progress::Stopped => node,
-                    _ => return played,
-                }
-            }
-        };
-        let name = node.order.name();
-        match played {
-            Ok(played) => {
-                drop(node.remote);
-                let ended = node.program.map(|mut program| program.end(name));
-                ended.unwrap_or(Ok(())).map(|()| played)
-            }
-            Err(WorldError::Coordinator(error)) if error.participant() == Some(name) => {
-                Err(explained(node.program, error))
-            }
-            Err(error) => Err(error),
-        }
+        let plain = self.plain.into_iter().rev();
+        let played = plain.fold(played, |played, node| node.finish(played));
+        let faulty = self.faulty.into_iter().rev();
+        faulty.fold(played, |played, (_, mut node)| {
+            node.node_mut().finish(played)
+        })
     }
 }
 
