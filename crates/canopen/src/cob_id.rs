@@ -60,6 +60,22 @@ impl CobId {
     }
 }
 
+/// Checks the COB-ID to be written to a place: as [`CobId::check_at`], and the identifier stays while the service exists.
+pub(crate) fn check_write(
+    dictionary: &ObjectDictionary,
+    place: (u16, u8),
+    bytes: &[u8],
+    refusal: AbortCode,
+) -> Result<(), AbortCode> {
+    let new = CobId::from_bytes(bytes)?;
+    new.check_at(dictionary, place)?;
+    let old = CobId(dictionary.unsigned(place.0, place.1).unwrap_or(u32::MAX));
+    if old.is_valid() && new.is_valid() && old.id() != new.id() {
+        return Err(refusal);
+    }
+    Ok(())
+}
+
 /// Returns the identifier that a service has through this sub-object; `None` if the sub-object configures none, or the service
 /// has none now.
 fn used_id(entry: &Entry) -> Option<u16> {

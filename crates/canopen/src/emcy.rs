@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use crate::cob_id::CobId;
+use crate::cob_id::{self, CobId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use can::CanFrame;
 
@@ -146,7 +146,7 @@ impl Emcy {
         self.inhibit_time = Duration::from_micros(u64::from(inhibit_time) * 100);
     }
 
-    /// Checks the rules for writing 0x1003 and 0x1014.
+    /// Checks the rules for writing 0x1003, and 0x1014 (CiA 301, 7.5.2.17): bit 30 is reserved.
     pub(crate) fn check_write(
         dictionary: &ObjectDictionary,
         index: u16,
@@ -154,7 +154,8 @@ impl Emcy {
     ) -> Result<(), AbortCode> {
         match index {
             HISTORY if bytes.iter().any(|byte| *byte != 0) => Err(AbortCode::INVALID_VALUE),
-            COB_ID => check_cob_id(dictionary, CobId::from_bytes(bytes)?),
+            COB_ID if CobId::from_bytes(bytes)?.flag_30() => Err(AbortCode::INVALID_VALUE),
+            COB_ID => cob_id::check_write(dictionary, (COB_ID, 0), bytes, AbortCode::DEVICE_STATE),
             _ => Ok(()),
         }
     }
@@ -247,19 +248,6 @@ impl Emcy {
         };
         self.queue.push_back(message.encode());
     }
-}
-
-/// Checks a new COB-ID by CiA 301, 7.5.2.17: the identifier stays while the EMCY exists; bit 30 is reserved.
-fn check_cob_id(dictionary: &ObjectDictionary, new: CobId) -> Result<(), AbortCode> {
-    if new.flag_30() {
-        return Err(AbortCode::INVALID_VALUE);
-    }
-    new.check_at(dictionary, (COB_ID, 0))?;
-    let old = CobId(dictionary.unsigned(COB_ID, 0).unwrap_or(0));
-    if old.is_valid() && new.is_valid() && old.id() != new.id() {
-        return Err(AbortCode::DEVICE_STATE);
-    }
-    Ok(())
 }
 
 /// Stores a value if the object exists: all of EMCY's objects but 0x1001 are optional.

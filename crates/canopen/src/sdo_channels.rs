@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::cob_id::CobId;
+use crate::cob_id::{self, CobId};
 use crate::nmt::NodeId;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo_server::{Access, SdoServer};
@@ -26,19 +26,12 @@ pub(crate) fn check_write(
     sub_index: u8,
     bytes: &[u8],
 ) -> Result<(), AbortCode> {
-    if !matches!(sub_index, REQUEST_ID | RESPONSE_ID) {
+    let is_cob_id = matches!(sub_index, REQUEST_ID | RESPONSE_ID);
+    if !is_cob_id || !CobId::from_bytes(bytes)?.is_valid() {
         return Ok(());
     }
-    let new = CobId::from_bytes(bytes)?;
-    let old = CobId(dictionary.unsigned(index, sub_index).unwrap_or(u32::MAX));
-    if !new.is_valid() {
-        return Ok(());
-    }
-    new.check_at(dictionary, (index, sub_index))?;
-    if old.is_valid() && old.id() != new.id() {
-        return Err(AbortCode::DEVICE_STATE);
-    }
-    Ok(())
+    let object = (index, sub_index);
+    cob_id::check_write(dictionary, object, bytes, AbortCode::DEVICE_STATE)
 }
 
 /// Servers of a node, one for each channel.

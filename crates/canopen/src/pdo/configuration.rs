@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::cob_id::CobId;
+use crate::cob_id::{self, CobId};
 use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary, copy};
 
 /// Most PDOs of a direction: the mappings begin behind the parameters of so many.
@@ -113,12 +113,8 @@ fn check_parameter_write(
     let direction = place.direction;
     match sub_index {
         COB_ID => {
-            let new = CobId::from_bytes(bytes)?;
-            new.check_at(dictionary, (place.parameters_index(), COB_ID))?;
-            if old.is_valid() && new.is_valid() && old.id() != new.id() {
-                return Err(AbortCode::INVALID_VALUE);
-            }
-            Ok(())
+            let object = (place.parameters_index(), COB_ID);
+            cob_id::check_write(dictionary, object, bytes, AbortCode::INVALID_VALUE)
         }
         TRANSMISSION_TYPE => match (direction, bytes) {
             (_, [0..=240 | 254 | 255]) | (Direction::Transmit, [252 | 253]) => Ok(()),
