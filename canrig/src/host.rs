@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use can::Node;
 use clap::{Args, Command, CommandFactory, FromArgMatches, Parser, ValueEnum};
-use faults::FaultKind;
 use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::process::channel_from_parent;
@@ -27,7 +26,7 @@ use runner::exit::{Exit, Failure};
 use worlds::catalogue::catalogue;
 use worlds::law_process::LawPlace;
 use worlds::names::emulator_names;
-use worlds::nodes::{controller_views, faulty_controller, make_controller, plant_emulator};
+use worlds::nodes::{faulty_controller, plant_emulator};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]
@@ -131,24 +130,17 @@ fn hosted_controller(
     plan: &Plan,
     late: &Arc<AtomicU64>,
 ) -> Result<Box<dyn Node>, Failure> {
-    let views = controller_views(plan);
     let planned = LawPlace::of(plan);
-    let is_real_time = !args.lockstep;
     // The scenario is the copy in the folder of the run.
     let run = args.scenario.parent().map(Path::to_owned);
     let place = LawPlace {
         folder: args.laws_in.clone().unwrap_or(planned.folder),
         logs: run.filter(|_| args.laws_in.is_some()),
-        is_real_time,
+        is_real_time: !args.lockstep,
         late: Arc::clone(late),
         ..planned
     };
-    let make = move || make_controller(&views, &place);
-    // In real time the bench causes crash and hang, from outside the process.
-    let is_caused_by_bench = move |kind: &FaultKind| {
-        is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
-    };
-    faulty_controller(make, plan, is_caused_by_bench).map_err(in_plan)
+    faulty_controller(plan, place).map_err(in_plan)
 }
 
 fn hosted_emulator(args: &NodeArgs, plan: &Plan) -> Result<Box<dyn Node>, Failure> {

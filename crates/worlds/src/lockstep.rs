@@ -60,9 +60,7 @@ fn play_here(
     let mut ours = Vec::new();
     for name in names::played(plan) {
         let node = if name == plan.controller().name {
-            let (views, laws) = (nodes::controller_views(plan), laws.clone());
-            let make = move || nodes::make_controller(&views, &laws);
-            nodes::faulty_controller(make, plan, |_| false)?
+            nodes::faulty_controller(plan, laws.clone())?
         } else {
             nodes::plant_emulator(plan, name)?
         };

@@ -69,27 +69,27 @@ pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<Controller
         .map_err(|error| WorldError::set_up(&laws.controller, &error))
 }
 
-/// Makes the manager with its faults, which it cannot see. Faults that `is_played_elsewhere` accepts happen to its process
-/// instead. `make` makes the manager, also after a crash.
+/// Makes the manager with its faults, which it cannot see; `laws` is the place of its laws' processes. In real time the bench
+/// causes crash and hang, from outside the process.
 ///
 /// # Errors
 /// If it cannot be made.
-pub fn faulty_controller(
-    make: impl Fn() -> Result<ControllerNode, WorldError> + Send + 'static,
-    plan: &Plan,
-    is_played_elsewhere: impl Fn(&FaultKind) -> bool,
-) -> Result<Box<dyn Node>, WorldError> {
-    let node = make()?;
+pub fn faulty_controller(plan: &Plan, laws: LawPlace) -> Result<Box<dyn Node>, WorldError> {
+    let views = controller_views(plan);
+    let node = make_controller(&views, &laws)?;
     if !plan.has_faults() {
         return Ok(Box::new(node));
     }
+    let is_caused_by_bench = |kind: &FaultKind| {
+        laws.is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
+    };
+    let faults = faults_at(plan, plan.controller()).without(is_caused_by_bench);
     let renew = move |node: &mut ControllerNode| {
         // The first call succeeded, so this one does.
-        if let Ok(new) = make() {
+        if let Ok(new) = make_controller(&views, &laws) {
             *node = new;
         }
     };
-    let faults = faults_at(plan, plan.controller()).without(is_played_elsewhere);
     let faulty = Faulty::new(node, faults, plan.scenario_clock()?, renew);
     Ok(Box::new(faulty))
 }
