@@ -25,25 +25,28 @@ pub struct Check {
 }
 
 impl Check {
-    pub(super) fn passed(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, CheckOutcome::Passed, found.into())
-    }
-
-    pub(super) fn failed(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, CheckOutcome::Failed, found.into())
-    }
-
-    pub(super) fn open(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, CheckOutcome::Open, found.into())
-    }
-
-    pub(super) fn new(name: &'static str, outcome: CheckOutcome, found: String) -> Self {
+    pub(super) fn new(name: &'static str, (outcome, found): Found) -> Self {
         Self {
             name,
             outcome,
             found,
         }
     }
+}
+
+/// Outcome of a check with its finding.
+pub(super) type Found = (CheckOutcome, String);
+
+pub(super) fn passed(found: impl Into<String>) -> Found {
+    (CheckOutcome::Passed, found.into())
+}
+
+pub(super) fn failed(found: impl Into<String>) -> Found {
+    (CheckOutcome::Failed, found.into())
+}
+
+pub(super) fn open(found: impl Into<String>) -> Found {
+    (CheckOutcome::Open, found.into())
 }
 
 /// Writes a line such as `✓ bit rate       1000 kbit/s`.

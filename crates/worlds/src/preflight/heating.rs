@@ -12,8 +12,7 @@ use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
 use scenario::rig::drive::{DriveLayout, Feedback, Scaled};
 
-use super::checklist::Check;
-use super::checklist::CheckOutcome::{self, Failed, Open, Passed};
+use super::checklist::{Check, CheckOutcome, Found, failed, open, passed};
 use super::observed::{Motion, QuickStop, Span};
 use crate::error::WorldError;
 use plan::error_frames;
@@ -166,10 +165,11 @@ impl<'a> Heating<'a> {
         ];
         let mut checks = Vec::new();
         for (name, found) in found {
-            let missing = |text| (Failed, ended.err().map_or(text, reason));
-            let (outcome, found) = found.unwrap_or_else(missing);
-            checks.push(Check::new(name, outcome, found));
-            if outcome == Failed {
+            let missing = |text| failed(ended.err().map_or(text, reason));
+            let found = found.unwrap_or_else(missing);
+            let is_failed = found.0 == CheckOutcome::Failed;
+            checks.push(Check::new(name, found));
+            if is_failed {
                 return checks;
             }
         }
@@ -181,16 +181,16 @@ impl<'a> Heating<'a> {
         let name = "error frames";
         let errors = self.errors.join(", ");
         match ended {
-            Err(error) => Check::failed("end", reason(error)),
-            Ok(()) if errors.is_empty() => Check::passed(name, "none"),
+            Err(error) => Check::new("end", failed(reason(error))),
+            Ok(()) if errors.is_empty() => Check::new(name, passed("none")),
             Ok(()) => {
                 let found = format!("{errors}: look at cable, termination and bit rates");
-                Check::failed(name, found)
+                Check::new(name, failed(found))
             }
         }
     }
 
-    fn configuration(&self) -> Found {
+    fn configuration(&self) -> Finding {
         let DriveLayout {
             feedback, command, ..
         } = &self.drive.layout;
@@ -200,21 +200,21 @@ impl<'a> Heating<'a> {
         }
         let pdos = [feedback, command]
             .map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes()));
-        passed(format!("PDOs {} are mapped", pdos.join(" and ")))
+        Ok(passed(format!("PDOs {} are mapped", pdos.join(" and "))))
     }
 
-    fn enabled(&self) -> Found {
+    fn enabled(&self) -> Finding {
         match (self.clock.zero(), self.position()) {
-            (Some(_), _) => passed("Operation enabled, at 0 A"),
-            (None, Err(_)) => Ok((Open, "not awaited".to_owned())),
+            (Some(_), _) => Ok(passed("Operation enabled, at 0 A")),
+            (None, Err(_)) => Ok(open("not awaited")),
             (None, Ok(())) => Err("the drive was not enabled".to_owned()),
         }
     }
 
-    fn at_rest(&self) -> Found {
+    fn at_rest(&self) -> Finding {
         match (self.position(), self.rest, self.motion) {
-            (Err(text), ..) => failed(text),
-            (Ok(()), Some(rest), Some(_)) => passed(at_rest(rest, self.unit)),
+            (Err(text), ..) => Ok(failed(text)),
+            (Ok(()), Some(rest), Some(_)) => Ok(passed(at_rest(rest, self.unit))),
             _ => Err("the drive sent no position for a second".to_owned()),
         }
     }
@@ -247,24 +247,24 @@ impl<'a> Heating<'a> {
         Ok(())
     }
 
-    fn direction(&self) -> Found {
+    fn direction(&self) -> Finding {
         let preflight = &self.drive.real.preflight;
         let threshold = self.motion();
         let motion = self.motion.unwrap_or_default();
         let (displacement, amperes) = (motion.displacement, motion.amperes);
         let symbol = self.unit.symbol();
         if !preflight.heating {
-            Ok((Open, "not heated, as you wished".to_owned()))
+            Ok(open("not heated, as you wished"))
         } else if displacement <= -threshold {
             // A motion may reach a limit of the rig before it counts as motion.
-            failed(format!(
+            Ok(failed(format!(
                 "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
                 -displacement
-            ))
+            )))
         } else if motion.has_moved() {
-            passed(format!(
+            Ok(passed(format!(
                 "rises by {displacement:.2} {symbol} at {amperes:.2} A"
-            ))
+            )))
         } else {
             Err(format!(
                 "{displacement:.2} {symbol} within {} s, at {amperes:.2} A in the end ({threshold:.2} {symbol} are motion): is the plant connected, and the command's scaling right?",
@@ -273,54 +273,48 @@ impl<'a> Heating<'a> {
         }
     }
 
-    fn quick_stop(&self) -> Found {
+    fn quick_stop(&self) -> Finding {
         let limit_milliseconds = self.drive.real.preflight.stop_milliseconds_max;
         let quick_stop = self.quick_stop.ok_or("none was sent")?;
         if let Some(after) = quick_stop.without_current_after {
             let after_milliseconds = after.as_secs_f64() * 1e3;
             let text = format!("after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)");
             return if after <= Duration::from_millis(limit_milliseconds.into()) {
-                passed(format!("no current {text}"))
+                Ok(passed(format!("no current {text}")))
             } else {
-                failed(format!("no current only {text}"))
+                Ok(failed(format!("no current only {text}")))
             };
         }
         // Without a sample a limit was violated: NMT stop came at once.
         let last = quick_stop.last.ok_or("no sample came after it")?;
         let flowing = last.current_amperes;
         match flowing.filter(|amperes| amperes.abs() > self.no_current_amperes()) {
-            Some(amperes) => failed(format!(
+            Some(amperes) => Ok(failed(format!(
                 "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
+            ))),
+            None => Ok(failed(
+                "the drive stays in Operation enabled; switch it off by hand",
             )),
-            None => failed("the drive stays in Operation enabled; switch it off by hand"),
         }
     }
 
-    fn nmt_stop(&self) -> Found {
+    fn nmt_stop(&self) -> Finding {
         let limit = self.patience();
         let limit_milliseconds = limit.as_millis();
         match self.stopped_after.filter(|after| *after <= limit) {
-            Some(after) => passed(format!(
+            Some(after) => Ok(passed(format!(
                 "Stopped in a heartbeat after {:.1} ms (limit {limit_milliseconds} ms)",
                 after.as_secs_f64() * 1e3
-            )),
-            None => failed(format!(
+            ))),
+            None => Ok(failed(format!(
                 "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
-            )),
+            ))),
         }
     }
 }
 
-/// Outcome of a check and its finding. Without them, the end of the session gives the reason, or otherwise the text.
-type Found = Result<(CheckOutcome, String), String>;
-
-fn passed(found: impl Into<String>) -> Found {
-    Ok((Passed, found.into()))
-}
-
-fn failed(found: impl Into<String>) -> Found {
-    Ok((Failed, found.into()))
-}
+/// Finding of a check. Without it, the end of the session gives the reason, or otherwise the text.
+type Finding = Result<Found, String>;
 
 /// Returns the reason why the session failed; for a controller that gave up, its last line.
 fn reason(error: &WorldError) -> String {

@@ -4,12 +4,9 @@ use std::io;
 
 use platform::link::{CanState, Link};
 
-use super::checklist::Check;
+use super::checklist::{Check, Found, failed, open, passed};
 use crate::bus_choice::RunBus;
 
-const INTERFACE: &str = "interface";
-const BIT_RATE: &str = "bit rate";
-const BUS_ERRORS: &str = "bus errors";
 const BITS_PER_KILOBIT: u32 = 1000;
 
 /// Checks the kernel's report on the interface against the bit rate of the rig file or the scenario.
@@ -19,9 +16,9 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
             link_checks(name, platform::link::link(name), kilobits_per_second)
         }
         RunBus::Embedded { .. } | RunBus::Private => vec![
-            Check::passed(INTERFACE, "canrig's own bus"),
-            Check::open(BIT_RATE, "this bus has none"),
-            Check::open(BUS_ERRORS, "this bus reports none"),
+            Check::new("interface", passed("canrig's own bus")),
+            Check::new("bit rate", open("this bus has none")),
+            Check::new("bus errors", open("this bus reports none")),
         ],
     }
 }
@@ -29,23 +26,23 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
 fn link_checks(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
     match link {
         Ok(link) => vec![
-            interface(name, &link),
-            bit_rate(name, &link, kilobits_per_second),
-            bus_errors(name, &link),
+            Check::new("interface", interface(name, &link)),
+            Check::new("bit rate", bit_rate(name, &link, kilobits_per_second)),
+            Check::new("bus errors", bus_errors(name, &link)),
         ],
-        Err(error) => vec![Check::failed(
-            INTERFACE,
-            format!(
+        Err(error) => {
+            let text = format!(
                 "the kernel reports nothing of {name}: {error}; look at `ip -details link show {name}`"
-            ),
-        )],
+            );
+            vec![Check::new("interface", failed(text))]
+        }
     }
 }
 
-fn interface(name: &str, link: &Link) -> Check {
+fn interface(name: &str, link: &Link) -> Found {
     if !link.is_up {
         let text = format!("{name} is down; bring it up with: ip link set {name} up");
-        return Check::failed(INTERFACE, text);
+        return failed(text);
     }
     for (is_on, mode) in [
         (link.is_listen_only, "listen-only"),
@@ -55,30 +52,30 @@ fn interface(name: &str, link: &Link) -> Check {
             let text = format!(
                 "{name} is in {mode} mode; set it down, then: ip link set {name} type can {mode} off"
             );
-            return Check::failed(INTERFACE, text);
+            return failed(text);
         }
     }
-    Check::passed(INTERFACE, format!("{name} is up"))
+    passed(format!("{name} is up"))
 }
 
-fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Check {
+fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Found {
     let Some(bit_rate) = link.bit_rate else {
-        return Check::open(BIT_RATE, "not reported by this interface");
+        return open("not reported by this interface");
     };
     let wanted = kilobits_per_second * BITS_PER_KILOBIT;
     let shown = f64::from(bit_rate) / f64::from(BITS_PER_KILOBIT);
     if bit_rate == wanted {
-        return Check::passed(BIT_RATE, format!("{shown} kbit/s"));
+        return passed(format!("{shown} kbit/s"));
     }
     let text = format!(
         "{shown} kbit/s instead of {kilobits_per_second}; set {name} down, then: ip link set {name} up type can bitrate {wanted}"
     );
-    Check::failed(BIT_RATE, text)
+    failed(text)
 }
 
-fn bus_errors(name: &str, link: &Link) -> Check {
+fn bus_errors(name: &str, link: &Link) -> Found {
     let Some(state) = link.state else {
-        return Check::open(BUS_ERRORS, "not reported by this interface");
+        return open("not reported by this interface");
     };
     let counters = link.errors.map_or_else(String::new, |[transmit, receive]| {
         format!(", error counters {transmit} (transmit) and {receive} (receive)")
@@ -87,14 +84,14 @@ fn bus_errors(name: &str, link: &Link) -> Check {
     let restart = format!("repair the bus, then: ip link set {name} type can restart");
     let (state, advice) = match state {
         CanState::ErrorActive => {
-            return Check::passed(BUS_ERRORS, format!("error active{counters}"));
+            return passed(format!("error active{counters}"));
         }
         CanState::ErrorWarning => ("error warning", look),
         CanState::ErrorPassive => ("error passive", look),
         CanState::BusOff => ("bus-off", restart.as_str()),
         CanState::Stopped => ("stopped", restart.as_str()),
     };
-    Check::failed(BUS_ERRORS, format!("{state}{counters}; {advice}"))
+    failed(format!("{state}{counters}; {advice}"))
 }
 
 #[cfg(test)]

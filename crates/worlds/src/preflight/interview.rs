@@ -11,7 +11,7 @@ use canopen::{NmtCommand, NodeId, ObjectDictionary, cia402};
 use platform::clock::Clock;
 use scenario::rig::ObjectAddress;
 
-use super::checklist::Check;
+use super::checklist::{Check, CheckOutcome, Found, failed, passed};
 use crate::guest::{Guest, GuestError};
 use plan::data_sheet::{DataSheet, data_sheets_led_by};
 use plan::loaded_drive::LoadedDrive;
@@ -88,28 +88,26 @@ impl<'a> Interview<'a> {
         self.guest.keep_place_of(manager);
         let reset = NmtCommand::ResetCommunication.frame(Some(self.drive.layout.node_id));
         self.guest.send(&reset).map_err(BrokenOff::Guest)?;
-        let mut checks = vec![Check::passed(OTHER_MANAGER, "none is heard")];
+        let mut checks = vec![Check::new(OTHER_MANAGER, passed("none is heard"))];
         let named = |(node, name): &(NodeId, String)| format!("{name} (node {node})");
         for node in nodes {
             if !self.has_answered(node.0)? {
                 let seconds = self.drive.real.timeouts.bring_up().as_secs_f64();
-                checks.push(Check::failed(
-                    "nodes",
-                    format!(
-                        "{} answered no SDO for {seconds} s: is it switched on, is that its node-ID, and its bit rate that of the bus?",
-                        named(node)
-                    ),
-                ));
+                let text = format!(
+                    "{} answered no SDO for {seconds} s: is it switched on, is that its node-ID, and its bit rate that of the bus?",
+                    named(node)
+                );
+                checks.push(Check::new("nodes", failed(text)));
                 return Ok(checks);
             }
         }
         let found = Vec::from_iter(nodes.iter().map(named)).join(", ");
-        checks.push(Check::passed("nodes", format!("found: {found}")));
+        checks.push(Check::new("nodes", passed(format!("found: {found}"))));
         let identity = self.identity()?;
-        let is_the_drive = identity.is_ok();
-        checks.push(check("identity", identity));
+        let is_the_drive = identity.0 == CheckOutcome::Passed;
+        checks.push(Check::new("identity", identity));
         if is_the_drive {
-            checks.push(check("objects", self.objects()?));
+            checks.push(Check::new("objects", self.objects()?));
         }
         Ok(checks)
     }
@@ -175,20 +173,20 @@ impl<'a> Interview<'a> {
                 continue;
             };
             let read = match self.ask_drive(address, None)? {
-                Err(error) => return Ok(Err(error.to_string())),
+                Err(error) => return Ok(failed(error.to_string())),
                 Ok(bytes) => unsigned(&bytes),
             };
             let wanted = format!("0x{wanted:X}");
             let read = read.map_or("no number".to_owned(), |number| format!("0x{number:X}"));
             if read != wanted {
                 let name = name(&entry);
-                return Ok(Err(format!(
+                return Ok(failed(format!(
                     "{name} is {read}, in the EDS {wanted}: another drive, or another EDS"
                 )));
             }
             shown.push(wanted);
         }
-        Ok(Ok(format!(
+        Ok(passed(format!(
             "as in the EDS: device type, vendor, product {}",
             shown.join(", ")
         )))
@@ -206,10 +204,10 @@ impl<'a> Interview<'a> {
             if entry.access.is_readable() {
                 match self.ask_drive(address, None)? {
                     Err(error) => {
-                        return Ok(Err(format!("{} cannot be read: {error}", name(&entry))));
+                        return Ok(failed(format!("{} cannot be read: {error}", name(&entry))));
                     }
                     Ok(bytes) if size.is_some_and(|size| size != bytes.len()) => {
-                        return Ok(Err(format!(
+                        return Ok(failed(format!(
                             "{} has {} bytes, in the EDS {}",
                             name(&entry),
                             bytes.len(),
@@ -226,24 +224,14 @@ impl<'a> Interview<'a> {
                     Ok(_) => written += 1,
                     Err(error) if waits_for_operational(&entry, &error) => {}
                     Err(error) => {
-                        return Ok(Err(format!("{} does not take 0: {error}", name(&entry))));
+                        return Ok(failed(format!("{} does not take 0: {error}", name(&entry))));
                     }
                 }
             }
         }
-        Ok(Ok(format!(
+        Ok(passed(format!(
             "{read} read, {written} written, as the EDS says"
         )))
-    }
-}
-
-/// Finding of a check that passed, or that failed.
-type Found = Result<String, String>;
-
-fn check(name: &'static str, found: Found) -> Check {
-    match found {
-        Ok(found) => Check::passed(name, found),
-        Err(found) => Check::failed(name, found),
     }
 }
 

@@ -34,6 +34,7 @@ use crate::error::WorldError;
 use crate::guest::{Guest, GuestError};
 use crate::played::End;
 use crate::real_time;
+use checklist::{failed, open};
 use heating::Heating;
 use interview::{BrokenOff, Interview, OTHER_MANAGER};
 use plan::loaded_drive::LoadedDrive;
@@ -138,7 +139,7 @@ impl Preflight {
         let is_led_elsewhere = |one: &&ControlLoop| one.is_external(Part::Controller);
         if unchecked.iter().any(is_led_elsewhere) {
             let text = "left to the external controller, which leads it";
-            session.pass(vec![Check::open("drive", text)])?;
+            session.pass(vec![Check::new("drive", open(text))])?;
             return Ok(End::Completed);
         }
         for one in unchecked {
@@ -167,7 +168,8 @@ impl Preflight {
             Err(BrokenOff::Guest(GuestError::Bus(error))) => return Err(error.into()),
             Err(BrokenOff::Manager(manager)) => {
                 let remedy = "end the other controller, or name it with --external controller";
-                let check = Check::failed(OTHER_MANAGER, format!("{manager} is heard: {remedy}"));
+                let found = failed(format!("{manager} is heard: {remedy}"));
+                let check = Check::new(OTHER_MANAGER, found);
                 (session.report)(&PreflightEvent::Checked(check));
                 let found = format!("the pre-flight hears {manager}: {remedy}");
                 return Err(WorldError::SecondMaster(found));
