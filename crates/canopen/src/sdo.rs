@@ -211,32 +211,13 @@ pub(crate) fn unused_bytes(length: usize) -> u8 {
 
 /// Computes the CRC-16 with polynomial x^16 + x^12 + x^5 + 1 and start value 0 (CiA 301, 7.2.4.3.16).
 pub(crate) fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0, |crc: u16, &byte| {
-        let [high, _] = crc.to_be_bytes();
-        crc << 8 ^ CRC_TABLE[usize::from(high ^ byte)]
-    })
+    let with_bit = |crc: u16, _| match crc & 0x8000 {
+        0 => crc << 1,
+        _ => crc << 1 ^ 0x1021,
+    };
+    let with_byte = |crc: u16, byte: &u8| (0..8).fold(crc ^ u16::from(*byte) << 8, with_bit);
+    bytes.iter().fold(0, with_byte)
 }
-
-/// CRC of each single byte.
-const CRC_TABLE: [u16; 256] = {
-    let mut table = [0; 256];
-    let mut byte: u16 = 0;
-    while byte < 256 {
-        let mut crc = byte << 8;
-        let mut bit = 0;
-        while bit < 8 {
-            crc = if crc & 0x8000 == 0 {
-                crc << 1
-            } else {
-                crc << 1 ^ 0x1021
-            };
-            bit += 1;
-        }
-        table[byte as usize] = crc;
-        byte += 1;
-    }
-    table
-};
 
 /// Returns the bytes of hexadecimal digits.
 #[cfg(test)]
