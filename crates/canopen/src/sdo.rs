@@ -86,6 +86,11 @@ pub(crate) struct Transfer {
 }
 
 impl Transfer {
+    /// Checks whether the other side has been silent for too long.
+    pub(crate) fn is_overdue(&self, now: Duration) -> bool {
+        self.deadline.is_some_and(|deadline| now >= deadline)
+    }
+
     /// Sends the segment at a position; returns whether it is the last.
     pub(crate) fn send_segment(&mut self, toggle: bool, position: usize) -> bool {
         let (payload, is_last) = segment(&self.buffer, position, toggle);

@@ -221,11 +221,7 @@ impl SdoClient {
 
     /// Ends a transfer whose server has been silent for too long.
     pub fn on_tick(&mut self, now: Duration) {
-        if self
-            .transfer
-            .deadline
-            .is_some_and(|deadline| now >= deadline)
-        {
+        if self.transfer.is_overdue(now) {
             let failure = SdoFailure::TimedOut(self.timeout);
             self.give_up(AbortCode::PROTOCOL_TIMED_OUT, failure);
         }

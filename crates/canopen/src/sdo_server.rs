@@ -133,11 +133,7 @@ impl SdoServer {
 
     /// Aborts a transfer whose client has been silent for too long.
     pub fn on_tick(&mut self, now: Duration) {
-        if self
-            .transfer
-            .deadline
-            .is_some_and(|deadline| now >= deadline)
-        {
+        if self.transfer.is_overdue(now) {
             self.fail(AbortCode::PROTOCOL_TIMED_OUT);
         }
     }
