@@ -14,6 +14,7 @@ use platform::{process, program};
 use crate::error::{Doing, WorldError};
 use crate::law_process::{has_process_law, indented, scenario_folder};
 use crate::names::PLANT_EMULATOR;
+use crate::process_faults::ProcessAction;
 use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
 use recording::run_folder::RunFolder;
@@ -151,29 +152,25 @@ impl NodeProcess {
         }
     }
 
-    /// Kills the process as a fault of the scenario.
-    pub(super) fn kill_by_fault(&mut self) -> Result<(), WorldError> {
-        self.is_killed_by_fault = true;
-        match &mut self.process {
-            Process::Own(node) => node.kill().map_err(WorldError::spawn(&node.name)),
+    /// Kills, suspends or resumes the process as a fault of the scenario, unless one has killed it.
+    pub(super) fn play_fault(&mut self, action: ProcessAction) -> Result<(), WorldError> {
+        if self.is_killed_by_fault {
+            return Ok(());
+        }
+        self.is_killed_by_fault = action == ProcessAction::Kill;
+        let is_suspended = action == ProcessAction::Suspend;
+        let played = match &mut self.process {
+            Process::Own(node) if self.is_killed_by_fault => node.kill(),
+            Process::Own(node) => process::suspend(node.child.id(), is_suspended),
             Process::Program(_, started) => {
-                started.program.kill();
+                match action {
+                    ProcessAction::Kill => started.program.kill(),
+                    _ => started.program.suspend(is_suspended),
+                }
                 Ok(())
             }
-        }
-    }
-
-    /// Suspends the process as a fault of the scenario, or resumes it.
-    pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
-        match &self.process {
-            _ if self.is_killed_by_fault => Ok(()),
-            Process::Own(node) => process::suspend(node.child.id(), is_suspended)
-                .map_err(WorldError::spawn(&node.name)),
-            Process::Program(_, started) => {
-                started.program.suspend(is_suspended);
-                Ok(())
-            }
-        }
+        };
+        played.map_err(WorldError::spawn(self.name()))
     }
 
     /// Returns the error for a process that has ended before the request to stop. A process that a fault killed has not ended

@@ -280,14 +280,11 @@ impl Run<'_, '_> {
             let Some(process) = self.processes.get_mut(&name) else {
                 continue;
             };
-            match action {
-                ProcessAction::Kill => process.kill_by_fault()?,
-                ProcessAction::Suspend => process.suspend(true)?,
-                ProcessAction::Resume => process.suspend(false)?,
-                ProcessAction::Start => {
-                    *process = process.again(self.plan, self.folder, self.connection.address())?;
-                    self.stalls.watch(process);
-                }
+            if action == ProcessAction::Start {
+                *process = process.again(self.plan, self.folder, self.connection.address())?;
+                self.stalls.watch(process);
+            } else {
+                process.play_fault(action)?;
             }
         }
         Ok(())
