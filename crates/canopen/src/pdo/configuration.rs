@@ -155,7 +155,7 @@ fn check_mapping_write(
 }
 
 /// Mapped object.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Slot {
     /// Handle of the object; `None` for a dummy, whose bytes are dropped.
     handle: Option<Handle>,
@@ -165,12 +165,6 @@ struct Slot {
 }
 
 impl Slot {
-    const UNUSED: Self = Self {
-        handle: None,
-        size_bytes: 0,
-        is_limited: false,
-    };
-
     /// Makes the slot of a mapping entry: index, sub-index, length in bits (CiA 301, figure 74).
     fn new(
         dictionary: &ObjectDictionary,
@@ -180,13 +174,11 @@ impl Slot {
         let [length_bits, sub_index, low, high] = entry.to_le_bytes();
         let index = u16::from_le_bytes([low, high]);
         let size_bytes = length_bits / 8;
-        if direction == Direction::Receive
-            && dummy_size_bytes(index, sub_index) == Some(length_bits / 8)
-            && length_bits % 8 == 0
-        {
+        let dummy_bits = dummy_size_bits(index, sub_index);
+        if direction == Direction::Receive && dummy_bits == Some(length_bits) {
             return Ok(Self {
                 size_bytes,
-                ..Self::UNUSED
+                ..Self::default()
             });
         }
         let handle = dictionary.find(index, sub_index)?;
@@ -206,12 +198,12 @@ impl Slot {
     }
 }
 
-/// Returns the length of a data type that may be a dummy in an RPDO (CiA 301, 7.4.7.1).
-fn dummy_size_bytes(index: u16, sub_index: u8) -> Option<u8> {
+/// Returns the length in bits of a data type that may be a dummy in an RPDO (CiA 301, 7.4.7.1).
+fn dummy_size_bits(index: u16, sub_index: u8) -> Option<u8> {
     match (index, sub_index) {
-        (0x0002 | 0x0005, 0) => Some(1),
-        (0x0003 | 0x0006, 0) => Some(2),
-        (0x0004 | 0x0007, 0) => Some(4),
+        (0x0002 | 0x0005, 0) => Some(8),
+        (0x0003 | 0x0006, 0) => Some(16),
+        (0x0004 | 0x0007, 0) => Some(32),
         _ => None,
     }
 }
@@ -248,7 +240,7 @@ impl Mapping {
             return Err(AbortCode::PDO_TOO_LONG);
         }
         let mut mapping = Self {
-            slots: [Slot::UNUSED; OBJECTS_MAX as usize],
+            slots: [Slot::default(); OBJECTS_MAX as usize],
             count: usize::from(count),
             length: 0,
         };
