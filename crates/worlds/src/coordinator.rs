@@ -107,9 +107,8 @@ struct InFlight {
     sender: Option<usize>,
     start: Duration,
     end: Duration,
-    occupied_bits: u32,
-    /// Whether an error ended it, so that its sender tries again.
-    is_disturbed: bool,
+    /// Number of bits that it takes; `None` if an error ended it, so that its sender tries again.
+    occupied_bits: Option<u32>,
 }
 
 /// Participants, the bus between them, and the time.
@@ -293,8 +292,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             sender: Some(sender),
             start: self.now,
             end,
-            occupied_bits: 0,
-            is_disturbed: true,
+            occupied_bits: None,
         });
     }
 
@@ -305,16 +303,15 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             sender,
             start: self.now,
             end,
-            occupied_bits,
-            is_disturbed: false,
+            occupied_bits: Some(occupied_bits),
         });
     }
 
     /// Ends a transmission: the others receive the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
         let (now, frame) = (self.now, &passed.frame);
-        if !passed.is_disturbed {
-            self.wire.put(now, frame, passed.occupied_bits)?;
+        if let Some(occupied_bits) = passed.occupied_bits {
+            self.wire.put(now, frame, occupied_bits)?;
             if let Some(faults) = &mut self.faults {
                 faults.observe(now, frame);
             }
@@ -340,11 +337,12 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         let (now, start) = (self.now, passed.start);
         let free_at = self.bus.free_at();
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
+        let is_disturbed = passed.occupied_bits.is_none();
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let number = faults.node_number(index);
             let state = &mut faults.states[index];
             let before = state.activity();
-            match (before, Some(index) == passed.sender, passed.is_disturbed) {
+            match (before, Some(index) == passed.sender, is_disturbed) {
                 (Activity::Off, ..) => state.on_bus_used(start, free_at, sequence),
                 (_, true, true) => state.on_transmit_error(free_at),
                 (_, false, true) => state.on_receive_error(),
