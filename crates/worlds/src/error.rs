@@ -5,7 +5,6 @@ use std::io;
 use std::time::Duration;
 
 use dbc::SignalMissing;
-use recording::ending::EarlyEnd;
 use recording::run_folder::WriteError;
 
 use crate::coordinator::CoordinatorError;
@@ -82,9 +81,6 @@ pub enum WorldError {
         /// Length of the silence.
         silence: Duration,
     },
-    /// A node under test ended a session other than a run, such as the pre-flight.
-    #[error("{0}")]
-    ByNode(EarlyEnd),
     /// The private bus cannot be made.
     #[error("no private bus: {0}")]
     Private(#[from] platform::private_bus::PrivateBusError),

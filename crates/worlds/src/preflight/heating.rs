@@ -15,6 +15,7 @@ use scenario::rig::drive::{DriveLayout, Feedback, Scaled};
 use super::checklist::{Check, CheckOutcome, Found, failed, open, passed};
 use super::observed::{Motion, QuickStop, Span};
 use crate::error::WorldError;
+use crate::played::End;
 use plan::error_frames;
 use plan::loaded_drive::LoadedDrive;
 use recording::capture::Capture;
@@ -154,7 +155,8 @@ impl<'a> Heating<'a> {
     }
 
     /// Returns the checks up to the first failure, after a session that ended like this.
-    pub(super) fn checks(&self, ended: Result<(), &WorldError>) -> Vec<Check> {
+    pub(super) fn checks(&self, ended: &Result<End, WorldError>) -> Vec<Check> {
+        let reason = reason(ended);
         let found = [
             ("configuration", self.configuration()),
             ("drive", self.enabled()),
@@ -165,7 +167,7 @@ impl<'a> Heating<'a> {
         ];
         let mut checks = Vec::new();
         for (name, found) in found {
-            let missing = |text| failed(ended.err().map_or(text, reason));
+            let missing = |text| failed(reason.clone().unwrap_or(text));
             let found = found.unwrap_or_else(missing);
             let is_failed = found.0 == CheckOutcome::Failed;
             checks.push(Check::new(name, found));
@@ -173,17 +175,17 @@ impl<'a> Heating<'a> {
                 return checks;
             }
         }
-        checks.push(self.end(ended));
+        checks.push(self.end(reason));
         checks
     }
 
-    fn end(&self, ended: Result<(), &WorldError>) -> Check {
+    fn end(&self, reason: Option<String>) -> Check {
         let name = "error frames";
         let errors = self.errors.join(", ");
-        match ended {
-            Err(error) => Check::new("end", failed(reason(error))),
-            Ok(()) if errors.is_empty() => Check::new(name, passed("none")),
-            Ok(()) => {
+        match reason {
+            Some(reason) => Check::new("end", failed(reason)),
+            None if errors.is_empty() => Check::new(name, passed("none")),
+            None => {
                 let found = format!("{errors}: look at cable, termination and bit rates");
                 Check::new(name, failed(found))
             }
@@ -317,14 +319,16 @@ impl<'a> Heating<'a> {
 type Finding = Result<Found, String>;
 
 /// Returns the reason why the session failed; for a controller that gave up, its last line.
-fn reason(error: &WorldError) -> String {
-    match error {
-        WorldError::Process { log, .. } => log.lines().last().map(|line| line.trim().to_owned()),
-        WorldError::ByNode(end) => end.what.lines().last().map(|line| line.trim().to_owned()),
-        _ => None,
-    }
-    .filter(|said| !said.is_empty())
-    .unwrap_or_else(|| error.to_string())
+fn reason(ended: &Result<End, WorldError>) -> Option<String> {
+    let (said, whole) = match ended {
+        Ok(End::Completed | End::Interrupted) => return None,
+        Ok(End::ByNode(end)) => (end.what.as_str(), end.to_string()),
+        Err(error @ WorldError::Process { log, .. }) => (log.as_str(), error.to_string()),
+        Err(error) => ("", error.to_string()),
+    };
+    let last = said.lines().last().map(str::trim);
+    let line = last.filter(|line| !line.is_empty());
+    Some(line.map_or(whole, str::to_owned))
 }
 
 /// Returns the extreme value of the object at a position, as of an unconnected sensor.
@@ -437,7 +441,7 @@ mod tests {
             for stamped in &self.frames {
                 heating.on_frame(stamped.time, &stamped.frame);
             }
-            let checks = heating.checks(Ok(()));
+            let checks = heating.checks(&Ok(End::Completed));
             let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
             (lines.join("\n"), heating.is_over())
         }

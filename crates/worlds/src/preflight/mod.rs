@@ -270,15 +270,11 @@ impl Session<'_> {
         let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
         self.await_stopped(&mut capture, &mut heating)?;
         capture.finish()?;
-        let ended = match ended.map(|played| played.end) {
-            Err(second_master @ WorldError::SecondMaster(_)) => return Err(second_master),
-            Ok(End::Interrupted) => return Ok(End::Interrupted),
-            Ok(End::ByNode(end)) => Err(WorldError::ByNode(end)),
-            Ok(End::Completed) => Ok(()),
-            Err(error) => Err(error),
-        };
-        self.pass(heating.checks(ended.as_ref().copied()))?;
-        Ok(End::Completed)
+        match ended.map(|played| played.end) {
+            Err(second_master @ WorldError::SecondMaster(_)) => Err(second_master),
+            Ok(End::Interrupted) => Ok(End::Interrupted),
+            ended => self.pass(heating.checks(&ended)).map(|()| End::Completed),
+        }
     }
 
     /// Continues the recording until a heartbeat of the drive shows that it was stopped.
