@@ -4,11 +4,13 @@ use std::any::Any;
 use std::error::Error;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use scenario::Trial;
 
-use crate::job_queue::JobQueue;
 use judge::verdict::Verdict;
 use plan::Plan;
 use recording::capture::{Capture, Watch};
@@ -135,8 +137,9 @@ impl Campaign {
     ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
         let bar = Bar::runs(plans.size_hint().1, 0, self.is_shown);
         let mut results = Vec::new();
-        let work =
-            |(index, plan): &(usize, Plan), watch: &Watch| play_one(*index, plan, watch, &reduce);
+        let work = |(index, plan): &(usize, Plan), watch: &Watch| {
+            caught(|| play_one(*index, plan, watch, &reduce))
+        };
         let on_result = |(index, plan): (usize, Plan), result: Result<T, NoResult>| {
             let run = &plan.shared.run;
             results.push(result.map_err(|reason| FailedRun {
@@ -154,49 +157,76 @@ impl Campaign {
     }
 
     /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs, each as soon
-    /// as its turn comes. A panic of `work` is its result. Holds at most the results by which some threads are ahead of the
-    /// slowest one, within a bound, for any number of jobs.
+    /// as its turn comes. Holds at most the results by which some threads are ahead of the slowest one, within a bound, for any
+    /// number of jobs.
     ///
     /// # Errors
     /// The user stopped it, or `on_result` refused a result; it gets no later ones.
-    pub fn each<J: Send, T: Send, E: Send>(
+    pub fn each<J: Send, R: Send, E>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
         bar: &Bar,
-        work: impl Fn(&J, &Watch) -> Result<T, NoResult> + Sync,
-        on_result: impl FnMut(J, Result<T, NoResult>) -> Result<(), E> + Send,
+        work: impl Fn(&J, &Watch) -> R + Sync,
+        mut on_result: impl FnMut(J, R) -> Result<(), E>,
     ) -> Result<(), Stopped<E>> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
-        let queue = JobQueue::new(jobs, on_result, WAITING_MAX * threads);
-        let serve = |watch: &Watch| {
-            while let Some((place, job)) = queue.next(watch) {
-                let done = caught(|| work(&job, watch));
+        let jobs = Mutex::new(jobs);
+        // It is full while the first of the jobs takes long.
+        let (announced, in_order) = mpsc::sync_channel::<Receiver<(J, R)>>(WAITING_MAX * threads);
+        let serve = |watch: &Watch, announced: SyncSender<_>| {
+            while !watch.is_interrupted()
+                && let Some((job, done)) = take(&jobs, &announced)
+            {
+                let result = work(&job, watch);
                 // A run that was interrupted has no result.
-                if watch.is_interrupted() {
-                    break;
+                if !watch.is_interrupted() {
+                    let _ = done.send((job, result));
                 }
-                queue.put(place, job, done);
             }
         };
-        let before = bar.done();
-        observed(
+        let done = AtomicU64::new(bar.done());
+        let hand_on = || {
+            for result in in_order {
+                let Ok((job, result)) = result.recv() else {
+                    break;
+                };
+                on_result(job, result)?;
+                done.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(())
+        };
+        let handed_on = observed(
             || watches.iter().for_each(Watch::interrupt),
-            || bar.show(before + queue.taken() as u64),
+            || bar.show(done.load(Ordering::Relaxed)),
             || {
                 thread::scope(|scope| {
                     for watch in &watches {
-                        scope.spawn(|| serve(watch));
+                        let announced = announced.clone();
+                        scope.spawn(|| serve(watch, announced));
                     }
-                });
+                    drop(announced);
+                    hand_on()
+                })
             },
         );
-        match queue.refusal() {
-            Some(refusal) => Err(Stopped::Refused(refusal)),
-            None if watches.iter().any(Watch::is_interrupted) => Err(Stopped::Interrupted),
-            None => Ok(()),
+        match handed_on {
+            Err(refusal) => Err(Stopped::Refused(refusal)),
+            Ok(()) if watches.iter().any(Watch::is_interrupted) => Err(Stopped::Interrupted),
+            Ok(()) => Ok(()),
         }
     }
+}
+
+/// Takes the next job, and announces its result, in the order of the jobs. `None` if no job is left, or no result is wanted.
+fn take<J, R>(
+    jobs: &Mutex<impl Iterator<Item = J>>,
+    announced: &SyncSender<Receiver<(J, R)>>,
+) -> Option<(J, Sender<(J, R)>)> {
+    let mut jobs = jobs.lock().unwrap_or_else(PoisonError::into_inner);
+    let (job, (done, result)) = (jobs.next()?, mpsc::channel());
+    announced.send(result).ok()?;
+    Some((job, done))
 }
 
 /// Returns the plan of a scenario of one drive.
@@ -344,11 +374,11 @@ mod tests {
                 *is_done.lock().unwrap() = true;
                 changed.notify_all();
             }
-            Ok(*job)
+            *job
         };
         let mut taken = Vec::new();
-        let on_result = |job, result: Result<usize, NoResult>| {
-            assert_eq!(result, Ok(job));
+        let on_result = |job, result| {
+            assert_eq!(result, job);
             taken.push(job);
             if job == 200 { Err("full") } else { Ok(()) }
         };

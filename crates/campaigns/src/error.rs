@@ -2,33 +2,11 @@
 
 use std::path::Path;
 
-use crate::campaign::NoResult;
-use crate::sweep::cases::Cases;
-use crate::sweep::row::SweepRow;
 use plan::Plan;
 use runner::console::failed;
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::scenarios;
-
-/// Returns the row of a case, also of one in which the program is at fault.
-///
-/// # Errors
-/// The machine could not play the run.
-pub(crate) fn row_of(
-    cases: &dyn Cases,
-    case: usize,
-    played: Result<SweepRow, NoResult>,
-) -> Result<SweepRow, Failure> {
-    match played {
-        Ok(row) => Ok(row),
-        // The panic hook of the program prints the panic; the row says in which case it happened.
-        Err(NoResult::Fault(reason)) => Ok(cases.faulty(case, reason)),
-        Err(NoResult::Machine(reason)) => Err(Exit::BenchFailed.because(format!(
-            "run {case} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
-        ))),
-    }
-}
 
 /// Returns the failure of a campaign that the user stopped.
 pub(crate) fn interrupted(done: usize, of: usize) -> Failure {

@@ -13,6 +13,5 @@ pub mod coverage;
 pub mod distribution;
 pub mod engine;
 mod error;
-mod job_queue;
 pub mod sweep;
 pub mod torture;

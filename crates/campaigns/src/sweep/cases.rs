@@ -4,12 +4,12 @@ use std::path::Path;
 
 use plan::Plan;
 use recording::capture::Watch;
-use runner::exit::Failure;
+use runner::exit::{Exit, Failure};
 use scenario::expect::Limit;
 
 use super::row::SweepRow;
 use super::store::Rows;
-use crate::campaign::NoResult;
+use crate::campaign::{NoResult, caught};
 
 /// Cases of a sweep or of torture. Any of them may be played on any machine, in any order.
 pub(crate) trait Cases: Sync {
@@ -58,6 +58,21 @@ pub(crate) trait Cases: Sync {
 
     /// Row of a case in which the program itself is at fault.
     fn faulty(&self, number: usize, reason: String) -> SweepRow;
+
+    /// Plays a case and returns its row, also of one in which the program is at fault.
+    ///
+    /// # Errors
+    /// The machine could not play the run.
+    fn row_of(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure> {
+        match caught(|| self.play(number, watch)) {
+            Ok(row) => Ok(row),
+            // The panic hook of the program prints the panic; the row says in which case it happened.
+            Err(NoResult::Fault(reason)) => Ok(self.faulty(number, reason)),
+            Err(NoResult::Machine(reason)) => Err(Exit::BenchFailed.because(format!(
+                "run {number} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
+            ))),
+        }
+    }
 
     /// Limits by which the runs are judged.
     fn limits(&self) -> Vec<(String, Limit)> {

@@ -10,8 +10,7 @@ use runner::machine::{Stopwatch, memory_bytes_max};
 use runner::observer::observed;
 
 use super::cases::Cases;
-use crate::campaign::caught;
-use crate::error::{interrupted, row_of};
+use crate::error::interrupted;
 
 /// Largest number of runs in the probe, spread over all cases.
 const PROBES_MAX: usize = 24;
@@ -55,8 +54,7 @@ impl Estimate {
             for number in 0..probes {
                 // The case is in the middle of one of as many stretches of equal length.
                 let case = (2 * number + 1) * runs / (2 * probes) + 1;
-                let played = caught(|| cases.play(case.min(runs), &watch));
-                let row = row_of(cases, case, played)?;
+                let row = cases.row_of(case.min(runs), &watch)?;
                 if watch.is_interrupted() {
                     return Err(interrupted(0, runs));
                 }

@@ -15,8 +15,9 @@ use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
-use crate::campaign::{Campaign, NoResult, Stopped};
-use crate::error::{interrupted, row_of};
+use crate::campaign::{Campaign, Stopped};
+use crate::error::interrupted;
+use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
 use runner::console::{Bar, print};
@@ -255,9 +256,10 @@ impl PartPlay<'_> {
         let (of, mut done) = (all.len(), rows.len());
         let left = all.filter(|case| !rows.has(*case));
         let bar = Bar::runs(Some(of), done, campaign.is_shown);
-        let keep = |case: usize, played: Result<SweepRow, NoResult>| {
+        let work = |case: &usize, watch: &Watch| cases.row_of(*case, watch);
+        let keep = |_, row: Result<SweepRow, Failure>| {
             files.check()?;
-            writer.append(&row_of(cases, case, played)?)?;
+            writer.append(&row?)?;
             done += 1;
             if done.is_multiple_of(UNSYNCED_MAX) {
                 writer.sync()?;
@@ -265,7 +267,6 @@ impl PartPlay<'_> {
             self.report("reached", cases, done, folder);
             Ok(())
         };
-        let work = |case: &usize, watch: &recording::capture::Watch| cases.play(*case, watch);
         let ended = campaign.each(left, &bar, work, keep);
         drop(bar);
         match ended {
