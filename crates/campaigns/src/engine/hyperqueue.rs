@@ -6,8 +6,9 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use super::program::run;
-use super::{Engine, EngineError, Job, JobState, quoted};
+use super::program::{run, unclear};
+use super::{Engine, Job, JobState, quoted};
+use runner::exit::Failure;
 
 /// Variable that names the Python with the client.
 const PYTHON: &str = "CANRIG_PYTHON";
@@ -51,16 +52,16 @@ impl Engine for Hyperqueue {
         ("job.py", format!("{facts}\n{SCRIPT}"))
     }
 
-    fn submit(&self, file: &Path) -> Result<String, EngineError> {
+    fn submit(&self, file: &Path) -> Result<String, Failure> {
         let said = python(file, &["submit"])?;
         let id = said.lines().next_back().unwrap_or_default();
         match id.parse::<u64>() {
             Ok(_) => Ok(id.to_owned()),
-            Err(_) => Err(EngineError::unclear("HyperQueue's client", &said)),
+            Err(_) => Err(unclear("HyperQueue's client", &said)),
         }
     }
 
-    fn state(&self, id: &str, file: &Path, _: &[usize]) -> Result<JobState, EngineError> {
+    fn state(&self, id: &str, file: &Path, _: &[usize]) -> Result<JobState, Failure> {
         parsed(&python(file, &["state", id])?)
     }
 
@@ -70,7 +71,7 @@ impl Engine for Hyperqueue {
     }
 }
 
-fn python(file: &Path, arguments: &[&str]) -> Result<String, EngineError> {
+fn python(file: &Path, arguments: &[&str]) -> Result<String, Failure> {
     let program = env::var(PYTHON).unwrap_or_else(|_| "python3".to_owned());
     let file = file.to_string_lossy();
     let arguments = [&[&*file], arguments].concat();
@@ -87,10 +88,10 @@ struct Said {
     errors: BTreeMap<usize, String>,
 }
 
-fn parsed(said: &str) -> Result<JobState, EngineError> {
+fn parsed(said: &str) -> Result<JobState, Failure> {
     let line = said.lines().next_back().unwrap_or_default();
     let Ok(said) = serde_json::from_str::<Said>(line) else {
-        return Err(EngineError::unclear("HyperQueue's client", line));
+        return Err(unclear("HyperQueue's client", line));
     };
     Ok(JobState {
         // The client does not say which of the others run.

@@ -7,9 +7,9 @@ use std::path::Path;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::program::run;
-use super::{Engine, EngineError, Job, JobState, command_line, quoted};
-use runner::exit::Exit;
+use super::program::{run, unclear};
+use super::{Engine, Job, JobState, command_line, quoted};
+use runner::exit::{Exit, Failure};
 
 const HELP: &str = "kubectl must be in the PATH and know the cluster";
 /// Default image of the containers. canrig itself is on the shared disk, so the image needs a C library only.
@@ -59,19 +59,19 @@ impl Engine for Kubernetes {
         ("job.json", text + "\n")
     }
 
-    fn submit(&self, file: &Path) -> Result<String, EngineError> {
+    fn submit(&self, file: &Path) -> Result<String, Failure> {
         let file = file.to_string_lossy();
         let said = run("kubectl", &["create", "-f", &file, "-o", "name"], HELP)?;
         match said.trim().strip_prefix("job.batch/") {
             Some(name) => Ok(name.to_owned()),
-            None => Err(EngineError::unclear("kubectl", &said)),
+            None => Err(unclear("kubectl", &said)),
         }
     }
 
-    fn state(&self, _: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError> {
+    fn state(&self, _: &str, file: &Path, parts: &[usize]) -> Result<JobState, Failure> {
         let file = file.to_string_lossy();
         match run("kubectl", &["get", "-f", &file, "-o", "json"], HELP) {
-            Err(EngineError::Refused { said, .. }) if said.contains(FORGOTTEN) => Ok(JobState {
+            Err(failure) if failure.reason.contains(FORGOTTEN) => Ok(JobState {
                 is_over: true,
                 ..JobState::default()
             }),
@@ -149,9 +149,9 @@ struct Condition {
     message: String,
 }
 
-fn parsed(said: &str, parts: &[usize]) -> Result<JobState, EngineError> {
+fn parsed(said: &str, parts: &[usize]) -> Result<JobState, Failure> {
     let Ok(Said { status }) = serde_json::from_str(said) else {
-        return Err(EngineError::unclear("kubectl", said));
+        return Err(unclear("kubectl", said));
     };
     let is_end = |one: &&Condition| {
         one.status == "True" && ["Complete", "Failed"].contains(&one.r#type.as_str())

@@ -13,9 +13,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use runner::exit::Failure;
 use serde::{Deserialize, Serialize};
-
-pub(crate) use program::EngineError;
 
 /// External program that runs the tasks.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize, ValueEnum)]
@@ -86,10 +85,10 @@ trait Engine: Sync {
     fn file(&self, job: &Job<'_>) -> (&'static str, String);
 
     /// Hands the job over; returns the id that the engine gives it.
-    fn submit(&self, file: &Path) -> Result<String, EngineError>;
+    fn submit(&self, file: &Path) -> Result<String, Failure>;
 
     /// Asks for the state of a job.
-    fn state(&self, id: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError>;
+    fn state(&self, id: &str, file: &Path, parts: &[usize]) -> Result<JobState, Failure>;
 
     /// Returns the command with which the user cancels a job.
     fn cancel_command(&self, id: &str, queue: Option<&str>) -> String;

@@ -8,38 +8,16 @@ use runner::exit::{Exit, Failure};
 /// Largest part of a program's error output that a message repeats.
 const SAID_CHARACTERS_MAX: usize = 600;
 
-/// Reason why an engine did not do its task.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum EngineError {
-    #[error("{program} refuses ({how}): {said}")]
-    Refused {
-        program: String,
-        how: String,
-        said: String,
-    },
-    #[error(transparent)]
-    Other(#[from] Failure),
-}
-
-impl From<EngineError> for Failure {
-    fn from(error: EngineError) -> Self {
-        match error {
-            EngineError::Other(failure) => failure,
-            EngineError::Refused { .. } => Exit::BenchFailed.because(error),
-        }
-    }
-}
-
-impl EngineError {
-    pub(super) fn unclear(program: &str, said: &str) -> Self {
-        let said = shortened(said);
-        let reason = format!("{program} said what canrig does not understand: {said}");
-        Exit::BenchFailed.because(reason).into()
-    }
+/// Returns the failure of an answer that canrig does not understand.
+pub(super) fn unclear(program: &str, said: &str) -> Failure {
+    let said = shortened(said);
+    Exit::BenchFailed.because(format!(
+        "{program} said what canrig does not understand: {said}"
+    ))
 }
 
 /// Runs a program to its end and returns its output.
-pub(super) fn run(program: &str, arguments: &[&str], help: &str) -> Result<String, EngineError> {
+pub(super) fn run(program: &str, arguments: &[&str], help: &str) -> Result<String, Failure> {
     let absent = |error: io::Error| {
         Exit::BenchFailed.because(format!("{program} cannot be started ({error}): {help}"))
     };
@@ -54,11 +32,8 @@ pub(super) fn run(program: &str, arguments: &[&str], help: &str) -> Result<Strin
             "" => String::from_utf8_lossy(&output.stdout),
             _ => said,
         };
-        return Err(EngineError::Refused {
-            program: program.to_owned(),
-            how: output.status.to_string(),
-            said: shortened(said.trim()),
-        });
+        let (how, said) = (output.status, shortened(said.trim()));
+        return Err(Exit::BenchFailed.because(format!("{program} refuses ({how}): {said}")));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }

@@ -9,7 +9,7 @@ use runner::exit::Failure;
 use runner::observer::observed;
 
 use super::campaign::{SharedCampaign, Submitted};
-use super::{Engine, EngineError, JobState};
+use super::{Engine, JobState};
 use crate::sweep::store::Rows;
 
 /// First and longest interval between two questions to the engine.
@@ -26,7 +26,7 @@ pub(super) fn wait(
     submitted: &Submitted,
     counter: &mut RowCounter,
     bar: &Bar,
-) -> Result<Option<BTreeMap<usize, String>>, EngineError> {
+) -> Result<Option<BTreeMap<usize, String>>, Failure> {
     let (stop, stopped) = mpsc::channel::<()>();
     let work = || {
         let file = campaign.job_file(&submitted.file);

@@ -3,8 +3,9 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use super::program::run;
-use super::{Engine, EngineError, Job, JobState, command_line, quoted, ranges};
+use super::program::{run, unclear};
+use super::{Engine, Job, JobState, command_line, quoted, ranges};
+use runner::exit::Failure;
 
 const HELP: &str = "is this machine part of a Slurm cluster, with Slurm's commands in the PATH?";
 /// Format of a task in the output of `squeue`: its number, state, node, and the reason why it waits.
@@ -48,22 +49,22 @@ impl Engine for Slurm {
         ("job.sh", text)
     }
 
-    fn submit(&self, file: &Path) -> Result<String, EngineError> {
+    fn submit(&self, file: &Path) -> Result<String, Failure> {
         let file = file.to_string_lossy();
         let said = run("sbatch", &["--parsable", &file], HELP)?;
         // `sbatch` prints the number of the job, and the name of the cluster if there are several.
         let id = said.trim().split(';').next().unwrap_or_default();
         match id.parse::<u64>() {
             Ok(_) => Ok(id.to_owned()),
-            Err(_) => Err(EngineError::unclear("sbatch", &said)),
+            Err(_) => Err(unclear("sbatch", &said)),
         }
     }
 
-    fn state(&self, id: &str, _: &Path, parts: &[usize]) -> Result<JobState, EngineError> {
+    fn state(&self, id: &str, _: &Path, parts: &[usize]) -> Result<JobState, Failure> {
         let job = format!("--jobs={id}");
         let asked = ["--noheader", "--array", "--states=all", &job, FORMAT];
         match run("squeue", &asked, HELP) {
-            Err(EngineError::Refused { said, .. }) if said.contains(FORGOTTEN) => Ok(JobState {
+            Err(failure) if failure.reason.contains(FORGOTTEN) => Ok(JobState {
                 is_over: true,
                 ..JobState::default()
             }),
@@ -77,15 +78,15 @@ impl Engine for Slurm {
 }
 
 /// Reads the output of `squeue`.
-fn parsed(said: &str, parts: &[usize]) -> Result<JobState, EngineError> {
+fn parsed(said: &str, parts: &[usize]) -> Result<JobState, Failure> {
     let mut state = JobState::default();
     for line in said.lines().filter(|line| !line.trim().is_empty()) {
         let fields: Vec<&str> = line.trim().splitn(4, '|').collect();
         let [part, task, node, reason] = fields[..] else {
-            return Err(EngineError::unclear("squeue", line));
+            return Err(unclear("squeue", line));
         };
         let Ok(part) = part.parse::<usize>() else {
-            return Err(EngineError::unclear("squeue", line));
+            return Err(unclear("squeue", line));
         };
         match task {
             "PENDING" | "REQUEUED" | "REQUEUE_HOLD" | "REQUEUE_FED" | "SUSPENDED" | "STOPPED"
