@@ -14,7 +14,7 @@ use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
 use super::command::{broken_in, shrink_all};
-use super::draw::{self, Nodes};
+use super::draw::{self, DrawnFault, Nodes};
 use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{PANIC, TortureCase};
 use crate::campaign::{NoResult, play_one};
@@ -165,9 +165,8 @@ impl Cases for TortureCases {
     fn values(&self, number: usize) -> Vec<f64> {
         let mix = draw::mix(&mut self.stream(number), &Nodes(&self.plan));
         let count = |key: &String| {
-            let (group, kind) = key.split_once('.').unwrap_or_default();
-            let all = mix.get(group).and_then(|kinds| kinds.get(kind)?.as_array());
-            all.map_or(0, Vec::len) as f64
+            let is_it = |fault: &&DrawnFault| key == &format!("{}.{}", fault.group, fault.kind);
+            mix.iter().filter(is_it).count() as f64
         };
         self.keys.iter().map(count).collect()
     }

@@ -134,11 +134,23 @@ pub(super) fn kinds(nodes: &Nodes<'_>) -> Vec<String> {
         .collect()
 }
 
-/// Draws a mix of faults for a run, as far as they have a meaning for the plants: the `[fault]` table.
-pub(super) fn mix(stream: &mut Stream, nodes: &Nodes<'_>) -> Table {
+/// Fault of a mix.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct DrawnFault {
+    /// Name of its group.
+    pub(super) group: &'static str,
+    /// Name of its kind.
+    pub(super) kind: &'static str,
+    /// Its table in a scenario.
+    pub(super) table: Table,
+}
+
+/// Draws a mix of faults for a run, as far as they have a meaning for the plants. Those of a group, and in it those of a kind,
+/// follow each other.
+pub(super) fn mix(stream: &mut Stream, nodes: &Nodes<'_>) -> Vec<DrawnFault> {
     let duration_seconds = nodes.0.shared.run.duration_seconds;
     let (kinds, of_boot) = (nodes.kinds(false), nodes.kinds(true));
-    let mut faults = Table::new();
+    let mut faults = Vec::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
         let kind = *pick(stream, &kinds);
         let mut fault = parameters(stream, nodes, kind);
@@ -164,18 +176,12 @@ pub(super) fn mix(stream: &mut Stream, nodes: &Nodes<'_>) -> Table {
     faults
 }
 
-fn push(faults: &mut Table, kind: &Kind, fault: Table) {
-    let group = faults
-        .entry(kind.group.name())
-        .or_insert_with(|| Value::Table(Table::new()));
-    if let Some(kinds) = group.as_table_mut() {
-        let all = kinds
-            .entry(kind.name)
-            .or_insert_with(|| Value::Array(Vec::new()));
-        if let Some(all) = all.as_array_mut() {
-            all.push(Value::Table(fault));
-        }
-    }
+fn push(faults: &mut Vec<DrawnFault>, kind: &Kind, table: Table) {
+    let (group, kind) = (kind.group.name(), kind.name);
+    let of_kind = faults.iter().rposition(|other| other.kind == kind);
+    let last = of_kind.or_else(|| faults.iter().rposition(|other| other.group == group));
+    let place = last.map_or(faults.len(), |last| last + 1);
+    faults.insert(place, DrawnFault { group, kind, table });
 }
 
 /// Draws the keys of a kind other than those of its time.
@@ -254,7 +260,7 @@ mod tests {
         Plan::parse_beside(&beside, text.to_owned(), catalogue()).unwrap()
     }
 
-    fn mix_of(base: &Plan, seed: u64) -> Table {
+    fn mix_of(base: &Plan, seed: u64) -> Vec<DrawnFault> {
         mix(&mut Stream::new(seed), &Nodes(base))
     }
 

@@ -4,6 +4,7 @@ use plan::Plan;
 use scenario::HASH_SUFFIX;
 use toml::{Table, Value};
 
+use super::draw::DrawnFault;
 use super::invariants::{BrokenInvariant, violation};
 use crate::campaign::{Campaign, FailedRun, Interrupted};
 use crate::sweep::sweep_cases::case_name;
@@ -18,7 +19,9 @@ const PLAYS_MAX: usize = 400;
 /// Scenario as a document, so that the written scenario is the one that was played.
 #[derive(Clone, Debug)]
 pub(super) struct TortureCase<'a> {
+    /// Everything but the faults.
     document: Table,
+    faults: Vec<DrawnFault>,
     /// Plan of the base scenario, which has the files of the case.
     base: &'a Plan,
 }
@@ -29,7 +32,7 @@ impl<'a> TortureCase<'a> {
     ///
     /// # Panics
     /// Never: the base was read from a text.
-    pub(super) fn new(base: &'a Plan, faults: Table, seed: u64) -> Self {
+    pub(super) fn new(base: &'a Plan, faults: Vec<DrawnFault>, seed: u64) -> Self {
         let shared = &base.shared;
         let mut document: Table = shared.text.parse().expect("the loader has read it");
         // The case tests no requirement and is not a play of the scenario itself.
@@ -38,15 +41,31 @@ impl<'a> TortureCase<'a> {
         }
         let name = case_name(&shared.run.name, "torture");
         document.insert("name".to_owned(), name.into());
-        document.insert("fault".to_owned(), Value::Table(faults));
+        document.insert("fault".to_owned(), Table::new().into());
         let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
         document.insert("seed".to_owned(), seed.into());
-        Self { document, base }
+        Self {
+            document,
+            faults,
+            base,
+        }
     }
 
     /// Returns the scenario's text.
     pub(super) fn text(&self) -> String {
-        self.document.to_string()
+        let mut groups = Table::new();
+        for fault in &self.faults {
+            let kinds = groups.entry(fault.group).or_insert(Table::new().into());
+            if let Value::Table(kinds) = kinds
+                && let Value::Array(of_kind) =
+                    kinds.entry(fault.kind).or_insert(Value::Array(Vec::new()))
+            {
+                of_kind.push(fault.table.clone().into());
+            }
+        }
+        let mut document = self.document.clone();
+        document.insert("fault".to_owned(), groups.into());
+        document.to_string()
     }
 
     /// Returns the plan of the scenario.
@@ -115,63 +134,14 @@ impl<'a> TortureCase<'a> {
 
     /// Returns cases that are a little smaller, the greatest steps first.
     fn smaller(&self) -> Vec<Self> {
-        let mut candidates = Vec::new();
-        for path in self.faults() {
-            candidates.push(self.without(&path));
-        }
-        candidates.extend(self.shorter());
-        for path in self.faults() {
-            candidates.extend(self.simpler(&path));
-        }
-        candidates
-    }
-
-    /// Returns the places of the faults: group, kind, index.
-    fn faults(&self) -> Vec<(String, String, usize)> {
-        let groups = self.document.get("fault").and_then(Value::as_table);
-        let mut paths = Vec::new();
-        for (group, kinds) in groups.into_iter().flatten() {
-            for (kind, all) in kinds.as_table().into_iter().flatten() {
-                let count = all.as_array().map_or(0, Vec::len);
-                paths.extend((0..count).map(|index| (group.clone(), kind.clone(), index)));
-            }
-        }
-        paths
-    }
-
-    fn faults_of_kind(
-        &mut self,
-        (group, kind, _): &(String, String, usize),
-    ) -> Option<&mut Vec<Value>> {
-        let kinds = self.document.get_mut("fault")?.get_mut(group)?;
-        kinds.get_mut(kind)?.as_array_mut()
-    }
-
-    fn without(&self, path: &(String, String, usize)) -> Self {
-        let mut smaller = self.clone();
-        if let Some(all) = smaller.faults_of_kind(path) {
-            all.remove(path.2);
-        }
-        smaller.drop_empty();
-        smaller
-    }
-
-    /// Removes groups and kinds that have no fault any more.
-    fn drop_empty(&mut self) {
-        let groups = self.document.get_mut("fault").and_then(Value::as_table_mut);
-        let Some(groups) = groups else { return };
-        let is_empty = |value: &Value| match value {
-            Value::Array(all) => all.is_empty(),
-            Value::Table(kinds) => kinds.is_empty(),
-            _ => false,
-        };
-        for kinds in groups
-            .iter_mut()
-            .filter_map(|(_, kinds)| kinds.as_table_mut())
-        {
-            kinds.retain(|_, all| !is_empty(all));
-        }
-        groups.retain(|_, kinds| !is_empty(kinds));
+        let places = 0..self.faults.len();
+        let without = places.clone().map(|place| {
+            let mut smaller = self.clone();
+            smaller.faults.remove(place);
+            smaller
+        });
+        let simpler = places.flat_map(|place| self.simpler(place));
+        without.chain(self.shorter()).chain(simpler).collect()
     }
 
     /// Returns cases whose runs end earlier.
@@ -193,25 +163,15 @@ impl<'a> TortureCase<'a> {
             .collect()
     }
 
-    /// Returns the same case with one parameter left out or rounded.
-    fn simpler(&self, path: &(String, String, usize)) -> Vec<Self> {
-        let mut at = self.clone();
-        let fault = at
-            .faults_of_kind(path)
-            .and_then(|all| all.get(path.2).cloned());
-        let Some(Value::Table(fault)) = fault else {
-            return Vec::new();
-        };
+    /// Returns the same case with one parameter of a fault left out or rounded.
+    fn simpler(&self, place: usize) -> Vec<Self> {
         let with = |change: &dyn Fn(&mut Table)| {
             let mut smaller = self.clone();
-            let all = smaller.faults_of_kind(path);
-            if let Some(Value::Table(fault)) = all.and_then(|all| all.get_mut(path.2)) {
-                change(fault);
-            }
+            change(&mut smaller.faults[place].table);
             smaller
         };
         let mut candidates = Vec::new();
-        for (key, value) in &fault {
+        for (key, value) in &self.faults[place].table {
             candidates.push(with(&|fault| {
                 fault.remove(key);
             }));
@@ -250,12 +210,30 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[expect]\n\
         position_millimetres_max = { max = 0.0 }\n";
 
-    /// Faults of which only the first two break the temperature's limit.
-    const FAULTS: &str = "[[plant.ageing]]\nfrom_seconds = 0.1234\nuntil_seconds = 0.3217\n\
-        resistance_factor = 1.8731\n\
-        [[amplifier.stuck_on]]\nfrom_seconds = 0.2\ncurrent_amperes = 0.9876\n\
-        [[sensor.noise]]\nfrom_seconds = 0.5\nnoise_millimetres_rms = 0.01\n\
-        [[bus.load]]\nfrom_seconds = 0.5\nidentifier = 0x555\nperiod_milliseconds = 2.0\n";
+    /// Returns faults of which only the first two break the temperature's limit.
+    fn faults() -> Vec<DrawnFault> {
+        let fault = |group, kind, table: &str| DrawnFault {
+            group,
+            kind,
+            table: table.parse().unwrap(),
+        };
+        let ageing = "from_seconds = 0.1234\nuntil_seconds = 0.3217\nresistance_factor = 1.8731\n";
+        let load = "from_seconds = 0.5\nidentifier = 0x555\nperiod_milliseconds = 2.0\n";
+        vec![
+            fault("plant", "ageing", ageing),
+            fault(
+                "amplifier",
+                "stuck_on",
+                "from_seconds = 0.2\ncurrent_amperes = 0.9876\n",
+            ),
+            fault(
+                "sensor",
+                "noise",
+                "from_seconds = 0.5\nnoise_millimetres_rms = 0.01\n",
+            ),
+            fault("bus", "load", load),
+        ]
+    }
 
     fn plan(base: &str) -> Plan {
         let table = "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n";
@@ -267,7 +245,7 @@ mod tests {
     #[test]
     fn what_is_not_needed_is_left_out_and_the_rest_still_fails() {
         let base = plan(BASE);
-        let case = TortureCase::new(&base, FAULTS.parse().unwrap(), 7);
+        let case = TortureCase::new(&base, faults(), 7);
         assert_eq!(case.violation().unwrap().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature").unwrap();
         assert_eq!(
@@ -286,14 +264,14 @@ mod tests {
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
         // No smaller case fails: the case is a fixed point.
         let again = shrunk.shrunk("temperature").unwrap();
-        assert_eq!(again.document, shrunk.document);
+        assert_eq!(again.text(), shrunk.text());
     }
 
     /// A case with the scenario's name would count as its latest play, and as one that meets its requirements.
     #[test]
     fn a_case_has_a_new_name_and_tests_no_requirement() {
         let base = plan(&BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller"));
-        let case = TortureCase::new(&base, Table::new(), 7);
+        let case = TortureCase::new(&base, Vec::new(), 7);
         let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();
         assert_eq!(scenario.run.name, "t, torture");
         assert!(scenario.run.requirements.is_empty());
@@ -305,7 +283,7 @@ mod tests {
             "[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0",
             "[[reference.table]]\nfrom_seconds = 0.0\nfile = \"x.csv\"",
         ));
-        let case = TortureCase::new(&base, Table::new(), 7);
+        let case = TortureCase::new(&base, Vec::new(), 7);
         let reason = case.plan().unwrap_err();
         assert!(
             reason.contains("cannot play a scenario with tables in files"),
