@@ -27,15 +27,8 @@ pub struct SweepArgs {
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,
-    /// Play some runs to estimate parts, time, memory and disk of all runs on an engine. No result is
-    /// kept
-    #[arg(long, conflicts_with_all = ["shard", "for_engine", "events"])]
-    pub plan: bool,
-    /// Number of runs at a time; without it one for each core
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
     /// Print what happens as lines of JSON, for another program
-    #[arg(long)]
+    #[arg(long, conflicts_with = "plan")]
     pub events: bool,
     /// Print failures only
     #[arg(long, short, conflicts_with = "events")]
@@ -52,16 +45,16 @@ pub fn sweep(args: &SweepArgs) -> Exit {
 fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, Failure> {
     let cases = SweepCases::new(plan)?;
     started_by(plan).iter().for_each(|line| print_error(line));
-    if args.plan {
+    if args.part.plan {
         let submit = args.scenario.display().to_string();
-        return Estimate::print(&cases, args.threads, &submit);
+        return Estimate::print(&cases, args.part.threads, &submit);
     }
     let lines = args.events.then_some(EventLines);
     let part = PartPlay {
         output: &args.output,
         shard: args.part.shard()?,
         is_for_engine: args.part.for_engine,
-        threads: args.threads,
+        threads: args.part.threads,
         shown: if args.events {
             Shown::Nothing
         } else {

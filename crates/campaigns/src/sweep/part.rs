@@ -42,6 +42,12 @@ pub struct PartArgs {
     /// For an engine: exit with 0 when every run of the part has a result, whatever it is, and leave tables and page to `merge`
     #[arg(long)]
     pub(crate) for_engine: bool,
+    /// Play some runs to estimate parts, time, memory and disk of all runs on an engine. No result is kept
+    #[arg(long, conflicts_with_all = ["shard", "for_engine"])]
+    pub(crate) plan: bool,
+    /// Number of runs at a time; without it one for each core
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
 }
 
 impl PartArgs {

@@ -39,12 +39,6 @@ pub struct TortureArgs {
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,
-    /// Play some runs to estimate parts, time, memory and disk of all runs on an engine. No result is kept
-    #[arg(long, conflicts_with_all = ["shard", "for_engine"])]
-    pub plan: bool,
-    /// Number of runs at a time; without it one for each core
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
     /// Print failures only, and the summary
     #[arg(long, short)]
     pub quiet: bool,
@@ -67,16 +61,16 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
         return Err(Exit::CannotStart.because(format!("{path}: {reason}")));
     }
     started_by(plan).iter().for_each(|line| print_error(line));
-    if args.plan {
+    if args.part.plan {
         let (file, Draws { runs, seed }) = (args.scenario.display(), args.draws);
         let submit = format!("{file} --torture {runs} --seed {seed}");
-        return Estimate::print(&cases, args.threads, &submit);
+        return Estimate::print(&cases, args.part.threads, &submit);
     }
     let part = PartPlay {
         output: &args.output,
         shard: args.part.shard()?,
         is_for_engine: args.part.for_engine,
-        threads: args.threads,
+        threads: args.part.threads,
         shown: Shown::unless(args.quiet),
         lines: None,
         overrides: &[],

@@ -3,7 +3,7 @@
 use comfy_table::{Table, presets};
 
 use super::fit::Fit;
-use super::search::{Checker, Detour, Solution};
+use super::search::{Detour, Solution};
 use super::statistics::{Estimate, REPLICAS};
 
 /// Largest standard error of a temperature that counts as determined.
@@ -158,13 +158,7 @@ fn search(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
                 .to_owned(),
         );
     }
-    let other = found.check.as_ref().map(|check| match check.checker {
-        Checker::SameStart => "trust-region reflective least squares from the same start",
-        Checker::Scan => "trust-region reflective least squares from a scanned point",
-        Checker::BeforeContinuation => {
-            "sequential quadratic programming from the start, which had ended before by itself,"
-        }
-    });
+    let other = found.check.as_ref().map(|check| check.checker);
     lines.push(match other.zip(found.disagreement()) {
         Some((other, distance)) if found.is_confirmed(fit) => format!(
             "Cross-check: {other} ends at the same point (largest distance {} standard errors).",

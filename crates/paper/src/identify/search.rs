@@ -55,22 +55,11 @@ pub struct Descent {
     pub optimum: Optimum,
 }
 
-/// Searches that may find the optimum without the one that is rated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Checker {
-    /// Trust-region reflective least squares from the same start.
-    SameStart,
-    /// The same from a scanned point.
-    Scan,
-    /// Sequential quadratic programming from the start, before it continued from a lower point.
-    BeforeContinuation,
-}
-
 /// Result of a search that found the optimum by itself.
 #[derive(Clone, Debug)]
 pub struct Check {
-    /// The search.
-    pub checker: Checker,
+    /// The search, in the report's words.
+    pub checker: &'static str,
     /// Its result.
     pub optimum: Optimum,
 }
@@ -135,7 +124,11 @@ pub fn search(
 ) -> Result<Solution, SearchError> {
     let mut descent = descend(fit, start, progress)?;
     let origin = descent.detour.as_ref().map_or(start, |(_, origin)| origin);
-    let mut checks = Vec::from_iter(second_opinion(fit, origin, Checker::SameStart));
+    let mut checks = Vec::from_iter(second_opinion(
+        fit,
+        origin,
+        "trust-region reflective least squares from the same start",
+    ));
     let lowest = descent.optimum.mean_square;
     if checks
         .iter()
@@ -149,7 +142,7 @@ pub fn search(
         let before = continue_from(fit, &mut descent, &lower.optimum, progress);
         // The search that it continued from cannot confirm the end.
         checks.push(Check {
-            checker: Checker::BeforeContinuation,
+            checker: "sequential quadratic programming from the start, which had ended before by itself,",
             optimum: before,
         });
     }
@@ -272,7 +265,7 @@ fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Opt
 }
 
 /// Runs the second optimiser, with coarse steps first as well.
-fn second_opinion(fit: &Fit<'_>, origin: &[f64], checker: Checker) -> Option<Check> {
+fn second_opinion(fit: &Fit<'_>, origin: &[f64], checker: &'static str) -> Option<Check> {
     let near = optimiser::trust_region_reflective(&fit.coarse(), origin)?;
     let optimum = if fit.is_coarse() {
         near
@@ -283,7 +276,11 @@ fn second_opinion(fit: &Fit<'_>, origin: &[f64], checker: Checker) -> Option<Che
 }
 
 fn opinion_from_scan(fit: &Fit<'_>) -> Option<Check> {
-    second_opinion(fit, &start::scan(fit)?, Checker::Scan)
+    second_opinion(
+        fit,
+        &start::scan(fit)?,
+        "trust-region reflective least squares from a scanned point",
+    )
 }
 
 fn check_start(fit: &Fit<'_>, start: &[f64]) -> Result<(), SearchError> {
