@@ -135,49 +135,14 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Fa
         claim: args.claim.clone().or(known.claim),
     };
     let parts = args.parts.map(usize::from);
-    match (known, args.engine) {
-        (Some(known), _) if known.program != campaign.header.identity.program => {
-            let program = path.join("engine/canrig");
-            refused(format!(
-                "this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away",
-                program.display()
-            ))
-        }
-        (
-            Some(Record {
-                job: Some(job),
-                engine,
-                limits,
-                ..
-            }),
-            Some(_),
-        ) if !args.dry_run => {
-            let job = job.id;
-            let cancel = engine
-                .engine()
-                .cancel_command(&job, limits.queue.as_deref());
-            refused(format!(
-                "this campaign was submitted already ({engine:?}, job {job}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again"
-            ))
-        }
-        // The parts exist already, cut for that number.
-        (Some(known), _) if parts.is_some_and(|wanted| wanted != known.parts) => {
-            let (found, wanted) = (known.parts, parts.unwrap_or_default());
-            refused(format!(
-                "this campaign has {found} parts, not {wanted}: leave out --parts, or move {} away",
+    let Some(known) = known else {
+        let Some(engine) = args.engine else {
+            return refused(format!(
+                "nothing was submitted from here that could be resumed ({} is not there); submit it with --engine",
                 path.display()
-            ))
-        }
-        (Some(known), engine) => Ok(Record {
-            engine: engine.unwrap_or(known.engine),
-            limits: limits(known.limits),
-            ..known
-        }),
-        (None, None) => refused(format!(
-            "nothing was submitted from here that could be resumed ({} is not there); submit it with --engine",
-            path.display()
-        )),
-        (None, Some(engine)) => Ok(Record {
+            ));
+        };
+        return Ok(Record {
             program: campaign.header.identity.program.clone(),
             engine,
             parts: match parts {
@@ -187,8 +152,40 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Fa
             limits: limits(Limits::default()),
             rounds: 0,
             job: None,
-        }),
+        });
+    };
+    if known.program != campaign.header.identity.program {
+        let program = path.join("engine/canrig");
+        return refused(format!(
+            "this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away",
+            program.display()
+        ));
     }
+    if let Some(Submitted { id, .. }) = &known.job
+        && args.engine.is_some()
+        && !args.dry_run
+    {
+        let (engine, queue) = (known.engine, known.limits.queue.as_deref());
+        let cancel = engine.engine().cancel_command(id, queue);
+        return refused(format!(
+            "this campaign was submitted already ({engine:?}, job {id}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again"
+        ));
+    }
+    // The parts exist already, cut for that number.
+    if let Some(wanted) = parts
+        && wanted != known.parts
+    {
+        let found = known.parts;
+        return refused(format!(
+            "this campaign has {found} parts, not {wanted}: leave out --parts, or move {} away",
+            path.display()
+        ));
+    }
+    Ok(Record {
+        engine: args.engine.unwrap_or(known.engine),
+        limits: limits(known.limits),
+        ..known
+    })
 }
 
 /// Returns the number of parts of which each is worth the start of a task.
