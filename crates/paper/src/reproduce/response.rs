@@ -11,7 +11,7 @@ use super::experiment::{
     positions, with_runs,
 };
 use super::families::at_frequency;
-use super::quantity::{Model, Paper, Quantity, at_least};
+use super::quantity::{Paper, Quantity, at_least};
 use judge::CUT_OFF_GAIN;
 use report::plot::{Colour, Patch, Plot, Shape};
 
@@ -187,99 +187,87 @@ fn bandwidth(effort: Effort) -> Experiment {
     }
 }
 
-/// The frequency response under one law.
-struct Response {
-    law: ComparedLaw,
+const GAIN: &str = "sine_gain";
+const OFFSET: &str = "sine_offset_millimetres";
+
+/// The frequency response under one law: its runs, from the lowest frequency on.
+struct Response<'a> {
     label: String,
     colour: Colour,
-    model: Option<Model>,
-    hertz: Vec<f64>,
-    gain: Vec<f64>,
-    phase_degrees: Vec<f64>,
-    offset_millimetres: Vec<f64>,
+    runs: Vec<&'a Kept>,
 }
 
-impl Response {
-    fn new(law: ComparedLaw, label: &str, colour: Colour, runs: &[Kept]) -> Self {
-        let labelled = || runs.iter().filter(|run| run.label == label);
-        let values =
-            |name: &'static str| labelled().map(move |run| run.metric(name).unwrap_or(f64::NAN));
+impl<'a> Response<'a> {
+    fn new(label: String, colour: Colour, runs: &'a [Kept]) -> Self {
+        let runs = runs.iter().filter(|run| run.label == label).collect();
         Self {
-            law,
-            label: label.to_owned(),
+            label,
             colour,
-            model: labelled().next().and_then(Kept::model),
-            hertz: labelled().filter_map(hertz).collect(),
-            gain: values("sine_gain").collect(),
-            phase_degrees: values("sine_phase_degrees").collect(),
-            offset_millimetres: values("sine_offset_millimetres").collect(),
+            runs,
         }
     }
 
-    /// Returns the index of the last frequency before the gain first falls below the cut-off.
-    fn last_by_gain(&self) -> Option<usize> {
-        last_before(&self.gain, |gain| gain >= CUT_OFF_GAIN)
+    fn hertz(&self) -> Vec<f64> {
+        self.runs.iter().filter_map(|run| hertz(run)).collect()
     }
 
-    /// Returns the same index, as long as the position also stays about the set-point on average.
-    fn last_centred(&self) -> Option<usize> {
-        let is_centred = |offset: f64| offset.abs() <= CENTRED_MILLIMETRES;
-        let centred = last_before(&self.offset_millimetres, is_centred);
-        self.last_by_gain().min(centred)
+    fn values(&self, metric: &str) -> Vec<f64> {
+        let values = self.runs.iter().map(|run| run.metric(metric));
+        values.map(|value| value.unwrap_or(f64::NAN)).collect()
     }
 
     fn numbers(&self) -> [Quantity; 3] {
         let of = self.label.as_str();
+        let (hertz, offsets) = (self.hertz(), self.values(OFFSET));
+        // The index of the last frequency before the gain first falls below the cut-off.
+        let by_gain = last_before(&self.values(GAIN), |gain| gain >= CUT_OFF_GAIN);
+        let is_centred = |offset: f64| offset.abs() <= CENTRED_MILLIMETRES;
+        let centred = by_gain.min(last_before(&offsets, is_centred));
         let value = |values: &[f64], place: Option<usize>| {
-            let value = place.and_then(|place| values.get(place));
-            value
-                .copied()
-                .ok_or_else(|| "below the lowest frequency".to_owned())
+            let value = place.and_then(|place| values.get(place).copied());
+            value.ok_or_else(|| "below the lowest frequency".to_owned())
         };
-        let bandwidth = value(&self.hertz, self.last_by_gain());
-        let number = Quantity::derived("bandwidth_hertz", of, bandwidth, None);
-        let is_ours = self.law == ComparedLaw::SlidingMode && of == self.law.name();
-        let bandwidth = match self.law {
-            ComparedLaw::SlidingMode if is_ours => number.beside("0.69 Hz"),
-            ComparedLaw::Pid => number.beside("0.37 Hz"),
-            ComparedLaw::SlidingMode | ComparedLaw::SlidingModePaper => number,
-        };
-        let offset = value(&self.offset_millimetres, self.last_by_gain());
-        let centred = value(&self.hertz, self.last_centred());
+        let bandwidth = Quantity::derived("bandwidth_hertz", of, value(&hertz, by_gain), None);
+        let [ours, pid] = [ComparedLaw::SlidingMode, ComparedLaw::Pid].map(ComparedLaw::name);
         // A sine that hangs above its set-point is not followed, whatever its gain.
         [
-            bandwidth,
-            Quantity::derived("offset_at_the_bandwidth_millimetres", of, offset, None),
+            match of {
+                of if of == ours => bandwidth.beside("0.69 Hz"),
+                of if of == pid => bandwidth.beside("0.37 Hz"),
+                _ => bandwidth,
+            },
+            Quantity::derived(
+                "offset_at_the_bandwidth_millimetres",
+                of,
+                value(&offsets, by_gain),
+                None,
+            ),
             Quantity::derived(
                 "bandwidth_hertz_with_an_offset_within_1_millimetre",
                 of,
-                centred,
-                if is_ours { at_least(3.0) } else { None },
+                value(&hertz, centred),
+                at_least(3.0).filter(|_| of == ours),
             ),
         ]
-        .map(|number| number.with_model(self.model))
+        .map(|number| number.with_model(self.runs.first().and_then(|run| run.model())))
     }
 }
 
 fn responses(runs: &[Kept]) -> Evaluation {
-    let mut responses =
-        Vec::from(ComparedLaw::ALL.map(|law| Response::new(law, law.name(), law.colour(), runs)));
-    let ours = ComparedLaw::SlidingMode;
-    responses.push(Response::new(ours, &ours.on_twin(), Colour::True, runs));
-    let figure = |title, unit, values: fn(&Response) -> &[f64]| {
+    let laws = ComparedLaw::ALL.map(|law| (law.name().to_owned(), law.colour()));
+    let on_twin = (ComparedLaw::SlidingMode.on_twin(), Colour::True);
+    let responses = laws.into_iter().chain([on_twin]);
+    let responses =
+        Vec::from_iter(responses.map(|(label, colour)| Response::new(label, colour, runs)));
+    let figure = |title, unit, metric| {
         let mut figure = plot_over(title, unit, "frequency (Hz)");
         for response in responses.iter().rev() {
-            figure.draw(
-                &*response.label,
-                response.colour,
-                Shape::Line,
-                &response.hertz,
-                values(response),
-            );
+            let (x, y) = (response.hertz(), response.values(metric));
+            figure.draw(&*response.label, response.colour, Shape::Line, &x, &y);
         }
         figure
     };
-    let mut gain = figure("Gain", "", |response| &response.gain);
+    let mut gain = figure("Gain", "", GAIN);
     let ends = [
         FREQUENCIES_HERTZ[0],
         FREQUENCIES_HERTZ[FREQUENCIES_HERTZ.len() - 1],
@@ -295,10 +283,8 @@ fn responses(runs: &[Kept]) -> Evaluation {
         numbers: responses.iter().flat_map(Response::numbers).collect(),
         figures: vec![
             gain,
-            figure("Phase", "°", |response| &response.phase_degrees),
-            figure("Mean offset from the set-point", "mm", |response| {
-                &response.offset_millimetres
-            }),
+            figure("Phase", "°", "sine_phase_degrees"),
+            figure("Mean offset from the set-point", "mm", OFFSET),
         ],
         ..Evaluation::default()
     }
@@ -453,20 +439,33 @@ fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reproduce::experiment::Signals;
+    use judge::verdict::{Metric, Verdict};
 
     #[test]
     fn the_bandwidth_ends_where_the_gain_first_falls_or_the_mean_leaves() {
-        let response = |gain: &[f64], offset: &[f64]| {
-            let response = Response {
-                law: ComparedLaw::Pid,
+        let run = |hertz: f64, gain: f64, offset: f64| {
+            let mut verdict = Verdict::incomplete("sine", 1, "");
+            let gain = Some(gain).filter(|gain| gain.is_finite());
+            let gain = gain.ok_or_else(|| "no sine".to_owned());
+            verdict.metrics = vec![
+                Metric::new(GAIN, gain, None),
+                Metric::new(OFFSET, Ok(offset), None),
+            ];
+            Kept {
                 label: "pid".to_owned(),
-                colour: Colour::Run(3),
-                model: None,
-                hertz: vec![0.5, 1.0, 2.0, 3.0],
-                gain: gain.to_vec(),
-                phase_degrees: Vec::new(),
-                offset_millimetres: offset.to_vec(),
-            };
+                scenario: at_frequency(&bases::bandwidth(), hertz),
+                verdict,
+                signals: Signals::default(),
+                swings_millimetres: None,
+                measurement: None,
+            }
+        };
+        let response = |gain: &[f64], offset: &[f64]| {
+            let values = [0.5, 1.0, 2.0, 3.0].into_iter().zip(gain).zip(offset);
+            let runs = values.map(|((hertz, gain), offset)| run(hertz, *gain, *offset));
+            let runs = Vec::from_iter(runs);
+            let response = Response::new("pid".to_owned(), Colour::Run(3), &runs);
             let [gain, _, centred] = response.numbers();
             (gain.metric.value, centred.metric.value)
         };
