@@ -60,20 +60,6 @@ impl CampaignRun<'_> {
     }
 }
 
-/// Run that the program itself could not bring to a verdict.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("run {index} ({name}, seed {seed}) failed: {reason}")]
-pub struct FailedRun {
-    /// Place of the run in the campaign.
-    pub index: usize,
-    /// The scenario's name.
-    pub name: String,
-    /// The scenario's seed.
-    pub seed: u64,
-    /// Text of the panic or of the error.
-    pub reason: String,
-}
-
 /// Reason why a run has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoResult {
@@ -126,7 +112,7 @@ impl Campaign {
     }
 
     /// Plays the plans and returns the value of `reduce` for each run, in the order of the plans for any number of threads. Plans
-    /// are made when a thread is free. A run that panics has failed, and the others continue.
+    /// are made when a thread is free. A run that panics has failed, and the others continue; its result is a text on it.
     ///
     /// # Errors
     /// The user stopped it.
@@ -134,20 +120,16 @@ impl Campaign {
         &self,
         plans: impl Iterator<Item = Plan> + Send,
         reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
-    ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
+    ) -> Result<Vec<Result<T, String>>, Interrupted> {
         let bar = Bar::runs(plans.size_hint().1, 0, self.is_shown);
         let mut results = Vec::new();
         let work = |(index, plan): &(usize, Plan), watch: &Watch| {
             caught(|| play_one(*index, plan, watch, &reduce))
         };
         let on_result = |(index, plan): (usize, Plan), result: Result<T, NoResult>| {
-            let run = &plan.shared.run;
-            results.push(result.map_err(|reason| FailedRun {
-                index,
-                name: run.name.clone(),
-                seed: run.seed,
-                reason: reason.to_string(),
-            }));
+            let (name, seed) = (&plan.shared.run.name, plan.shared.run.seed);
+            let failed = |reason| format!("run {index} ({name}, seed {seed}) failed: {reason}");
+            results.push(result.map_err(failed));
             Ok::<(), std::convert::Infallible>(())
         };
         match self.each(plans.enumerate(), &bar, work, on_result) {

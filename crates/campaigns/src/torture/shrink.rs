@@ -6,8 +6,10 @@ use toml::{Table, Value};
 
 use super::draw::DrawnFault;
 use super::invariants::{BrokenInvariant, violation};
-use crate::campaign::{Campaign, FailedRun, Interrupted};
+use crate::campaign::{Interrupted, NoResult, caught, play_one};
 use crate::sweep::sweep_cases::case_name;
+use recording::capture::Watch;
+use runner::observer::observed;
 use worlds::catalogue::catalogue;
 
 /// Invariant of a run that the program could not bring to a verdict.
@@ -91,17 +93,20 @@ impl<'a> TortureCase<'a> {
     /// # Errors
     /// The user stopped it.
     pub(super) fn violation(&self) -> Result<Option<BrokenInvariant>, Interrupted> {
-        let campaign = Campaign {
-            threads: 1,
-            is_shown: false,
+        let Ok(plan) = self.plan() else {
+            return Ok(None);
         };
-        let played = campaign.play(self.plan().ok().into_iter(), violation)?;
-        let panic = |fault: FailedRun| BrokenInvariant {
+        let watch = Watch::default();
+        let play = || caught(|| play_one(0, &plan, &watch, violation));
+        let played = observed(|| watch.interrupt(), || {}, play);
+        if watch.is_interrupted() {
+            return Err(Interrupted);
+        }
+        let panic = |reason: NoResult| BrokenInvariant {
             invariant: PANIC,
-            text: fault.reason,
+            text: reason.to_string(),
         };
-        let broken = |result: Result<_, _>| result.unwrap_or_else(|fault| Some(panic(fault)));
-        Ok(played.into_iter().find_map(broken))
+        Ok(played.unwrap_or_else(|reason| Some(panic(reason))))
     }
 
     /// Returns the smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
@@ -112,23 +117,16 @@ impl<'a> TortureCase<'a> {
     pub(super) fn shrunk(&self, invariant: &str) -> Result<Self, Interrupted> {
         let mut budget = PLAYS_MAX;
         let mut smallest = self.clone();
-        loop {
-            let mut has_shrunk = false;
-            for candidate in smallest.smaller() {
-                if budget == 0 {
-                    return Ok(smallest);
-                }
+        'smaller: loop {
+            for candidate in smallest.smaller().into_iter().take(budget) {
                 budget -= 1;
                 let is_same = |violation: BrokenInvariant| violation.invariant == invariant;
                 if candidate.violation()?.is_some_and(is_same) {
                     smallest = candidate;
-                    has_shrunk = true;
-                    break;
+                    continue 'smaller;
                 }
             }
-            if !has_shrunk {
-                return Ok(smallest);
-            }
+            return Ok(smallest);
         }
     }
 

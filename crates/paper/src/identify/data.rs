@@ -107,20 +107,14 @@ impl IdentificationData {
             plan = plan.with_database(&Arc::new(database.clone()));
         }
         let frames = read(&log).map_err(at)?;
-        Self::from_plan(path, &frames, &plan).map_err(at)
+        Self::from_frames(path, &frames, &plan).map_err(at)
     }
 
-    /// Reads the frames of a recording on the emulated rig.
+    /// Reads the frames of a recording.
     ///
     /// # Errors
     /// Identification cannot use the recording.
-    pub fn from_frames(path: &Path, frames: &[Stamped], scenario: Trial) -> Result<Self, String> {
-        let plan =
-            Plan::new(scenario, catalogue()).with_database(&Arc::new(Database::shipped().clone()));
-        Self::from_plan(path, frames, &plan)
-    }
-
-    fn from_plan(path: &Path, frames: &[Stamped], plan: &Plan) -> Result<Self, String> {
+    pub fn from_frames(path: &Path, frames: &[Stamped], plan: &Plan) -> Result<Self, String> {
         let [only] = &plan.loops[..] else {
             let count = plan.loops.len();
             return Err(format!(

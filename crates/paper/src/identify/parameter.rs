@@ -161,7 +161,8 @@ pub fn parse_list(text: &str) -> Result<Vec<&'static Parameter>, String> {
     Ok(list)
 }
 
-fn find(name: &str) -> Option<&'static Parameter> {
+/// Finds a parameter by the paper's letter or its key.
+pub(super) fn find(name: &str) -> Option<&'static Parameter> {
     ALL.iter().find(|parameter| {
         parameter.symbol == name || parameter.key() == name || parameter.path == name
     })

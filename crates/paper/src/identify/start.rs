@@ -6,6 +6,7 @@ use std::str::FromStr;
 use scenario::plant::Sma;
 
 use super::fit::{Fit, mean_square};
+use super::parameter::find;
 
 /// Smallest rise of the load in the simulation that counts as lifted.
 const LIFT_METRES_MIN: f64 = 1e-3;
@@ -74,10 +75,7 @@ impl Start {
             Self::File(path) => return read_plant(path),
             Self::Section3 => {
                 for (symbol, value) in SECTION_3 {
-                    let parameter = super::parameter::ALL
-                        .iter()
-                        .find(|parameter| parameter.symbol == symbol);
-                    if let Some(parameter) = parameter {
+                    if let Some(parameter) = find(symbol) {
                         parameter.set(&mut plant, value);
                     }
                 }

@@ -10,7 +10,7 @@ use super::experiment::{Effort, Experiment, Kept};
 use super::quantity::Quantity;
 use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
-use campaigns::campaign::{Campaign, FailedRun, Interrupted, one_loop_plan};
+use campaigns::campaign::{Campaign, Interrupted, one_loop_plan};
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Bar, failed, print, print_text};
 use runner::exit::Exit;
@@ -62,11 +62,9 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
     let Ok(runs) = play(&experiments, is_shown) else {
         return Exit::Interrupted;
     };
-    let kept: Vec<Kept> = match runs.into_iter().collect::<Result<_, FailedRun>>() {
+    let kept: Vec<Kept> = match runs.into_iter().collect::<Result<_, String>>() {
         Ok(kept) => kept,
-        Err(fault) => {
-            return failed(Exit::Internal, fault);
-        }
+        Err(fault) => return failed(Exit::Internal, fault),
     };
     let Ok(results) = evaluated(experiments, kept, is_shown) else {
         return Exit::Interrupted;
@@ -85,7 +83,7 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
 fn play(
     experiments: &[Experiment],
     is_shown: bool,
-) -> Result<Vec<Result<Kept, FailedRun>>, Interrupted> {
+) -> Result<Vec<Result<Kept, String>>, Interrupted> {
     let runs: Vec<_> = experiments
         .iter()
         .flat_map(|experiment| &experiment.runs)

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use scenario::Trial;
-use scenario::controller::{Controller, NominalModel, Pid, SlidingMode, SlidingModePaper};
+use scenario::controller::{Controller, NominalModel};
 use scenario::events::Window;
 use scenario::expect::Expect;
 use scenario::plant::{Kinetics, Sma, StressStrain};
@@ -24,6 +24,16 @@ pub enum Effort {
     Full,
     /// Every experiment, with fewer plants, frequencies and settings, as a check that all of it works.
     Reduced,
+}
+
+impl Effort {
+    /// Returns the number of things to play.
+    pub fn count(self, full: usize, reduced: usize) -> usize {
+        match self {
+            Self::Full => full,
+            Self::Reduced => reduced,
+        }
+    }
 }
 
 /// An experiment: data, and the function that evaluates its runs.
@@ -147,23 +157,10 @@ impl ComparedLaw {
         format!("{}, another plant", self.name())
     }
 
-    /// Returns the law with its shipped gains.
+    /// Returns the law with its shipped gains: an empty table in a scenario.
     fn controller(self) -> Controller {
-        let none = Controller::default();
-        match self {
-            Self::SlidingMode => Controller {
-                sliding_mode: Some(SlidingMode::default()),
-                ..none
-            },
-            Self::SlidingModePaper => Controller {
-                sliding_mode_paper: Some(SlidingModePaper::default()),
-                ..none
-            },
-            Self::Pid => Controller {
-                pid: Some(Pid::default()),
-                ..none
-            },
-        }
+        let text = format!("[{}]", self.name());
+        toml::from_str(&text).expect("a law that ships")
     }
 
     /// Returns the scenario under this law. The limits are meant for `sliding_mode`; those of other laws are only
@@ -229,9 +226,8 @@ impl PlannedRun {
             Keep::IdentificationData => Some(Window::new(0.0, self.scenario.run.duration_seconds)),
         };
         let measurement = || {
-            let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
             let frames = Vec::from_iter(played.frames.iter());
-            IdentificationData::from_frames(place, &frames, scenario)
+            IdentificationData::from_frames(Path::new(&self.label), &frames, played.plan)
         };
         Kept {
             label: self.label.clone(),

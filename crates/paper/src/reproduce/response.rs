@@ -146,10 +146,7 @@ fn sine(runs: &[Kept]) -> Evaluation {
 
 fn bandwidth(effort: Effort) -> Experiment {
     let base = bases::bandwidth();
-    let every = match effort {
-        Effort::Full => 1,
-        Effort::Reduced => FREQUENCIES_HERTZ.len().div_ceil(FREQUENCIES_REDUCED),
-    };
+    let every = effort.count(1, FREQUENCIES_HERTZ.len().div_ceil(FREQUENCIES_REDUCED));
     let sweep = |law: ComparedLaw| {
         // Frequencies are chosen from the highest on, so that few of them still show the fall of the gain.
         let first = (FREQUENCIES_HERTZ.len() - 1) % every;

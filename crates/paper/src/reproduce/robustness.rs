@@ -1,7 +1,6 @@
 //! Experiment on the robustness of the closed loop on plants that the controller does not know.
 
 use scenario::Trial;
-use scenario::controller::Controller;
 use scenario::events::Window;
 use scenario::expect::Expect;
 
@@ -36,39 +35,26 @@ const WORST: usize = 3;
 #[derive(Clone, Copy)]
 struct Contestant {
     law: ComparedLaw,
-    label: &'static str,
-    decided_seconds: f64,
-    /// Another controller than the law's shipped one.
-    controller: Option<fn() -> Controller>,
+    /// Whether it is tuned over plants. The shipped PID is tuned on one.
+    is_tuned: bool,
 }
 
-/// Laws that are compared. The shipped PID is tuned on one plant.
-const CONTESTANTS: [Contestant; 4] = [
-    Contestant {
-        law: ComparedLaw::SlidingMode,
-        label: "sliding_mode",
-        decided_seconds: DECIDED_SECONDS,
-        controller: None,
-    },
-    Contestant {
-        law: ComparedLaw::SlidingModePaper,
-        label: "sliding_mode_paper",
-        decided_seconds: DECIDED_SECONDS,
-        controller: None,
-    },
-    Contestant {
-        law: ComparedLaw::Pid,
-        label: "pid",
-        decided_seconds: DECIDED_SECONDS_PID,
-        controller: None,
-    },
-    Contestant {
-        law: ComparedLaw::Pid,
-        label: "pid, tuned over plants",
-        decided_seconds: DECIDED_SECONDS_PID,
-        controller: Some(bases::pid_over_plants),
-    },
-];
+impl Contestant {
+    /// Returns the laws that are compared.
+    fn all() -> impl Iterator<Item = Self> {
+        let shipped = ComparedLaw::ALL.into_iter().map(|law| (law, false));
+        let all = shipped.chain([(ComparedLaw::Pid, true)]);
+        all.map(|(law, is_tuned)| Self { law, is_tuned })
+    }
+
+    fn label(self) -> &'static str {
+        if self.is_tuned {
+            "pid, tuned over plants"
+        } else {
+            self.law.name()
+        }
+    }
+}
 
 /// Returns the experiments of this file.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
@@ -76,25 +62,25 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 }
 
 fn plants(effort: Effort) -> Experiment {
-    let count = match effort {
-        Effort::Full => PLANTS,
-        Effort::Reduced => PLANTS_REDUCED,
-    };
-    let plants: Vec<Trial> = unknown_plants(count)
+    let plants: Vec<Trial> = unknown_plants(effort.count(PLANTS, PLANTS_REDUCED))
         .map(|plant| Trial {
             expect: Expect::default(),
             ..plant
         })
         .collect();
     let contestant_runs = |contestant: Contestant| {
-        let controller = contestant.controller.map(|of| of());
+        let controller = contestant.is_tuned.then(bases::pid_over_plants);
+        let decided_seconds = match contestant.law {
+            ComparedLaw::Pid => DECIDED_SECONDS_PID,
+            _ => DECIDED_SECONDS,
+        };
         let played = plants.iter().map(move |plant| {
             let mut trial = contestant.law.plays(plant);
-            trial.run_mut().duration_seconds = HOLD_SECONDS + contestant.decided_seconds;
+            trial.run_mut().duration_seconds = HOLD_SECONDS + decided_seconds;
             if let Some(controller) = &controller {
                 trial.controller = controller.clone();
             }
-            PlannedRun::new(contestant.label, trial, Keep::Swings)
+            PlannedRun::new(contestant.label(), trial, Keep::Swings)
         });
         played.collect::<Vec<_>>()
     };
@@ -106,7 +92,7 @@ fn plants(effort: Effort) -> Experiment {
                loop hunts if its position swings by more than 0.25 mm in the last 5 s, and by 0.9 of the 5 s before at least: else it comes to \
                rest. The shipped PID is tuned on one plant; the other one over plants (scenarios/sweeps/pid.toml). The paper says in one \
                sentence that its controller is robust.",
-        runs: CONTESTANTS.into_iter().flat_map(contestant_runs).collect(),
+        runs: Contestant::all().flat_map(contestant_runs).collect(),
         evaluate: distributions,
     }
 }
@@ -123,12 +109,9 @@ fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
 fn distributions(runs: &[Kept]) -> Evaluation {
     let mut evaluation = Evaluation::default();
     let mut rows = Vec::new();
-    for contestant in CONTESTANTS {
-        let law = contestant.law;
-        let kept: Vec<&Kept> = runs
-            .iter()
-            .filter(|run| run.label == contestant.label)
-            .collect();
+    for contestant in Contestant::all() {
+        let (law, label) = (contestant.law, contestant.label());
+        let kept: Vec<&Kept> = runs.iter().filter(|run| run.label == label).collect();
         let sorted = |name: &str| {
             let mut values: Vec<f64> = kept
                 .iter()
@@ -141,7 +124,7 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         let peaks = sorted("overshoot_percent");
         let count =
             |is_one: fn(&Kept) -> bool| kept.iter().filter(|run| is_one(run)).count() as f64;
-        let of = format!("{}, {} plants", contestant.label, kept.len());
+        let of = format!("{label}, {} plants", kept.len());
         let limit = |max| at_most(max).filter(|_| law == ComparedLaw::SlidingMode);
         let [time_max, peak_max] = TARGETS;
         let (unsettled, hunting) = (count(is_unsettled), count(hunts));
@@ -160,13 +143,13 @@ fn distributions(runs: &[Kept]) -> Evaluation {
             .map(|number| number.with_model(kept.first().and_then(|run| run.model()))),
         );
         rows.push(
-            [contestant.label.to_owned()]
+            [label.to_owned()]
                 .into_iter()
                 .chain(spread(&times, 3))
                 .chain(spread(&peaks, 1))
                 .collect(),
         );
-        if contestant.controller.is_none() {
+        if !contestant.is_tuned {
             evaluation.figures.extend([
                 distribution(law, "settling time (s)", &times, time_max),
                 distribution(law, "overshoot (%)", &peaks, peak_max),

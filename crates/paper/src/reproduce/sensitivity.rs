@@ -59,10 +59,7 @@ const FILTER_COLUMNS: [TableColumn; 2] = [
 
 /// Returns the experiments of this file.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
-    let count = match effort {
-        Effort::Full => 4,
-        Effort::Reduced => 2,
-    };
+    let count = effort.count(4, 2);
     vec![
         Experiment {
             id: "cycle_time",
