@@ -1,22 +1,21 @@
 //! Data that identification takes from a recording: the inputs over time and the measured positions.
 
 use std::collections::BTreeMap;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dbc::{Database, SignalMissing, names};
 use plant_emulator::plant::Inputs;
+use scenario::Trial;
 use scenario::plant::Sensor;
 use scenario::rig::RealDrive;
-use scenario::{ScenarioError, Trial};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::{ControlLoop, Plan};
-use recording::log::{self, Stamped};
-use recording::run_folder::{file_in, log_in};
-use recording::session::{ReadError, read_plan};
+use recording::frames::Frames;
+use recording::log::Stamped;
 use recording::timeline::{self, Series, Timeline};
+use runner::recorded::{Recorded, RecordedError};
 use worlds::catalogue::catalogue;
 
 /// Time between the positions that are compared. The wire's time constant is 0.65 s; closer positions would add little.
@@ -78,26 +77,18 @@ impl IdentificationData {
         database: Option<&Database>,
     ) -> Result<Self, String> {
         let at = |reason: String| format!("{}: {reason}", path.display());
-        let metadata = path
-            .metadata()
-            .map_err(|error| at(unread("the recording", &error)))?;
-        let (log, mut plan) = if metadata.is_dir() {
-            let plan = read_plan(path, Some(&[]), catalogue()).map_err(|error| {
-                at(match error {
-                    ReadError::Scenario(error) => invalid(&error),
-                    ReadError::File(error) => error.to_string(),
-                })
-            })?;
-            let name = log_in(path);
-            let log = file_in(path, name).map_err(|error| at(unread(name, &error)));
-            (log?, plan)
-        } else {
-            let scenario = scenario.ok_or_else(|| {
-                at("a log alone does not hold the cycle time and the sensor; name the scenario that was played with --scenario".to_owned())
-            })?;
-            let plan = Plan::load(scenario, catalogue()).map_err(|error| at(invalid(&error)));
-            (path.to_owned(), plan?)
-        };
+        let metadata = path.metadata();
+        metadata.map_err(|error| at(format!("the recording cannot be read: {error}")))?;
+        let recorded = Recorded::load(path, scenario, catalogue());
+        let Recorded { mut plan, log, .. } = recorded.map_err(|error| match error {
+            RecordedError::Scenario(error) => at(format!("the scenario is invalid: {error}")),
+            RecordedError::Other(failure) => failure.reason,
+        })?;
+        let unreadable = log.unread.unreadable.first().map(ToString::to_string);
+        let fd_frames = (log.unread.fd_frames > 0).then(|| "it has CAN FD frames".to_owned());
+        if let Some(reason) = unreadable.or(log.unread.broken).or(fd_frames) {
+            return Err(at(reason));
+        }
         for one in &mut plan.loops {
             if let Some(drive) = &one.real_drive {
                 one.trial.sensor = real_sensor(&drive.real);
@@ -106,15 +97,14 @@ impl IdentificationData {
         if let Some(database) = database {
             plan = plan.with_database(&Arc::new(database.clone()));
         }
-        let frames = read(&log).map_err(at)?;
-        Self::from_frames(path, &frames, &plan).map_err(at)
+        Self::from_frames(path, &log.frames, &plan).map_err(at)
     }
 
     /// Reads the frames of a recording.
     ///
     /// # Errors
     /// Identification cannot use the recording.
-    pub fn from_frames(path: &Path, frames: &[Stamped], plan: &Plan) -> Result<Self, String> {
+    pub fn from_frames(path: &Path, frames: &Frames, plan: &Plan) -> Result<Self, String> {
         let [only] = &plan.loops[..] else {
             let count = plan.loops.len();
             return Err(format!(
@@ -128,7 +118,7 @@ impl IdentificationData {
                 "its plant is `{name}`; identification knows the equations of the shape-memory-alloy wire only"
             ));
         }
-        let timelines = timeline::decode(frames, plan).map_err(of_other_dbc)?;
+        let timelines = timeline::decode(frames.iter(), plan).map_err(of_other_dbc)?;
         let timeline = &timelines[0];
         check_frames(frames, only, timeline)?;
         check_values(timeline, &only.trial)?;
@@ -197,15 +187,6 @@ impl IdentificationData {
     }
 }
 
-/// Returns the reason for a file that cannot be read.
-fn unread(name: &str, error: &io::Error) -> String {
-    format!("{name} cannot be read: {error}")
-}
-
-fn invalid(error: &ScenarioError) -> String {
-    format!("the scenario is invalid: {error}")
-}
-
 /// Returns the reason for a DBC that lacks a signal.
 fn of_other_dbc(error: SignalMissing) -> String {
     format!("{error}; identification needs the rig's own DBC")
@@ -271,17 +252,6 @@ pub(crate) fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
     sensor.span / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
 }
 
-fn read(path: &Path) -> Result<Vec<Stamped>, String> {
-    let name = path
-        .file_name()
-        .unwrap_or(path.as_os_str())
-        .display()
-        .to_string();
-    log::open(path)
-        .and_then(log::read_log)
-        .map_err(|error| unread(&name, &error))
-}
-
 /// Returns the disturbances from each row on. Until the node is commanded, air is still and the load has no addition.
 fn disturbances(timeline: &Timeline) -> impl Fn(usize) -> Inputs {
     let [convection_factor, added_grams] = [names::CONVECTION_FACTOR, names::ADDED_LOAD]
@@ -299,9 +269,9 @@ fn disturbances(timeline: &Timeline) -> impl Fn(usize) -> Inputs {
 }
 
 /// Checks whether the frames are of the rig.
-fn check_frames(frames: &[Stamped], one: &ControlLoop, timeline: &Timeline) -> Result<(), String> {
+fn check_frames(frames: &Frames, one: &ControlLoop, timeline: &Timeline) -> Result<(), String> {
     let position = one.position().map_err(of_other_dbc)?;
-    let is_drive = |stamped: &Stamped| stamped.frame.raw_id() == position.raw_id();
+    let is_drive = |stamped: Stamped| stamped.frame.raw_id() == position.raw_id();
     if !frames.iter().any(is_drive) {
         let (count, id) = (frames.len(), position.raw_id());
         let message = names::message(&one.nodes.drive.name, names::TPDO1);
@@ -309,7 +279,7 @@ fn check_frames(frames: &[Stamped], one: &ControlLoop, timeline: &Timeline) -> R
             "none of its {count} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
         ));
     }
-    let is_sync = |stamped: &Stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID);
+    let is_sync = |stamped: Stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID);
     let missing = if !frames.iter().any(is_sync) {
         "it has no SYNC (0x080)"
     } else if timeline.cycle.is_empty() {

@@ -225,10 +225,8 @@ impl PlannedRun {
             Keep::Signals(window) => Some(window),
             Keep::IdentificationData => Some(Window::new(0.0, self.scenario.run.duration_seconds)),
         };
-        let measurement = || {
-            let frames = Vec::from_iter(played.frames.iter());
-            IdentificationData::from_frames(Path::new(&self.label), &frames, played.plan)
-        };
+        let measurement =
+            || IdentificationData::from_frames(Path::new(&self.label), played.frames, played.plan);
         Kept {
             label: self.label.clone(),
             scenario: self.scenario.clone(),
