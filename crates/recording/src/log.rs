@@ -145,20 +145,6 @@ fn hexadecimal(digits: &str) -> Option<u32> {
     is_plain.then(|| u32::from_str_radix(digits, 16).ok())?
 }
 
-/// Reads a log of `candump -L`.
-///
-/// # Errors
-/// If the file cannot be read, or a line is no frame; the message has the line's number.
-pub fn read_log(input: impl BufRead) -> io::Result<Vec<Stamped>> {
-    let (frames, unread) = read_cut_log(input)?;
-    let unreadable = unread.unreadable.first().map(ToString::to_string);
-    let fd_frames = || (unread.fd_frames > 0).then(|| "it has CAN FD frames".to_owned());
-    match unreadable.or(unread.broken).or_else(fd_frames) {
-        Some(reason) => Err(invalid(reason)),
-        None => Ok(frames),
-    }
-}
-
 /// Parts of a log that are no frames.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Unread {
@@ -231,14 +217,6 @@ const COMPRESSED: &str = "zst";
 /// Returns whether a log of this name is compressed.
 pub(crate) fn is_compressed(path: &Path) -> bool {
     path.extension().is_some_and(|end| end == COMPRESSED)
-}
-
-/// Opens a log file; its name decides whether it is compressed.
-///
-/// # Errors
-/// If the file cannot be opened.
-pub fn open(path: &Path) -> io::Result<Box<dyn BufRead>> {
-    OpenLog::open(path)?.text()
 }
 
 /// Log for repeated reading. It stays open, so that it remains the same file if another takes its name meanwhile.
@@ -459,10 +437,10 @@ mod tests {
 
     #[test]
     fn a_bad_line_is_named_by_its_number() {
-        let error =
-            read_log("(0.000001) can0 123#\n(0.000002) can0 9999#00\n".as_bytes()).unwrap_err();
+        let log = "(0.000001) can0 123#\n(0.000002) can0 9999#00\n";
+        let (_, unread) = read_cut_log(log.as_bytes()).unwrap();
         assert_eq!(
-            error.to_string(),
+            unread.broken.unwrap(),
             "line 2: not a line of candump -L: \"(0.000002) can0 9999#00\" (identifier needs three or eight digits)"
         );
     }
@@ -660,7 +638,8 @@ mod tests {
             let stamped = Stamped::new(Duration::from_micros(micros), frame);
             let mut text = String::new();
             [stamped, stamped].iter().for_each(|one| one.push_to(&mut text));
-            prop_assert_eq!(read_log(text.as_bytes()).unwrap(), [stamped, stamped]);
+            let read = read_cut_log(text.as_bytes()).unwrap();
+            prop_assert_eq!(read, (vec![stamped, stamped], Unread::default()));
         }
 
         #[test]
