@@ -6,14 +6,13 @@ use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use scenario::hexadecimal;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use super::Shard;
 use super::cases::Cases;
 use super::row::SweepRow;
+use super::sweep_cases::hash;
 use crate::engine::quoted;
 use judge::verdict::Identity;
 use recording::run_folder::{file, file_in};
@@ -151,7 +150,7 @@ impl Header {
 /// Line of a value, with its end.
 fn close(member: &str, key: &str, value: &impl Serialize) -> String {
     let text = serde_json::to_string(value).expect("plain data");
-    let checksum = checksum(member, key, &text);
+    let checksum = hash([member, key, &text]);
     format!("{BEGIN}{checksum}\",\"{member}\":{text}}}\n")
 }
 
@@ -161,17 +160,8 @@ fn open<T: DeserializeOwned>(member: &str, key: &str, line: &[u8]) -> Option<T> 
     let (found, line) = line.split_at_checked(DIGITS)?;
     let line = line.strip_prefix("\",\"")?.strip_prefix(member)?;
     let text = line.strip_prefix("\":")?.strip_suffix('}')?;
-    let is_sound = checksum(member, key, text) == found;
+    let is_sound = hash([member, key, text]) == found;
     is_sound.then(|| serde_json::from_str(text).ok())?
-}
-
-fn checksum(member: &str, key: &str, text: &str) -> String {
-    let mut hasher = Sha256::new();
-    for part in [member, key, text] {
-        hasher.update((part.len() as u64).to_le_bytes());
-        hasher.update(part);
-    }
-    hexadecimal(&hasher.finalize()[..DIGITS / 2])
 }
 
 /// Path of a file of rows by its number, from 1.

@@ -21,9 +21,9 @@ use worlds::catalogue::catalogue;
 
 /// Longest part of the scenario's name in the name of a case, which may have 200 characters.
 const NAME_CHARACTERS_MAX: usize = 180;
-/// Length in bytes of the hashes of cases and sweeps. In sweeps of a million cases, two have the same hash by chance once in 30
+/// Length in bytes of the hashes of cases, sweeps and rows. In sweeps of a million cases, two have the same hash by chance once in 30
 /// million sweeps.
-const ID_BYTES: usize = 8;
+const HASH_BYTES: usize = 8;
 
 /// Sweep: a scenario and the keys that vary in it.
 pub struct SweepCases {
@@ -242,13 +242,18 @@ impl SweepCase<'_> {
 
 /// Returns the hash of a scenario and its tables.
 pub(crate) fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
-    let mut hasher = Sha256::new();
     let tables = tables.iter().flat_map(|(name, table)| [name, table]);
-    for part in [text].into_iter().chain(tables.map(String::as_str)) {
-        hasher.update((part.len() as u64).to_le_bytes());
-        hasher.update(part);
+    hash([text].into_iter().chain(tables.map(String::as_str)))
+}
+
+/// Returns the hash of some texts.
+pub(super) fn hash<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {
+    let mut hasher = Sha256::new();
+    for text in texts {
+        hasher.update((text.len() as u64).to_le_bytes());
+        hasher.update(text);
     }
-    hexadecimal(&hasher.finalize()[..ID_BYTES])
+    hexadecimal(&hasher.finalize()[..HASH_BYTES])
 }
 
 /// Returns the name of a case, from the scenario's name.

@@ -2,6 +2,7 @@
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use plan::Plan;
 use runner::exit::{Exit, Failure};
@@ -16,8 +17,7 @@ fn changed(path: &Path) -> Failure {
 }
 
 /// Identity of a file: its number on the disk, its length, and the time of its last change.
-#[derive(Debug, PartialEq)]
-struct Stamp(u64, u64, i64, i64);
+type Stamp = (u64, u64, SystemTime);
 
 /// Files as they were at the start.
 pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
@@ -52,12 +52,7 @@ impl Uncopied {
 
 fn stamp(path: &Path) -> Option<Stamp> {
     let found = path.metadata().ok()?;
-    Some(Stamp(
-        found.ino(),
-        found.len(),
-        found.mtime(),
-        found.mtime_nsec(),
-    ))
+    Some((found.ino(), found.len(), found.modified().ok()?))
 }
 
 #[cfg(test)]
