@@ -127,19 +127,12 @@ impl Coordinates {
             .map(|parameter| parameter.range())
             .collect();
         let scale = from.mean_square.max(MEAN_SQUARE_MIN);
-        let mut jacobian = to_matrix(&columns);
-        let root = libm::sqrt(scale * jacobian.nrows() as f64);
-        for (mut column, range) in jacobian.column_iter_mut().zip(&ranges) {
-            column *= range / root;
-        }
-        let decomposition = jacobian.svd(false, true);
-        let directions = decomposition.v_t?.transpose();
-        let largest = decomposition.singular_values.max();
-        if largest.is_nan() || largest <= 0.0 {
-            return None;
-        }
+        let root = libm::sqrt(scale * columns.first().map_or(0, Vec::len) as f64);
+        let scales = Vec::from_iter(ranges.iter().map(|range| range / root));
+        let (singular_values, directions) = decomposed(to_matrix(&columns, &scales))?;
+        let largest = singular_values.max();
         let transform = DMatrix::from_fn(ranges.len(), ranges.len(), |row, column| {
-            let singular = decomposition.singular_values[column].max(SCALE_MIN * largest);
+            let singular = singular_values[column].max(SCALE_MIN * largest);
             ranges[row] * directions[(row, column)] / singular
         });
         Some(Self {
@@ -237,7 +230,9 @@ impl Gradient for Round<'_> {
         self.iterations.set(self.iterations.get() + 1);
         let residual = DVector::from_vec(residual);
         let count = residual.len() as f64;
-        let slopes = to_matrix(&columns).tr_mul(&residual) / (count * self.coordinates.scale);
+        let unscaled = vec![1.0; columns.len()];
+        let slopes =
+            to_matrix(&columns, &unscaled).tr_mul(&residual) / (count * self.coordinates.scale);
         Ok(self
             .coordinates
             .transform
@@ -312,17 +307,11 @@ impl Jacobian for LeastSquares<'_> {
             .iter()
             .map(|parameter| parameter.range() / self.scale)
             .collect();
-        let rows = self.fit.sample_count();
-        let entries = (0..rows).flat_map(|row| {
-            columns
-                .iter()
-                .zip(&ranges)
-                .map(move |(column, range)| column[row] * range)
-        });
+        let jacobian = to_matrix(&columns, &ranges);
         Ok(DenseMatrix::from_row_slice(
-            rows,
-            ranges.len(),
-            &entries.collect::<Vec<_>>(),
+            jacobian.nrows(),
+            jacobian.ncols(),
+            jacobian.transpose().as_slice(),
         ))
     }
 }
@@ -343,8 +332,18 @@ fn at_fractions(fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Returns columns as a matrix.
-pub fn to_matrix(columns: &Derivatives) -> DMatrix<f64> {
+/// Returns columns as a matrix, each multiplied by its scale.
+pub fn to_matrix(columns: &Derivatives, scales: &[f64]) -> DMatrix<f64> {
     let rows = columns.first().map_or(0, Vec::len);
-    DMatrix::from_fn(rows, columns.len(), |row, column| columns[column][row])
+    DMatrix::from_fn(rows, columns.len(), |row, column| {
+        columns[column][row] * scales[column]
+    })
+}
+
+/// Returns the singular values of a matrix, and its right singular vectors as columns; `None` if no parameter has an effect.
+pub fn decomposed(jacobian: DMatrix<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let decomposition = jacobian.svd(false, true);
+    let directions = decomposition.v_t?.transpose();
+    let singular_values = decomposition.singular_values;
+    (singular_values.max() > 0.0).then_some((singular_values, directions))
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::data::IdentificationData;
 use super::fit::{Derivatives, Fit, rms};
-use super::optimiser::to_matrix;
+use super::optimiser::{decomposed, to_matrix};
 use super::residual_test::{ResidualTest, Sizes, sizes_of};
 use super::sensor_model::SensorModel;
 
@@ -163,19 +163,9 @@ struct Linear {
 
 impl Linear {
     fn new(columns: &Derivatives, sizes: Vec<f64>) -> Option<Self> {
-        let mut jacobian = to_matrix(columns);
-        for (mut column, size) in jacobian.column_iter_mut().zip(&sizes) {
-            column *= *size;
-        }
-        let decomposition = jacobian.clone().svd(false, true);
-        let (singular_values, directions) = (
-            decomposition.singular_values,
-            decomposition.v_t?.transpose(),
-        );
+        let jacobian = to_matrix(columns, &sizes);
+        let (singular_values, directions) = decomposed(jacobian.clone())?;
         let largest = singular_values.max();
-        if largest.is_nan() || largest <= 0.0 {
-            return None;
-        }
         let weights = singular_values.map(|value| value.max(RANK_TOLERANCE * largest).powi(-2));
         let inverse = &directions * DMatrix::from_diagonal(&weights) * directions.transpose();
         Some(Self {
