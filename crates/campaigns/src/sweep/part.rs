@@ -186,9 +186,8 @@ pub(crate) struct PartPlay<'a> {
 }
 
 impl PartPlay<'_> {
-    /// Plays the cases that have no row, and makes tables and page. Returns the exit code, the rows, and the writer, whose lock
-    /// keeps others out.
-    pub(crate) fn play(&self, cases: &dyn Cases) -> Result<(Exit, Rows, Option<Writer>), Failure> {
+    /// Plays the cases that have no row, and makes tables and page. Returns the exit code and the rows.
+    pub(crate) fn play(&self, cases: &dyn Cases) -> Result<(Exit, Rows), Failure> {
         let files = Uncopied::new(cases.plan())?;
         let folder = open_folder(self.output, cases, self.shard)?;
         let header = Header::new(cases)?;
@@ -203,6 +202,7 @@ impl PartPlay<'_> {
             self.announce(cases, &rows, campaign.threads);
         }
         self.report("began", cases, rows.len(), &folder);
+        // It is locked while it lives, which keeps others out.
         let mut writer = None;
         if !rows.is_whole() {
             rows.print_damaged();
@@ -218,7 +218,10 @@ impl PartPlay<'_> {
             finish(&folder, cases, &rows, self.shown)?
         };
         self.report("ended", cases, rows.len(), &folder);
-        Ok((exit, rows, writer))
+        if self.is_whole() {
+            cases.show_more(&rows, self.output)?;
+        }
+        Ok((exit, rows))
     }
 
     /// Returns whether this process alone plays a whole campaign.
