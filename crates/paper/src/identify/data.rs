@@ -305,34 +305,20 @@ fn check_values(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
 }
 
 fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
-    let span = scenario.sensor.span;
-    let current_max = scenario.amplifier.range.max;
-    let quantities = [
-        (
-            "position",
-            timeline.position().clone(),
-            "mm",
-            -0.05 * span,
-            1.05 * span,
-        ),
-        (
-            "current",
-            flowed(timeline),
-            "A",
-            -0.05 * current_max,
-            1.05 * current_max,
-        ),
-    ];
-    for (quantity, values, unit, lower, upper) in quantities {
+    let check = |quantity: &str, values: &Series<f64>, unit: &str, full: f64| {
+        let (lower, upper) = (-0.05 * full, 1.05 * full);
         let outside = |value: &f64| !value.is_nan() && !(lower..=upper).contains(value);
-        let mut rows = timeline.time_seconds.iter().zip(&values);
-        if let Some((at_seconds, value)) = rows.find(|(_, value)| outside(value)) {
-            return Err(format!(
+        let mut rows = timeline.time_seconds.iter().zip(values);
+        match rows.find(|(_, value)| outside(value)) {
+            None => Ok(()),
+            Some((at_seconds, value)) => Err(format!(
                 "the {quantity} is {value} {unit} at {at_seconds:.3} s, outside {lower} to {upper} {unit}: is it the right DBC?"
-            ));
+            )),
         }
-    }
-    Ok(())
+    };
+    let current_max = scenario.amplifier.range.max;
+    check("position", timeline.position(), "mm", scenario.sensor.span)?;
+    check("current", &flowed(timeline), "A", current_max)
 }
 
 fn check_gaps(timeline: &Timeline) -> Result<(), String> {

@@ -278,16 +278,8 @@ fn weakest(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
         .zip(COMBINATIONS)
         .map(|((direction, metres), name)| combination(fit, name, direction, *metres))
         .collect();
-    let first = statistics
-        .singular_values_metres
-        .first()
-        .copied()
-        .unwrap_or_default();
-    let last = statistics
-        .singular_values_metres
-        .last()
-        .copied()
-        .unwrap_or_default();
+    let values = &statistics.singular_values_metres;
+    let [first, last] = [values.first(), values.last()].map(|end| end.copied().unwrap_or_default());
     lines.push(format!(
         "The residual has {} µm RMS. The singular values of the Jacobian span a factor of {}.",
         significant(statistics.residual_metres_rms * 1e6, 3),

@@ -205,29 +205,15 @@ impl Linear {
         self.unscaled(&(&self.inverse * spread * &self.inverse))
     }
 
-    /// Returns the step to the least squares for a change of the measured positions: `−(JᵀJ)⁻¹ Jᵀ e`, where `J` is the
-    /// residual's.
-    fn shift(&self, error: &[f64]) -> Vec<f64> {
-        let shift = self.scaled_shift(error);
-        shift
-            .iter()
-            .zip(&self.sizes)
-            .map(|(shift, size)| shift * size)
-            .collect()
-    }
-
-    /// Returns the rest of a change of the measured positions after that step.
-    fn left_over(&self, error: &[f64]) -> Vec<f64> {
-        let explained = &self.jacobian * self.scaled_shift(error);
-        error
-            .iter()
-            .zip(explained.iter())
-            .map(|(error, explained)| error + explained)
-            .collect()
-    }
-
-    fn scaled_shift(&self, error: &[f64]) -> DVector<f64> {
-        -(&self.inverse * self.jacobian.tr_mul(&DVector::from_column_slice(error)))
+    /// Returns the step to the least squares for a change of the measured positions, `−(JᵀJ)⁻¹ Jᵀ e`, where `J` is the
+    /// residual's, and the rest of the change after that step.
+    fn refit(&self, error: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let error = DVector::from_column_slice(error);
+        let shift = -(&self.inverse * self.jacobian.tr_mul(&error));
+        let left_over = &self.jacobian * &shift + error;
+        let shift = shift.iter().zip(&self.sizes);
+        let shift = shift.map(|(shift, size)| shift * size).collect();
+        (shift, left_over.as_slice().to_vec())
     }
 
     fn singular_values_metres(&self) -> Vec<f64> {
@@ -303,11 +289,12 @@ impl Replicas {
         let mut shifts = Vec::new();
         for replica in 1..=REPLICAS {
             let error = sensor_errors(fit, true_metres, replica);
-            let sizes = sizes_of(fit.measurements, &linear.left_over(&error));
+            let (shift, left_over) = linear.refit(&error);
+            let sizes = sizes_of(fit.measurements, &left_over);
             for (max, size) in sizes_max.iter_mut().zip(sizes) {
                 *max = max.max(size);
             }
-            shifts.push(linear.shift(&error));
+            shifts.push(shift);
         }
         let exact = sensor_errors(fit, true_metres, 0);
         let mean = |place: usize| {
@@ -324,7 +311,7 @@ impl Replicas {
             shift: if is_noisy(fit) {
                 places.clone().map(mean).collect()
             } else {
-                linear.shift(&exact)
+                linear.refit(&exact).0
             },
             spread: places.map(spread).collect(),
             sensor_metres_rms: rms(&exact),
@@ -401,7 +388,7 @@ mod tests {
         assert!((covariance[(1, 1)] - 3.0).abs() < 1e-12);
         assert!(correlations(&covariance)[0][1].abs() < 1e-12);
         // The residual's Jacobian is minus the model's: here both have this sign, so the step is opposite.
-        let shift = linear.shift(&[1.0, 2.0, 3.0]);
+        let (shift, _) = linear.refit(&[1.0, 2.0, 3.0]);
         assert!(
             (shift[0] + 2.0).abs() < 1e-12 && (shift[1] + 1.0).abs() < 1e-12,
             "{shift:?}"

@@ -227,28 +227,23 @@ impl PlannedRun {
         };
         let measurement =
             || IdentificationData::from_frames(Path::new(&self.label), played.frames, played.plan);
+        let timeline = played.only_timeline();
+        let signals = window.zip(timeline);
+        let swinging = timeline.filter(|_| self.keep == Keep::Swings);
         Kept {
             label: self.label.clone(),
             scenario: self.scenario.clone(),
             verdict: played.verdict.clone(),
-            signals: window
-                .zip(played.only_timeline())
-                .map_or_else(Signals::default, |(window, timeline)| {
-                    Signals::new(timeline, window)
-                }),
-            swings_millimetres: played
-                .only_timeline()
-                .filter(|_| self.keep == Keep::Swings)
-                .and_then(|timeline| {
-                    swings_millimetres(&timeline.time_seconds, timeline.position())
-                }),
+            signals: signals.map_or_else(Signals::default, Signals::new),
+            swings_millimetres: swinging
+                .and_then(|one| swings_millimetres(&one.time_seconds, one.position())),
             measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
     }
 }
 
 impl Signals {
-    fn new(timeline: &Timeline, window: Window) -> Self {
+    fn new((window, timeline): (Window, &Timeline)) -> Self {
         let times = &timeline.time_seconds;
         let first = times.partition_point(|time| time < window.from_seconds);
         let end = times.partition_point(|time| time <= window.until_seconds);
