@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::matrix::Requirement;
+use super::matrix::{Requirement, RequirementTest};
 use super::page;
-use super::play::{Play, latest};
+use super::play::{Play, Tested, latest};
 use crate::torture::cases::is_torture;
 use judge::verdict::Outcome;
 use recording::run_folder::file;
@@ -74,13 +74,20 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, RecordedError> {
     let is_listed = args.requirements.is_none();
     for (test, plays) in tests(&opened(&args.runs))? {
         let count = plays.len();
-        for play in latest(plays) {
+        let plays = latest(plays);
+        let mut results: BTreeMap<&String, Vec<(&Play, &Tested)>> = BTreeMap::new();
+        for play in &plays {
             for (id, tested) in &play.tested {
-                let requirement = all
-                    .entry(id.clone())
-                    .or_insert_with(|| Requirement::new(id.clone(), is_listed));
-                requirement.add(&test, &play, count, tested);
+                let of_play = tested.iter().map(|one| (play, one));
+                results.entry(id).or_default().extend(of_play);
             }
+        }
+        for (id, results) in results {
+            let requirement = all
+                .entry(id.clone())
+                .or_insert_with(|| Requirement::new(id.clone(), is_listed));
+            let test = RequirementTest::new(&test, count, &results);
+            requirement.tests.push(test);
         }
     }
     for (id, text) in args.requirements.as_deref().map_or(Ok(vec![]), read_list)? {
@@ -165,32 +172,37 @@ fn parse_list(text: &str) -> Result<Vec<(String, Option<String>)>, String> {
 mod tests {
     use jiff::Timestamp;
 
-    use super::super::play::Tested;
     use super::*;
 
-    fn add(requirement: &mut Requirement, test: &str, run: &str, row: &str, outcome: Outcome) {
-        let play = Play {
-            test: test.to_owned(),
-            folder: PathBuf::from(run),
-            version: Some("1".to_owned()),
-            at: Some(Timestamp::UNIX_EPOCH),
-            sweep_runs: None,
-            tested: BTreeMap::new(),
+    /// Adds a test of which each play has an outcome of the row.
+    fn add(requirement: &mut Requirement, test: &str, row: &str, outcomes: &[Outcome]) {
+        let play = |(place, outcome): (usize, &Outcome)| {
+            let play = Play {
+                test: test.to_owned(),
+                folder: PathBuf::from(format!("run-{place}")),
+                version: Some("1".to_owned()),
+                at: Some(Timestamp::UNIX_EPOCH),
+                sweep_runs: None,
+                tested: BTreeMap::new(),
+            };
+            let tested = Tested {
+                row: Some(row.to_owned()),
+                measured: None,
+                outcome: *outcome,
+                case: None,
+            };
+            (play, tested)
         };
-        let tested = Tested {
-            row: Some(row.to_owned()),
-            measured: None,
-            outcome,
-            case: None,
-        };
-        requirement.add(test, &play, 3, &[tested]);
+        let plays = Vec::from_iter(outcomes.iter().enumerate().map(play));
+        let results = Vec::from_iter(plays.iter().map(|(play, tested)| (play, tested)));
+        let test = RequirementTest::new(test, outcomes.len(), &results);
+        requirement.tests.push(test);
     }
 
     fn requirement(outcomes: &[Outcome]) -> Requirement {
         let mut requirement = Requirement::new("REQ-1".to_owned(), true);
-        for (place, outcome) in outcomes.iter().enumerate() {
-            let run = format!("run-{place}");
-            add(&mut requirement, "step", &run, "overshoot", *outcome);
+        if !outcomes.is_empty() {
+            add(&mut requirement, "step", "overshoot", outcomes);
         }
         requirement
     }
@@ -207,7 +219,7 @@ mod tests {
         assert_eq!(test.rows, ["overshoot"]);
         assert_eq!(requirement(&[Fail, Pass]).outcome(), Some(Fail));
         let mut two = requirement(&[Fail]);
-        add(&mut two, "sine", "run-1", "gain", Pass);
+        add(&mut two, "sine", "gain", &[Pass]);
         assert_eq!((two.tests.len(), two.outcome()), (2, Some(Fail)));
         let exits = [
             (requirement(&[Pass, Pass]), Exit::Pass),

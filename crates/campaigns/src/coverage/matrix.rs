@@ -70,56 +70,36 @@ impl Requirement {
         let outcomes = self.tests.iter().map(|test| test.outcome);
         outcomes.min_by_key(|outcome| urgency(*outcome))
     }
-
-    /// Adds the outcomes of one play of a test, which has been played `plays` times.
-    pub(super) fn add(&mut self, name: &str, play: &Play, plays: usize, tested: &[Tested]) {
-        let known = self.tests.iter().position(|test| test.scenario == name);
-        let place = known.unwrap_or_else(|| {
-            self.tests.push(RequirementTest::none(name, play, plays));
-            self.tests.len() - 1
-        });
-        let test = &mut self.tests[place];
-        for one in tested {
-            let Tested { row, outcome, .. } = one;
-            let is_worse = urgency(*outcome) < urgency(test.outcome);
-            if is_worse {
-                test.add(play);
-                (test.outcome, test.case) = (*outcome, one.case);
-            }
-            if let (Some(row), Some(measured)) = (row, &one.measured)
-                && (is_worse || !test.measured.contains_key(row))
-            {
-                test.measured.insert(row.clone(), measured.clone());
-            }
-            test.rows
-                .extend(row.clone().filter(|row| !test.rows.contains(row)));
-        }
-    }
 }
 
 impl RequirementTest {
-    /// Returns a test that has no rows yet.
-    fn none(name: &str, play: &Play, plays: usize) -> Self {
-        let mut test = Self {
-            scenario: name.to_owned(),
-            outcome: Outcome::Pass,
-            rows: Vec::new(),
-            measured: BTreeMap::new(),
-            run: PathBuf::new(),
+    /// Returns the test by its results in the plays that count, of which there is one at least; it was played `plays` times.
+    pub(super) fn new(scenario: &str, plays: usize, results: &[(&Play, &Tested)]) -> Self {
+        let mut worst_first = results.to_vec();
+        worst_first.sort_by_key(|(_, one)| urgency(one.outcome));
+        let (play, worst) = worst_first[0];
+        let (mut rows, mut measured) = (Vec::new(), BTreeMap::new());
+        for row in results.iter().filter_map(|(_, one)| one.row.as_ref()) {
+            if !rows.contains(row) {
+                rows.push(row.clone());
+            }
+        }
+        for (_, one) in &worst_first {
+            if let (Some(row), Some(values)) = (&one.row, &one.measured) {
+                measured.entry(row.clone()).or_insert(values.clone());
+            }
+        }
+        Self {
+            scenario: scenario.to_owned(),
+            outcome: worst.outcome,
+            rows,
+            measured,
+            run: play.folder.clone(),
             plays,
-            version: None,
-            played_at: None,
-            sweep_runs: None,
-            case: None,
-        };
-        test.add(play);
-        test
-    }
-
-    /// Makes `play` the one that counts.
-    fn add(&mut self, play: &Play) {
-        self.run.clone_from(&play.folder);
-        self.version.clone_from(&play.version);
-        (self.played_at, self.sweep_runs) = (play.at, play.sweep_runs);
+            version: play.version.clone(),
+            played_at: play.at,
+            sweep_runs: play.sweep_runs,
+            case: worst.case,
+        }
     }
 }

@@ -96,13 +96,8 @@ fn loops(run: &Kept) -> Evaluation {
         ("minor loops", Colour::Run(3), first..time_seconds.len()),
     ];
     for (label, colour, rows) in stretches {
-        figure.draw(
-            label,
-            colour,
-            Shape::Path,
-            &temperature_celsius[rows.clone()],
-            &martensite_fraction[rows],
-        );
+        let x = &temperature_celsius[rows.clone()];
+        figure.draw(label, colour, Shape::Path, x, &martensite_fraction[rows]);
     }
     Evaluation {
         numbers,
@@ -319,33 +314,19 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Plot<'static>> {
         let fit = fit(measurement);
         let millimetres =
             |metres: &[f64]| -> Vec<f64> { metres.iter().map(|metres| metres * 1e3).collect() };
-        let simulated = |values: &[f64]| {
-            fit.simulated_metres(values)
-                .map(|metres| millimetres(&metres))
-        };
+        let simulated = |values: &[f64]| Some(millimetres(&fit.simulated_metres(values)?));
+        let start = simulated(&a_priori(&fit).ok()?)?;
+        let measured = millimetres(&measurement.positions_metres);
+        let found = simulated(values)?;
         let times = &measurement.times_seconds;
         let mut figure = Plot::over_time(title, "mm");
-        figure.draw(
-            "Sec. 3 values",
-            Colour::Run(3),
-            Shape::Line,
-            times,
-            &simulated(&a_priori(&fit).ok()?)?,
-        );
-        figure.draw(
-            "measured",
-            Colour::Measured,
-            Shape::Line,
-            times,
-            millimetres(&measurement.positions_metres),
-        );
-        figure.draw(
-            "identified",
-            Colour::Estimated,
-            Shape::Dashed,
-            times,
-            &simulated(values)?,
-        );
+        for (label, colour, shape, positions) in [
+            ("Sec. 3 values", Colour::Run(3), Shape::Line, start),
+            ("measured", Colour::Measured, Shape::Line, measured),
+            ("identified", Colour::Estimated, Shape::Dashed, found),
+        ] {
+            figure.draw(label, colour, shape, times, positions);
+        }
         Some(figure)
     };
     drawn.into_iter().filter_map(figure).collect()

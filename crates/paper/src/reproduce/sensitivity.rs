@@ -166,13 +166,8 @@ fn filter_evaluation(runs: &[Kept]) -> Evaluation {
         let point = |(poles, run): &(f64, &Kept)| Some((*poles, run.metric(metric)?));
         let (x, y): (Vec<f64>, Vec<f64>) = filtered.iter().filter_map(point).unzip();
         let mut figure = plot_over(title, unit, "poles of the reference filter (rad/s)");
-        figure.draw(
-            metric,
-            ComparedLaw::SlidingModePaper.colour(),
-            Shape::Line,
-            &x,
-            &y,
-        );
+        let colour = ComparedLaw::SlidingModePaper.colour();
+        figure.draw(metric, colour, Shape::Line, &x, &y);
         figure
     };
     Evaluation {
