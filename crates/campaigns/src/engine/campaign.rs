@@ -5,10 +5,10 @@
 //! same one; the job; the output of the tasks; and the folders of the parts.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File, Permissions};
 use std::io;
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::play_record::PlayRecord;
@@ -86,12 +86,18 @@ impl SharedCampaign<'_> {
             let path = folder.path().join(name);
             fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         }
-        let program = folder.path().join(PROGRAM);
-        if folder.path().join(RECORD).exists() && program.exists() {
-            Ok(())
-        } else {
-            copy_program(&program).map_err(WriteError::at(&program))
+        if [RECORD, PROGRAM]
+            .iter()
+            .all(|name| folder.path().join(name).exists())
+        {
+            return Ok(());
         }
+        folder.write_with(PROGRAM, |output| {
+            io::copy(&mut File::open(RUNNING)?, output)?;
+            output
+                .get_ref()
+                .set_permissions(Permissions::from_mode(0o755))
+        })
     }
 
     /// Reads the record; `None` if no job was submitted.
@@ -163,12 +169,4 @@ impl SharedCampaign<'_> {
         });
         parts.collect()
     }
-}
-
-/// Copies this program to a place where all machines find it.
-fn copy_program(to: &Path) -> io::Result<()> {
-    let partial = to.with_added_extension("partial");
-    fs::copy(RUNNING, &partial)?;
-    fs::set_permissions(&partial, fs::Permissions::from_mode(0o755))?;
-    fs::rename(partial, to)
 }

@@ -64,23 +64,16 @@ fn violation_of_loop(
         .or_else(|| not_too_hot(trial, timeline))
         .or_else(|| no_current_before_the_start(timeline))
         .or_else(|| {
+            let what = ("sync", "SYNC", SYNC_SECONDS_MAX);
             let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
-            let times = times_of(is_sync, frames);
-            no_current_without(("sync", "SYNC"), times, SYNC_SECONDS_MAX, trial, timeline)
+            no_current_without(what, is_sync, frames, trial, timeline)
         })
         .or_else(|| {
-            let what = ("manager", "heartbeat of the manager");
+            let what = ("manager", "heartbeat of the manager", HEARTBEAT_SECONDS_MAX);
             let (manager, drive) = (one.nodes.controller.id, one.place.drive_node_id);
             let is_it = |frame: &CanFrame| is_of_manager(frame, manager, drive);
-            let times = times_of(is_it, frames);
-            no_current_without(what, times, HEARTBEAT_SECONDS_MAX, trial, timeline)
+            no_current_without(what, is_it, frames, trial, timeline)
         })
-}
-
-/// Returns the times of some frames, since the begin of the recording.
-fn times_of(is_it: impl Fn(&CanFrame) -> bool, frames: &Frames) -> impl Iterator<Item = Duration> {
-    let found = frames.iter().filter(move |stamped| is_it(&stamped.frame));
-    found.map(|stamped| stamped.time)
 }
 
 fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
@@ -138,15 +131,16 @@ fn no_current_before_the_start(timeline: &Timeline) -> Option<BrokenInvariant> {
 /// Checks that no current flows after a message has been missing for longer than the drive waits for it; unless the drive is dead
 /// or hangs, or the amplifier does not obey.
 fn no_current_without(
-    (invariant, what): (&'static str, &str),
-    times: impl Iterator<Item = Duration>,
-    seconds_max: f64,
+    (invariant, what, seconds_max): (&'static str, &str, f64),
+    is_it: impl Fn(&CanFrame) -> bool,
+    frames: &Frames,
     trial: &Trial,
     timeline: &Timeline,
 ) -> Option<BrokenInvariant> {
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
-    let since_zero = |time: Duration| time.as_secs_f64() - zero.as_secs_f64();
-    let mut times = times.map(since_zero).peekable();
+    let found = frames.iter().filter(|stamped| is_it(&stamped.frame));
+    let since_zero = found.map(|stamped| stamped.time.as_secs_f64() - zero.as_secs_f64());
+    let mut times = since_zero.peekable();
     let mut last: f64 = 0.0;
     for truth in timeline
         .truth
