@@ -88,8 +88,8 @@ pub struct Kept {
     pub signals: Signals,
     /// Distance between the highest and the lowest short mean of the position in the last two spans of [`SWING_SECONDS`].
     pub swings_millimetres: Option<[f64; 2]>,
-    /// Positions for identification, or the reason why they are not usable.
-    pub measurement: Option<Result<IdentificationData, String>>,
+    /// Positions for identification, or the reason why there are none.
+    pub measurement: Result<IdentificationData, String>,
 }
 
 /// Some signals of a run over time.
@@ -225,8 +225,12 @@ impl PlannedRun {
             Keep::Signals(window) => Some(window),
             Keep::IdentificationData => Some(Window::new(0.0, self.scenario.run.duration_seconds)),
         };
-        let measurement =
-            || IdentificationData::from_frames(Path::new(&self.label), played.frames, played.plan);
+        let measurement = match self.keep {
+            Keep::IdentificationData => {
+                IdentificationData::from_frames(Path::new(&self.label), played.frames, played.plan)
+            }
+            _ => Err("nothing was kept of the run".to_owned()),
+        };
         let timeline = played.only_timeline();
         let signals = window.zip(timeline);
         let swinging = timeline.filter(|_| self.keep == Keep::Swings);
@@ -237,7 +241,7 @@ impl PlannedRun {
             signals: signals.map_or_else(Signals::default, Signals::new),
             swings_millimetres: swinging
                 .and_then(|one| swings_millimetres(&one.time_seconds, one.position())),
-            measurement: (self.keep == Keep::IdentificationData).then(measurement),
+            measurement,
         }
     }
 }

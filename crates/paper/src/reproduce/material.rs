@@ -240,14 +240,6 @@ fn parameters() -> Vec<&'static Parameter> {
     parameter::parse_list(&symbols.join(",")).unwrap_or_default()
 }
 
-fn measurement(run: &Kept) -> Result<&IdentificationData, String> {
-    match &run.measurement {
-        Some(Ok(measurement)) => Ok(measurement),
-        Some(Err(reason)) => Err(reason.clone()),
-        None => Err("nothing was kept of the run".to_owned()),
-    }
-}
-
 fn fit(measurement: &IdentificationData) -> Fit<'_> {
     Fit::new(
         std::slice::from_ref(measurement),
@@ -263,7 +255,7 @@ fn a_priori(fit: &Fit<'_>) -> Result<Vec<f64>, String> {
 }
 
 fn search(run: &Kept) -> Result<FitStatistics, String> {
-    let fit = fit(measurement(run)?);
+    let fit = fit(run.measurement.as_ref()?);
     let found =
         search::search(&fit, &a_priori(&fit)?, &|_, _| {}).map_err(|error| error.to_string())?;
     Ok(found.statistics)
@@ -310,7 +302,7 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Plot<'static>> {
         ("Position under ramp, staircase and fan", rich),
     ];
     let figure = |(title, run): (&str, &Kept)| {
-        let measurement = measurement(run).ok()?;
+        let measurement = run.measurement.as_ref().ok()?;
         let fit = fit(measurement);
         let millimetres =
             |metres: &[f64]| -> Vec<f64> { metres.iter().map(|metres| metres * 1e3).collect() };

@@ -455,7 +455,7 @@ mod tests {
                 verdict,
                 signals: Signals::default(),
                 swings_millimetres: None,
-                measurement: None,
+                measurement: Err(String::new()),
             }
         };
         let response = |gain: &[f64], offset: &[f64]| {
