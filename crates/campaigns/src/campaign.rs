@@ -1,6 +1,7 @@
 //! Plays many scenarios: each in virtual time within this process, several at a time, without files.
 
 use std::any::Any;
+use std::convert::Infallible;
 use std::error::Error;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -93,15 +94,6 @@ impl NoResult {
 #[error("interrupted by the user")]
 pub struct Interrupted;
 
-/// Reason why a campaign ended before its last run.
-#[derive(Debug, PartialEq, Eq)]
-pub enum Stopped<E> {
-    /// The user stopped the campaign.
-    Interrupted,
-    /// `on_result` refused a result.
-    Refused(E),
-}
-
 impl Campaign {
     /// Returns a campaign with as many runs at a time as there are cores.
     pub fn on_all_cores(is_shown: bool) -> Self {
@@ -130,12 +122,10 @@ impl Campaign {
             let (name, seed) = (&plan.shared.run.name, plan.shared.run.seed);
             let failed = |reason| format!("run {index} ({name}, seed {seed}) failed: {reason}");
             results.push(result.map_err(failed));
-            Ok::<(), std::convert::Infallible>(())
+            Ok::<(), Infallible>(())
         };
-        match self.each(plans.enumerate(), &bar, work, on_result) {
-            Ok(()) => Ok(results),
-            Err(Stopped::Interrupted) => Err(Interrupted),
-        }
+        let Ok(ended) = self.each(plans.enumerate(), &bar, work, on_result);
+        ended.map(|()| results)
     }
 
     /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs, each as soon
@@ -143,14 +133,14 @@ impl Campaign {
     /// number of jobs.
     ///
     /// # Errors
-    /// The user stopped it, or `on_result` refused a result; it gets no later ones.
+    /// `on_result` refused a result; it gets no later ones. The inner error says that the user stopped it.
     pub fn each<J: Send, R: Send, E>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
         bar: &Bar,
         work: impl Fn(&J, &Watch) -> R + Sync,
         mut on_result: impl FnMut(J, R) -> Result<(), E>,
-    ) -> Result<(), Stopped<E>> {
+    ) -> Result<Result<(), Interrupted>, E> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
         let jobs = Mutex::new(jobs);
@@ -178,7 +168,7 @@ impl Campaign {
             }
             Ok(())
         };
-        let handed_on = observed(
+        observed(
             || watches.iter().for_each(Watch::interrupt),
             || bar.show(done.load(Ordering::Relaxed)),
             || {
@@ -191,12 +181,13 @@ impl Campaign {
                     hand_on()
                 })
             },
-        );
-        match handed_on {
-            Err(refusal) => Err(Stopped::Refused(refusal)),
-            Ok(()) if watches.iter().any(Watch::is_interrupted) => Err(Stopped::Interrupted),
-            Ok(()) => Ok(()),
-        }
+        )?;
+        let is_interrupted = watches.iter().any(Watch::is_interrupted);
+        Ok(if is_interrupted {
+            Err(Interrupted)
+        } else {
+            Ok(())
+        })
     }
 }
 
@@ -365,7 +356,7 @@ mod tests {
             if job == 200 { Err("full") } else { Ok(()) }
         };
         let stopped = campaign(2).each(0..1000, &bar, work, on_result);
-        assert_eq!(stopped, Err(Stopped::Refused("full")));
+        assert_eq!(stopped, Err("full"));
         assert!(taken.into_iter().eq(0..=200));
         let played = ahead.into_inner();
         assert!(played <= 201 + 2 * WAITING_MAX, "{played}");

@@ -15,7 +15,7 @@ use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
-use crate::campaign::{Campaign, Stopped};
+use crate::campaign::{Campaign, Interrupted};
 use crate::error::interrupted;
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
@@ -266,7 +266,7 @@ impl PartPlay<'_> {
         let left = all.filter(|case| !rows.has(*case));
         let bar = Bar::runs(Some(of), done, campaign.is_shown);
         let work = |case: &usize, watch: &Watch| cases.row_of(*case, watch);
-        let keep = |_, row: Result<SweepRow, Failure>| {
+        let keep = |_, row: Result<SweepRow, Failure>| -> Result<(), Failure> {
             files.check()?;
             writer.append(&row?)?;
             done += 1;
@@ -278,11 +278,7 @@ impl PartPlay<'_> {
         };
         let ended = campaign.each(left, &bar, work, keep);
         drop(bar);
-        match ended {
-            Ok(()) => Ok(()),
-            Err(Stopped::Refused(error)) => Err(error),
-            Err(Stopped::Interrupted) => Err(interrupted(done, of)),
-        }
+        ended?.map_err(|Interrupted| interrupted(done, of))
     }
 }
 
