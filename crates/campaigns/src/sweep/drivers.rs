@@ -39,9 +39,10 @@ pub(super) struct Driven {
 }
 
 /// Collects the sample and the worst runs while the rows are read.
-pub(super) struct Sampler {
+pub(super) struct Sampler<'a> {
+    cases: &'a dyn Cases,
     /// Metrics with a limit.
-    limits: BTreeMap<String, Limit>,
+    limits: &'a BTreeMap<String, Limit>,
     /// Number of runs of which one is in the sample.
     one_in: u64,
     sample: Vec<Sampled>,
@@ -51,7 +52,8 @@ pub(super) struct Sampler {
 
 /// Run of the sample.
 struct Sampled {
-    case: usize,
+    /// Values of the keys.
+    keys: Vec<f64>,
     /// Values by name. A metric that missed its limit without a value lies beyond the limit.
     values: BTreeMap<String, f64>,
 }
@@ -64,10 +66,12 @@ struct Worst {
     value: f64,
 }
 
-impl Sampler {
-    pub(super) fn new(runs: usize, limits: &BTreeMap<String, Limit>) -> Self {
+impl<'a> Sampler<'a> {
+    pub(super) fn new(cases: &'a dyn Cases, limits: &'a BTreeMap<String, Limit>) -> Self {
+        let runs = cases.runs();
         Self {
-            limits: limits.clone(),
+            cases,
+            limits,
             one_in: runs.div_ceil(SAMPLE).max(1) as u64,
             sample: Vec::new(),
             worst_max: WORST.min(runs.div_ceil(WORST_ONE_IN)),
@@ -109,48 +113,30 @@ impl Sampler {
         // Invariants are rarely broken: all such runs are in the sample, as far as there is room.
         let is_rare = !broken.is_empty() && self.sample.len() < 2 * SAMPLE;
         if is_rare || mixed(row.case).is_multiple_of(self.one_in) {
-            let case = row.case;
-            self.sample.push(Sampled { case, values });
+            let keys = self.cases.values(row.case);
+            self.sample.push(Sampled { keys, values });
         }
     }
 
     /// Returns the sensitivity of each metric with a limit, without those that follow no key.
-    pub(super) fn driven(&self, cases: &dyn Cases) -> Vec<Driven> {
-        let keys = cases.keys();
-        if keys.is_empty() {
-            return Vec::new();
-        }
-        let key_values: Vec<Vec<f64>> = self
-            .sample
-            .iter()
-            .map(|one| cases.values(one.case))
-            .collect();
+    pub(super) fn driven(&self) -> Vec<Driven> {
         let names = self.worst.keys();
-        let driven = names.filter_map(|name| self.driven_by(name, &keys, &key_values, cases));
-        driven.collect()
+        names.filter_map(|name| self.driven_by(name)).collect()
     }
 
-    fn driven_by(
-        &self,
-        name: &str,
-        keys: &[&str],
-        key_values: &[Vec<f64>],
-        cases: &dyn Cases,
-    ) -> Option<Driven> {
+    fn driven_by(&self, name: &str) -> Option<Driven> {
+        let keys = self.cases.keys();
         let is_limited = self.limits.contains_key(name);
         let value = |one: &Sampled| match one.values.get(name) {
             None if !is_limited => Some(0.0),
             value => value.copied(),
         };
-        let runs: Vec<(usize, f64)> = self
-            .sample
-            .iter()
-            .enumerate()
-            .filter_map(|(place, one)| Some((place, value(one)?)))
-            .collect();
+        let runs = self.sample.iter();
+        let runs = runs.filter_map(|one| Some((&one.keys, value(one)?)));
+        let runs = Vec::from_iter(runs);
         let values = ranks(runs.iter().map(|(_, value)| *value));
         let correlation = |key: usize| {
-            let key_ranks = ranks(runs.iter().map(|(place, _)| key_values[*place][key]));
+            let key_ranks = ranks(runs.iter().map(|(keys, _)| keys[key]));
             correlation(&key_ranks, &values)
         };
         let mut found: Vec<(usize, f64)> = (0..keys.len())
@@ -161,13 +147,10 @@ impl Sampler {
         found.truncate(NAMED);
         let first = found.first()?.0;
         let stride = runs.len().div_ceil(DRAWN).max(1);
-        let drawn = runs
-            .iter()
-            .step_by(stride)
-            .map(|(place, value)| (key_values[*place][first], *value));
-        let worst = self.worst[name]
-            .iter()
-            .map(|one| (one.case, cases.values(one.case)[first], one.value));
+        let drawn = runs.iter().step_by(stride);
+        let drawn = drawn.map(|(keys, value)| (keys[first], *value));
+        let worst = self.worst[name].iter();
+        let worst = worst.map(|one| (one.case, self.cases.values(one.case)[first], one.value));
         Some(Driven {
             name: name.to_owned(),
             limit: self.limits.get(name).copied(),

@@ -98,7 +98,7 @@ impl<'a> Summary<'a> {
         let limited = limits.iter().map(|(name, _)| name.clone());
         let limited = Vec::from_iter(limited);
         let limits = BTreeMap::from_iter(limits);
-        let mut sampler = Sampler::new(cases.runs(), &limits);
+        let mut sampler = Sampler::new(cases, &limits);
         let mut summary = Self {
             cases,
             runs: 0,
@@ -118,7 +118,7 @@ impl<'a> Summary<'a> {
             summary.add(row, &limits);
         }
         add_new(&mut metrics, &limited);
-        summary.driven = sampler.driven(cases);
+        summary.driven = sampler.driven();
         summary.spreads = spreads(&metrics, summary.runs, &limits, &missed, rows)?;
         Ok(summary)
     }

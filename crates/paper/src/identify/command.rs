@@ -166,26 +166,26 @@ fn known(
         .first()
         .and_then(|measurement| measurement.control_loop.trial.plant.actuator())
         .unwrap_or_default();
-    let note = |from: &str| format!("All other parameters of the plant are taken {from}.");
-    Ok(match args.known.to_str() {
-        Some("nominal") => {
-            let mut notes = vec![note("to be nominal")];
-            notes.extend(differences(&scenario));
-            (Sma::default(), notes)
-        }
-        Some("scenario") => {
-            let from = "from the scenario of the first recording";
-            (scenario, vec![note(from)])
-        }
+    let remark = differences(&scenario);
+    let (plant, from) = match args.known.to_str() {
+        Some("nominal") => (Sma::default(), "to be nominal".to_owned()),
+        Some("scenario") => (
+            scenario,
+            "from the scenario of the first recording".to_owned(),
+        ),
         _ => {
             let read = start::read_plant(&args.known);
             let from = format!("from `{}`", args.known.display());
-            (
-                read.map_err(|error| Exit::Usage.because(error))?,
-                vec![note(&from)],
-            )
+            (read.map_err(|error| Exit::Usage.because(error))?, from)
         }
-    })
+    };
+    let mut notes = vec![format!(
+        "All other parameters of the plant are taken {from}."
+    )];
+    if args.known == Path::new("nominal") {
+        notes.extend(remark);
+    }
+    Ok((plant, notes))
 }
 
 /// Returns a note if the scenario's plant is not nominal. The difference may be knowledge about the rig, or the truth
