@@ -8,11 +8,11 @@ use super::Shard;
 use super::cases::Cases;
 use super::finish::{Shown, finish};
 use super::part::open_folder;
-use super::store::{Header, Rows, Writer};
+use super::store::{Header, Rows};
 use super::sweep_cases::SweepCases;
 use crate::error::run;
 use crate::torture::cases::TortureCases;
-use recording::run_folder::{RunFolder, file};
+use recording::run_folder::file;
 use runner::console::failed;
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
@@ -75,7 +75,19 @@ pub(crate) fn merge_parts(
     }
     let mut writer = None;
     for part in parts {
-        add(part, &header, &folder, &mut rows, &mut writer)?;
+        let found = Rows::read(part, &header, Shard::WHOLE)?;
+        found.print_damaged();
+        for row in found.iter()? {
+            let row = row?;
+            if !rows.has(row.case) {
+                let writer = match &mut writer {
+                    Some(writer) => writer,
+                    none => none.insert(rows.writer()?),
+                };
+                writer.append(&row)?;
+            }
+        }
+        rows.look()?;
     }
     if let Some(writer) = &mut writer {
         writer.sync()?;
@@ -94,33 +106,11 @@ pub(crate) fn merge_parts(
     Ok(exit)
 }
 
-/// Adds the rows of those cases of a part that have none yet.
-fn add(
-    part: &Path,
-    header: &Header,
-    folder: &RunFolder,
-    rows: &mut Rows,
-    writer: &mut Option<Writer>,
-) -> Result<(), Failure> {
-    let found = Rows::read(part, header, Shard::WHOLE)?;
-    found.print_damaged();
-    for row in found.iter()? {
-        let row = row?;
-        if !rows.has(row.case) {
-            let writer = match writer {
-                Some(writer) => writer,
-                None => writer.insert(Writer::begin(folder.path(), header)?),
-            };
-            writer.append(&row)?;
-        }
-    }
-    rows.look()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sweep::row::{Ended, SweepRow};
+    use crate::sweep::store::Writer;
     use crate::torture::cases::Draws;
     use plan::Plan;
     use runner::console::print;

@@ -188,10 +188,8 @@ pub(crate) struct PartPlay<'a> {
 impl PartPlay<'_> {
     /// Plays the cases that have no row, and makes tables and page. Returns the exit code and the rows.
     pub(crate) fn play(&self, cases: &dyn Cases) -> Result<(Exit, Rows), Failure> {
-        let files = Uncopied::new(cases.plan())?;
         let folder = open_folder(self.output, cases, self.shard)?;
-        let header = Header::new(cases)?;
-        let mut rows = Rows::read(folder.path(), &header, self.shard)?;
+        let mut rows = Rows::read(folder.path(), &Header::new(cases)?, self.shard)?;
         // A part may be played by several processes at the same time, the whole by one.
         if self.is_whole() {
             rows.require_unwritten()?;
@@ -203,15 +201,11 @@ impl PartPlay<'_> {
         }
         self.report("began", cases, rows.len(), &folder);
         // It is locked while it lives, which keeps others out.
-        let mut writer = None;
-        if !rows.is_whole() {
-            rows.print_damaged();
-            let writer = writer.insert(Writer::begin(folder.path(), &header)?);
-            self.play_rest(campaign, cases, &rows, writer, &folder, &files)?;
-            writer.sync()?;
-            rows.look()?;
-            rows.require_all()?;
-        }
+        let _writer = if rows.is_whole() {
+            None
+        } else {
+            Some(self.play_rest(campaign, cases, &folder, &mut rows)?)
+        };
         let exit = if self.is_for_engine {
             Exit::Pass
         } else {
@@ -255,11 +249,12 @@ impl PartPlay<'_> {
         &self,
         campaign: Campaign,
         cases: &dyn Cases,
-        rows: &Rows,
-        writer: &mut Writer,
         folder: &RunFolder,
-        files: &Uncopied,
-    ) -> Result<(), Failure> {
+        rows: &mut Rows,
+    ) -> Result<Writer, Failure> {
+        let files = Uncopied::new(cases.plan())?;
+        rows.print_damaged();
+        let mut writer = rows.writer()?;
         PlayRecord::now(self.overrides).write(folder)?;
         let all = self.shard.cases(cases.runs());
         let (of, mut done) = (all.len(), rows.len());
@@ -278,7 +273,11 @@ impl PartPlay<'_> {
         };
         let ended = campaign.each(left, &bar, work, keep);
         drop(bar);
-        ended?.map_err(|Interrupted| interrupted(done, of))
+        ended?.map_err(|Interrupted| interrupted(done, of))?;
+        writer.sync()?;
+        rows.look()?;
+        rows.require_all()?;
+        Ok(writer)
     }
 }
 

@@ -244,6 +244,11 @@ impl Rows {
         Ok(rows)
     }
 
+    /// Begins a file of further rows.
+    pub(crate) fn writer(&self) -> Result<Writer, Failure> {
+        Writer::begin(&self.folder, &self.header)
+    }
+
     /// Returns the same rows before the first [`Rows::look`].
     pub(crate) fn unread(folder: &Path, header: &Header, shard: Shard) -> Self {
         Self {
