@@ -133,31 +133,25 @@ impl Estimate {
 
 impl fmt::Display for Estimate {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let disk = COPIES * self.bytes_per_row * self.runs as f64;
-        writeln!(
+        let parts = self.parts();
+        write!(
             formatter,
-            "{} runs; {} of them were played to see: {:.1} ms each on a core of this machine, {:.0} bytes a row",
+            "{} runs; {} of them were played to see: {:.1} ms each on a core of this machine, {:.0} bytes a row\n\
+             parts    {parts}, each of {} runs\n\
+             time     {} of one core; at most {} minutes for a part on a machine of a third of this speed (assumed)\n\
+             memory   {} MiB for a task; {} MiB were used here\n\
+             disk     {}",
             self.runs,
             self.probed,
             1e3 * self.seconds_per_run,
-            self.bytes_per_row
-        )?;
-        let parts = self.parts();
-        let per_part = self.runs.div_ceil(parts);
-        writeln!(formatter, "parts    {parts}, each of {per_part} runs")?;
-        writeln!(
-            formatter,
-            "time     {} of one core; at most {} minutes for a part on a machine of a third of this speed (assumed)",
+            self.bytes_per_row,
+            self.runs.div_ceil(parts),
             time(self.seconds()),
-            self.task_minutes()
-        )?;
-        writeln!(
-            formatter,
-            "memory   {} MiB for a task; {} MiB were used here",
+            self.task_minutes(),
             self.task_mebibytes(),
-            self.memory_bytes >> 20
-        )?;
-        write!(formatter, "disk     {}", size(disk))
+            self.memory_bytes >> 20,
+            size(COPIES * self.bytes_per_row * self.runs as f64)
+        )
     }
 }
 

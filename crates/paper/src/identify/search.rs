@@ -136,10 +136,16 @@ pub fn search(
     {
         checks = Vec::from_iter(opinion_from_scan(fit));
     }
-    let lower = checks.pop_if(|check| is_lower(fit, &check.optimum, &descent.optimum));
+    let worth = LOWER_SAMPLES / fit.sample_count().max(1) as f64;
+    let lower = checks.pop_if(|check| check.optimum.mean_square < lowest * (1.0 - worth));
     let is_continued = lower.is_some();
     if let Some(lower) = lower {
-        let before = continue_from(fit, &mut descent, &lower.optimum, progress);
+        let lower = lower.optimum;
+        let mut continued =
+            optimiser::sequential_quadratic_programming(fit, &lower.values, progress)
+                .unwrap_or(lower);
+        continued.iterations += descent.optimum.iterations;
+        let before = std::mem::replace(&mut descent.optimum, continued);
         // The search that it continued from cannot confirm the end.
         checks.push(Check {
             checker: "sequential quadratic programming from the start, which had ended before by itself,",
@@ -166,25 +172,6 @@ pub fn search(
     })
 }
 
-/// Returns whether an optimum lies lower than another one by more than a part of one sample.
-fn is_lower(fit: &Fit<'_>, optimum: &Optimum, than: &Optimum) -> bool {
-    let worth = LOWER_SAMPLES / fit.sample_count().max(1) as f64;
-    optimum.mean_square < than.mean_square * (1.0 - worth)
-}
-
-/// Continues sequential quadratic programming from a lower point, and returns the optimum before.
-fn continue_from(
-    fit: &Fit<'_>,
-    descent: &mut Descent,
-    lower: &Optimum,
-    progress: OnIteration<'_>,
-) -> Optimum {
-    let mut continued = optimiser::sequential_quadratic_programming(fit, &lower.values, progress)
-        .unwrap_or_else(|| lower.clone());
-    continued.iterations += descent.optimum.iterations;
-    std::mem::replace(&mut descent.optimum, continued)
-}
-
 /// Runs sequential quadratic programming from the start values. If the load never lifts with them, or the fit stays
 /// poor, it begins at the best of points spread over the bounds.
 ///
@@ -207,10 +194,14 @@ pub fn descend(
     let optimum = descend_from(fit, start, progress)
         .ok_or_else(|| SearchError::Start("the plant cannot be simulated with them".to_owned()))?;
     if (is_poor(fit, &optimum) || !optimum.has_converged)
-        && let Some((origin, optimum)) = second_attempt(fit, &optimum, progress)
+        && let Some(origin) = start::scan(fit)
+        && let Some(second) = descend_from(fit, &origin, progress)
+        && second.mean_square < 0.99 * optimum.mean_square
     {
-        let detour = Some((Detour::PoorFit, origin));
-        return Ok(Descent { detour, optimum });
+        return Ok(Descent {
+            detour: Some((Detour::PoorFit, origin)),
+            optimum: second,
+        });
     }
     Ok(Descent {
         detour: None,
@@ -238,17 +229,6 @@ fn is_poor(fit: &Fit<'_>, optimum: &Optimum) -> bool {
         .simulated_metres(&optimum.values)
         .map(|positions| sensor_metres_rms(fit, &positions));
     sensor.is_none_or(|sensor| libm::sqrt(optimum.mean_square) > POOR_MISFIT * sensor)
-}
-
-/// Searches from the best of the scanned points; returns `None` unless the result is lower.
-fn second_attempt(
-    fit: &Fit<'_>,
-    first: &Optimum,
-    progress: OnIteration<'_>,
-) -> Option<(Vec<f64>, Optimum)> {
-    let origin = start::scan(fit)?;
-    let second = descend_from(fit, &origin, progress)?;
-    (second.mean_square < 0.99 * first.mean_square).then_some((origin, second))
 }
 
 /// Searches with coarse integration steps first, since they are cheap, then with the fit's own steps.
