@@ -1,6 +1,6 @@
 //! The optimisers, all from the crate `basin`; no other module uses it.
 
-use std::cell::{Cell, RefCell};
+use std::cell::Cell;
 use std::convert::Infallible;
 
 use basin::{
@@ -89,7 +89,6 @@ fn round(fit: &Fit<'_>, from: &Optimum, progress: OnIteration<'_>) -> Option<Opt
     let problem = Round {
         fit,
         coordinates: &coordinates,
-        latest: RefCell::new(None),
         progress,
         iterations: Cell::new(from.iterations),
     };
@@ -183,8 +182,6 @@ impl Coordinates {
 struct Round<'a> {
     fit: &'a Fit<'a>,
     coordinates: &'a Coordinates,
-    /// Latest place and its residual, which the gradient needs again.
-    latest: RefCell<Option<(Vec<f64>, Vec<f64>)>>,
     progress: OnIteration<'a>,
     iterations: Cell<u64>,
 }
@@ -196,12 +193,9 @@ impl CostFunction for Round<'_> {
 
     fn cost(&self, place: &Vec<f64>) -> Result<f64, Infallible> {
         let values = self.coordinates.values(self.fit, place);
-        let Some(residual) = self.fit.residual_metres(&values) else {
-            return Ok(f64::INFINITY);
-        };
-        let cost = 0.5 * mean_square(&residual) / self.coordinates.scale;
-        *self.latest.borrow_mut() = Some((values, residual));
-        Ok(cost)
+        let residual = self.fit.residual_metres(&values);
+        let cost = |residual: Vec<f64>| 0.5 * mean_square(&residual) / self.coordinates.scale;
+        Ok(residual.map_or(f64::INFINITY, cost))
     }
 }
 
@@ -210,20 +204,13 @@ impl Gradient for Round<'_> {
 
     fn gradient(&self, place: &Vec<f64>) -> Result<Vec<f64>, Infallible> {
         let values = self.coordinates.values(self.fit, place);
-        let invalid = vec![f64::NAN; place.len()];
-        let latest = self
-            .latest
-            .borrow_mut()
-            .take()
-            .filter(|(at, _)| *at == values);
-        let residual = latest
-            .map(|(_, residual)| residual)
-            .or_else(|| self.fit.residual_metres(&values));
-        let Some(residual) = residual else {
-            return Ok(invalid);
-        };
-        let Some(columns) = self.fit.jacobian_at(&values, &residual) else {
-            return Ok(invalid);
+        let residual = self.fit.residual_metres(&values);
+        let derivatives = residual.and_then(|residual| {
+            let columns = self.fit.jacobian_at(&values, &residual)?;
+            Some((residual, columns))
+        });
+        let Some((residual, columns)) = derivatives else {
+            return Ok(vec![f64::NAN; place.len()]);
         };
         let mean = mean_square(&residual);
         (self.progress)(self.iterations.get(), libm::sqrt(mean));
