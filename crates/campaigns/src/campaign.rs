@@ -4,6 +4,7 @@ use std::any::Any;
 use std::convert::Infallible;
 use std::error::Error;
 use std::io;
+use std::iter;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
@@ -75,13 +76,8 @@ pub enum NoResult {
 impl NoResult {
     /// Attributes an error: to the machine if the operating system refused something, else to the program.
     fn of(error: &(dyn Error + 'static)) -> Self {
-        let mut cause = Some(error);
-        let mut is_machines = false;
-        while let Some(error) = cause {
-            is_machines |= error.is::<io::Error>();
-            cause = error.source();
-        }
-        if is_machines {
+        let mut causes = iter::successors(Some(error), |error| Error::source(*error));
+        if causes.any(|cause| cause.is::<io::Error>()) {
             Self::Machine(error.to_string())
         } else {
             Self::Fault(error.to_string())

@@ -85,9 +85,8 @@ fn parsed(said: &str, parts: &[usize]) -> Result<JobState, Failure> {
         let [part, task, node, reason] = fields[..] else {
             return Err(unclear("squeue", line));
         };
-        let Ok(part) = part.parse::<usize>() else {
-            return Err(unclear("squeue", line));
-        };
+        let part = part.parse::<usize>();
+        let part = part.map_err(|_| unclear("squeue", line))?;
         match task {
             "PENDING" | "REQUEUED" | "REQUEUE_HOLD" | "REQUEUE_FED" | "SUSPENDED" | "STOPPED"
             | "SPECIAL_EXIT" => {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use judge::verdict::{Outcome, Verdict};
+use judge::verdict::{Metric, Outcome, Verdict};
 use runner::exit::Exit;
 
 /// End of a case.
@@ -85,26 +85,20 @@ pub struct SweepRow {
 impl SweepRow {
     /// Returns the row of a verdict.
     pub fn from_verdict(case: usize, id: &str, verdict: &Verdict) -> Self {
-        let missed = verdict
-            .metrics
-            .iter()
-            .filter(|one| one.passed == Some(false));
-        let undecided = verdict
-            .metrics
-            .iter()
-            .filter(|one| one.limit.is_some() && one.passed.is_none());
-        let metrics = verdict
-            .metrics
-            .iter()
-            .filter_map(|one| Some((one.name.clone(), one.value?)));
+        let names = |is_named: fn(&Metric) -> bool| {
+            let named = verdict.metrics.iter().filter(|one| is_named(one));
+            named.map(|one| one.name.clone()).collect()
+        };
+        let metrics = verdict.metrics.iter();
+        let metrics = metrics.filter_map(|one| Some((one.name.clone(), one.value?)));
         Self {
             case,
             id: id.to_owned(),
             seed: Some(verdict.seed),
             ended: verdict.outcome.into(),
             reason: verdict.reason.clone(),
-            missed: missed.map(|one| one.name.clone()).collect(),
-            undecided: undecided.map(|one| one.name.clone()).collect(),
+            missed: names(|one| one.passed == Some(false)),
+            undecided: names(|one| one.limit.is_some() && one.passed.is_none()),
             metrics: metrics.filter(|(_, value)| value.is_finite()).collect(),
         }
     }

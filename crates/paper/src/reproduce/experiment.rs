@@ -289,11 +289,9 @@ impl Kept {
     /// Returns the relation of the law's model to the plant; `None` for laws without a model.
     pub fn model(&self) -> Option<Model> {
         let controller = &self.scenario.controller;
-        let shipped = controller.sliding_mode.as_ref();
-        let printed = controller.sliding_mode_paper.as_ref();
-        let model = match (shipped, printed) {
-            (Some(law), _) => &law.nominal_model,
-            (None, law) => &law?.nominal_model,
+        let model = match &controller.sliding_mode {
+            Some(law) => &law.nominal_model,
+            None => &controller.sliding_mode_paper.as_ref()?.nominal_model,
         };
         let plant = self.scenario.plant.actuator()?;
         Some(if is_equal(model, &plant) {
