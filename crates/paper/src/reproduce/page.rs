@@ -20,13 +20,10 @@ const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on 
 
 /// Returns the page.
 pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
-    let numbers = || results.iter().flat_map(|result| &result.evaluation.numbers);
-    let judged = numbers()
-        .filter(|number| number.metric.passed.is_some())
-        .count();
-    let met = numbers()
-        .filter(|number| number.metric.passed == Some(true))
-        .count();
+    let numbers = results.iter().flat_map(|one| &one.evaluation.numbers);
+    let passed = Vec::from_iter(numbers.filter_map(|number| number.metric.passed));
+    let judged = passed.len();
+    let met = passed.into_iter().filter(|is_met| *is_met).count();
     let runs: usize = results
         .iter()
         .map(|result| result.experiment.runs.len())
