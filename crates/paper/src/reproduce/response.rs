@@ -38,56 +38,67 @@ const DISTURBANCE_METRICS: [&str; 3] = [
 /// Returns the experiments of this file, in the order of the paper's figures.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
     vec![
-        step(),
-        step_cold(),
-        sine_20s(),
-        sine_5s(),
-        bandwidth(effort),
-        infeasible(),
-        fan(),
-        load(),
-    ]
-}
-
-fn step() -> Experiment {
-    Experiment {
-        id: "step",
-        title: "Fig. 11: step of 25 mm from a warm hold",
-        text: "10 mm are held for 10 s, then 35 mm are wanted. Settled means within ± 5 % of the step's height for good. The paper does not \
-               say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s. The best that a search over currents with full \
-               knowledge of the plant found is 0.158 s. How fast the paper's own law is hangs on a \
-               filter that the paper does not give (below: the paper's law over its unknown).",
-        runs: PlannedRun::with_twin(&bases::step(), Keep::Signals(Window::new(9.9, 11.5))),
-        evaluate: |runs| {
-            let paper = [
-                ("settling_time_seconds", "0.23 s"),
-                ("overshoot_percent", "0.6 %"),
-            ];
-            let target = Some(band((10.23, f64::INFINITY), (33.75, 36.25)));
-            steps(runs, &paper, target)
+        Experiment {
+            id: "step",
+            title: "Fig. 11: step of 25 mm from a warm hold",
+            text: "10 mm are held for 10 s, then 35 mm are wanted. Settled means within ± 5 % of the step's height for good. The paper does not \
+                   say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s. The best that a search over currents with full \
+                   knowledge of the plant found is 0.158 s. How fast the paper's own law is hangs on a \
+                   filter that the paper does not give (below: the paper's law over its unknown).",
+            runs: PlannedRun::with_twin(&bases::step(), Keep::Signals(Window::new(9.9, 11.5))),
+            evaluate: |runs| {
+                let paper = [
+                    ("settling_time_seconds", "0.23 s"),
+                    ("overshoot_percent", "0.6 %"),
+                ];
+                let target = Some(band((10.23, f64::INFINITY), (33.75, 36.25)));
+                steps(runs, &paper, target)
+            },
         },
-    }
-}
-
-fn step_cold() -> Experiment {
-    Experiment {
-        id: "step_cold",
-        title: "Step of 25 mm from cold",
-        text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
-               nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
-        runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(Window::new(0.0, 2.0))),
-        evaluate: |runs| steps(runs, &[], Some(band((0.5, f64::INFINITY), (23.75, 26.25)))),
-    }
-}
-
-fn infeasible() -> Experiment {
-    Experiment {
-        id: "infeasible",
-        title: "Recovery from set-points that cannot be followed",
-        text: "A sine of 6 Hz and ± 20 mm, then 60 mm, which the stiffened wire cannot reach. Judged is the step to 25 mm after them.",
-        runs: PlannedRun::with_twin(&bases::infeasible(), Keep::Signals(Window::new(4.5, 13.0))),
-        evaluate: |runs| steps(runs, &[], None),
-    }
+        Experiment {
+            id: "step_cold",
+            title: "Step of 25 mm from cold",
+            text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
+                   nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
+            runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(Window::new(0.0, 2.0))),
+            evaluate: |runs| steps(runs, &[], Some(band((0.5, f64::INFINITY), (23.75, 26.25)))),
+        },
+        Experiment {
+            id: "sine_20s",
+            title: "Fig. 12 (a): sine with a period of 20 s",
+            text: "25 mm and an amplitude of 1 cm, as in the paper; the error counts over the last three of four periods. The paper: \"despite a small oscillation around the \
+                   set-point, the system follows the reference with good accuracy\".",
+            runs: PlannedRun::with_twin(&bases::sine_20s(), Keep::Signals(Window::new(65.0, 85.0))),
+            evaluate: sine,
+        },
+        Experiment {
+            id: "sine_5s",
+            title: "Fig. 12 (b): sine with a period of 5 s",
+            text: "As before, with a period of 5 s.",
+            runs: PlannedRun::with_twin(&bases::sine_5s(), Keep::Signals(Window::new(25.0, 30.0))),
+            evaluate: sine,
+        },
+        bandwidth(effort),
+        Experiment {
+            id: "infeasible",
+            title: "Recovery from set-points that cannot be followed",
+            text: "A sine of 6 Hz and ± 20 mm, then 60 mm, which the stiffened wire cannot reach. Judged is the step to 25 mm after them.",
+            runs: PlannedRun::with_twin(
+                &bases::infeasible(),
+                Keep::Signals(Window::new(4.5, 13.0)),
+            ),
+            evaluate: |runs| steps(runs, &[], None),
+        },
+        fan(),
+        Experiment {
+            id: "load",
+            title: "Another load",
+            text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both. The paper's law \
+                   deviates less than ours where the weight is taken off, and needs longer to be back.",
+            runs: PlannedRun::with_twin(&bases::load(), Keep::Signals(Window::new(9.5, 17.0))),
+            evaluate: |runs| courses(runs, &DISTURBANCE_METRICS, &[], None),
+        },
+    ]
 }
 
 /// Evaluates steps, with plots of position and current.
@@ -104,27 +115,6 @@ fn courses(runs: &[Kept], metrics: &[&str], paper: &Paper, target: Option<Patch>
         numbers: numbers(runs, metrics, paper),
         figures: vec![position, currents("Current", &coloured)],
         ..Evaluation::default()
-    }
-}
-
-fn sine_20s() -> Experiment {
-    Experiment {
-        id: "sine_20s",
-        title: "Fig. 12 (a): sine with a period of 20 s",
-        text: "25 mm and an amplitude of 1 cm, as in the paper; the error counts over the last three of four periods. The paper: \"despite a small oscillation around the \
-               set-point, the system follows the reference with good accuracy\".",
-        runs: PlannedRun::with_twin(&bases::sine_20s(), Keep::Signals(Window::new(65.0, 85.0))),
-        evaluate: sine,
-    }
-}
-
-fn sine_5s() -> Experiment {
-    Experiment {
-        id: "sine_5s",
-        title: "Fig. 12 (b): sine with a period of 5 s",
-        text: "As before, with a period of 5 s.",
-        runs: PlannedRun::with_twin(&bases::sine_5s(), Keep::Signals(Window::new(25.0, 30.0))),
-        evaluate: sine,
     }
 }
 
@@ -357,18 +347,6 @@ fn fan() -> Experiment {
                 ..Evaluation::default()
             }
         },
-    }
-}
-
-fn load() -> Experiment {
-    let base = bases::load();
-    Experiment {
-        id: "load",
-        title: "Another load",
-        text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both. The paper's law \
-               deviates less than ours where the weight is taken off, and needs longer to be back.",
-        runs: PlannedRun::with_twin(&base, Keep::Signals(Window::new(9.5, 17.0))),
-        evaluate: |runs| courses(runs, &DISTURBANCE_METRICS, &[], None),
     }
 }
 
