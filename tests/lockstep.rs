@@ -220,14 +220,15 @@ fn plan(path: &Path) -> Plan {
 #[test]
 fn the_recording_alone_gives_the_same_verdict() {
     use judge::{Circumstances, judge};
-    use recording::log::read_log;
+    use recording::log::{Unread, read_cut_log};
     use recording::timeline::decode;
     let folder = tempfile::tempdir().unwrap();
     let (code, ..) = output(canrig(folder.path(), "simulate").arg(scenario("fan.toml")));
     assert_eq!(code, Some(0));
     let run = only_run(folder.path());
     let log = fs::File::open(run.join("bus.log")).unwrap();
-    let frames = read_log(std::io::BufReader::new(log)).unwrap();
+    let (frames, unread) = read_cut_log(std::io::BufReader::new(log)).unwrap();
+    assert_eq!(unread, Unread::default());
     let plan = plan(&run.join("scenario.toml"));
     let timelines = decode(&frames, &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());

@@ -5,6 +5,7 @@ use std::env;
 use std::path::Path;
 
 use serde::Deserialize;
+use serde_json::json;
 
 use super::program::{run, unclear};
 use super::{Engine, Job, JobState, quoted};
@@ -30,20 +31,17 @@ impl Engine for Hyperqueue {
             command.extend(["timeout".to_owned(), kill, format!("{}", 60 * minutes)]);
         }
         command.extend(job.command.iter().cloned());
-        let json = |value: serde_json::Value| value.to_string();
+        let limits = job.limits;
         let facts = [
-            ("NAME", json(job.name.clone().into())),
-            ("COMMAND", json(command.into())),
-            ("PARTS", json(job.parts.to_vec().into())),
-            ("OF", job.of.to_string()),
-            ("FOLDER", json(job.folder.to_string_lossy().into())),
-            ("LOGS", json(job.logs.to_string_lossy().into())),
-            ("CORES", job.limits.cores.to_string()),
-            ("MEBIBYTES", job.limits.mebibytes.unwrap_or(0).to_string()),
-            (
-                "SERVER",
-                json(job.limits.queue.clone().unwrap_or_default().into()),
-            ),
+            ("NAME", json!(job.name)),
+            ("COMMAND", json!(command)),
+            ("PARTS", json!(job.parts)),
+            ("OF", json!(job.of)),
+            ("FOLDER", json!(job.folder.to_string_lossy())),
+            ("LOGS", json!(job.logs.to_string_lossy())),
+            ("CORES", json!(limits.cores)),
+            ("MEBIBYTES", json!(limits.mebibytes.unwrap_or(0))),
+            ("SERVER", json!(limits.queue.as_deref().unwrap_or_default())),
         ];
         let facts: String = facts
             .into_iter()

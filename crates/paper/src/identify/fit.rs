@@ -16,16 +16,9 @@ pub struct Fit<'a> {
     pub parameters: Vec<&'static Parameter>,
     /// Plant with the values of all other parameters.
     pub known: Sma,
-    accuracy: Accuracy,
-}
-
-/// Accuracy of the simulation and of its derivatives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Accuracy {
-    /// One integration step per position, and one-sided differences. It suffices for all but the end of a search.
-    Coarse,
-    /// The emulator's integration step, and central differences.
-    Full,
+    /// Whether the simulation has one integration step per position, and its derivatives are one-sided differences, which suffices
+    /// for all but the end of a search. Else it has the emulator's integration step, and central differences.
+    pub(super) is_coarse: bool,
 }
 
 /// Derivatives of all predicted positions, one column for each parameter.
@@ -52,26 +45,20 @@ impl<'a> Fit<'a> {
         parameters: Vec<&'static Parameter>,
         known: Sma,
     ) -> Self {
-        let accuracy = Accuracy::Full;
         Self {
             measurements,
             parameters,
             known,
-            accuracy,
+            is_coarse: false,
         }
     }
 
     /// Returns the same problem with the coarse accuracy, which is several times faster.
     pub fn coarse(&self) -> Self {
         Self {
-            accuracy: Accuracy::Coarse,
+            is_coarse: true,
             ..self.clone()
         }
-    }
-
-    /// Returns whether the problem is from [`Fit::coarse`].
-    pub fn is_coarse(&self) -> bool {
-        self.accuracy == Accuracy::Coarse
     }
 
     /// Returns the known plant with these values of the parameters.
@@ -125,14 +112,6 @@ impl<'a> Fit<'a> {
             .sum()
     }
 
-    /// Returns the measured positions of all recordings, one after the other.
-    pub fn measured_metres(&self) -> Vec<f64> {
-        self.measurements
-            .iter()
-            .flat_map(|measurement| measurement.positions_metres.iter().copied())
-            .collect()
-    }
-
     /// Returns the true positions at the times of the measured ones; `None` for an invalid plant, and for one whose motion
     /// is no number at this accuracy.
     pub fn simulated_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
@@ -143,15 +122,13 @@ impl<'a> Fit<'a> {
         (positions.map(|metres| metres.is_finite().then_some(metres))).collect()
     }
 
-    fn step_seconds(&self) -> f64 {
-        match self.accuracy {
-            Accuracy::Coarse => COARSE_STEP_SECONDS,
-            Accuracy::Full => STEP_SECONDS_MAX,
-        }
-    }
-
     fn simulate(&self, plant: &Sma, measurement: &IdentificationData) -> Vec<f64> {
-        let mut actuator = Actuator::new(plant).continued_with_step(self.step_seconds());
+        let step_seconds = if self.is_coarse {
+            COARSE_STEP_SECONDS
+        } else {
+            STEP_SECONDS_MAX
+        };
+        let mut actuator = Actuator::new(plant).continued_with_step(step_seconds);
         let mut positions = vec![0.0; measurement.positions_metres.len()];
         for stretch in &measurement.stretches {
             actuator.advance(stretch.duration_seconds, &stretch.inputs);
@@ -192,12 +169,11 @@ impl<'a> Fit<'a> {
     /// Returns the measured less the expected positions; `None` for an invalid plant.
     pub fn residual_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
         let expected = self.expected_metres(&self.simulated_metres(values)?);
-        let pairs = self.measured_metres().into_iter().zip(expected);
-        Some(
-            pairs
-                .map(|(measured, expected)| measured - expected)
-                .collect(),
-        )
+        let residual = self.parts(&expected).flat_map(|(measurement, expected)| {
+            let pairs = measurement.positions_metres.iter().zip(expected);
+            pairs.map(|(measured, expected)| measured - expected)
+        });
+        Some(residual.collect())
     }
 
     /// Returns the derivatives of the residual by differences. The side of a difference depends on the bounds and the
@@ -223,13 +199,14 @@ impl<'a> Fit<'a> {
             moved[index] += by;
             moved
         };
-        let step = match self.accuracy {
-            Accuracy::Coarse => ONE_SIDED_DIFFERENCE * range,
-            Accuracy::Full => CENTRAL_DIFFERENCE * range,
+        let step = if self.is_coarse {
+            ONE_SIDED_DIFFERENCE * range
+        } else {
+            CENTRAL_DIFFERENCE * range
         };
         let (above, below) = (moved(step), moved(-step));
         let (above, below, width) = match (self.admits(&above), self.admits(&below)) {
-            (true, true) if self.accuracy == Accuracy::Full => (
+            (true, true) if !self.is_coarse => (
                 self.residual_metres(&above)?,
                 self.residual_metres(&below)?,
                 2.0 * step,

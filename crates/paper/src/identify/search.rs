@@ -234,7 +234,7 @@ fn is_poor(fit: &Fit<'_>, optimum: &Optimum) -> bool {
 /// Searches with coarse integration steps first, since they are cheap, then with the fit's own steps.
 fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Option<Optimum> {
     let near = optimiser::sequential_quadratic_programming(&fit.coarse(), origin, progress)?;
-    if fit.is_coarse() {
+    if fit.is_coarse {
         return Some(near);
     }
     let optimum = optimiser::sequential_quadratic_programming(fit, &near.values, progress)?;
@@ -247,7 +247,7 @@ fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Opt
 /// Runs the second optimiser, with coarse steps first as well.
 fn second_opinion(fit: &Fit<'_>, origin: &[f64], checker: &'static str) -> Option<Check> {
     let near = optimiser::trust_region_reflective(&fit.coarse(), origin)?;
-    let optimum = if fit.is_coarse() {
+    let optimum = if fit.is_coarse {
         near
     } else {
         optimiser::trust_region_reflective(fit, &near.values)?
