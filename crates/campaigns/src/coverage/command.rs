@@ -108,26 +108,23 @@ fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, RecordedError>
             "{folder} is the folder of torture, which plays without the scenario's limits and tests no requirement"
         ))
     };
+    let is_refused = |folder: &&PathBuf| holds_many_runs(folder) && is_torture(folder);
+    let (left_out, others): (Vec<_>, Vec<_>) = folders.iter().partition(is_refused);
+    if others.is_empty()
+        && let Some(folder) = left_out.last()
+    {
+        return Err(refused(folder).into());
+    }
+    for folder in left_out {
+        print_problem(format!("{}; it is left out", refused(folder)));
+    }
     let mut tests: Vec<(String, Vec<Play>)> = Vec::new();
-    let mut left_out = Vec::new();
-    for folder in folders {
-        if holds_many_runs(folder) && is_torture(folder) {
-            left_out.push(refused(folder));
-            continue;
-        }
+    for folder in others {
         let play = Play::read(folder)?;
         match tests.iter_mut().find(|(test, _)| *test == play.test) {
             Some((_, plays)) => plays.push(play),
             None => tests.push((play.test.clone(), vec![play])),
         }
-    }
-    if tests.is_empty()
-        && let Some(failure) = left_out.pop()
-    {
-        return Err(failure.into());
-    }
-    for failure in left_out {
-        print_problem(format!("{failure}; it is left out"));
     }
     Ok(tests)
 }
