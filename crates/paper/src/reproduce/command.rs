@@ -6,9 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
-use super::experiment::{Effort, Experiment, Kept};
+use super::experiment::{Effort, Experiment, ExperimentResult, Kept};
 use super::quantity::Quantity;
-use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, Interrupted, one_loop_plan};
 use recording::run_folder::{RunFolder, WriteError, file};
@@ -69,14 +68,7 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
     let Ok(results) = evaluated(experiments, kept, is_shown) else {
         return Exit::Interrupted;
     };
-    if let Err(error) = report(args, effort, &results) {
-        return failed(Exit::BenchFailed, error);
-    }
-    if results.iter().all(ExperimentResult::holds) {
-        Exit::Pass
-    } else {
-        Exit::VerdictFailed
-    }
+    report(args, effort, &results).unwrap_or_else(|error| failed(Exit::BenchFailed, error))
 }
 
 /// Plays the runs of all experiments at once.
@@ -156,12 +148,12 @@ fn json(effort: Effort, results: &[ExperimentResult]) -> String {
     serde_json::to_string_pretty(&numbers).expect("plain data") + "\n"
 }
 
-/// Writes the folder and prints the numbers.
+/// Writes the folder and prints the numbers. Returns the exit code, which says whether every target is met.
 fn report(
     args: &ReproduceArgs,
     effort: Effort,
     results: &[ExperimentResult],
-) -> Result<(), WriteError> {
+) -> Result<Exit, WriteError> {
     let name = match effort {
         Effort::Full => "reproduction",
         Effort::Reduced => "reproduction reduced",
@@ -171,14 +163,19 @@ fn report(
     folder.write(NUMBERS, numbers.as_bytes())?;
     let page = page::to_html(effort, results);
     folder.write(file::REPORT, page.as_bytes())?;
+    let holds = results.iter().all(ExperimentResult::holds);
     if args.json {
         print(numbers.trim_end());
-    } else if !args.quiet || !results.iter().all(ExperimentResult::holds) {
+    } else if !args.quiet || !holds {
         print_text(&page::to_text(results));
         print(&format!(
             "page  {}",
             folder.path().join(file::REPORT).display()
         ));
     }
-    Ok(())
+    Ok(if holds {
+        Exit::Pass
+    } else {
+        Exit::VerdictFailed
+    })
 }

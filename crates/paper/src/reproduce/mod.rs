@@ -13,7 +13,6 @@ mod material;
 mod page;
 pub mod quantity;
 mod response;
-mod result;
 mod ripple;
 mod robustness;
 mod sensitivity;

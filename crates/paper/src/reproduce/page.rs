@@ -2,9 +2,8 @@
 
 use maud::{Markup, html};
 
-use super::experiment::{Effort, NumberTable};
+use super::experiment::{Effort, ExperimentResult, NumberTable};
 use super::quantity::{Model, Quantity};
-use super::result::ExperimentResult;
 use judge::verdict::Outcome;
 use report::page;
 use report::table::{Cell, Table, Text};
