@@ -56,45 +56,30 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
     } else {
         Effort::Full
     };
-    let experiments = experiments(effort);
-    let is_shown = !args.json && !args.quiet;
-    let Ok(runs) = play(&experiments, is_shown) else {
-        return Exit::Interrupted;
-    };
-    let kept: Vec<Kept> = match runs.into_iter().collect::<Result<_, String>>() {
-        Ok(kept) => kept,
-        Err(fault) => return failed(Exit::Internal, fault),
-    };
-    let Ok(results) = evaluated(experiments, kept, is_shown) else {
-        return Exit::Interrupted;
+    let results = match results(effort, !args.json && !args.quiet) {
+        Ok(results) => results,
+        Err(exit) => return exit,
     };
     report(args, effort, &results).unwrap_or_else(|error| failed(Exit::BenchFailed, error))
 }
 
-/// Plays the runs of all experiments at once.
-fn play(
-    experiments: &[Experiment],
-    is_shown: bool,
-) -> Result<Vec<Result<Kept, String>>, Interrupted> {
-    let runs: Vec<_> = experiments
-        .iter()
-        .flat_map(|experiment| &experiment.runs)
-        .collect();
+/// Plays the runs of all experiments at once, gives them to their experiments, and evaluates these; the identification takes some
+/// seconds.
+fn results(effort: Effort, is_shown: bool) -> Result<Vec<ExperimentResult>, Exit> {
+    let experiments = experiments(effort);
+    let runs = Vec::from_iter(experiments.iter().flat_map(|experiment| &experiment.runs));
     let plans = runs.iter().map(|run| one_loop_plan(run.scenario.clone()));
-    Campaign::on_all_cores(is_shown).play(plans, |played| runs[played.index].keep(played))
-}
-
-/// Gives the runs to their experiments, and evaluates these; the identification takes some seconds.
-fn evaluated(
-    experiments: Vec<Experiment>,
-    kept: Vec<Kept>,
-    is_shown: bool,
-) -> Result<Vec<ExperimentResult>, Interrupted> {
+    let kept = Campaign::on_all_cores(is_shown)
+        .play(plans, |played| runs[played.index].keep(played))
+        .map_err(|Interrupted| Exit::Interrupted)?;
+    let kept: Result<Vec<Kept>, String> = kept.into_iter().collect();
+    let mut kept = kept
+        .map_err(|fault| failed(Exit::Internal, fault))?
+        .into_iter();
     let (activity, is_interrupted) = (Bar::spinner(is_shown), AtomicBool::new(false));
-    let mut kept = kept.into_iter();
     let evaluate = |experiment: Experiment| {
         if is_interrupted.load(Ordering::Relaxed) {
-            return Err(Interrupted);
+            return Err(Exit::Interrupted);
         }
         activity.say(experiment.title);
         let runs: Vec<Kept> = kept.by_ref().take(experiment.runs.len()).collect();
@@ -103,11 +88,11 @@ fn evaluated(
             experiment,
         })
     };
-    let mut experiments = experiments.into_iter().map(evaluate);
+    let mut results = experiments.into_iter().map(evaluate);
     observed(
         || is_interrupted.store(true, Ordering::Relaxed),
         || {},
-        || experiments.by_ref().collect(),
+        || results.by_ref().collect(),
     )
 }
 
