@@ -48,18 +48,24 @@ fn hysteresis() -> Experiment {
         text: "The martensite fraction over the temperature, both as the emulator reports them: the major loop from 0 to 1 A and back, \
                then minor loops. The fraction has no memory of earlier turning points, so a loop is not closed at once, but the loops converge.",
         runs: vec![PlannedRun::new("open loop", scenario, whole)],
-        evaluate: |runs| runs.first().map(loops).unwrap_or_default(),
+        evaluate: |runs| runs.first().and_then(loops).unwrap_or_default(),
     }
 }
 
-fn loops(run: &Kept) -> Evaluation {
+fn loops(run: &Kept) -> Option<Evaluation> {
+    let ramps = &run.scenario.controller.open_loop.as_ref()?.ramp;
+    // The first minor loop is the last two ramps of the file.
+    let first = ramps.len().checked_sub(2 * (LOOPS_MORE + 1))?;
+    let [up, down, ..] = &ramps[first..] else {
+        return None;
+    };
+    let (start, period) = (up.from_seconds, down.until_seconds - up.from_seconds);
     let Signals {
         time_seconds,
         temperature_celsius,
         martensite_fraction,
         ..
     } = &run.signals;
-    let (start, period) = minor_loop(run);
     let first = time_seconds.partition_point(|time| *time < start);
     let per_loop = time_seconds.partition_point(|time| *time < start + period) - first;
     let gaps: Vec<f64> = martensite_fraction[first..]
@@ -99,26 +105,11 @@ fn loops(run: &Kept) -> Evaluation {
         let x = &temperature_celsius[rows.clone()];
         figure.draw(label, colour, Shape::Path, x, &martensite_fraction[rows]);
     }
-    Evaluation {
+    Some(Evaluation {
         numbers,
         figures: vec![figure],
         ..Evaluation::default()
-    }
-}
-
-/// Returns start and length of the first minor loop: the last two ramps of the file.
-fn minor_loop(run: &Kept) -> (f64, f64) {
-    let ramps = run
-        .scenario
-        .controller
-        .open_loop
-        .as_ref()
-        .map(|open_loop| &open_loop.ramp);
-    let first = ramps.and_then(|ramps| ramps.get(ramps.len().checked_sub(2 * (LOOPS_MORE + 1))?..));
-    match first {
-        Some([up, down, ..]) => (up.from_seconds, down.until_seconds - up.from_seconds),
-        _ => (0.0, run.scenario.run.duration_seconds),
-    }
+    })
 }
 
 fn largest_difference(left: &[f64], right: &[f64]) -> f64 {
