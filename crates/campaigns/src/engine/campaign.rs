@@ -11,6 +11,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
 use recording::run_folder::{RunFolder, WriteError, file};
+use runner::exit::Failure;
 use runner::play_record::PlayRecord;
 use scenario::Override;
 use serde::{Deserialize, Serialize};
@@ -161,11 +162,11 @@ impl SharedCampaign<'_> {
         folder_path(&self.path().join(PARTS), self.cases, shard)
     }
 
-    /// Returns the rows of each part, still unread.
-    pub(super) fn rows(&self, of: usize) -> BTreeMap<usize, Rows> {
+    /// Reads the rows of each part, by its number.
+    pub(super) fn rows(&self, of: usize) -> Result<BTreeMap<usize, Rows>, Failure> {
         let parts = (1..=of).map(|number| {
             let shard = Shard { number, of };
-            (number, Rows::unread(&self.part(shard), &self.header, shard))
+            Ok((number, Rows::read(&self.part(shard), &self.header, shard)?))
         });
         parts.collect()
     }

@@ -203,8 +203,7 @@ fn play(
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
 ) -> Result<(), Failure> {
-    let mut counter = RowCounter(campaign.rows(record.parts));
-    counter.count()?;
+    let mut counter = RowCounter(campaign.rows(record.parts)?);
     let bar = Bar::parts(campaign.cases.runs(), counter.rows(), !args.quiet);
     let engine = record.engine.engine();
     let mut begun = 0;

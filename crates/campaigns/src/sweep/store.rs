@@ -239,7 +239,14 @@ impl Rows {
 
     /// Rows of a part of a campaign in a folder, which may not be there yet.
     pub(crate) fn read(folder: &Path, header: &Header, shard: Shard) -> Result<Self, Failure> {
-        let mut rows = Self::unread(folder, header, shard);
+        let mut rows = Self {
+            folder: folder.to_owned(),
+            key: header.key(),
+            header: header.clone(),
+            shard,
+            files: Vec::new(),
+            rows: BTreeMap::new(),
+        };
         rows.look()?;
         Ok(rows)
     }
@@ -247,18 +254,6 @@ impl Rows {
     /// Begins a file of further rows.
     pub(crate) fn writer(&self) -> Result<Writer, Failure> {
         Writer::begin(&self.folder, &self.header)
-    }
-
-    /// Returns the same rows before the first [`Rows::look`].
-    pub(crate) fn unread(folder: &Path, header: &Header, shard: Shard) -> Self {
-        Self {
-            folder: folder.to_owned(),
-            key: header.key(),
-            header: header.clone(),
-            shard,
-            files: Vec::new(),
-            rows: BTreeMap::new(),
-        }
     }
 
     /// Reads the lines that were added since the last look.

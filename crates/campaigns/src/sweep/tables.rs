@@ -160,7 +160,7 @@ mod tests {
             let plan = Plan::parse_beside(&Beside::new(Path::new("s.toml")), TEXT.to_owned(), catalogue()).unwrap();
             let cases = SweepCases::new(&plan).unwrap();
             let metrics = [text.clone()];
-            let rows = Rows::unread(Path::new(""), &header("s"), Shard::WHOLE);
+            let rows = Rows::read(Path::new("/nowhere"), &header("s"), Shard::WHOLE).unwrap();
             let tables = Tables { cases: &cases, metrics: &metrics, rows: &rows };
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
             (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
