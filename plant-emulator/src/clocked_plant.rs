@@ -1,6 +1,7 @@
 //! The physics on the emulator's own clock: a hot wire cools down whatever the bus does.
 
 use std::any::Any;
+use std::ops::Range;
 use std::time::Duration;
 
 use crate::plant::{Faults, Plant};
@@ -9,35 +10,52 @@ use crate::plant::{Faults, Plant};
 /// can be left out.
 const CATCH_UP_MAX: Duration = Duration::from_secs(60);
 
-/// The plant with its time, its inputs since then, and its outputs at that time. The default is an empty place for a
-/// plant that another drive holds.
+/// The plants with their time, their inputs since then, and their outputs at that time. They act on each other through
+/// nodes only. The default is an empty place for plants that another drive holds.
 #[derive(Debug, Default)]
 pub(crate) struct ClockedPlant {
-    /// The plant; `None` while another drive holds it.
-    plant: Option<Box<dyn Plant>>,
+    /// The plants, usually one; none while another drive holds them.
+    parts: Vec<Part>,
     inputs: Vec<f64>,
-    /// Outputs at the plant's time, so every reader at that time gets the same values, whatever acts afterwards.
+    /// Outputs at the plants' time, so every reader at that time gets the same values, whatever acts afterwards.
     outputs: Vec<f64>,
     time: Duration,
-    /// Reason why it cannot continue.
+    /// Reason why they cannot continue.
     failure: Option<String>,
 }
 
+/// A plant, and the indices of its ports among those of all plants.
+#[derive(Debug)]
+struct Part {
+    name: String,
+    plant: Box<dyn Plant>,
+    inputs: Range<usize>,
+    outputs: Range<usize>,
+}
+
 impl ClockedPlant {
-    /// Makes a plant at time zero, undisturbed.
-    pub(crate) fn new(plant: Box<dyn Plant>) -> Self {
-        let ports = plant.ports();
-        let mut clocked = Self {
-            inputs: ports.inputs.iter().map(|port| port.at_rest).collect(),
-            outputs: vec![0.0; ports.outputs.len()],
-            plant: Some(plant),
-            ..Self::default()
-        };
+    /// Joins named plants at time zero, undisturbed. Their ports are in the order of the plants.
+    pub(crate) fn new(plants: Vec<(String, Box<dyn Plant>)>) -> Self {
+        let mut clocked = Self::default();
+        for (name, plant) in plants {
+            let ports = plant.ports();
+            let [first_input, first_output] = [clocked.inputs.len(), clocked.outputs.len()];
+            let at_rest = ports.inputs.iter().map(|port| port.at_rest);
+            clocked.inputs.extend(at_rest);
+            clocked.outputs.extend(ports.outputs.iter().map(|_| 0.0));
+            clocked.parts.push(Part {
+                name,
+                plant,
+                inputs: first_input..clocked.inputs.len(),
+                outputs: first_output..clocked.outputs.len(),
+            });
+        }
         clocked.look();
         clocked
     }
 
-    /// Advances the plant to `now` under the inputs that have acted since its time. After a failure its state stays.
+    /// Advances the plants to `now` under the inputs that have acted since their time. After a failure their state
+    /// stays.
     #[inline]
     pub(crate) fn advance_to(&mut self, now: Duration) {
         let elapsed = now.saturating_sub(self.time);
@@ -49,43 +67,53 @@ impl ClockedPlant {
             return;
         }
         let seconds = elapsed.min(CATCH_UP_MAX).as_secs_f64();
-        if let Some(plant) = &mut self.plant {
-            plant.step(seconds, &self.inputs);
-            self.look();
+        for part in &mut self.parts {
+            let inputs = &self.inputs[part.inputs.clone()];
+            part.plant.step(seconds, inputs);
         }
+        self.look();
     }
 
-    /// Reads the outputs. The plant fails if they are not finite.
+    /// Reads the outputs. The plants fail if they are not finite.
     fn look(&mut self) {
-        let Some(plant) = &self.plant else { return };
-        plant.read(&mut self.outputs);
+        for part in &self.parts {
+            let outputs = &mut self.outputs[part.outputs.clone()];
+            part.plant.read(outputs);
+        }
         let is_sound = self.outputs.iter().all(|value| value.is_finite());
-        if !is_sound || plant.failure().is_some() {
+        let mut parts = self.parts.iter();
+        if !is_sound || parts.any(|part| part.plant.failure().is_some()) {
             self.fail();
         }
     }
 
     #[cold]
     fn fail(&mut self) {
-        let Some(plant) = &self.plant else { return };
-        let ports = plant.ports().outputs;
-        let mut values = ports.iter().zip(&self.outputs);
-        let wrong = values.find(|(_, value)| !value.is_finite());
-        self.failure = match (plant.failure(), wrong) {
-            (Some(reason), _) => Some(reason.to_owned()),
-            (None, Some((port, value))) => Some(format!(
-                "its port `{}` is {value} after {:.3} s: no finite number",
-                port.name,
-                self.time.as_secs_f64()
-            )),
-            (None, None) => None,
-        };
+        let mut parts = self.parts.iter();
+        let reason = parts.find_map(|part| part.plant.failure());
+        self.failure = reason.map(str::to_owned).or_else(|| self.wrong_output());
         for value in &mut self.outputs {
             *value = if value.is_finite() { *value } else { 0.0 };
         }
     }
 
-    /// Returns the reason why the plant cannot continue, if there is one.
+    /// Describes the first output that is not finite; the name of its plant is needed only among several.
+    fn wrong_output(&self) -> Option<String> {
+        let place = self.outputs.iter().position(|value| !value.is_finite())?;
+        let mut parts = self.parts.iter();
+        let part = parts.find(|part| part.outputs.contains(&place))?;
+        let port = &part.plant.ports().outputs[place - part.outputs.start].name;
+        let port = match self.parts.len() {
+            1 => port.clone(),
+            _ => format!("{}.{port}", part.name),
+        };
+        let (value, seconds) = (self.outputs[place], self.time.as_secs_f64());
+        Some(format!(
+            "its port `{port}` is {value} after {seconds:.3} s: no finite number"
+        ))
+    }
+
+    /// Returns the reason why the plants cannot continue, if there is one.
     pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
     }
@@ -96,7 +124,7 @@ impl ClockedPlant {
         self.inputs.get(place).copied().unwrap_or_default()
     }
 
-    /// Returns the value of an output at the plant's time.
+    /// Returns the value of an output at the plants' time.
     #[inline]
     pub(crate) fn output(&self, place: usize) -> f64 {
         self.outputs.get(place).copied().unwrap_or_default()
@@ -114,13 +142,21 @@ impl ClockedPlant {
         &self.inputs
     }
 
+    /// Returns the plant of an input, and the index of the input there.
+    fn at(&self, input: usize) -> Option<(&dyn Plant, usize)> {
+        let mut parts = self.parts.iter();
+        let part = parts.find(|part| part.inputs.contains(&input))?;
+        Some((&*part.plant, input - part.inputs.start))
+    }
+
     pub(crate) fn heated_celsius(&self, input: usize) -> Option<f64> {
-        self.plant.as_ref()?.heated_celsius(input)
+        let (plant, input) = self.at(input)?;
+        plant.heated_celsius(input)
     }
 
     pub(crate) fn conducts(&self, input: usize) -> bool {
-        let plant = self.plant.as_ref();
-        plant.is_none_or(|plant| plant.conducts(input))
+        self.at(input)
+            .is_none_or(|(plant, input)| plant.conducts(input))
     }
 
     pub(crate) fn is_condition_new(
@@ -129,20 +165,24 @@ impl ClockedPlant {
         faults: &Faults,
         time_seconds: f64,
     ) -> bool {
-        let plant = self.plant.as_ref();
-        plant.is_some_and(|plant| plant.is_condition_new(input, faults, time_seconds))
+        self.at(input)
+            .is_some_and(|(plant, input)| plant.is_condition_new(input, faults, time_seconds))
     }
 
     pub(crate) fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
-        if let Some(plant) = &mut self.plant {
-            plant.set_condition(input, faults, time_seconds);
+        let mut parts = self.parts.iter_mut();
+        if let Some(part) = parts.find(|part| part.inputs.contains(&input)) {
+            let input = input - part.inputs.start;
+            part.plant.set_condition(input, faults, time_seconds);
         }
     }
 
-    /// Returns the plant itself, if it is of this type.
+    /// Returns the first plant of this type.
     pub(crate) fn plant<P: Plant>(&self) -> Option<&P> {
-        let plant: &dyn Any = &**self.plant.as_ref()?;
-        plant.downcast_ref()
+        self.parts.iter().find_map(|part| {
+            let plant: &dyn Any = &*part.plant;
+            plant.downcast_ref()
+        })
     }
 }
 
@@ -154,7 +194,7 @@ mod tests {
 
     fn clocked() -> ClockedPlant {
         let plant = Actuator::new(&scenario::plant::Sma::default());
-        ClockedPlant::new(Box::new(plant))
+        ClockedPlant::new(vec![("wire".to_owned(), Box::new(plant))])
     }
 
     #[test]
@@ -229,7 +269,8 @@ mod tests {
     fn an_output_that_is_not_finite_is_named_and_the_plant_stops() {
         for after in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let diverging = Diverging::new(&after).unwrap();
-            let mut plant = ClockedPlant::new(Box::new(diverging));
+            let name = "diverging".to_owned();
+            let mut plant = ClockedPlant::new(vec![(name, Box::new(diverging))]);
             plant.advance_to(Duration::from_millis(400));
             assert_eq!((plant.failure(), plant.output(1)), (None, 1.0));
             plant.advance_to(Duration::from_millis(600));

@@ -12,7 +12,6 @@
 #![warn(missing_docs)]
 
 pub mod amplifier;
-mod assembly;
 pub mod catalogue;
 mod clocked_plant;
 mod data_sheet;
@@ -157,7 +156,7 @@ impl PlantEmulator {
         let ports = Ports::joined(ports);
         let names = plants.iter().map(|(name, _)| name.as_str());
         let name = Vec::from_iter(names).join(" and ");
-        let mut in_hand = ClockedPlant::new(assembly::of(plants));
+        let mut in_hand = ClockedPlant::new(plants);
         let mut sorted = Vec::from_iter(drives);
         sorted.sort_by_key(|drive| drive.place.drive_node_id);
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
@@ -191,7 +190,7 @@ impl PlantEmulator {
         })
     }
 
-    /// Returns the plant, if it is of this type, at the time of its last advance: the latest SYNC or tick, or later.
+    /// Returns the first plant of this type, at the time of its last advance: the latest SYNC or tick, or later.
     pub fn plant<P: Plant>(&self) -> Option<&P> {
         self.in_hand()?.plant()
     }
