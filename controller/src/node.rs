@@ -17,7 +17,6 @@ mod statistics;
 #[cfg(test)]
 mod tests;
 
-use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress};
@@ -26,6 +25,7 @@ use canopen::object_dictionary::Preset;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{Device, ObjectDictionary, emcy};
 use dbc::LawTerm;
+use dbc::data_sheets::controller_sheet;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
@@ -45,9 +45,6 @@ use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
-
-/// Parameters of SDO clients (CiA 301, 7.5.2.33).
-const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
 
 /// The controller.
 #[derive(Debug)]
@@ -251,55 +248,27 @@ impl<'a> LoopPlan<'a> {
     }
 }
 
-/// Returns the objects of the data sheet without those of its law. The parameters of SDO clients are those for these
-/// nodes, with which the controller communicates, instead of those of the shipped rig.
-fn with_clients(
-    shipped: &ObjectDictionary,
-    servers: impl Iterator<Item = NodeId>,
-) -> ObjectDictionary {
-    let mut dictionary = ObjectDictionary::new();
-    let (clients, others): (Vec<_>, Vec<_>) = shipped
-        .entries()
-        .iter()
-        .partition(|entry| SDO_CLIENTS.contains(&entry.index));
-    let others = others.into_iter();
-    others
-        .filter(|entry| !terms::is_of_law(entry.index))
-        .for_each(|entry| dictionary.insert(entry.clone()));
-    let mut once = Vec::new();
-    for server in servers {
-        if !once.contains(&server) {
-            once.push(server);
-        }
-    }
-    for (index, server) in SDO_CLIENTS.zip(once) {
-        let id = server.get();
-        let first = clients
-            .iter()
-            .filter(|entry| entry.index == *SDO_CLIENTS.start());
-        for entry in first {
-            let default = match entry.sub_index {
-                1 => (0x600 + u32::from(id)).to_le_bytes().to_vec(),
-                2 => (0x580 + u32::from(id)).to_le_bytes().to_vec(),
-                3 => vec![id],
-                _ => entry.default.clone(),
-            };
-            dictionary.insert(entry.twin(index, default));
-        }
-    }
-    dictionary
-}
-
-/// Returns the controller's objects, with the terms of each loop.
+/// Returns the controller's objects, with an SDO client for each node with which it communicates, and with the terms of
+/// each loop in place of those of the data sheet.
 fn dictionary(
     own_id: NodeId,
     loops: &[(Vec<LawTerm>, [u16; TERMS_MAX])],
     drives: &[NodeId],
     io_nodes: &[NodeId],
 ) -> Result<ObjectDictionary, ControllerError> {
-    let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, own_id.get())?;
-    let servers = drives.iter().chain(io_nodes).copied();
-    let mut dictionary = with_clients(&shipped, servers);
+    let mut servers = Vec::new();
+    for server in drives.iter().chain(io_nodes).map(|node| node.get()) {
+        if !servers.contains(&server) {
+            servers.push(server);
+        }
+    }
+    let sheet = controller_sheet(&servers);
+    let shipped = dbc::dictionary(&sheet, own_id.get())?;
+    let mut dictionary = ObjectDictionary::new();
+    let entries = shipped.entries().iter();
+    entries
+        .filter(|entry| !terms::is_of_law(entry.index))
+        .for_each(|entry| dictionary.insert(entry.clone()));
     // The object is checked here, since it is written only when the drives are configured.
     let watch = dictionary
         .find(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
