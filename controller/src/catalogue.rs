@@ -12,6 +12,7 @@ use scenario::port::{Measurand, Ports, Unit};
 use scenario::registration::{InvalidRegistration, register};
 use scenario::wiring::{LoopFacts, Wiring};
 
+use crate::error::ControllerError;
 use crate::law::{AnyLaw, Law};
 use crate::laws::SHIPPED;
 use crate::process_law;
@@ -22,7 +23,7 @@ use crate::terms::described;
 pub struct LawRow {
     name: &'static str,
     table: fn() -> CustomTable,
-    make: fn(&Controller, &Wiring) -> Result<AnyLaw, LawError>,
+    make: fn(&Controller, &Wiring) -> Result<AnyLaw, ControllerError>,
     /// Ports of a law of one loop with its default parameters; `None` if some parameters have no default.
     ports: fn() -> Option<Ports>,
 }
@@ -45,36 +46,6 @@ impl LawRow {
     }
 }
 
-/// Reason why a `[controller]` table selects no law.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum LawError {
-    /// The table holds no law or several.
-    #[error("the [controller] table must hold exactly one law, found {0}")]
-    NotExactlyOne(usize),
-    /// The law is unknown.
-    #[error("there is no control law `{0}`")]
-    Unknown(String),
-    /// The parameters do not fit the law.
-    #[error("controller: {0}")]
-    Parameters(#[from] toml::de::Error),
-}
-
-/// Reason why a custom law cannot be registered.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidCustomLaw {
-    /// Its table is invalid.
-    #[error(transparent)]
-    Table(#[from] InvalidRegistration),
-    /// A port has no meaning, or there are too many terms.
-    #[error("the law `{law}`: {wrong}")]
-    Port {
-        /// Name of the law.
-        law: &'static str,
-        /// The error.
-        wrong: WrongPort,
-    },
-}
-
 static OWN: OnceLock<Vec<LawRow>> = OnceLock::new();
 
 /// Registers the custom laws, once and before any scenario is read. It also registers the shipped laws that are not in
@@ -82,7 +53,7 @@ static OWN: OnceLock<Vec<LawRow>> = OnceLock::new();
 ///
 /// # Errors
 /// A law has an invalid name, parameters or ports.
-pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidCustomLaw> {
+pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidRegistration> {
     laws.iter().try_for_each(check)?;
     let shipped = SHIPPED.iter().filter(|row| !is_built_in(row.name));
     let tables = shipped.chain(&laws).map(|row| (row.table)());
@@ -90,12 +61,11 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidCustomLaw> {
     if !tables.is_empty() {
         register(Section::Controller, tables)?;
     }
-    OWN.set(laws)
-        .map_err(|_| InvalidCustomLaw::Table(InvalidRegistration::again()))
+    OWN.set(laws).map_err(|_| InvalidRegistration::again())
 }
 
 /// Checks whether the bus can carry the outputs of a law of one loop.
-fn check(row: &LawRow) -> Result<(), InvalidCustomLaw> {
+fn check(row: &LawRow) -> Result<(), InvalidRegistration> {
     let Some(ports) = (row.ports)() else {
         return Ok(());
     };
@@ -103,8 +73,7 @@ fn check(row: &LawRow) -> Result<(), InvalidCustomLaw> {
     let described = |(name, port)| described(name, port, &Measurand::default());
     let terms = || Vec::from_iter(one_loop_terms(&ports).map(described));
     let checked = wires.and_then(|_| check_terms(&terms()));
-    let law = row.name;
-    checked.map_err(|wrong| InvalidCustomLaw::Port { law, wrong })
+    checked.map_err(|wrong| InvalidRegistration(format!("the law `{}`: {wrong}", row.name)))
 }
 
 /// Checks whether the terms have valid names of columns, and fit into the frames of a loop.
@@ -130,13 +99,15 @@ fn check_terms(terms: &[LawTerm]) -> Result<(), WrongPort> {
 ///
 /// # Errors
 /// The table holds no law, several, or an unknown one.
-pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError> {
+pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, ControllerError> {
     let mut names = controller.law_names();
     let name = match (names.next(), names.count()) {
         (Some(name), 0) => name,
         (first, others) => {
             let count = usize::from(first.is_some()) + others;
-            return Err(LawError::NotExactlyOne(count));
+            return Err(ControllerError::Other(format!(
+                "the [controller] table must hold exactly one law, found {count}"
+            )));
         }
     };
     if let Some(law) = controller.process_law() {
@@ -147,7 +118,7 @@ pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError>
         .iter()
         .chain(own)
         .find(|row| row.name == name)
-        .ok_or_else(|| LawError::Unknown(name.to_owned()))?;
+        .ok_or_else(|| ControllerError::Other(format!("there is no control law `{name}`")))?;
     (row.make)(controller, wiring)
 }
 
@@ -198,10 +169,12 @@ mod tests {
     #[test]
     fn exactly_one_law_is_selected() {
         let none = Controller::default();
-        assert_eq!(
-            law(&none, &Wiring::default()).unwrap_err(),
-            LawError::NotExactlyOne(0)
-        );
+        let refused = |controller: &Controller| {
+            let refused = law(controller, &Wiring::default());
+            refused.unwrap_err().to_string()
+        };
+        let message = "the [controller] table must hold exactly one law, found";
+        assert_eq!(refused(&none), format!("{message} 0"));
         let one = Controller {
             sliding_mode: Some(controller::SlidingMode::default()),
             ..none.clone()
@@ -212,10 +185,7 @@ mod tests {
             open_loop: Some(controller::OpenLoop::default()),
             ..none
         };
-        assert_eq!(
-            law(&two, &Wiring::default()).unwrap_err(),
-            LawError::NotExactlyOne(2)
-        );
+        assert_eq!(refused(&two), format!("{message} 2"));
     }
 
     /// A law with `TERMS` terms.
@@ -254,10 +224,11 @@ mod tests {
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
         // The law is registered already.
-        assert!(matches!(
-            register_laws(vec![LawRow::of::<Pid>()]),
-            Err(InvalidCustomLaw::Table(_))
-        ));
+        let refused = register_laws(vec![LawRow::of::<Pid>()]).unwrap_err();
+        assert_eq!(
+            refused.to_string(),
+            "[controller.pid] is a table already: choose another name"
+        );
     }
 
     #[test]

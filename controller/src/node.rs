@@ -78,7 +78,7 @@ impl ControllerNode {
                 None => LoopPlan::emulated(view)?,
             });
             for io in &view.wiring.nodes.io {
-                io_nodes.push(NodeId::new(io.id).ok_or(ControllerError::NodeId(io.id))?);
+                io_nodes.push(node_id(io.id)?);
             }
         }
         Self::leading(plans, io_nodes, start)
@@ -90,8 +90,7 @@ impl ControllerNode {
         start: StartPlayer<'_>,
     ) -> Result<Self, ControllerError> {
         let view = plans[0].view;
-        let own_id = view.wiring.nodes.controller.id;
-        let own_id = NodeId::new(own_id).ok_or(ControllerError::NodeId(own_id))?;
+        let own_id = node_id(view.wiring.nodes.controller.id)?;
         let sync_period = view.bus.sync_period();
         // All drives begin together, when the last one is ready.
         let bring_up = plans
@@ -102,7 +101,7 @@ impl ControllerNode {
         let mut laws = laws_of(&plans)?;
         for (law, _) in &mut laws {
             let started = law.start(sync_period, start);
-            started.map_err(ControllerError::NoPlayer)?;
+            started.map_err(ControllerError::Other)?;
         }
         let mut terms = vec![Vec::new(); plans.len()];
         for (law, places) in &laws {
@@ -174,6 +173,11 @@ impl ControllerNode {
     }
 }
 
+/// Converts a number to a node-ID.
+fn node_id(number: u8) -> Result<NodeId, ControllerError> {
+    NodeId::new(number).ok_or_else(|| ControllerError::Other(format!("{number} is no node-ID")))
+}
+
 /// Returns the laws, each with the indices of the loops that it leads: one law for all loops, or one for each loop with
 /// its further drives.
 fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, ControllerError> {
@@ -195,7 +199,11 @@ fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, Co
     let followed = of.view.wiring.nodes.followed.id;
     let mut drives = plans.iter().map(|plan| plan.drive.node_id.get());
     let place = drives.position(|drive| drive == followed);
-    place.ok_or(ControllerError::NotLed(followed))
+    place.ok_or_else(|| {
+        ControllerError::Other(format!(
+            "a loop follows the drive with node-ID {followed}, which the controller does not lead"
+        ))
+    })
 }
 
 /// Returns the indices of the loops of a leader's further drives, in their order.
@@ -272,7 +280,7 @@ fn dictionary(
     // The object is checked here, since it is written only when the drives are configured.
     let watch = dictionary
         .find(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
-        .map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
+        .map_err(|_| ControllerError::no_object(CONSUMER_HEARTBEAT_TIME))?;
     let watch = dictionary.entry(watch).clone();
     for (place, (terms, identifiers)) in loops.iter().enumerate() {
         terms::declare(&mut dictionary, &shipped, terms, identifiers, place);

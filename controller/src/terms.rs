@@ -192,7 +192,7 @@ impl TermObjects {
             let index = u16::try_from(first + object).unwrap_or(u16::MAX);
             let handle = dictionary
                 .find(index, 0)
-                .map_err(|_| ControllerError::NoObject(index))?;
+                .map_err(|_| ControllerError::no_object(index))?;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];
                 Part {

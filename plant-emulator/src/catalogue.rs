@@ -39,24 +39,6 @@ impl PlantRow {
     }
 }
 
-/// Reason why a custom plant cannot be registered.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidCustomPlant {
-    /// Its table is invalid.
-    #[error(transparent)]
-    Table(#[from] InvalidRegistration),
-    /// A port is invalid.
-    #[error("the port `{port}` of the plant `{plant}` {reason}")]
-    Port {
-        /// Name of the plant.
-        plant: &'static str,
-        /// Name of the port.
-        port: String,
-        /// Error of the port.
-        reason: &'static str,
-    },
-}
-
 static OWN: OnceLock<Vec<PlantRow>> = OnceLock::new();
 
 static FMU: OnceLock<PlantRow> = OnceLock::new();
@@ -72,7 +54,7 @@ pub fn register_fmu(row: PlantRow) {
 ///
 /// # Errors
 /// A plant has an invalid name, parameters or ports.
-pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidCustomPlant> {
+pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidRegistration> {
     plants.iter().try_for_each(check_ports)?;
     let shipped = SHIPPED.iter().filter(|row| !is_built_in((row.name)()));
     let tables = shipped.chain(&plants).map(|row| (row.table)());
@@ -80,20 +62,19 @@ pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidCustomPlant> 
     if !tables.is_empty() {
         register(Section::Plant, tables)?;
     }
-    OWN.set(plants)
-        .map_err(|_| InvalidCustomPlant::Table(InvalidRegistration::again()))
+    OWN.set(plants).map_err(|_| InvalidRegistration::again())
 }
 
 /// Checks that the bus can carry the ports.
-fn check_ports(row: &PlantRow) -> Result<(), InvalidCustomPlant> {
+fn check_ports(row: &PlantRow) -> Result<(), InvalidRegistration> {
     let ports = (row.default_ports)().unwrap_or_default();
     match ports.flaw() {
         None => Ok(()),
-        Some((port, reason)) => Err(InvalidCustomPlant::Port {
-            plant: (row.name)(),
-            port: port.name.clone(),
-            reason,
-        }),
+        Some((port, reason)) => Err(InvalidRegistration(format!(
+            "the port `{}` of the plant `{}` {reason}",
+            port.name,
+            (row.name)()
+        ))),
     }
 }
 
@@ -155,7 +136,7 @@ fn find_row(model: &PlantModel) -> Result<&'static PlantRow, InvalidEmulator> {
     let custom = OWN.get().into_iter().flatten();
     let mut rows = SHIPPED.iter().chain(FMU.get()).chain(custom);
     let row = rows.find(|row| (row.name)() == name);
-    row.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))
+    row.ok_or_else(|| InvalidEmulator::Other(format!("there is no plant `{name}`")))
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use canopen::{
     AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, ObjectDictionary, Services,
 };
 
-use crate::objects::{self, MissingObject};
+use crate::InvalidEmulator;
+use crate::objects;
 
 /// Write analogue output 16-bit (CiA 401).
 const OUTPUT: u16 = 0x6411;
@@ -24,7 +25,7 @@ struct Output {
 }
 
 impl Output {
-    fn find(dictionary: &ObjectDictionary, sub_index: u8) -> Result<Self, MissingObject> {
+    fn find(dictionary: &ObjectDictionary, sub_index: u8) -> Result<Self, InvalidEmulator> {
         let find = |index, data_type| objects::find(dictionary, index, sub_index, data_type);
         Ok(Self {
             value: find(OUTPUT, DataType::Integer16)?,
@@ -49,7 +50,7 @@ impl DisturbanceModule {
     ///
     /// # Errors
     /// The dictionary lacks an object of an output.
-    pub fn new(dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
+    pub fn new(dictionary: &ObjectDictionary) -> Result<Self, InvalidEmulator> {
         let count = dictionary.unsigned(OUTPUT, 0).unwrap_or_default();
         let outputs = (1..=u8::try_from(count).unwrap_or_default())
             .map(|sub_index| Output::find(dictionary, sub_index))

@@ -25,10 +25,10 @@ use scenario::Trial;
 pub(crate) use objects::declare;
 use objects::{Objects, TARGET_TORQUE};
 
+use crate::InvalidEmulator;
 use crate::amplifier::Amplifier;
 use crate::clocked_plant::ClockedPlant;
 use crate::faults::RigFaults;
-use crate::objects::MissingObject;
 use crate::sensor::PositionSensor;
 use crate::thermal_protection::ThermalProtection;
 use crate::wires::Wires;
@@ -97,7 +97,7 @@ impl Drive {
         plant: ClockedPlant,
         wires: Wires,
         dictionary: &ObjectDictionary,
-    ) -> Result<Self, MissingObject> {
+    ) -> Result<Self, InvalidEmulator> {
         let objects = Objects::find(dictionary, &wires)?;
         let wiring = &trial.wiring;
         let seed = drive_seed(trial.run.seed, wiring.nodes.drive.id);
@@ -243,12 +243,11 @@ impl Drive {
         let sensor = &mut self.sensor;
         let convert = |position| sensor.sample(position);
         let counts = self.faults.sense(now, true_position, convert);
-        let position = self.sensor.position(counts);
+        let position = self.sensor.position(counts) * self.wires.counts_per_output;
         let permille = self.amplifier.permille(self.current_amperes());
         let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);
-        self.objects
-            .set_truth(dictionary, &self.plant, true_position);
+        self.objects.set_truth(dictionary, &self.wires, &self.plant);
         self.objects.set_current(dictionary, permille);
         self.objects
             .set_utilisation(dictionary, self.protection.utilisation());

@@ -32,7 +32,6 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress, earliest};
 use canopen::device::PDOS_AND_SDOS;
-use canopen::eds::EdsError;
 use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::services::InvalidPdo;
 use canopen::{Device, NodeId};
@@ -44,9 +43,8 @@ use dbc::data_sheets::AnalogueOutput;
 use disturbance::DisturbanceModule;
 pub use drive_node::DriveOf;
 use drive_node::{DriveNode, Parts};
-pub use objects::MissingObject;
 use plant::{InvalidPlant, Plant, Ports};
-use scenario::wiring::{IoOutput, RECORDED_MAX};
+use scenario::wiring::IoOutput;
 use wires::Wires;
 
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
@@ -69,46 +67,18 @@ pub enum InvalidEmulator {
     /// The plant makes no physical sense.
     #[error("plant: {0}")]
     Plant(#[from] InvalidPlant),
-    /// There is no such plant.
-    #[error("there is no plant `{0}`")]
-    UnknownPlant(String),
     /// The parameters do not fit the custom plant.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),
-    /// The plant has no such port.
-    #[error("the plant has no port `{0}`")]
-    UnknownPort(String),
-    /// The frames of a drive have no room for this number of outputs.
-    #[error("the drive would publish {0} outputs of the plant (limit {RECORDED_MAX})")]
-    TooManyOutputs(usize),
-    /// The sensor does not support this unit.
-    #[error("the port `{port}` cannot be measured in {unit}")]
-    Unit {
-        /// Name of the port.
-        port: String,
-        /// Unit of the port.
-        unit: String,
-    },
-    /// A data sheet cannot be read.
-    #[error("EDS of node {node_id}: {error}")]
-    Eds {
-        /// Node-ID of the data sheet.
-        node_id: NodeId,
-        /// Error in the text.
-        error: EdsError,
-    },
-    /// A data sheet lacks an object.
-    #[error("{0}")]
-    MissingObject(#[from] MissingObject),
     /// A data sheet configures a PDO wrongly.
     #[error("{0}")]
     Pdo(#[from] InvalidPdo),
-    /// A number is no node-ID.
-    #[error("{0} is no node-ID")]
-    NodeId(u8),
     /// The DBC lacks a signal of the emulator.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
+    /// Another reason, as text.
+    #[error("{0}")]
+    Other(String),
 }
 
 /// Plants that are connected by nodes, usually one, with their drives and the io nodes that act on them.

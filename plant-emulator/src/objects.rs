@@ -3,17 +3,7 @@
 use canopen::object_dictionary::{DataType, Handle};
 use canopen::{ObjectDictionary, add_half};
 
-/// Error for an object that the data sheet lacks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the EDS has no object {index:#06x}:{sub_index:02x} of type {data_type:?}")]
-pub struct MissingObject {
-    /// Index of the object.
-    pub index: u16,
-    /// Sub-index of the object.
-    pub sub_index: u8,
-    /// Type that the object must have.
-    pub data_type: DataType,
-}
+use crate::InvalidEmulator;
 
 /// Finds an object of a given type.
 pub(crate) fn find(
@@ -21,14 +11,14 @@ pub(crate) fn find(
     index: u16,
     sub_index: u8,
     data_type: DataType,
-) -> Result<Handle, MissingObject> {
+) -> Result<Handle, InvalidEmulator> {
     let found = dictionary.find(index, sub_index).ok();
     found
         .filter(|handle| dictionary.entry(*handle).data_type == data_type)
-        .ok_or(MissingObject {
-            index,
-            sub_index,
-            data_type,
+        .ok_or_else(|| {
+            InvalidEmulator::Other(format!(
+                "the EDS has no object {index:#06x}:{sub_index:02x} of type {data_type:?}"
+            ))
         })
 }
 

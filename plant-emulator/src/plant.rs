@@ -162,39 +162,13 @@ impl Default for Inputs {
 /// Reason why a plant cannot be emulated.
 #[derive(Debug, thiserror::Error)]
 pub enum InvalidPlant {
-    /// A parameter is outside its range.
-    #[error("{name} is {value}, it must be {requirement}")]
-    OutOfRange {
+    /// A parameter makes no physical sense.
+    #[error("{name} is {what}")]
+    Parameter {
         /// Name of the parameter in the scenario.
         name: &'static str,
-        /// Value of the parameter.
-        value: f64,
-        /// Requirement on the value.
-        requirement: &'static str,
-    },
-    /// Two temperatures are in the wrong order.
-    #[error("{cold_name} is {cold} °C, it must be below {hot_name} of {hot} °C")]
-    WrongOrder {
-        /// Name of the lower temperature.
-        cold_name: &'static str,
-        /// Value of the lower temperature.
-        cold: f64,
-        /// Name of the higher temperature.
-        hot_name: &'static str,
-        /// Value of the higher temperature.
-        hot: f64,
-    },
-    /// The motion or the heat changes faster than the integrator can follow.
-    #[error(
-        "{part} changes at up to {rate_per_second:.0} 1/s, the integrator follows {limit_per_second:.0} 1/s at most"
-    )]
-    TooFast {
-        /// `heat` or `motion`.
-        part: &'static str,
-        /// Fastest rate of the part.
-        rate_per_second: f64,
-        /// Largest rate: one by the step size.
-        limit_per_second: f64,
+        /// Value of the parameter, and requirement on it.
+        what: String,
     },
     /// The machine cannot make it now.
     #[error("{what}: {source}")]
@@ -213,9 +187,8 @@ impl InvalidPlant {
     /// Returns the parameter that is the cause, if it is one.
     pub fn parameter(&self) -> Option<&'static str> {
         match self {
-            Self::OutOfRange { name, .. } => Some(name),
-            Self::WrongOrder { cold_name, .. } => Some(cold_name),
-            Self::TooFast { .. } | Self::Machine { .. } | Self::Other(_) => None,
+            Self::Parameter { name, .. } => Some(name),
+            Self::Machine { .. } | Self::Other(_) => None,
         }
     }
 }
@@ -257,11 +230,8 @@ pub fn require(
     if value.is_finite() && is_met(value) {
         Ok(())
     } else {
-        Err(InvalidPlant::OutOfRange {
-            name,
-            value,
-            requirement,
-        })
+        let what = format!("{value}, it must be {requirement}");
+        Err(InvalidPlant::Parameter { name, what })
     }
 }
 
@@ -278,10 +248,8 @@ pub fn follows(
     if rate_per_second <= limit_per_second {
         Ok(())
     } else {
-        Err(InvalidPlant::TooFast {
-            part,
-            rate_per_second,
-            limit_per_second,
-        })
+        Err(InvalidPlant::Other(format!(
+            "{part} changes at up to {rate_per_second:.0} 1/s, the integrator follows {limit_per_second:.0} 1/s at most"
+        )))
     }
 }

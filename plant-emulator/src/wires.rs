@@ -41,7 +41,8 @@ pub(crate) struct Wires {
 impl Wires {
     /// Finds the ports that a rig file names.
     pub(crate) fn new(ports: &Ports, wiring: &Wiring) -> Result<Self, InvalidEmulator> {
-        let unknown = |name: &str| InvalidEmulator::UnknownPort(name.to_owned());
+        let unknown =
+            |name: &str| InvalidEmulator::Other(format!("the plant has no port `{name}`"));
         let input = wiring.driven(ports).ok_or_else(|| unknown(&wiring.input))?;
         let output = wiring
             .measured(ports)
@@ -49,15 +50,16 @@ impl Wires {
         let port = &ports.outputs[output];
         let factors = conversion(&port.unit, wiring.sensor.measurand.unit.word())
             .zip(conversion(wiring.sensor.measurand.unit.word(), &port.unit));
-        let (units_per_output, sensor_unit) = factors.ok_or_else(|| InvalidEmulator::Unit {
-            port: port.name.clone(),
-            unit: wiring.sensor.measurand.unit.to_string(),
+        let (units_per_output, sensor_unit) = factors.ok_or_else(|| {
+            let (port, unit) = (&port.name, &wiring.sensor.measurand.unit);
+            InvalidEmulator::Other(format!("the port `{port}` cannot be measured in {unit}"))
         })?;
-        let recorded = wiring
-            .recorded(ports)
-            .map_err(InvalidEmulator::UnknownPort)?;
-        if recorded.len() > RECORDED_MAX {
-            return Err(InvalidEmulator::TooManyOutputs(recorded.len()));
+        let recorded = wiring.recorded(ports).map_err(|name| unknown(&name))?;
+        let count = recorded.len();
+        if count > RECORDED_MAX {
+            return Err(InvalidEmulator::Other(format!(
+                "the drive would publish {count} outputs of the plant (limit {RECORDED_MAX})"
+            )));
         }
         let command = wiring.sensor.measurand.command;
         let is_true_float = wiring.sensor.is_true_float();

@@ -8,7 +8,7 @@ use crate::plant;
 /// Reason why a plant or a law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("{0}")]
-pub struct InvalidRegistration(String);
+pub struct InvalidRegistration(pub String);
 
 impl InvalidRegistration {
     /// Makes the error of a second registration, or of one after a scenario was read.

@@ -6,8 +6,9 @@ use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
 use scenario::wiring::RECORDED_MAX;
 
+use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
-use crate::objects::{self, MissingObject};
+use crate::objects;
 use crate::thermal_protection::Limits;
 use crate::wires::{Published, Wires};
 
@@ -42,11 +43,8 @@ pub(super) struct Objects {
     max_current: Handle,
     torque: Handle,
     current: Handle,
-    signals: Vec<(Handle, Published)>,
-    counts_per_output: f64,
-    true_steps_per_output: f64,
+    signals: Vec<Handle>,
     true_position: Handle,
-    is_true_float: bool,
     continuous_current: Handle,
     overload_limit: Handle,
     overload_utilisation: Handle,
@@ -56,7 +54,7 @@ impl Objects {
     pub(super) fn find(
         dictionary: &ObjectDictionary,
         wires: &Wires,
-    ) -> Result<Self, MissingObject> {
+    ) -> Result<Self, InvalidEmulator> {
         let at = |index, data_type| objects::find(dictionary, index, 0, data_type);
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
@@ -70,7 +68,7 @@ impl Objects {
             .published
             .iter()
             .zip(PLANT_SIGNALS)
-            .map(|(one, index)| Ok((at(index, data_type(one))?, one.clone())));
+            .map(|(one, index)| at(index, data_type(one)));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
             statusword: at(cia402::STATUSWORD, DataType::Unsigned16)?,
@@ -83,10 +81,7 @@ impl Objects {
             torque: at(TORQUE_ACTUAL_VALUE, DataType::Integer16)?,
             current: at(CURRENT_ACTUAL_VALUE, DataType::Integer16)?,
             signals: signals.collect::<Result<_, _>>()?,
-            counts_per_output: wires.counts_per_output,
-            true_steps_per_output: wires.true_steps_per_output,
             true_position: at(TRUE_POSITION, truth_type)?,
-            is_true_float: wires.is_true_float,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,
             overload_utilisation: protection(3, DataType::Unsigned16)?,
@@ -153,8 +148,8 @@ impl Objects {
     }
 
     /// Sets 0x6064 in micrometres, or in the corresponding counts of another unit.
-    pub(super) fn set_position(&self, dictionary: &mut ObjectDictionary, position: f64) {
-        let counts = objects::rounded_i32(position * self.counts_per_output);
+    pub(super) fn set_position(&self, dictionary: &mut ObjectDictionary, counts: f64) {
+        let counts = objects::rounded_i32(counts);
         objects::store(dictionary, self.position, &counts.to_le_bytes());
     }
 
@@ -175,15 +170,15 @@ impl Objects {
     pub(super) fn set_truth(
         &self,
         dictionary: &mut ObjectDictionary,
+        wires: &Wires,
         plant: &ClockedPlant,
-        true_position: f64,
     ) {
-        for (handle, signal) in &self.signals {
+        for (handle, signal) in self.signals.iter().zip(&wires.published) {
             objects::store(dictionary, *handle, &raw(signal, plant));
         }
-        let steps = true_position * self.true_steps_per_output;
+        let steps = plant.output(wires.output) * wires.true_steps_per_output;
         #[expect(clippy::cast_possible_truncation, reason = "a float of 32 bits")]
-        let bytes = if self.is_true_float {
+        let bytes = if wires.is_true_float {
             (steps as f32).to_le_bytes()
         } else {
             objects::rounded_i32(steps).to_le_bytes()

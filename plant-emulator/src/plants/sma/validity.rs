@@ -78,11 +78,10 @@ pub(super) fn check_phase(phase: &Phase) -> Result<(), InvalidPlant> {
         finite(cold_name, cold)?;
         finite(hot_name, hot)?;
         if cold >= hot {
-            return Err(InvalidPlant::WrongOrder {
-                cold_name,
-                cold,
-                hot_name,
-                hot,
+            let what = format!("{cold} °C, it must be below {hot_name} of {hot} °C");
+            return Err(InvalidPlant::Parameter {
+                name: cold_name,
+                what,
             });
         }
     }
