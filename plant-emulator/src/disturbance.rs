@@ -35,13 +35,11 @@ impl Output {
     }
 }
 
-/// The present outputs. The dictionary holds the commanded ones.
+/// The outputs, whose values are in the dictionary.
 #[derive(Clone, Debug)]
 pub struct DisturbanceModule {
     outputs: Vec<Output>,
-    /// Output values, in the units of 0x6411.
-    values: Vec<i16>,
-    /// Whether they may have changed since the last look.
+    /// Whether values may have changed since the last look.
     is_changed: bool,
 }
 
@@ -53,15 +51,11 @@ impl DisturbanceModule {
     pub fn new(dictionary: &ObjectDictionary) -> Result<Self, InvalidEmulator> {
         let count = dictionary.unsigned(OUTPUT, 0).unwrap_or_default();
         let outputs = (1..=u8::try_from(count).unwrap_or_default())
-            .map(|sub_index| Output::find(dictionary, sub_index))
-            .collect::<Result<Vec<_>, _>>()?;
-        let mut module = Self {
-            values: vec![0; outputs.len()],
+            .map(|sub_index| Output::find(dictionary, sub_index));
+        Ok(Self {
+            outputs: outputs.collect::<Result<_, _>>()?,
             is_changed: true,
-            outputs,
-        };
-        module.put_out(dictionary);
-        Ok(module)
+        })
     }
 
     /// Returns whether the outputs may have changed since the last look.
@@ -70,20 +64,14 @@ impl DisturbanceModule {
     }
 
     /// Returns the value of an output, in the units of 0x6411; 0 if there is no such output.
-    pub fn steps(&self, place: usize) -> f64 {
-        self.values.get(place).copied().map_or(0.0, f64::from)
+    pub(crate) fn steps(&self, dictionary: &ObjectDictionary, place: usize) -> f64 {
+        self.outputs.get(place).map_or(0.0, |output| {
+            objects::integer16(dictionary, output.value).into()
+        })
     }
 
-    /// Outputs the values in the dictionary.
-    fn put_out(&mut self, dictionary: &ObjectDictionary) {
-        self.is_changed = true;
-        for (value, output) in self.values.iter_mut().zip(&self.outputs) {
-            *value = objects::integer16(dictionary, output.value);
-        }
-    }
-
-    /// Outputs the error values of all outputs whose error mode requires it. They become the commanded values too, so
-    /// no old value returns with the next start.
+    /// Outputs the error values of all outputs whose error mode requires it. They become the commanded values, so no
+    /// old value returns with the next start.
     fn put_out_error_values(&mut self, dictionary: &mut ObjectDictionary) {
         for output in &self.outputs {
             if dictionary.entry(output.error_mode).as_integer() == 1 {
@@ -91,13 +79,13 @@ impl DisturbanceModule {
                 objects::store(dictionary, output.value, &value.to_le_bytes());
             }
         }
-        self.put_out(dictionary);
+        self.is_changed = true;
     }
 }
 
 impl Application for DisturbanceModule {
-    fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
-        self.put_out(services.dictionary());
+    fn on_reset(&mut self, _services: &mut Services, _reset: NmtCommand) {
+        self.is_changed = true;
     }
 
     fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
@@ -106,26 +94,12 @@ impl Application for DisturbanceModule {
         }
     }
 
-    fn on_rpdo(&mut self, services: &mut Services, _number: u16) {
-        self.put_out(services.dictionary());
+    fn on_rpdo(&mut self, _services: &mut Services, _number: u16) {
+        self.is_changed = true;
     }
 
-    fn on_write(
-        &mut self,
-        _services: &mut Services,
-        index: u16,
-        sub_index: u8,
-        bytes: &[u8],
-    ) -> Result<(), AbortCode> {
-        let place = usize::from(sub_index).wrapping_sub(1);
-        if let (OUTPUT, Some(value), Ok(bytes)) = (
-            index,
-            self.values.get_mut(place),
-            <[u8; 2]>::try_from(bytes),
-        ) {
-            *value = i16::from_le_bytes(bytes);
-            self.is_changed = true;
-        }
+    fn on_write(&mut self, _: &mut Services, _: u16, _: u8, _: &[u8]) -> Result<(), AbortCode> {
+        self.is_changed = true;
         Ok(())
     }
 

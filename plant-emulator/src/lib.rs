@@ -226,13 +226,13 @@ impl PlantEmulator {
             return;
         };
         for Module { device, outputs } in &mut self.modules {
-            let module = device.application_mut();
-            if !module.look() {
+            if !device.application_mut().look() {
                 continue;
             }
+            let (module, dictionary) = (device.application(), device.services().dictionary());
             for output in outputs {
                 if let Some(input) = output.input {
-                    let value = output.input_value(module.steps(output.place));
+                    let value = output.input_value(module.steps(dictionary, output.place));
                     holder.drive_mut().disturb(now, input, value);
                 }
             }
