@@ -1,6 +1,6 @@
 //! The terms of a law as objects, from 0x2200 on. The controller's TPDOs map them.
 
-use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use canopen::object_dictionary::{Access, DataType, Entry, Handle, Preset};
 use canopen::{ObjectDictionary, add_half};
 use dbc::{Kind, LAW_TERMS_OBJECT, LawTerm, Range, layout};
 use scenario::port::{Measurand, Port, Width};
@@ -13,10 +13,7 @@ const COMMUNICATION: u16 = 0x1800;
 const MAPPING: u16 = 0x1A00;
 const TPDOS_OF_LOOP: u16 = 4;
 const TERMS_OF_LOOP: u16 = 0x40;
-/// Sub-indices of a TPDO's COB-ID and its SYNC start value (CiA 301, 7.5.2.37).
-const COB_ID: u8 = 1;
-/// Mask of the identifier in a COB-ID; the bits above are flags.
-const STANDARD_ID_MAX: u16 = 0x7FF;
+/// Sub-index of a TPDO's SYNC start value (CiA 301, 7.5.2.37).
 const SYNC_START: u8 = 6;
 
 /// Returns whether an object of the controller belongs to its law only.
@@ -83,36 +80,12 @@ pub(crate) fn declare(
         if mapped.is_empty() {
             continue;
         }
-        for entry in shipped.entries() {
-            let default = match (entry.index, entry.sub_index) {
-                (index, sub) if index == COMMUNICATION + number => {
-                    communication(entry, sub, *identifier, place)
-                }
-                (index, 0) if index == MAPPING + number => mapped.len().to_le_bytes()[..1].to_vec(),
-                (index, sub) if index == MAPPING + number => {
-                    let object = mapped.get(usize::from(sub) - 1);
-                    object.copied().unwrap_or_default().to_le_bytes().to_vec()
-                }
-                _ => continue,
-            };
-            let index = entry.index + TPDOS_OF_LOOP * place;
-            dictionary.insert(entry.twin(index, default));
-        }
-    }
-}
-
-/// Returns a communication parameter of a TPDO of the first loop, adapted to another loop.
-fn communication(entry: &Entry, sub_index: u8, identifier: u16, place: u16) -> Vec<u8> {
-    let place = u8::try_from(place).unwrap_or(u8::MAX);
-    match sub_index {
-        COB_ID => {
-            let value = entry.decode_integer(&entry.default);
-            let flags = u32::try_from(value).unwrap_or_default() & !u32::from(STANDARD_ID_MAX);
-            (flags | u32::from(identifier)).to_le_bytes().to_vec()
-        }
+        let like = [COMMUNICATION, MAPPING].map(|first| first + number);
+        let at = like.map(|index| index + TPDOS_OF_LOOP * place);
+        let tpdo = shipped.pdo_like(like, at, *identifier, &mapped);
+        tpdo.into_iter().for_each(|entry| dictionary.insert(entry));
         // Each loop has its own cycles (`LoopPlace::terms_cycle`).
-        SYNC_START => vec![place],
-        _ => entry.default.clone(),
+        dictionary.preset(&Preset::new(at[0], SYNC_START, place.into()));
     }
 }
 

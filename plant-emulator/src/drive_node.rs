@@ -183,7 +183,7 @@ impl Parts {
         if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
             objects.preset(&Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
         }
-        drive::declare(&mut objects, plant, &wires);
+        drive::declare(&mut objects, node_id, plant, &wires);
         let presets = trial.presets().into_iter().chain(place.presets());
         presets.for_each(|preset| objects.preset(&preset));
         Ok(Self {

@@ -322,17 +322,6 @@ impl Entry {
         integer_from_le(self.data_type, bytes)
     }
 
-    /// Copies the sub-object to another index, with another default, which it then holds.
-    #[must_use]
-    pub fn twin(&self, index: u16, default: Vec<u8>) -> Self {
-        Self {
-            index,
-            value: default.clone(),
-            default,
-            ..self.clone()
-        }
-    }
-
     /// Returns the limit that a value of the type's length exceeds, little-endian in the first bytes; `None` if it is within the
     /// limits.
     pub(crate) fn limit_beyond(&self, bytes: &[u8]) -> Option<[u8; 16]> {
@@ -434,6 +423,37 @@ impl ObjectDictionary {
             entry.low_limit = Some(low.into());
             entry.high_limit = Some(high.into());
         }
+    }
+
+    /// Returns the objects of a PDO like another one of this dictionary, whose parameters and mapping are at `like`. It has the
+    /// same parameters at `at`, with an identifier and mapped objects of its own.
+    pub fn pdo_like(
+        &self,
+        like: [u16; 2],
+        at: [u16; 2],
+        identifier: u16,
+        mapped: &[u32],
+    ) -> Vec<Entry> {
+        let copied = |entry: &Entry| {
+            let place = like.iter().position(|index| *index == entry.index)?;
+            let mut copied = entry.clone();
+            copied.index = at[place];
+            let sub_index = usize::from(entry.sub_index);
+            copied.set_default(match (place, sub_index) {
+                (0, 1) => {
+                    let flags = entry.decode_integer(&entry.default) & !0x7FF;
+                    (flags | i128::from(identifier)).to_le_bytes()[..4].to_vec()
+                }
+                (0, _) => entry.default.clone(),
+                (_, 0) => mapped.len().to_le_bytes()[..1].to_vec(),
+                (_, number) => {
+                    let object = mapped.get(number - 1).copied();
+                    object.unwrap_or_default().to_le_bytes().to_vec()
+                }
+            });
+            Some(copied)
+        };
+        self.entries.iter().filter_map(copied).collect()
     }
 
     /// Finds a sub-object.

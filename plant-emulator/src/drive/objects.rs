@@ -3,7 +3,7 @@
 use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
-use canopen::{AbortCode, ObjectDictionary};
+use canopen::{AbortCode, NodeId, ObjectDictionary};
 use scenario::wiring::RECORDED_MAX;
 
 use crate::InvalidEmulator;
@@ -27,8 +27,8 @@ const THERMAL_PROTECTION: u16 = 0x2110;
 const SIGNALS_IN_TPDO2: usize = 2;
 const TPDO2: [u16; 2] = [0x1801, 0x1A01];
 const TPDO3: [u16; 2] = [0x1802, 0x1A02];
-/// Difference of the COB-IDs of TPDO3 and TPDO2 (CiA 301, 7.3.5).
-const TPDO3_COB_ID_OFFSET: u32 = 0x100;
+/// Identifier of TPDO3 without the node-ID (CiA 301, 7.3.5).
+const TPDO3_FUNCTION: u16 = 0x380;
 
 /// Handles of the drive's objects.
 #[derive(Clone, Debug)]
@@ -195,7 +195,12 @@ pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), 
 
 /// Adds the published outputs of the plant to the dictionary of the shipped data sheet. Those that do not fit into
 /// TPDO2 go to a TPDO3.
-pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, wires: &Wires) {
+pub(crate) fn declare(
+    dictionary: &mut ObjectDictionary,
+    node_id: NodeId,
+    plant: &ClockedPlant,
+    wires: &Wires,
+) {
     let published = &wires.published;
     for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
         let entry = match published.get(place) {
@@ -208,8 +213,12 @@ pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, w
         dictionary.insert(entry);
     }
     if published.len() > SIGNALS_IN_TPDO2 {
-        let count = published.len().min(RECORDED_MAX);
-        declare_tpdo3(dictionary, &PLANT_SIGNALS[SIGNALS_IN_TPDO2..count]);
+        let further = PLANT_SIGNALS.iter().take(published.len());
+        let further = further.skip(SIGNALS_IN_TPDO2);
+        let mapped = Vec::from_iter(further.map(|object| u32::from(*object) << 16 | 16));
+        let identifier = TPDO3_FUNCTION + u16::from(node_id.get());
+        let tpdo3 = dictionary.pdo_like(TPDO2, TPDO3, identifier, &mapped);
+        tpdo3.into_iter().for_each(|entry| dictionary.insert(entry));
     }
 }
 
@@ -217,42 +226,6 @@ fn object(index: u16, name: &str, data_type: DataType, start: [u8; 2]) -> Entry 
     let mut entry = Entry::new(index, 0, name, data_type, Access::ReadOnly, start.to_vec());
     entry.is_pdo_mappable = true;
     entry
-}
-
-/// Adds a TPDO3 like TPDO2, with these objects of 16 bits.
-fn declare_tpdo3(dictionary: &mut ObjectDictionary, indices: &[u16]) {
-    let is_of_tpdo2 = |entry: &&Entry| TPDO2.contains(&entry.index);
-    let entries: Vec<Entry> = dictionary
-        .entries()
-        .iter()
-        .filter(is_of_tpdo2)
-        .cloned()
-        .collect();
-    for entry in entries {
-        let [communication, mapping] = TPDO3;
-        let is_mapping = entry.index == TPDO2[1];
-        let index = if is_mapping { mapping } else { communication };
-        let sub_index = usize::from(entry.sub_index);
-        let default = match (is_mapping, sub_index) {
-            (true, 0) => vec![indices.len().to_le_bytes()[0]],
-            (true, _) => {
-                let mapped = indices
-                    .get(sub_index - 1)
-                    .map(|object| u32::from(*object) << 16 | 16);
-                mapped.unwrap_or_default().to_le_bytes().to_vec()
-            }
-            (false, 1) => cob_id(&entry).to_le_bytes().to_vec(),
-            (false, _) => entry.default.clone(),
-        };
-        let mut twin = entry.twin(index, default);
-        twin.name = entry.name.replace("TPDO2", "TPDO3");
-        dictionary.insert(twin);
-    }
-}
-
-fn cob_id(tpdo2: &Entry) -> u32 {
-    let bytes = <[u8; 4]>::try_from(tpdo2.default.as_slice()).unwrap_or_default();
-    u32::from_le_bytes(bytes) + TPDO3_COB_ID_OFFSET
 }
 
 fn data_type(signal: &Published) -> DataType {
