@@ -31,4 +31,4 @@ mod test_rig;
 mod turns;
 
 pub use error::ControllerError;
-pub use node::ControllerNode;
+pub use node::{Controller, ControllerNode};

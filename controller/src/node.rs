@@ -17,25 +17,19 @@ mod statistics;
 #[cfg(test)]
 mod tests;
 
-use std::time::Duration;
-
-use can::{CanFrame, Filter, Node, Progress};
-use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NodeId};
+use canopen::nmt::NodeId;
 use canopen::object_dictionary::Preset;
-use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
-use canopen::{Device, ObjectDictionary, emcy};
+use canopen::{Device, ObjectDictionary};
 use dbc::LawTerm;
 use dbc::data_sheets::controller_sheet;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
-use scenario::rig::limits::LimitWatch;
 use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
 
 use crate::catalogue;
 use crate::error::ControllerError;
 use crate::law::AnyLaw;
-use crate::plausibility::Plausibility;
 use crate::process_law::{StartPlayer, no_player};
 use crate::terms;
 use control_loop::ControlLoop;
@@ -43,40 +37,35 @@ pub use drive::ENABLE_TIME;
 use drive::LedDrive;
 use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
-use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
-pub use statistics::Statistics;
+pub use sequence::Controller;
+use sequence::{CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY, watch_entry};
+use statistics::Statistics;
 
-/// The controller.
-#[derive(Debug)]
-pub struct ControllerNode {
-    device: Device<Controller>,
-}
+/// The controller as a node.
+pub type ControllerNode = Device<Controller>;
 
-impl ControllerNode {
+impl Controller {
     /// Makes a controller from the part of a scenario that it may know.
     ///
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
-    pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        Self::of_loops([(view, None)], &no_player)
+    pub fn node(view: &ControllerView) -> Result<ControllerNode, ControllerError> {
+        Self::node_of_loops([(view, None)], &no_player)
     }
 
-    /// Works as [`ControllerNode::new`], for several loops with their drives: emulated ones, or real ones with their
-    /// EDS, whose limits the controller obeys. `start` starts the processes that play laws.
+    /// Works as [`Controller::node`], for several loops with their drives: emulated ones, or real ones with their EDS,
+    /// whose limits the controller obeys. `start` starts the processes that play laws.
     ///
     /// # Errors
-    /// As [`ControllerNode::new`].
-    pub fn of_loops<'a>(
+    /// As [`Controller::node`].
+    pub fn node_of_loops<'a>(
         loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a str)>)>,
         start: StartPlayer<'_>,
-    ) -> Result<Self, ControllerError> {
+    ) -> Result<ControllerNode, ControllerError> {
         let mut plans = Vec::new();
         let mut io_nodes = Vec::new();
         for (view, real_drive) in loops {
-            plans.push(match real_drive {
-                Some((real, eds)) => LoopPlan::real(view, real, eds)?,
-                None => LoopPlan::emulated(view)?,
-            });
+            plans.push(LoopPlan::new(view, real_drive)?);
             for io in &view.wiring.nodes.io {
                 io_nodes.push(node_id(io.id)?);
             }
@@ -88,7 +77,7 @@ impl ControllerNode {
         plans: Vec<LoopPlan<'_>>,
         io_nodes: Vec<NodeId>,
         start: StartPlayer<'_>,
-    ) -> Result<Self, ControllerError> {
+    ) -> Result<ControllerNode, ControllerError> {
         let view = plans[0].view;
         let own_id = node_id(view.wiring.nodes.controller.id)?;
         let sync_period = view.bus.sync_period();
@@ -99,17 +88,14 @@ impl ControllerNode {
             .max()
             .unwrap_or_default();
         let mut laws = laws_of(&plans)?;
-        for (law, _) in &mut laws {
+        let mut terms = vec![Vec::new(); plans.len()];
+        for (law, places) in &mut laws {
             let started = law.start(sync_period, start);
             started.map_err(ControllerError::Other)?;
-        }
-        let mut terms = vec![Vec::new(); plans.len()];
-        for (law, places) in &laws {
-            for place in places {
-                let is_further = law.drives().is_some() && places.first() != Some(place);
-                if !is_further {
-                    terms[*place] = law.terms(&plans[*place].view.wiring);
-                }
+            // A law of one loop publishes its terms there, not for its further drives.
+            let loops = law.drives().map_or(places.len(), |_| 1);
+            for place in &places[..loops] {
+                terms[*place] = law.terms(&plans[*place].view.wiring);
             }
         }
         let drives = plans.iter().map(|plan| plan.drive.node_id);
@@ -127,21 +113,9 @@ impl ControllerNode {
             .collect::<Result<Vec<_>, _>>()?;
         let loops = plans.into_iter().zip(follows).map(|(plan, follows)| {
             let view = plan.view;
-            let limits = plan.limits.map(|limits| {
-                let unit = &view.wiring.sensor.measurand.unit;
-                LimitWatch::new(limits, sync_period, unit)
-            });
-            let plausibility = Plausibility::new(&view.wiring);
             ControlLoop {
-                drive: LedDrive::new(
-                    plan.drive,
-                    own_id,
-                    sync_period,
-                    &plan.timeouts,
-                    limits,
-                    plausibility,
-                ),
                 missing_max: plan.timeouts.missing_positions_cycles.into(),
+                drive: LedDrive::new(plan, own_id, sync_period),
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
                 sync_period,
@@ -163,13 +137,7 @@ impl ControllerNode {
             failure: None,
             statistics: Statistics::default(),
         };
-        let device = Device::new(own_id, dictionary, controller)?;
-        Ok(Self { device })
-    }
-
-    /// Returns the counts since the start of the scenario.
-    pub fn statistics(&self) -> Statistics {
-        self.device.application().statistics
+        Ok(Device::new(own_id, dictionary, controller)?)
     }
 }
 
@@ -228,30 +196,24 @@ struct LoopPlan<'a> {
 }
 
 impl<'a> LoopPlan<'a> {
-    fn emulated(view: &'a ControllerView) -> Result<Self, ControllerError> {
-        let node_id = view.wiring.nodes.drive.id;
-        let objects = RigDrive::emulated(node_id, &view.wiring);
-        let current_max = view.wiring.current().largest();
-        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
-        Ok(Self {
-            view,
-            drive: DriveLayout::new(dictionary, &objects, current_max)?,
-            limits: None,
-            timeouts: Timeouts::default(),
-        })
-    }
-
-    fn real(
+    /// Makes the plan of a loop with a real drive and its EDS, or with the emulated one.
+    fn new(
         view: &'a ControllerView,
-        real: &'a RealDrive,
-        drive_eds: &str,
+        real_drive: Option<(&'a RealDrive, &str)>,
     ) -> Result<Self, ControllerError> {
-        let dictionary = dbc::dictionary(drive_eds, real.drive.node_id)?;
+        let emulated = RigDrive::emulated(view.wiring.nodes.drive.id, &view.wiring);
+        let current_max = view.wiring.current().largest();
+        let (eds, objects, current_max) = match real_drive {
+            Some((real, eds)) => (eds, &real.drive, real.limits.current_amperes),
+            None => (dbc::DRIVE_EDS, &emulated, current_max),
+        };
+        let dictionary = dbc::dictionary(eds, objects.node_id)?;
+        let timeouts = real_drive.map(|(real, _)| real.timeouts);
         Ok(Self {
             view,
-            drive: DriveLayout::new(dictionary, &real.drive, real.limits.current_amperes)?,
-            limits: Some(&real.limits),
-            timeouts: real.timeouts,
+            drive: DriveLayout::new(dictionary, objects, current_max)?,
+            limits: real_drive.map(|(real, _)| &real.limits),
+            timeouts: timeouts.unwrap_or_default(),
         })
     }
 }
@@ -304,49 +266,4 @@ fn dictionary(
         watch.into(),
     ));
     Ok(dictionary)
-}
-
-impl Node for ControllerNode {
-    /// Returns the filters for NMT, SYNC and EMCY, the TPDO1 of each drive, SDO, and heartbeats. They exclude the
-    /// emulator's truth (TPDO2).
-    fn filters(&self) -> Vec<Filter> {
-        let function = |id| Filter {
-            mask: Filter::exact(0).mask & !0x7F,
-            ..Filter::exact(id)
-        };
-        let drives = self.device.application().drives();
-        let feedback = drives.map(|drive| Filter::exact(drive.layout.feedback.id()));
-        let before = [Filter::exact(COMMAND_ID), function(emcy::DEFAULT_ID)];
-        let behind = [
-            function(DEFAULT_RESPONSE_ID),
-            function(DEFAULT_REQUEST_ID),
-            function(ERROR_CONTROL_ID),
-            Filter::ERRORS,
-        ];
-        before.into_iter().chain(feedback).chain(behind).collect()
-    }
-
-    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.device.on_frame(now, frame);
-    }
-
-    fn on_tick(&mut self, now: Duration) {
-        self.device.on_tick(now);
-    }
-
-    fn on_stop(&mut self, now: Duration) {
-        self.device.on_stop(now);
-    }
-
-    fn next_frame(&mut self) -> Option<CanFrame> {
-        self.device.next_frame()
-    }
-
-    fn next_deadline(&self) -> Option<Duration> {
-        self.device.next_deadline()
-    }
-
-    fn progress(&self) -> Progress {
-        self.device.progress()
-    }
 }

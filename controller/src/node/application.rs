@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use can::{CanFrame, Progress};
-use canopen::emcy::{EmergencyMessage, ErrorCode};
-use canopen::nmt::{NmtCommand, NmtState, NodeId};
+use can::{CanFrame, Filter, Progress};
+use canopen::emcy::{self, EmergencyMessage, ErrorCode};
+use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NmtCommand, NmtState, NodeId};
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services};
 
@@ -14,6 +15,25 @@ use super::sequence::Controller;
 use crate::cause::Cause;
 
 impl Application for Controller {
+    /// Returns the filters for NMT, SYNC and EMCY, the TPDO1 of each drive, SDO, and heartbeats. They exclude the
+    /// emulator's truth (TPDO2).
+    fn filters(&self) -> Vec<Filter> {
+        let function = |id| Filter {
+            mask: Filter::exact(0).mask & !0x7F,
+            ..Filter::exact(id)
+        };
+        let feedback = self.drives().map(|drive| drive.layout.feedback.id());
+        let before = [Filter::exact(COMMAND_ID), function(emcy::DEFAULT_ID)];
+        let behind = [
+            function(DEFAULT_RESPONSE_ID),
+            function(DEFAULT_REQUEST_ID),
+            function(ERROR_CONTROL_ID),
+            Filter::ERRORS,
+        ];
+        let feedback = feedback.map(Filter::exact);
+        before.into_iter().chain(feedback).chain(behind).collect()
+    }
+
     fn on_reset(&mut self, services: &mut Services, _: NmtCommand) {
         if self.phase == Phase::Off {
             self.search(services);

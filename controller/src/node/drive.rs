@@ -7,10 +7,10 @@ use canopen::Services;
 use canopen::cia402::{Command as DriveCommand, State};
 use canopen::emcy::EmergencyMessage;
 use canopen::nmt::{NmtCommand, NodeId};
-use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Feedback};
 use scenario::rig::limits::LimitWatch;
 
+use super::LoopPlan;
 use super::phase::DrivePhase;
 use crate::cause::Cause;
 use crate::manager::BringUp;
@@ -45,18 +45,13 @@ pub(super) struct LedDrive {
 }
 
 impl LedDrive {
-    pub(super) fn new(
-        layout: DriveLayout,
-        manager: NodeId,
-        sync_period: Duration,
-        timeouts: &Timeouts,
-        limits: Option<LimitWatch>,
-        plausibility: Plausibility,
-    ) -> Self {
-        let node_id = u32::from(layout.node_id.get());
+    pub(super) fn new(plan: LoopPlan<'_>, manager: NodeId, sync_period: Duration) -> Self {
+        let (wiring, timeouts) = (&plan.view.wiring, &plan.timeouts);
+        let unit = &wiring.sensor.measurand.unit;
+        let watch = |limits| LimitWatch::new(limits, sync_period, unit);
+        let node_id = u32::from(plan.drive.node_id.get());
         Self {
-            bring_up: BringUp::new(&layout, manager, sync_period, timeouts),
-            layout,
+            bring_up: BringUp::new(&plan.drive, manager, sync_period, timeouts),
             phase: DrivePhase::Searching {
                 next_question: Duration::ZERO,
             },
@@ -67,9 +62,10 @@ impl LedDrive {
             last_heard: Duration::ZERO,
             last_statusword: None,
             last_emergency: None,
-            plausibility,
+            plausibility: Plausibility::new(wiring),
             implausible: None,
-            limits,
+            limits: plan.limits.map(watch),
+            layout: plan.drive,
         }
     }
 

@@ -26,7 +26,7 @@ const WATCH_TIME: u32 = 0xFFFF;
 
 /// The application of the controller's device.
 #[derive(Debug)]
-pub(super) struct Controller {
+pub struct Controller {
     pub(super) loops: Vec<ControlLoop>,
     /// The law of each loop, or one that leads all loops.
     pub(super) laws: Vec<LeadingLaw>,

@@ -2,11 +2,11 @@
 
 /// Counts since the start of the scenario.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
+pub(super) struct Statistics {
     /// SYNCs sent.
-    pub cycles: u64,
+    pub(super) cycles: u64,
     /// Cycles without a position from the drive.
-    pub missing_positions: u64,
+    pub(super) missing_positions: u64,
     /// SYNCs that were not sent because their time had passed.
-    pub sync_overruns: u64,
+    pub(super) sync_overruns: u64,
 }

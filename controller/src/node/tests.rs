@@ -3,6 +3,7 @@
 mod played;
 mod several;
 
+use can::{CanFrame, Node, Progress};
 use canopen::cia402::{OptionCodes, State, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::nmt::{NmtCommand, NmtState};
@@ -13,6 +14,7 @@ use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
 use scenario::{Asked, Beside, Scenario};
 use std::path::Path;
+use std::time::Duration;
 
 use scenario::node::{Node as RigNode, Part};
 
@@ -134,7 +136,7 @@ const OPEN_LOOP: &str = "[[controller.open_loop.step]]\nat_seconds = 0.0\ncurren
     [[controller.open_loop.step]]\nat_seconds = 0.01\ncurrent_amperes = 0.5\n";
 
 fn controller(tables: &str) -> ControllerNode {
-    ControllerNode::new(&view(tables)).unwrap()
+    Controller::node(&view(tables)).unwrap()
 }
 
 fn view(tables: &str) -> ControllerView {
@@ -241,7 +243,7 @@ impl Bus {
     /// Runs until the law steps.
     fn run_until_running(&mut self) {
         for _ in 0..12_000 {
-            if self.controller.statistics().cycles > 0 {
+            if self.controller.application().statistics.cycles > 0 {
                 return;
             }
             self.run_for(MILLISECOND);
@@ -406,7 +408,7 @@ fn each_sync_brings_one_command_and_every_tenth_the_terms() {
     }
     let counters: Vec<u8> = syncs.iter().map(|frame| frame.data()[0]).collect();
     assert!(counters.windows(2).all(|pair| pair[1] == pair[0] % 240 + 1));
-    assert_eq!(bus.controller.statistics().missing_positions, 0);
+    assert_eq!(bus.controller.application().statistics.missing_positions, 0);
 }
 
 #[test]
@@ -567,7 +569,7 @@ fn a_few_lost_positions_hold_the_last_command() {
     bus.run_for(100 * MILLISECOND);
     assert_eq!(bus.controller.progress(), Progress::Running);
     assert_eq!(
-        bus.controller.statistics().missing_positions,
+        bus.controller.application().statistics.missing_positions,
         u64::from(missing_max)
     );
 }
@@ -678,7 +680,7 @@ fn late_ticks_skip_syncs_and_keep_scenario_time() {
     // The controller's process sleeps through five SYNCs. The step of the profile at 10 ms is still on time.
     bus.now += 5 * MILLISECOND + MILLISECOND / 2;
     bus.run_until(start + 30 * MILLISECOND);
-    assert!(bus.controller.statistics().sync_overruns >= 4);
+    assert!(bus.controller.application().statistics.sync_overruns >= 4);
     let stepped = bus.log.iter().find(|(time, frame)| {
         *time > start
             && frame.standard_id() == Some(0x210)
@@ -755,7 +757,7 @@ fn a_single_spike_costs_a_cycle_only() {
     bus.drive().application_mut().position_error = 0;
     bus.run_for(50 * MILLISECOND);
     assert_eq!(bus.controller.progress(), Progress::Running);
-    assert_eq!(bus.controller.statistics().missing_positions, 1);
+    assert_eq!(bus.controller.application().statistics.missing_positions, 1);
     assert_eq!(emergencies(&bus), []);
 }
 
@@ -793,7 +795,7 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let io = io.map(|id| RigNode::new("module", id, Part::Io));
     view.wiring.nodes.io = io.into_iter().collect();
     let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
-    bus.controller = ControllerNode::of_loops(loops, &no_player).unwrap();
+    bus.controller = Controller::node_of_loops(loops, &no_player).unwrap();
     let node = NodeId::new(node_id).unwrap();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;
     bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());

@@ -8,8 +8,7 @@ use crate::object_dictionary::AbortCode;
 use crate::pdo::WaitingPdo;
 use crate::services::Services;
 use crate::sync::Sync;
-use can::CanFrame;
-use can::Progress;
+use can::{CanFrame, Filter, Progress};
 
 /// Loss of communication on which the device relied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +42,12 @@ impl CommunicationLoss {
 /// then the TPDOs of this SYNC are packed, after [`Application::on_sampling`].
 #[expect(unused_variables, reason = "the defaults do nothing")]
 pub trait Application {
+    /// Returns the identifiers of the frames that the device handles. By default these are all: a manager may give the device's
+    /// PDOs and consumers other identifiers at any time.
+    fn filters(&self) -> Vec<Filter> {
+        vec![Filter::ALL, Filter::ERRORS]
+    }
+
     /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows, then
     /// [`Application::on_nmt_state`]. `reset` is [`NmtCommand::ResetNode`] also at power-on. A drive that was Operational
     /// takes the energy away here.

@@ -448,9 +448,8 @@ impl<A: Application> Access for Objects<'_, A> {
 }
 
 impl<A: Application> Node for Device<A> {
-    /// Accepts everything: a manager may give the device's PDOs and consumers other identifiers at any time.
     fn filters(&self) -> Vec<Filter> {
-        vec![Filter::ALL, Filter::ERRORS]
+        self.application.filters()
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
