@@ -49,14 +49,8 @@ pub struct State {
     pub unknown_heating_kelvins_per_second: f64,
 }
 
-/// Derivatives of [`State`] with respect to time; the unknown heating is constant.
-#[derive(Clone, Copy, Debug, Default)]
-struct Rate {
-    position: f64,
-    velocity: f64,
-    fraction: f64,
-    temperature: f64,
-}
+/// Derivatives of position, velocity, fraction and temperature with respect to time; the unknown heating is constant.
+type Rate = [f64; 4];
 
 /// Direction of the phase transformation, chosen by the sign of `dT/dt`.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -149,17 +143,16 @@ pub struct LocalModel<'a> {
     /// Derivative of the acceleration with respect to `ξ`.
     acceleration_by_fraction: f64,
     /// `dξ/dT` in 1/K on either branch.
-    heating_per_kelvin: f64,
-    cooling_per_kelvin: f64,
+    per_kelvin: [f64; 2],
 }
 
 impl LocalModel<'_> {
     /// Makes the wire transform by these factors as fast with its temperature, when it is heated and when it cools.
     #[must_use]
     pub fn livelier(self, [heating, cooling]: [f64; 2]) -> Self {
+        let [by_heating, by_cooling] = self.per_kelvin;
         Self {
-            heating_per_kelvin: heating * self.heating_per_kelvin,
-            cooling_per_kelvin: cooling * self.cooling_per_kelvin,
+            per_kelvin: [heating * by_heating, cooling * by_cooling],
             ..self
         }
     }
@@ -173,7 +166,7 @@ impl LocalModel<'_> {
     /// (PAPER E9).
     pub fn squared_current_for_jerk(&self, jerk: f64) -> f64 {
         let fraction_rate = self.fraction_rate(jerk);
-        let per_kelvin = self.per_kelvin(NominalModel::branch(-fraction_rate));
+        let per_kelvin = self.per_kelvin[NominalModel::branch(-fraction_rate) as usize];
         self.model.squared_current(
             self.state,
             fraction_rate / per_kelvin.min(-SLOPE_PER_KELVIN_MIN),
@@ -183,15 +176,8 @@ impl LocalModel<'_> {
     /// Returns the jerk in m/s³ at `u = i²` in A², Eq. (13).
     pub fn jerk(&self, squared_current: f64) -> f64 {
         let rate = self.model.temperature_rate(self.state, squared_current);
-        let per_kelvin = self.per_kelvin(NominalModel::branch(rate));
+        let per_kelvin = self.per_kelvin[NominalModel::branch(rate) as usize];
         self.mechanical_jerk + self.acceleration_by_fraction * per_kelvin * rate
-    }
-
-    fn per_kelvin(&self, branch: Branch) -> f64 {
-        match branch {
-            Branch::Heating => self.heating_per_kelvin,
-            Branch::Cooling => self.cooling_per_kelvin,
-        }
     }
 }
 
@@ -202,10 +188,8 @@ pub struct NominalModel {
     resistance: f64,
     loss: f64,
     rest_temperature: f64,
-    heating_steepness: f64,
-    heating_centre: f64,
-    cooling_steepness: f64,
-    cooling_centre: f64,
+    /// `a` and `b` of Eq. (10) on either branch.
+    transformations: [(f64, f64); 2],
     austenite_stiffness: f64,
     elongation: f64,
     ratio: f64,
@@ -243,14 +227,16 @@ impl NominalModel {
             rest_temperature: (convection * config.ambient_celsius
                 + conduction * config.cooling_element_celsius)
                 / loss,
-            heating_steepness: TRANSFORMATION_STEEPNESS
-                / (config.austenite_finish_celsius - config.austenite_start_celsius),
-            heating_centre: (config.austenite_start_celsius + config.austenite_finish_celsius)
-                / 2.0,
-            cooling_steepness: TRANSFORMATION_STEEPNESS
-                / (config.martensite_start_celsius - config.martensite_finish_celsius),
-            cooling_centre: (config.martensite_start_celsius + config.martensite_finish_celsius)
-                / 2.0,
+            transformations: [
+                transformation(
+                    config.austenite_start_celsius,
+                    config.austenite_finish_celsius,
+                ),
+                transformation(
+                    config.martensite_finish_celsius,
+                    config.martensite_start_celsius,
+                ),
+            ],
             austenite_stiffness: config.austenite_modulus_pascals * PI * radius * radius
                 / (config.wire_length_metres - elongation),
             elongation,
@@ -290,7 +276,7 @@ impl NominalModel {
 
     /// Returns `aA` and `aM` of Eq. (2) in 1/K.
     pub(crate) fn steepnesses(&self) -> [f64; 2] {
-        [self.heating_steepness, self.cooling_steepness]
+        self.transformations.map(|(steepness, _)| steepness)
     }
 
     /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).
@@ -332,7 +318,7 @@ impl NominalModel {
     #[inline]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
         let fraction = state.martensite_fraction;
-        let (a, _) = self.transformation(branch);
+        let (a, _) = self.transformations[branch as usize];
         let martensite = 1.0 / (1.0 + self.exponential(branch, state.temperature_celsius));
         let austenite = 1.0 - martensite;
         match branch {
@@ -381,22 +367,14 @@ impl NominalModel {
     pub fn temperature_on(&self, curve: &BranchCurve, martensite_fraction: f64) -> f64 {
         let share =
             ((martensite_fraction - curve.floor) / curve.span).clamp(SHARE_MIN, 1.0 - SHARE_MIN);
-        let (steepness, centre) = self.transformation(curve.branch);
+        let (steepness, centre) = self.transformations[curve.branch as usize];
         libm::log(1.0 / share - 1.0) / steepness + centre
     }
 
     /// Returns `exp(a (T − b))` of Eq. (2).
     fn exponential(&self, branch: Branch, temperature_celsius: f64) -> f64 {
-        let (steepness, centre) = self.transformation(branch);
+        let (steepness, centre) = self.transformations[branch as usize];
         libm::exp(steepness * (temperature_celsius - centre))
-    }
-
-    /// Returns `a` and `b` of Eq. (10).
-    fn transformation(&self, branch: Branch) -> (f64, f64) {
-        match branch {
-            Branch::Heating => (self.heating_steepness, self.heating_centre),
-            Branch::Cooling => (self.cooling_steepness, self.cooling_centre),
-        }
     }
 
     /// Returns the stiffness of the wire in N/m, Eq. (9).
@@ -436,8 +414,8 @@ impl NominalModel {
             mechanical_jerk: by_position * state.velocity_metres_per_second
                 + by_velocity * acceleration,
             acceleration_by_fraction: by_fraction,
-            heating_per_kelvin: self.slope(state, Branch::Heating).per_kelvin,
-            cooling_per_kelvin: self.slope(state, Branch::Cooling).per_kelvin,
+            per_kelvin: [Branch::Heating, Branch::Cooling]
+                .map(|branch| self.slope(state, branch).per_kelvin),
         }
     }
 
@@ -521,14 +499,8 @@ impl NominalModel {
         let k2 = after(&k1, step / 2.0);
         let k3 = after(&k2, step / 2.0);
         let k4 = after(&k3, step);
-        let mean = |f: fn(&Rate) -> f64| (f(&k1) + 2.0 * f(&k2) + 2.0 * f(&k3) + f(&k4)) / 6.0;
-        let rate = Rate {
-            position: mean(|k| k.position),
-            velocity: mean(|k| k.velocity),
-            fraction: mean(|k| k.fraction),
-            temperature: mean(|k| k.temperature),
-        };
-        stopped(moved(state, &rate, step))
+        let mean = |i: usize| (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]) / 6.0;
+        stopped(moved(state, &[0, 1, 2, 3].map(mean), step))
     }
 
     // A step calls this three times in a row. Inlined, the results stay in registers from one to the next.
@@ -545,21 +517,24 @@ impl NominalModel {
         } else {
             [state.velocity_metres_per_second, self.acceleration(state)]
         };
-        Rate {
-            position,
-            velocity,
-            fraction: warming.slope.per_kelvin * temperature,
-            temperature,
-        }
+        let fraction = warming.slope.per_kelvin * temperature;
+        [position, velocity, fraction, temperature]
     }
 }
 
+/// Returns `a` and `b` of Eq. (10) for a branch between two temperatures.
+fn transformation(cold_celsius: f64, hot_celsius: f64) -> (f64, f64) {
+    let steepness = TRANSFORMATION_STEEPNESS / (hot_celsius - cold_celsius);
+    (steepness, (cold_celsius + hot_celsius) / 2.0)
+}
+
 fn moved(state: &State, rate: &Rate, seconds: f64) -> State {
+    let [position, velocity, fraction, temperature] = rate.map(|rate| rate * seconds);
     State {
-        position_metres: state.position_metres + rate.position * seconds,
-        velocity_metres_per_second: state.velocity_metres_per_second + rate.velocity * seconds,
-        martensite_fraction: (state.martensite_fraction + rate.fraction * seconds).clamp(0.0, 1.0),
-        temperature_celsius: state.temperature_celsius + rate.temperature * seconds,
+        position_metres: state.position_metres + position,
+        velocity_metres_per_second: state.velocity_metres_per_second + velocity,
+        martensite_fraction: (state.martensite_fraction + fraction).clamp(0.0, 1.0),
+        temperature_celsius: state.temperature_celsius + temperature,
         ..*state
     }
 }

@@ -352,15 +352,12 @@ impl Observer {
     /// Returns `sr / sf` in heating and in cooling.
     fn relative_slopes(&self, state: &State) -> [f64; 2] {
         let model = &state.model;
-        let [heating, cooling] = state.turns.slopes(&self.model, model.temperature_celsius);
-        let relative = |remembering: f64, branch| {
+        let remembering = state.turns.slopes(&self.model, model.temperature_celsius);
+        [Branch::Heating, Branch::Cooling].map(|branch| {
             let forgetting = self.model.slope(model, branch).per_kelvin;
-            (remembering / forgetting.min(-SLOPE_PER_KELVIN_MIN)).min(RELATIVE_SLOPE_MAX)
-        };
-        [
-            relative(heating, Branch::Heating),
-            relative(cooling, Branch::Cooling),
-        ]
+            let relative = remembering[branch as usize] / forgetting.min(-SLOPE_PER_KELVIN_MIN);
+            relative.min(RELATIVE_SLOPE_MAX)
+        })
     }
 
     /// Returns the transition to second order in time: the exponential of the model's Jacobian, from Eq. (1), (7) and
