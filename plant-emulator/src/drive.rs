@@ -11,7 +11,7 @@ mod objects;
 use std::time::Duration;
 
 use can::earlier;
-use canopen::cia402::{self, CYCLIC_SYNCHRONOUS_TORQUE, OptionCodes, State, StateMachine, Status};
+use canopen::cia402::{self, CYCLIC_SYNCHRONOUS_TORQUE, OptionCodes, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
@@ -88,13 +88,13 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Makes the drive of a plant, with the objects of a dictionary. The sensor's noise follows from the seed.
+    /// Makes the drive with the objects of a dictionary; it does not hold its plant yet. The sensor's noise follows from
+    /// the seed.
     ///
     /// # Errors
     /// The dictionary lacks an object.
     pub(crate) fn new(
         trial: &Trial,
-        plant: ClockedPlant,
         wires: Wires,
         dictionary: &ObjectDictionary,
     ) -> Result<Self, InvalidEmulator> {
@@ -107,7 +107,7 @@ impl Drive {
                 .from(wiring.sensor.min * wires.sensor_unit),
             amplifier: Amplifier::new(&trial.amplifier),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
-            plant,
+            plant: ClockedPlant::default(),
             faults: RigFaults::new(trial, wires.sensor_unit, seed),
             wires,
             followed: Duration::ZERO,
@@ -144,11 +144,6 @@ impl Drive {
     /// Returns the temperature of the part that the output heats.
     pub(crate) fn heated_celsius(&self) -> Option<f64> {
         self.plant.heated_celsius(self.wires.input)
-    }
-
-    /// Returns the state of the power state machine.
-    pub fn state(&self) -> State {
-        self.machine.state()
     }
 
     /// Sets an input of the plant from `now` on, for another node.
@@ -258,10 +253,7 @@ impl Drive {
         if !self.may_drive(services) {
             return;
         }
-        let dictionary = services.dictionary();
-        let target = self.objects.target_torque_permille(dictionary);
-        let (torque_max, current_max) = self.objects.limits_permille(dictionary);
-        let (limited, is_cut) = cia402::limit_torque(target, torque_max, current_max);
+        let (limited, is_cut) = self.objects.limited_torque(services.dictionary());
         self.is_limit_active = is_cut || self.is_command_cut || self.amplifier.clips(limited);
         let current_amperes = self.amplifier.current_amperes(limited);
         self.set_current(self.now(services), current_amperes);

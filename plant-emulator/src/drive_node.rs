@@ -46,20 +46,16 @@ pub(crate) enum DriveNode {
 }
 
 impl DriveNode {
-    /// Makes the drive of these parts; it holds this plant.
-    pub(crate) fn new(
-        parts: Parts,
-        plant: ClockedPlant,
-        of: &DriveOf<'_>,
-    ) -> Result<Self, InvalidEmulator> {
-        let sound = parts.device(plant)?;
+    /// Makes the drive of these parts; it does not hold its plant yet.
+    pub(crate) fn new(parts: Parts, of: &DriveOf<'_>) -> Result<Self, InvalidEmulator> {
+        let sound = parts.device()?;
         if !of.trial.has_loop_faults() {
             return Ok(Self::Sound(sound));
         }
         let plan = FaultPlan::new(&of.trial.drive_faults(), of.place.drive_node_id);
         let renew = move |device: &mut Device<Drive>| {
             // The same parts were set up before, so this cannot fail.
-            if let Ok(mut fresh) = parts.device(ClockedPlant::default()) {
+            if let Ok(mut fresh) = parts.device() {
                 fresh
                     .application_mut()
                     .wire_to_rig_of(device.application_mut());
@@ -194,8 +190,8 @@ impl Parts {
         })
     }
 
-    fn device(&self, plant: ClockedPlant) -> Result<Device<Drive>, InvalidEmulator> {
-        let drive = Drive::new(&self.trial, plant, self.wires.clone(), &self.objects)?;
+    fn device(&self) -> Result<Device<Drive>, InvalidEmulator> {
+        let drive = Drive::new(&self.trial, self.wires.clone(), &self.objects)?;
         Ok(Device::new(self.node_id, self.objects.clone(), drive)?)
     }
 }

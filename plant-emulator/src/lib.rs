@@ -126,11 +126,10 @@ impl PlantEmulator {
         let ports = Ports::joined(ports);
         let names = plants.iter().map(|(name, _)| name.as_str());
         let name = Vec::from_iter(names).join(" and ");
-        let mut in_hand = ClockedPlant::new(plants);
+        let plants = ClockedPlant::new(plants);
         let mut sorted = Vec::from_iter(drives);
         sorted.sort_by_key(|drive| drive.place.drive_node_id);
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
-        let mut parts = Vec::new();
         for of in sorted {
             let wires = Wires::new(&ports, &of.trial.wiring)?;
             node_ids.push(of.place.drive_node_id);
@@ -144,11 +143,10 @@ impl PlantEmulator {
                     });
                 }
             }
-            parts.push((Parts::new(&in_hand, wires, of)?, of));
+            nodes.push(DriveNode::new(Parts::new(&plants, wires, of)?, of)?);
         }
-        for (parts, of) in parts {
-            let plant = std::mem::take(&mut in_hand);
-            nodes.push(DriveNode::new(parts, plant, of)?);
+        if let Some(first) = nodes.first_mut() {
+            *first.drive_mut().plant_mut() = plants;
         }
         Ok(Self {
             name,
@@ -179,17 +177,8 @@ impl PlantEmulator {
     #[inline]
     fn hand_over(&mut self, to: usize) {
         if self.holder != to {
-            self.exchange(to);
-        }
-    }
-
-    fn exchange(&mut self, to: usize) {
-        let (low, high) = (self.holder.min(to), self.holder.max(to));
-        if let Some((before, [second, ..])) = self.drives.split_at_mut_checked(high)
-            && let Some(first) = before.get_mut(low)
-        {
-            let (first, second) = (first.drive_mut(), second.drive_mut());
-            std::mem::swap(first.plant_mut(), second.plant_mut());
+            let plant = std::mem::take(self.drives[self.holder].drive_mut().plant_mut());
+            *self.drives[to].drive_mut().plant_mut() = plant;
             self.holder = to;
         }
     }

@@ -90,7 +90,7 @@ impl Objects {
 
     /// Returns 0x6040.
     pub(super) fn controlword(&self, dictionary: &ObjectDictionary) -> u16 {
-        unsigned16(dictionary, self.controlword)
+        u16::from_le_bytes(bytes(dictionary, self.controlword))
     }
 
     /// Returns 0x6040 as it will be from the next SYNC on; `None` if the PDO does not contain it.
@@ -120,16 +120,14 @@ impl Objects {
         }
     }
 
-    /// Returns 0x6071 in permille of the rated torque.
-    pub(super) fn target_torque_permille(&self, dictionary: &ObjectDictionary) -> i16 {
-        i16::from_le_bytes(bytes(dictionary, self.target_torque))
-    }
-
-    /// Returns 0x6072 and 0x6073 in permille of the rated values.
-    pub(super) fn limits_permille(&self, dictionary: &ObjectDictionary) -> (u16, u16) {
-        (
-            unsigned16(dictionary, self.max_torque),
-            unsigned16(dictionary, self.max_current),
+    /// Returns 0x6071 in permille of the rated torque, within 0x6072 and 0x6073, and whether these cut it.
+    pub(super) fn limited_torque(&self, dictionary: &ObjectDictionary) -> (i16, bool) {
+        let unsigned = |handle| u16::from_le_bytes(bytes(dictionary, handle));
+        let target = i16::from_le_bytes(bytes(dictionary, self.target_torque));
+        cia402::limit_torque(
+            target,
+            unsigned(self.max_torque),
+            unsigned(self.max_current),
         )
     }
 
@@ -243,10 +241,6 @@ fn raw(signal: &Published, plant: &ClockedPlant) -> [u8; 2] {
     } else {
         objects::rounded_u16(steps).to_le_bytes()
     }
-}
-
-fn unsigned16(dictionary: &ObjectDictionary, handle: Handle) -> u16 {
-    u16::from_le_bytes(bytes(dictionary, handle))
 }
 
 fn unsigned32(dictionary: &ObjectDictionary, handle: Handle) -> f64 {

@@ -66,21 +66,6 @@ impl DcMotor {
         self.motion.velocity_metres_per_second
     }
 
-    /// Returns the speed of the motor's shaft.
-    pub fn speed_revolutions_per_minute(&self) -> f64 {
-        self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU
-    }
-
-    /// Returns the angle of the pinion since the load left its stop.
-    pub fn pinion_angle_degrees(&self) -> f64 {
-        self.motion.pinion_angle_radians().to_degrees()
-    }
-
-    /// Returns the force of the spring, downwards.
-    pub fn spring_newtons(&self) -> f64 {
-        self.motion.spring_newtons()
-    }
-
     /// Returns the temperature of the winding.
     pub fn winding_celsius(&self) -> f64 {
         self.heat.winding_celsius
@@ -133,9 +118,9 @@ impl Plant for DcMotor {
         outputs.copy_from_slice(&[
             self.position_metres(),
             self.winding_celsius(),
-            self.speed_revolutions_per_minute(),
-            self.spring_newtons(),
-            self.pinion_angle_degrees(),
+            self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU,
+            self.motion.spring_newtons(),
+            self.motion.pinion_angle_radians().to_degrees(),
         ]);
     }
 
