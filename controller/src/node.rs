@@ -13,7 +13,6 @@ mod drive;
 mod leading_law;
 mod phase;
 mod sequence;
-mod statistics;
 #[cfg(test)]
 mod tests;
 
@@ -39,7 +38,6 @@ use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
 pub use sequence::Controller;
 use sequence::{CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY, watch_entry};
-use statistics::Statistics;
 
 /// The controller as a node.
 pub type ControllerNode = Device<Controller>;
@@ -135,7 +133,6 @@ impl Controller {
             bring_up,
             phase: Phase::Off,
             failure: None,
-            statistics: Statistics::default(),
         };
         Ok(Device::new(own_id, dictionary, controller)?)
     }

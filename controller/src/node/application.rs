@@ -59,7 +59,6 @@ impl Application for Controller {
     fn on_sync(&mut self, services: &mut Services, _: &Sync) {
         match self.phase {
             Phase::BringUp if self.is_ready() => {
-                self.statistics.cycles = 1;
                 self.phase = Phase::Running(Cycle {
                     number: 0,
                     overruns: services.sync_overruns(),
@@ -233,14 +232,11 @@ impl Controller {
     fn begin_cycle(&mut self, services: &mut Services, cycle: Cycle) {
         let overruns = services.sync_overruns();
         let skipped = overruns - cycle.overruns;
-        self.statistics.sync_overruns += skipped;
-        self.statistics.cycles += 1;
         for law in &mut self.laws {
             law.end_cycle(services, &mut self.loops, cycle.number, skipped);
         }
         for one in &mut self.loops {
-            let had_position = one.end_cycle(skipped);
-            self.statistics.missing_positions += u64::from(!had_position);
+            one.end_cycle(skipped);
         }
         self.phase = Phase::Running(Cycle {
             number: cycle.number + 1 + skipped,

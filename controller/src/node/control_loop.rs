@@ -39,20 +39,17 @@ pub(super) struct ControlLoop {
 pub(super) type Failure = (Cause, String);
 
 impl ControlLoop {
-    /// Ends a cycle, and the skipped ones as well, so the state of the drive stays in step with time. Returns whether
-    /// there was a position.
-    pub(super) fn end_cycle(&mut self, skipped: u64) -> bool {
+    /// Ends a cycle, and the skipped ones as well, so the state of the drive stays in step with time.
+    pub(super) fn end_cycle(&mut self, skipped: u64) {
         let cycles = f64::from(u32::try_from(skipped).unwrap_or(u32::MAX)) + 1.0;
         let elapsed_seconds = cycles * self.sync_period.as_secs_f64();
         let drive = &mut self.drive;
         drive
             .plausibility
             .advance(elapsed_seconds, drive.current_amperes);
-        let had_sample = self.has_sample;
-        self.missing += u64::from(!had_sample);
+        self.missing += u64::from(!self.has_sample);
         self.has_position = false;
         self.has_sample = false;
-        had_sample
     }
 
     /// Fails after too many consecutive cycles without a position.

@@ -10,7 +10,6 @@ use super::control_loop::ControlLoop;
 use super::drive::LedDrive;
 use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
-use super::statistics::Statistics;
 use crate::cause::Cause;
 use crate::manager::Outcome;
 
@@ -37,7 +36,6 @@ pub struct Controller {
     pub(super) bring_up: Duration,
     pub(super) phase: Phase,
     pub(super) failure: Option<String>,
-    pub(super) statistics: Statistics,
 }
 
 impl Controller {
