@@ -20,6 +20,8 @@ pub(crate) struct ClockedPlant {
     /// Outputs at the plants' time, so every reader at that time gets the same values, whatever acts afterwards.
     outputs: Vec<f64>,
     time: Duration,
+    /// The emulator's own time, whatever the clocks of its nodes show; the plants follow it.
+    pub(crate) now: Duration,
     /// Reason why they cannot continue.
     failure: Option<String>,
 }

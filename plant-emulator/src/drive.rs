@@ -66,8 +66,6 @@ pub struct Drive {
     commanded_amperes: f64,
     /// Start of the present deviation of the current from its command.
     deviates_since: Option<Duration>,
-    /// Lead and lag of the node's clock relative to the emulator's own.
-    clock_error: (Duration, Duration),
     /// Longest time without an advance of the plant. The next SYNC advances it, so this is longer than a SYNC may be
     /// late. Otherwise a busy machine, which delays SYNCs, would cause itself more work.
     idle_max: Duration,
@@ -113,7 +111,6 @@ impl Drive {
             followed: Duration::ZERO,
             commanded_amperes: 0.0,
             deviates_since: None,
-            clock_error: (Duration::ZERO, Duration::ZERO),
             idle_max: SYNC_TIMEOUT.max(trial.run.bus.sync_period() * 3 / 2),
             codes: None,
             is_limit_active: false,
@@ -146,10 +143,10 @@ impl Drive {
         self.plant.heated_celsius(self.wires.input)
     }
 
-    /// Sets an input of the plant from `now` on, for another node.
-    pub(crate) fn disturb(&mut self, now: Duration, input: usize, value: f64) {
+    /// Sets an input of the plant from now on, for another node.
+    pub(crate) fn disturb(&mut self, input: usize, value: f64) {
         if self.plant.input(input) != value {
-            self.advance_to(now);
+            self.advance();
             self.plant.set_input(input, value);
         }
     }
@@ -159,8 +156,7 @@ impl Drive {
         std::mem::swap(&mut self.plant, &mut worn.plant);
         std::mem::swap(&mut self.faults, &mut worn.faults);
         std::mem::swap(&mut self.sensor, &mut worn.sensor);
-        (self.clock_error, self.followed) = (worn.clock_error, worn.followed);
-        self.commanded_amperes = worn.commanded_amperes;
+        (self.followed, self.commanded_amperes) = (worn.followed, worn.commanded_amperes);
     }
 
     /// Returns the faults of the rig.
@@ -173,36 +169,26 @@ impl Drive {
         self.faults.next_change(self.followed)
     }
 
-    /// Sets the lead and lag of the node's clock relative to the emulator's own.
-    pub(crate) fn set_clock_error(&mut self, ahead: Duration, behind: Duration) {
-        self.clock_error = (ahead, behind);
+    /// Advances the rig, even if the node is silent, and lets its faults begin and end.
+    pub(crate) fn follow(&mut self) {
+        self.set_current(self.commanded_amperes);
+        self.advance();
     }
 
-    /// Switches the current off because the node is dead.
-    pub(crate) fn cut_off(&mut self, now: Duration) {
-        self.set_current(now, 0.0);
-    }
-
-    /// Advances the rig to `now`, even if the node is silent, and lets its faults begin and end.
-    pub(crate) fn follow(&mut self, now: Duration) {
-        self.set_current(now, self.commanded_amperes);
-        self.advance_to(now);
-    }
-
-    /// Returns the emulator's own time, which the rig follows.
-    fn now(&self, services: &Services) -> Duration {
-        let (ahead, behind) = self.clock_error;
-        (services.now() + behind).saturating_sub(ahead)
+    /// Returns the time by which the plant must be advanced, by the emulator's own clock.
+    pub(crate) fn next_advance(&self) -> Duration {
+        self.followed + self.idle_max
     }
 
     /// Sets the command of the amplifier.
-    fn set_current(&mut self, now: Duration, commanded_amperes: f64) {
+    pub(crate) fn set_current(&mut self, commanded_amperes: f64) {
+        let now = self.plant.now;
         self.commanded_amperes = commanded_amperes;
         let input = self.wires.input;
         let mut current_amperes = commanded_amperes;
         if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
             if self.plant.is_condition_new(input, faults, time_seconds) {
-                self.advance_to(now);
+                self.advance();
                 // The faults are borrowed again because time has passed.
                 if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
                     self.plant.set_condition(input, faults, time_seconds);
@@ -217,11 +203,12 @@ impl Drive {
         if self.plant.failure().is_some() {
             current_amperes = 0.0;
         }
-        self.disturb(now, input, current_amperes * self.wires.input_per_ampere);
+        self.disturb(input, current_amperes * self.wires.input_per_ampere);
     }
 
-    /// Advances the plant and the overload integral to `now`.
-    fn advance_to(&mut self, now: Duration) {
+    /// Advances the plant and the overload integral.
+    fn advance(&mut self) {
+        let now = self.plant.now;
         let elapsed = now.saturating_sub(self.followed);
         let current_amperes = self.current_amperes();
         self.plant.advance_to(now);
@@ -232,8 +219,8 @@ impl Drive {
 
     /// Samples the sensors into the dictionary.
     fn sample(&mut self, services: &mut Services) {
-        let now = self.now(services);
-        self.advance_to(now);
+        let now = self.plant.now;
+        self.advance();
         let true_position = self.plant.output(self.wires.output);
         let sensor = &mut self.sensor;
         let convert = |position| sensor.sample(position);
@@ -256,7 +243,7 @@ impl Drive {
         let (limited, is_cut) = self.objects.limited_torque(services.dictionary());
         self.is_limit_active = is_cut || self.is_command_cut || self.amplifier.clips(limited);
         let current_amperes = self.amplifier.current_amperes(limited);
-        self.set_current(self.now(services), current_amperes);
+        self.set_current(current_amperes);
     }
 
     fn may_drive(&self, services: &Services) -> bool {
@@ -271,7 +258,7 @@ impl Drive {
     /// statusword.
     fn settle(&mut self, services: &mut Services) {
         if !self.may_drive(services) {
-            self.set_current(self.now(services), 0.0);
+            self.set_current(0.0);
             self.is_limit_active = false;
         }
         let mode = self.objects.mode(services.dictionary());
@@ -301,7 +288,7 @@ impl Drive {
             services.clear_error(ErrorCode::HARDWARE);
             return;
         }
-        let now = self.now(services);
+        let now = self.plant.now;
         let since = *self.deviates_since.get_or_insert(now);
         if now.saturating_sub(since) >= CURRENT_DEVIATION_TIME_MAX {
             self.machine.on_fault();
@@ -450,7 +437,7 @@ impl Application for Drive {
     }
 
     fn on_tick(&mut self, services: &mut Services) {
-        self.follow(self.now(services));
+        self.follow();
         if self
             .sync_deadline()
             .is_some_and(|deadline| services.now() >= deadline)
@@ -472,10 +459,8 @@ impl Application for Drive {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let (ahead, behind) = self.clock_error;
-        let physics = (self.followed + self.idle_max + ahead).saturating_sub(behind);
         let manager = self.manager.map(|(_, deadline)| deadline);
-        earlier(self.sync_deadline(), earlier(manager, Some(physics)))
+        earlier(self.sync_deadline(), manager)
     }
 
     fn on_stop(&mut self, services: &mut Services) {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use can::{CanFrame, Node, earliest};
+use can::{CanFrame, Node, earlier, earliest};
 use canopen::object_dictionary::Preset;
 use canopen::{Device, NodeId, ObjectDictionary};
 use dbc::Database;
@@ -104,36 +104,27 @@ impl DriveNode {
         let Self::Faulty(faulty, truth) = self else {
             return;
         };
-        let (ahead, behind) = faulty.clock_error();
         let (zero, is_switched_off) = (faulty.scenario_zero(), faulty.is_switched_off());
         let drive = faulty.node_mut().application_mut();
-        drive.set_clock_error(ahead, behind);
         if let Some(zero) = zero {
             drive.faults_mut().begin(zero);
         }
         if is_switched_off {
-            drive.cut_off(now);
+            drive.set_current(0.0);
         }
-        drive.follow(now);
+        drive.follow();
         truth.observe(now, drive);
     }
 
-    /// Updates the node's clock before each event, so that the rig knows its own time.
-    pub(crate) fn set_clock(&mut self, now: Duration) {
-        if let Self::Faulty(faulty, _) = self {
-            let (ahead, behind) = faulty.clock_error_at(now);
-            let drive = faulty.node_mut().application_mut();
-            drive.set_clock_error(ahead, behind);
-        }
-    }
-
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        let node = self.as_node().next_deadline();
-        let Self::Faulty(faulty, truth) = self else {
-            return node;
-        };
-        let fault = faulty.node().application().next_fault();
-        earliest([node, fault, Some(truth.next_deadline())])
+        let (node, drive) = (self.as_node().next_deadline(), self.device().application());
+        match self {
+            Self::Sound(_) => earlier(node, Some(drive.next_advance())),
+            // Each event advances the plant, and the truth is due more often than that is needed.
+            Self::Faulty(_, truth) => {
+                earliest([node, drive.next_fault(), Some(truth.next_deadline())])
+            }
+        }
     }
 
     pub(crate) fn overhear(&mut self, frame: &CanFrame) {

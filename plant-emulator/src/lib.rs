@@ -190,9 +190,6 @@ impl PlantEmulator {
         to_module: impl Fn(&mut Device<DisturbanceModule>),
         to_drive: impl Fn(&mut dyn Node),
     ) {
-        for drive in &mut self.drives {
-            drive.set_clock(now);
-        }
         for module in &mut self.modules {
             to_module(&mut module.device);
         }
@@ -209,11 +206,12 @@ impl PlantEmulator {
         }
     }
 
-    /// Passes the outputs of the disturbance modules to the plant.
+    /// Passes the time and the outputs of the disturbance modules to the plant.
     fn disturb(&mut self, now: Duration) {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
         };
+        holder.drive_mut().plant_mut().now = now;
         for Module { device, outputs } in &mut self.modules {
             if !device.application_mut().look() {
                 continue;
@@ -222,7 +220,7 @@ impl PlantEmulator {
             for output in outputs {
                 if let Some(input) = output.input {
                     let value = output.input_value(module.steps(dictionary, output.place));
-                    holder.drive_mut().disturb(now, input, value);
+                    holder.drive_mut().disturb(input, value);
                 }
             }
         }

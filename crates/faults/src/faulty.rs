@@ -103,17 +103,6 @@ impl<N: Node> Faulty<N> {
         self.condition == Condition::Dead(Output::Zero)
     }
 
-    /// Returns how far the node's clock is ahead of the true time, and how far behind.
-    pub fn clock_error(&self) -> (Duration, Duration) {
-        self.clock_error_at(self.now)
-    }
-
-    /// Returns the clock's error at a time, if no fault begins or ends before it.
-    pub fn clock_error_at(&self, now: Duration) -> (Duration, Duration) {
-        let node = self.clock.node_time(now);
-        (node.saturating_sub(now), now.saturating_sub(node))
-    }
-
     /// Follows the plan to `now`.
     fn follow(&mut self, now: Duration) {
         self.now = now;

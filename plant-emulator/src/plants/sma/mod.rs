@@ -11,7 +11,6 @@ mod wire;
 
 use condition::Condition;
 use heat::{HeatBalance, Heating};
-pub use phase::Branch;
 use phase::Transformation;
 pub use validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check};
 pub use wire::stress_pascals;
@@ -249,11 +248,6 @@ impl Actuator {
         self.state.martensite_fraction
     }
 
-    /// Returns the number of turns of the temperature that did not fit into the memory of the kinetics.
-    pub fn turns_not_remembered(&self) -> u16 {
-        self.phase.turns_not_remembered()
-    }
-
     /// Returns `x`, the height of the load above its stop.
     pub fn position_metres(&self) -> f64 {
         self.state.position_metres
@@ -268,11 +262,6 @@ impl Actuator {
     pub fn tension_newtons(&self) -> f64 {
         self.mechanics
             .tension_newtons(self.martensite_fraction(), self.state.position_metres, 1.0)
-    }
-
-    /// Returns the present branch of the hysteresis.
-    pub fn branch(&self) -> Branch {
-        self.phase.branch()
     }
 
     /// Returns the equilibrium temperature of the wire under these inputs.
@@ -329,7 +318,7 @@ impl Plant for Actuator {
             self.position_metres(),
             self.temperature_celsius(),
             self.martensite_fraction(),
-            f64::from(self.turns_not_remembered()),
+            f64::from(self.phase.turns_not_remembered()),
         ]);
     }
 

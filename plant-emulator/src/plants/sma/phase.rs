@@ -7,7 +7,7 @@ use super::turns::{Turn, Turns};
 
 /// Branch of the hysteresis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Branch {
+pub(super) enum Branch {
     /// The wire warms: martensite becomes austenite.
     Heating,
     /// The wire cools: austenite becomes martensite.
@@ -55,10 +55,6 @@ impl Transformation {
             runs_back: false,
             turns_not_remembered: 0,
         }
-    }
-
-    pub(super) fn branch(&self) -> Branch {
-        self.branch
     }
 
     /// Returns the number of turns that did not fit into the memory.
@@ -456,9 +452,9 @@ mod tests {
                 phase.follow(rate, temperature);
                 let after = phase.at(temperature).martensite_fraction;
                 assert!((after - before).abs() < 1e-15);
-                let branch = phase.branch();
+                let branch = phase.branch;
                 phase.follow(0.0, temperature);
-                assert_eq!(phase.branch(), branch);
+                assert_eq!(phase.branch, branch);
             }
         }
     }
