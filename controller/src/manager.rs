@@ -123,14 +123,6 @@ impl Program<'_> {
     }
 }
 
-/// Progress of the bring-up.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Outcome {
-    Busy,
-    Done,
-    Failed(String),
-}
-
 /// The program of SDO transfers that configures the drive.
 #[derive(Debug)]
 pub(crate) struct BringUp {
@@ -190,8 +182,8 @@ impl BringUp {
         self.client.take_result().is_some()
     }
 
-    /// Begins the program.
-    pub(crate) fn begin(&mut self, services: &mut Services) -> Outcome {
+    /// Begins the program; returns as [`BringUp::advance`].
+    pub(crate) fn begin(&mut self, services: &mut Services) -> Result<bool, String> {
         self.client.reset();
         (self.next, self.differs) = (0, false);
         self.advance(services)
@@ -214,32 +206,31 @@ impl BringUp {
         self.client.next_deadline()
     }
 
-    /// Continues the program as far as the answers allow.
-    pub(crate) fn advance(&mut self, services: &mut Services) -> Outcome {
-        if let Some(result) = self.client.take_result()
-            && let Err(text) = self.on_result(result)
-        {
-            return Outcome::Failed(text);
+    /// Continues the program as far as the answers allow. Returns whether it is done.
+    ///
+    /// # Errors
+    /// The drive is another one, or does not accept its configuration.
+    pub(crate) fn advance(&mut self, services: &mut Services) -> Result<bool, String> {
+        if let Some(result) = self.client.take_result() {
+            self.on_result(result)?;
         }
         while !self.client.is_busy() {
             let Some(step) = self.steps.get(self.next) else {
-                return Outcome::Done;
+                return Ok(true);
             };
             match step.action {
                 Action::NewGroup => self.differs = false,
                 Action::Correct if !self.differs => {}
                 _ => {
-                    let now = services.now();
-                    if let Err(error) = step.start(&mut self.client, now) {
-                        return Outcome::Failed(error.to_string());
-                    }
+                    let started = step.start(&mut self.client, services.now());
+                    started.map_err(|error| error.to_string())?;
                     self.drain(services);
-                    return Outcome::Busy;
+                    return Ok(false);
                 }
             }
             self.next += 1;
         }
-        Outcome::Busy
+        Ok(false)
     }
 
     /// Checks the answer to the present step.

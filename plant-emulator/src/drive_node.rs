@@ -162,9 +162,7 @@ impl Parts {
             .of("wrong_node_id")
             .next()
             .and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
-        let node_id = wrong_id
-            .and_then(NodeId::new)
-            .map_or_else(|| node_id(place.drive_node_id), Ok)?;
+        let node_id = node_id(wrong_id.unwrap_or(place.drive_node_id))?;
         let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
         let wrong_identity = faults.of("wrong_identity").next();
         if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {

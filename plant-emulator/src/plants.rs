@@ -1,5 +1,6 @@
 //! The plants that ship. Each has a file or folder, and two lines here.
 
+mod condition;
 pub mod dc_motor;
 pub mod sma;
 

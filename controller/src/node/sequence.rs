@@ -11,7 +11,6 @@ use super::drive::LedDrive;
 use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
 use crate::cause::Cause;
-use crate::manager::Outcome;
 
 /// Number of SYNCs that carry the command 0 to the drives before NMT stop.
 const SYNCS_TO_STOP: u8 = 2;
@@ -103,20 +102,25 @@ impl Controller {
         self.on_outcome(services, place, outcome);
     }
 
-    pub(super) fn on_outcome(&mut self, services: &mut Services, place: usize, outcome: Outcome) {
+    pub(super) fn on_outcome(
+        &mut self,
+        services: &mut Services,
+        place: usize,
+        is_done: Result<bool, String>,
+    ) {
         let drive = &mut self.loops[place].drive;
-        match (outcome, drive.phase) {
-            (Outcome::Done, DrivePhase::Configuring) => {
+        match is_done {
+            Ok(true) if drive.phase == DrivePhase::Configuring => {
                 drive.phase = DrivePhase::Configured;
                 if self.drives().all(LedDrive::is_configured) {
                     self.start(services);
                 }
             }
-            (Outcome::Failed(text), _) => {
+            Err(text) => {
                 let node_id = drive.node_id();
                 self.fail(services, Some(node_id), Cause::NoBringUp, text);
             }
-            _ => {}
+            Ok(_) => {}
         }
     }
 

@@ -3,7 +3,6 @@
 //! The amplifier sources the current, so neither inductance nor back electromotive force matters: up to the motor's
 //! no-load speed at 12 V the shipped motor needs less than 15 V for 1 A.
 
-mod condition;
 mod heat;
 mod motion;
 
@@ -11,7 +10,7 @@ use crate::integrator::in_equal_steps;
 use crate::plant::{
     Faults, Inputs, InvalidPlant, Plant, Port, Ports, follows, not_negative, one_axis, positive,
 };
-use condition::Condition;
+use crate::plants::condition::Condition;
 use heat::Heat;
 use motion::Motion;
 

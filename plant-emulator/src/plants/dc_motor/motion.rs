@@ -2,10 +2,10 @@
 
 use scenario::plant::DcMotor;
 
-use super::condition::Condition;
 use crate::integrator::runge_kutta_4;
 use crate::plant::Inputs;
 use crate::plants::GRAVITY;
+use crate::plants::condition::Condition;
 
 /// Largest number of reversals in one step; then the load rests until the next step.
 const TURNS_MAX: u32 = 4;
@@ -74,7 +74,7 @@ impl Motion {
         let forces = self.forces(inputs, condition);
         let mut left = duration_seconds;
         for _ in 0..TURNS_MAX {
-            let direction = if condition.is_jammed {
+            let direction = if condition.is_pulley_jammed {
                 0.0
             } else {
                 self.direction(&forces)
@@ -98,11 +98,8 @@ impl Motion {
     }
 
     fn forces(&self, inputs: &Inputs, condition: Condition) -> Forces {
-        let load_kilograms = if condition.is_load_dropped {
-            0.0
-        } else {
-            (self.load_kilograms + inputs.added_load_kilograms).max(0.0)
-        };
+        let added_load_kilograms = condition.added_load_kilograms(inputs);
+        let load_kilograms = (self.load_kilograms + added_load_kilograms).max(0.0);
         Forces {
             constant_newtons: self.force_per_ampere * inputs.current_amperes
                 - load_kilograms * GRAVITY,

@@ -1,6 +1,5 @@
 //! The SMA actuator: heat, phase and motion, combined and integrated.
 
-mod condition;
 mod curve;
 mod heat;
 pub mod pair;
@@ -9,7 +8,6 @@ mod turns;
 mod validity;
 mod wire;
 
-use condition::Condition;
 use heat::{HeatBalance, Heating};
 use phase::Transformation;
 pub use validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check};
@@ -22,6 +20,7 @@ use scenario::plant::SMA_ACTUATOR;
 
 use crate::integrator::{in_equal_steps, runge_kutta_4_from};
 use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, one_axis};
+use crate::plants::condition::Condition;
 
 /// Tolerated excess of the steps' total length, as a share of a step. Every fourth SYNC of 1 kHz is some bits late and
 /// needs no second step.

@@ -6,7 +6,6 @@
 
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 
-use super::condition::Condition;
 use super::heat::{HeatBalance, Heating};
 use super::phase::Transformation;
 use super::validity::{
@@ -17,6 +16,7 @@ use super::{STEP_EXCESS, turns_not_remembered};
 use crate::integrator::{in_equal_steps, runge_kutta_4};
 use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negative, positive};
 use crate::plants::GRAVITY;
+use crate::plants::condition::Condition;
 
 const FLEXOR: usize = 0;
 const EXTENSOR: usize = 1;

@@ -1,10 +1,10 @@
-//! Condition of wire and mechanics.
+//! Condition of a plant: of its wire or motor, and of its mechanics.
 
 use scenario::fault::Fault;
 
 use crate::plant::{Faults, Inputs};
 
-/// Condition of wire and mechanics; sound by default.
+/// Condition of a plant; sound by default. A motor has no wire.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Condition {
     /// Factor of `R`.
