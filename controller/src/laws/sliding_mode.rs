@@ -96,8 +96,10 @@ impl Surface {
 }
 
 impl SlidingMode {
-    /// Returns the reference for this cycle, off the stop.
-    fn reference(
+    /// Returns the jerks that a launched reference may have off the stop: those between no and full current after the
+    /// law's own correction. Only the side towards the target is bounded, so a load that cannot be braked does not move
+    /// the reference.
+    fn followable(
         &self,
         reference: &mut reference_filter::State,
         surface: &Surface,
@@ -105,52 +107,21 @@ impl SlidingMode {
         position: &Point,
         set_point: &SetPoint,
         seconds: f64,
-    ) -> Reference {
+    ) -> JerkRange {
         let target = self.reference_filter.target(reference, set_point);
         let rises = target >= reference.point.position_metres;
         let wanted = surface.wanted_jerk(position, &Reference::without_jerk(reference.point));
         let ahead = wanted.sliding_variable;
         reference.notice_lag(if rises { -ahead } else { ahead }, seconds);
-        let squared_current_max = self.current.max * self.current.max;
-        let followable = followable(local, &wanted, rises, squared_current_max);
-        self.reference_filter
-            .step(reference, set_point, &followable, seconds)
-    }
-
-    /// Returns the reference while the load rests on the stop. It waits there until the load lifts.
-    fn reference_on_stop(
-        &self,
-        reference: &mut reference_filter::State,
-        set_point: &SetPoint,
-        seconds: f64,
-    ) -> Reference {
-        *reference = reference_filter::State::default();
-        self.reference_filter
-            .step(reference, set_point, &JerkRange::UNLIMITED, seconds)
-    }
-}
-
-/// Returns the jerks that a launched reference may have: those between no and full current after the law's own
-/// correction. Only the side towards the target is bounded, so a load that cannot be braked does not move the
-/// reference.
-fn followable(
-    local: &LocalModel<'_>,
-    wanted: &WantedJerk,
-    rises: bool,
-    squared_current_max: f64,
-) -> JerkRange {
-    let correction = wanted.equivalent + wanted.switching;
-    let jerk_at = |squared_current| local.jerk(squared_current) - correction;
-    if rises {
-        JerkRange {
-            max: jerk_at(squared_current_max),
-            ..JerkRange::UNLIMITED
+        let correction = wanted.equivalent + wanted.switching;
+        let jerk_at = |squared_current| local.jerk(squared_current) - correction;
+        let mut followable = JerkRange::UNLIMITED;
+        if rises {
+            followable.max = jerk_at(self.current.max * self.current.max);
+        } else {
+            followable.min = jerk_at(0.0);
         }
-    } else {
-        JerkRange {
-            min: jerk_at(0.0),
-            ..JerkRange::UNLIMITED
-        }
+        followable
     }
 }
 
@@ -238,10 +209,12 @@ impl Law for SlidingMode {
             .livelier(state.observer.liveliness(&settings));
         state.reference.caution = settings.caution;
         state.reference.memory = state.observer.memory;
-        let reference = if on_stop {
-            self.reference_on_stop(&mut state.reference, &set_point, period_seconds)
+        let followable = if on_stop {
+            // The reference waits on the stop until the load lifts.
+            state.reference = reference_filter::State::default();
+            JerkRange::UNLIMITED
         } else {
-            self.reference(
+            self.followable(
                 &mut state.reference,
                 &surface,
                 &local,
@@ -250,6 +223,12 @@ impl Law for SlidingMode {
                 period_seconds,
             )
         };
+        let reference = self.reference_filter.step(
+            &mut state.reference,
+            &set_point,
+            &followable,
+            period_seconds,
+        );
         let wanted = surface.wanted_jerk(&position, &reference);
         // A load that is to stay on the stop needs no current.
         let idle = on_stop && set_point.position <= 0.0;
