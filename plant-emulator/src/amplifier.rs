@@ -2,7 +2,7 @@
 
 use scenario::{CurrentRange, plant};
 
-use crate::objects::rounded_i16;
+use crate::objects::{SIGNED_16, rounded_16};
 
 /// Largest resolution of the digital-to-analogue converter.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
@@ -50,7 +50,10 @@ impl Amplifier {
 
     /// Returns a current in permille of the rated current, as in 0x6078.
     pub fn permille(&self, current_amperes: f64) -> i16 {
-        rounded_i16(current_amperes / self.range.rated * 1e3)
+        i16::from_le_bytes(rounded_16(
+            current_amperes / self.range.rated * 1e3,
+            SIGNED_16,
+        ))
     }
 
     /// Returns the largest tolerated deviation of the current from its command (assumed: a fifth of the rated current).

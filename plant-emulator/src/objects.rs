@@ -46,27 +46,16 @@ pub(crate) fn rounded_i32(value: f64) -> i32 {
     rounded
 }
 
-/// Works as [`rounded_i32`], for 16 bits with sign.
-#[inline]
-pub(crate) fn rounded_i16(value: f64) -> i16 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
-    )]
-    let rounded = add_half(value) as i16;
-    rounded
-}
+/// Range of 16 bits with sign.
+pub(crate) const SIGNED_16: [i32; 2] = [-0x8000, 0x7FFF];
+/// Range of 16 bits without sign.
+pub(crate) const UNSIGNED_16: [i32; 2] = [0, 0xFFFF];
 
-/// Works as [`rounded_i32`], for 16 bits without sign.
+/// Works as [`rounded_i32`], for 16 bits in a range.
 #[inline]
-pub(crate) fn rounded_u16(value: f64) -> u16 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
-    )]
-    let rounded = add_half(value) as u16;
-    rounded
+pub(crate) fn rounded_16(value: f64, [min, max]: [i32; 2]) -> [u8; 2] {
+    let [low, high, ..] = rounded_i32(value).clamp(min, max).to_le_bytes();
+    [low, high]
 }
 
 #[cfg(test)]
@@ -91,9 +80,10 @@ mod tests {
     #[test]
     fn rounding_saturates() {
         assert_eq!(rounded_i32(1e12), i32::MAX);
-        assert_eq!(rounded_i16(-1e12), i16::MIN);
-        assert_eq!(rounded_u16(-1.0), 0);
-        assert_eq!(rounded_u16(1.5), 2);
+        assert_eq!(rounded_16(-1e12, SIGNED_16), i16::MIN.to_le_bytes());
+        assert_eq!(rounded_16(-1.0, UNSIGNED_16), [0, 0]);
+        assert_eq!(rounded_16(1.5, UNSIGNED_16), [2, 0]);
+        assert_eq!(rounded_16(1e12, UNSIGNED_16), [0xFF, 0xFF]);
         assert_eq!(rounded_i32(f64::NAN), 0);
     }
 }

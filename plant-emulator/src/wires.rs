@@ -4,6 +4,7 @@ use scenario::port::{Port, Ports, conversion};
 use scenario::wiring::{RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
 
 use crate::InvalidEmulator;
+use crate::objects::{SIGNED_16, UNSIGNED_16};
 
 /// An output that a drive publishes.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,8 +14,8 @@ pub(crate) struct Published {
     /// Index of the output.
     pub(crate) output: usize,
     pub(crate) steps_per_unit: f64,
-    /// Whether the 16 bits of the signal have a sign.
-    pub(crate) is_signed: bool,
+    /// Range of the 16 bits of the signal.
+    pub(crate) range: [i32; 2],
 }
 
 /// The ports of one drive.
@@ -85,11 +86,12 @@ impl Wires {
 }
 
 fn published(output: usize, port: &Port, wiring: &Wiring) -> Published {
+    let has_sign = port.range[0] < 0.0;
     Published {
         name: wiring.recorded_name(port),
         output,
         steps_per_unit: port.steps_per_unit,
-        is_signed: port.range[0] < 0.0,
+        range: if has_sign { SIGNED_16 } else { UNSIGNED_16 },
     }
 }
 

@@ -8,7 +8,7 @@ use scenario::wiring::RECORDED_MAX;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
-use crate::objects;
+use crate::objects::{self, SIGNED_16, UNSIGNED_16};
 use crate::thermal_protection::Limits;
 use crate::wires::{Published, Wires};
 
@@ -159,9 +159,8 @@ impl Objects {
 
     /// Sets 0x2110:03 in permille of the limit.
     pub(super) fn set_utilisation(&self, dictionary: &mut ObjectDictionary, utilisation: f64) {
-        let utilisation = objects::rounded_u16(utilisation * 1e3);
-        let bytes = utilisation.to_le_bytes();
-        objects::store(dictionary, self.overload_utilisation, &bytes);
+        let permille = objects::rounded_16(utilisation * 1e3, UNSIGNED_16);
+        objects::store(dictionary, self.overload_utilisation, &permille);
     }
 
     /// Sets the plant's own signals in their steps, and 0x2103 in nanometres or millionths of another unit.
@@ -227,7 +226,7 @@ fn object(index: u16, name: &str, data_type: DataType, start: [u8; 2]) -> Entry 
 }
 
 fn data_type(signal: &Published) -> DataType {
-    if signal.is_signed {
+    if signal.range == SIGNED_16 {
         DataType::Integer16
     } else {
         DataType::Unsigned16
@@ -236,11 +235,7 @@ fn data_type(signal: &Published) -> DataType {
 
 fn raw(signal: &Published, plant: &ClockedPlant) -> [u8; 2] {
     let steps = plant.output(signal.output) * signal.steps_per_unit;
-    if signal.is_signed {
-        objects::rounded_i16(steps).to_le_bytes()
-    } else {
-        objects::rounded_u16(steps).to_le_bytes()
-    }
+    objects::rounded_16(steps, signal.range)
 }
 
 fn unsigned32(dictionary: &ObjectDictionary, handle: Handle) -> f64 {
