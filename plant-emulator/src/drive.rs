@@ -54,14 +54,14 @@ pub struct Drive {
     sensor: PositionSensor,
     amplifier: Amplifier,
     protection: ThermalProtection,
-    /// The plant with its inputs, while this drive holds it.
-    plant: ClockedPlant,
+    /// The plant with its inputs, while this drive holds it; else empty.
+    pub(crate) plant: ClockedPlant,
     /// Ports of the plant for amplifier and sensor.
     wires: Wires,
     /// Time of the overload integral and of the plant.
     followed: Duration,
     /// Faults of sensor, amplifier and plant.
-    faults: RigFaults,
+    pub(crate) faults: RigFaults,
     /// Command of the amplifier.
     commanded_amperes: f64,
     /// Start of the present deviation of the current from its command.
@@ -123,16 +123,6 @@ impl Drive {
         })
     }
 
-    /// Returns the plant on the emulator's own clock; empty while another drive holds it.
-    pub(crate) fn plant(&self) -> &ClockedPlant {
-        &self.plant
-    }
-
-    /// Works as [`Drive::plant`], to hand the plant over.
-    pub(crate) fn plant_mut(&mut self) -> &mut ClockedPlant {
-        &mut self.plant
-    }
-
     /// Returns the output of the amplifier.
     pub(crate) fn current_amperes(&self) -> f64 {
         self.plant.input(self.wires.input) / self.wires.input_per_ampere
@@ -157,11 +147,6 @@ impl Drive {
         std::mem::swap(&mut self.faults, &mut worn.faults);
         std::mem::swap(&mut self.sensor, &mut worn.sensor);
         (self.followed, self.commanded_amperes) = (worn.followed, worn.commanded_amperes);
-    }
-
-    /// Returns the faults of the rig.
-    pub(crate) fn faults_mut(&mut self) -> &mut RigFaults {
-        &mut self.faults
     }
 
     /// Returns the next time at which a fault of the rig begins or ends.

@@ -106,9 +106,7 @@ impl DriveNode {
         };
         let (zero, is_switched_off) = (faulty.scenario_zero(), faulty.is_switched_off());
         let drive = faulty.node_mut().application_mut();
-        if let Some(zero) = zero {
-            drive.faults_mut().begin(zero);
-        }
+        drive.faults.zero = zero;
         if is_switched_off {
             drive.set_current(0.0);
         }

@@ -146,7 +146,7 @@ impl PlantEmulator {
             nodes.push(DriveNode::new(Parts::new(&plants, wires, of)?, of)?);
         }
         if let Some(first) = nodes.first_mut() {
-            *first.drive_mut().plant_mut() = plants;
+            first.drive_mut().plant = plants;
         }
         Ok(Self {
             name,
@@ -170,15 +170,15 @@ impl PlantEmulator {
 
     fn in_hand(&self) -> Option<&ClockedPlant> {
         let holder = self.drives.get(self.holder)?;
-        Some(holder.device().application().plant())
+        Some(&holder.device().application().plant)
     }
 
     /// Hands the plant over to a drive.
     #[inline]
     fn hand_over(&mut self, to: usize) {
         if self.holder != to {
-            let plant = std::mem::take(self.drives[self.holder].drive_mut().plant_mut());
-            *self.drives[to].drive_mut().plant_mut() = plant;
+            let plant = std::mem::take(&mut self.drives[self.holder].drive_mut().plant);
+            self.drives[to].drive_mut().plant = plant;
             self.holder = to;
         }
     }
@@ -211,7 +211,7 @@ impl PlantEmulator {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
         };
-        holder.drive_mut().plant_mut().now = now;
+        holder.drive_mut().plant.now = now;
         for Module { device, outputs } in &mut self.modules {
             if !device.application_mut().look() {
                 continue;

@@ -22,7 +22,7 @@ pub(crate) struct RigFaults {
     /// Scenario times at which a fault begins or ends, in order.
     changes: Vec<Duration>,
     /// Start of scenario time.
-    zero: Option<Duration>,
+    pub(crate) zero: Option<Duration>,
 }
 
 impl RigFaults {
@@ -41,11 +41,6 @@ impl RigFaults {
             changes,
             zero: None,
         }
-    }
-
-    /// Begins scenario time.
-    pub(crate) fn begin(&mut self, zero: Duration) {
-        self.zero = Some(zero);
     }
 
     /// Returns the next change after `now`.

@@ -3,7 +3,7 @@
 use scenario::plant::{self, Kinetics};
 
 use super::curve::{Curve, Point, Sigmoid, Whole};
-use super::turns::{Turn, Turns};
+use super::turns::{TURNS_MAX, Turn, Turns};
 
 /// Branch of the hysteresis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,7 +134,7 @@ impl Transformation {
 
     fn remember(&mut self, turn: Turn) {
         if !self.kinetics.remembers_turns() {
-            self.turns.forget_all();
+            self.turns.forget(TURNS_MAX);
         }
         if !self.runs_back && self.turns.remember(turn) {
             self.curve = self.curve();
@@ -177,7 +177,7 @@ impl Transformation {
     }
 
     fn next_turn_celsius(&self) -> f64 {
-        let next = self.turns.below(self.turns_of_curve() - 1);
+        let next = self.turns.all().iter().nth_back(self.turns_of_curve() - 1);
         let never = match self.branch {
             Branch::Heating => f64::INFINITY,
             Branch::Cooling => f64::NEG_INFINITY,

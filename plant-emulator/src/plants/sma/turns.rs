@@ -32,12 +32,6 @@ impl Turns {
         &self.places[..self.count]
     }
 
-    /// Returns the turn below the topmost `count` ones; `None` if there are no more.
-    pub(super) fn below(&self, count: usize) -> Option<&Turn> {
-        let place = self.count.checked_sub(count + 1)?;
-        self.places.get(place)
-    }
-
     /// Puts a turn on top. Returns false if there is no room.
     pub(super) fn remember(&mut self, turn: Turn) -> bool {
         let Some(place) = self.places.get_mut(self.count) else {
@@ -51,9 +45,5 @@ impl Turns {
     /// Removes the topmost `count` turns.
     pub(super) fn forget(&mut self, count: usize) {
         self.count = self.count.saturating_sub(count);
-    }
-
-    pub(super) fn forget_all(&mut self) {
-        self.count = 0;
     }
 }
