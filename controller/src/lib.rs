@@ -14,7 +14,6 @@
 pub mod catalogue;
 mod cause;
 mod error;
-mod filtered_position;
 pub mod law;
 pub mod laws;
 mod manager;

@@ -123,6 +123,9 @@ impl Program<'_> {
     }
 }
 
+/// Whether the drive is configured, or the reason why it cannot be.
+pub(crate) type Outcome = Result<bool, String>;
+
 /// The program of SDO transfers that configures the drive.
 #[derive(Debug)]
 pub(crate) struct BringUp {
@@ -183,7 +186,7 @@ impl BringUp {
     }
 
     /// Begins the program; returns as [`BringUp::advance`].
-    pub(crate) fn begin(&mut self, services: &mut Services) -> Result<bool, String> {
+    pub(crate) fn begin(&mut self, services: &mut Services) -> Outcome {
         self.client.reset();
         (self.next, self.differs) = (0, false);
         self.advance(services)
@@ -210,7 +213,7 @@ impl BringUp {
     ///
     /// # Errors
     /// The drive is another one, or does not accept its configuration.
-    pub(crate) fn advance(&mut self, services: &mut Services) -> Result<bool, String> {
+    pub(crate) fn advance(&mut self, services: &mut Services) -> Outcome {
         if let Some(result) = self.client.take_result() {
             self.on_result(result)?;
         }

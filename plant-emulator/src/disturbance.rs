@@ -39,8 +39,8 @@ impl Output {
 #[derive(Clone, Debug)]
 pub struct DisturbanceModule {
     outputs: Vec<Output>,
-    /// Whether values may have changed since the last look.
-    is_changed: bool,
+    /// Whether values may have changed since its owner looked.
+    pub(crate) is_changed: bool,
 }
 
 impl DisturbanceModule {
@@ -56,11 +56,6 @@ impl DisturbanceModule {
             outputs: outputs.collect::<Result<_, _>>()?,
             is_changed: true,
         })
-    }
-
-    /// Returns whether the outputs may have changed since the last look.
-    pub(crate) fn look(&mut self) -> bool {
-        std::mem::take(&mut self.is_changed)
     }
 
     /// Returns the value of an output, in the units of 0x6411; 0 if there is no such output.

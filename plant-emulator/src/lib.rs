@@ -213,7 +213,7 @@ impl PlantEmulator {
         };
         holder.drive_mut().plant.now = now;
         for Module { device, outputs } in &mut self.modules {
-            if !device.application_mut().look() {
+            if !std::mem::take(&mut device.application_mut().is_changed) {
                 continue;
             }
             let (module, dictionary) = (device.application(), device.services().dictionary());

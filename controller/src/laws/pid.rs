@@ -3,8 +3,40 @@
 use scenario::controller::Pid as Config;
 use scenario::reference::SetPoint;
 
-use crate::filtered_position::FilteredPosition;
 use crate::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, flag, one_loop};
+
+/// Limit of the position, in metres or in the loop's own unit; it keeps results finite and is beyond any rig.
+const POSITION_MAX: f64 = 1e6;
+
+/// Measured and filtered position, in metres or in the loop's own unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct FilteredPosition {
+    latest: f64,
+    filtered: f64,
+    started: bool,
+}
+
+impl FilteredPosition {
+    /// Takes a measurement. If it is no number, the previous one stays.
+    fn measure(&mut self, position: f64) {
+        if position.is_finite() {
+            self.latest = position.clamp(-POSITION_MAX, POSITION_MAX);
+        }
+        if !self.started {
+            self.filtered = self.latest;
+            self.started = true;
+        }
+    }
+
+    /// Filters the position to first order, and returns the velocity of the filtered position. For a ramp it is the
+    /// slope.
+    fn velocity(&mut self, pole_radians_per_second: f64, period_seconds: f64) -> f64 {
+        let share = 1.0 - libm::exp(-pole_radians_per_second * period_seconds);
+        let step = share * (self.latest - self.filtered);
+        self.filtered += step;
+        step / period_seconds
+    }
+}
 
 /// The gains.
 #[derive(Clone, Debug)]
@@ -24,7 +56,7 @@ impl Pid {
     /// Returns `Kp (b r − y)`.
     fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
         let weighted = self.config.set_point_weight * set_point.position;
-        self.config.proportional * (weighted - state.position.latest())
+        self.config.proportional * (weighted - state.position.latest)
     }
 
     /// Returns the current before its limitation to the drive's range, and the velocity of the filtered position.
@@ -41,7 +73,7 @@ impl Pid {
         state.position.measure(*position);
         let pole = self.config.derivative_filter_radians_per_second;
         let velocity = state.position.velocity(pole, cycle.period_seconds);
-        let error = set_point.position - state.position.latest();
+        let error = set_point.position - state.position.latest;
         let current = self.proportional(state, set_point) + state.integral_amperes
             - self.config.derivative * velocity;
         self.integrate(state, error, current, cycle.period_seconds);
@@ -90,7 +122,7 @@ impl Law for Pid {
             velocity,
             flag(current > self.current.max),
             flag(current < self.current.min),
-            flag(state.position.latest() <= 0.0),
+            flag(state.position.latest <= 0.0),
         ]);
     }
 }
@@ -192,5 +224,21 @@ mod tests {
         let mut state = law.start();
         let before = step(&law, &mut state, 0.01, 0.02);
         assert_eq!(step(&law, &mut state, f64::NAN, 0.02), before);
+    }
+
+    #[test]
+    fn the_velocity_of_a_ramp_is_its_slope() {
+        for (periods, period_seconds) in [(5000, 1e-4), (500, 1e-3), (50, 1e-2)] {
+            let mut position = FilteredPosition::default();
+            let mut velocity = 0.0;
+            for period in 0..periods {
+                position.latest = 0.1 * f64::from(period) * period_seconds;
+                velocity = position.velocity(100.0, period_seconds);
+            }
+            assert!(
+                (velocity - 0.1).abs() < 1e-9,
+                "{period_seconds}: {velocity}"
+            );
+        }
     }
 }

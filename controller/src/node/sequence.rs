@@ -11,6 +11,7 @@ use super::drive::LedDrive;
 use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
 use crate::cause::Cause;
+use crate::manager::Outcome;
 
 /// Number of SYNCs that carry the command 0 to the drives before NMT stop.
 const SYNCS_TO_STOP: u8 = 2;
@@ -102,14 +103,9 @@ impl Controller {
         self.on_outcome(services, place, outcome);
     }
 
-    pub(super) fn on_outcome(
-        &mut self,
-        services: &mut Services,
-        place: usize,
-        is_done: Result<bool, String>,
-    ) {
+    pub(super) fn on_outcome(&mut self, services: &mut Services, place: usize, outcome: Outcome) {
         let drive = &mut self.loops[place].drive;
-        match is_done {
+        match outcome {
             Ok(true) if drive.phase == DrivePhase::Configuring => {
                 drive.phase = DrivePhase::Configured;
                 if self.drives().all(LedDrive::is_configured) {
