@@ -152,17 +152,6 @@ impl Reference {
 }
 
 impl State {
-    /// Returns a filter at rest at a position.
-    pub fn at_rest(position_metres: f64) -> Self {
-        Self {
-            point: Point {
-                position_metres,
-                ..Point::default()
-            },
-            ..Self::default()
-        }
-    }
-
     /// Updates the lag of the plant in the direction of the move, as its sliding variable in m/s².
     pub fn notice_lag(&mut self, lag: f64, seconds: f64) {
         self.lag += (lag - self.lag) * (seconds / LAG_SECONDS).min(1.0);
@@ -422,7 +411,8 @@ mod tests {
     #[test]
     fn infeasible_and_meaningless_set_points_are_kept_out() {
         let filter = moving_filter();
-        let state = State::at_rest(0.02);
+        let mut state = State::default();
+        state.point.position_metres = 0.02;
         assert_eq!(filter.target(&state, &hold(0.2)), 0.05);
         assert_eq!(filter.target(&state, &hold(-0.2)), 0.0);
         assert_eq!(filter.target(&state, &hold(f64::NAN)), 0.02);

@@ -103,45 +103,23 @@ struct Part {
     output: usize,
     /// First bit in the object.
     bit: u8,
-    encoding: Encoding,
+    /// Counts of an output of one.
+    counts: f64,
+    /// Lowest and highest count; `None` for a float.
+    range: Option<[f64; 2]>,
 }
 
-#[derive(Clone, Copy, Debug)]
-enum Encoding {
-    Real32,
-    /// Counts: `of_one` for an output of one, from `min` to `max`.
-    Counts {
-        of_one: f64,
-        min: f64,
-        max: f64,
-    },
-}
-
-impl Encoding {
-    fn new(port: &Port, factor: f64) -> Self {
-        let steps = port.steps_per_unit;
-        match port.width {
-            Width::Real32 => Self::Real32,
-            Width::Signed(_) | Width::Unsigned(_) => Self::Counts {
-                of_one: steps * factor,
-                min: (port.range[0] * steps).round(),
-                max: (port.range[1] * steps).round(),
-            },
-        }
-    }
-
+impl Part {
     /// Returns the bits of a value; one beyond the range is limited to it.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a 32-bit number is wanted, and the range lets only those through that fit"
     )]
-    fn bits(self, value: f64) -> u32 {
-        match self {
-            Self::Real32 => (value as f32).to_bits(),
-            Self::Counts { of_one, min, max } => {
-                add_half(value * of_one).clamp(min, max) as i64 as u32
-            }
+    fn bits(&self, value: f64) -> u32 {
+        match self.range {
+            None => (value as f32).to_bits(),
+            Some([min, max]) => add_half(value * self.counts).clamp(min, max) as i64 as u32,
         }
     }
 }
@@ -168,10 +146,13 @@ impl TermObjects {
                 .map_err(|_| ControllerError::no_object(index))?;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];
+                let steps = port.steps_per_unit;
+                let range = port.range.map(|end| (end * steps).round());
                 Part {
                     output,
                     bit: *bit,
-                    encoding: Encoding::new(port, factor),
+                    counts: steps * factor,
+                    range: (port.width != Width::Real32).then_some(range),
                 }
             });
             objects.push((handle, laid_out.bits / 8, parts.collect()));
@@ -183,7 +164,7 @@ impl TermObjects {
     pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, writes: &[f64]) {
         for (handle, size, parts) in &self.objects {
             let bits = parts.iter().fold(0, |bits, part| {
-                bits | part.encoding.bits(writes[part.output]) << part.bit
+                bits | part.bits(writes[part.output]) << part.bit
             });
             let bytes = bits.to_le_bytes();
             // A copy of a constant length needs no loop.

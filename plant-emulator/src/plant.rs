@@ -137,15 +137,6 @@ impl Inputs {
             added_load_kilograms,
         }
     }
-
-    /// Returns the values in the order of [`one_axis`].
-    pub fn values(&self) -> [f64; 3] {
-        [
-            self.current_amperes,
-            self.convection_factor,
-            self.added_load_kilograms,
-        ]
-    }
 }
 
 impl Default for Inputs {
