@@ -184,19 +184,14 @@ impl PlantEmulator {
     }
 
     /// Applies an event to the modules, then to each drive, in the order of node-IDs. At last it advances the rig.
-    fn each(
-        &mut self,
-        now: Duration,
-        to_module: impl Fn(&mut Device<DisturbanceModule>),
-        to_drive: impl Fn(&mut dyn Node),
-    ) {
+    fn each(&mut self, now: Duration, to_node: impl Fn(&mut dyn Node)) {
         for module in &mut self.modules {
-            to_module(&mut module.device);
+            to_node(&mut module.device);
         }
         self.disturb(now);
         for place in 0..self.drives.len() {
             self.hand_over(place);
-            to_drive(self.drives[place].as_node_mut());
+            to_node(self.drives[place].as_node_mut());
         }
         for place in 0..self.drives.len() {
             if self.drives[place].is_faulty() {
@@ -286,27 +281,15 @@ impl Node for PlantEmulator {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.each(
-            now,
-            |module| module.on_frame(now, frame),
-            |drive| drive.on_frame(now, frame),
-        );
+        self.each(now, |node| node.on_frame(now, frame));
     }
 
     fn on_tick(&mut self, now: Duration) {
-        self.each(
-            now,
-            |module| module.on_tick(now),
-            |drive| drive.on_tick(now),
-        );
+        self.each(now, |node| node.on_tick(now));
     }
 
     fn on_stop(&mut self, now: Duration) {
-        self.each(
-            now,
-            |module| module.on_stop(now),
-            |drive| drive.on_stop(now),
-        );
+        self.each(now, |node| node.on_stop(now));
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
