@@ -10,14 +10,12 @@ mod objects;
 
 use std::time::Duration;
 
-use can::earlier;
 use canopen::cia402::{self, CYCLIC_SYNCHRONOUS_TORQUE, OptionCodes, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{
-    AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, NodeId, ObjectDictionary,
-    Services,
+    AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, ObjectDictionary, Services,
 };
 use dbc::loops::drive_seed;
 use scenario::Trial;
@@ -44,7 +42,6 @@ const WARNING_UTILISATION: f64 = 0.9;
 const CURRENT_DEVIATION_TIME_MAX: Duration = Duration::from_millis(100);
 
 const COMMUNICATION_CYCLE_PERIOD: u16 = 0x1006;
-const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 
 /// The application of the drive, around its object dictionary.
 #[derive(Debug)]
@@ -75,9 +72,6 @@ pub struct Drive {
     is_limit_active: bool,
     /// Whether the latest command was beyond the limits of its object, and was cut to them on reception.
     is_command_cut: bool,
-    /// Manager that has not been heard since the start, and its deadline. The heartbeat consumer begins only with the
-    /// first heartbeat.
-    manager: Option<(NodeId, Duration)>,
     /// Time of the latest SYNC, which this drive supervises itself while 0x1006 is 0.
     latest_sync: Duration,
     /// Whether a SYNC period is configured, so that the SYNC consumer supervises it.
@@ -115,7 +109,6 @@ impl Drive {
             codes: None,
             is_limit_active: false,
             is_command_cut: false,
-            manager: None,
             latest_sync: Duration::ZERO,
             has_sync_period: false,
             is_stop_asked: false,
@@ -336,20 +329,12 @@ impl Application for Drive {
     }
 
     fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
-        self.manager = None;
         if state == NmtState::Operational {
-            self.manager = expected_manager(services);
+            services.expect_heartbeats();
         } else {
             self.machine.disable();
         }
         self.settle(services);
-    }
-
-    fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, _state: NmtState) {
-        if expected_manager(services).is_some_and(|(manager, _)| manager == node_id) {
-            self.manager = None;
-            services.clear_error(ErrorCode::HEARTBEAT);
-        }
     }
 
     fn on_sync(&mut self, services: &mut Services, _sync: &Sync) {
@@ -430,13 +415,6 @@ impl Application for Drive {
             services.raise_error(ErrorCode::COMMUNICATION, [0; 5]);
             self.on_communication_loss(services, CommunicationLoss::Sync);
         }
-        if let Some((manager, deadline)) = self.manager
-            && services.now() >= deadline
-        {
-            self.manager = None;
-            services.raise_error(ErrorCode::HEARTBEAT, [manager.get(), 0, 0, 0, 0]);
-            self.on_communication_loss(services, CommunicationLoss::Heartbeat(manager));
-        }
         let limits = self.objects.protection_limits(services.dictionary());
         self.protection.set_limits(limits);
         self.protect(services);
@@ -444,8 +422,7 @@ impl Application for Drive {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let manager = self.manager.map(|(_, deadline)| deadline);
-        earlier(self.sync_deadline(), manager)
+        self.sync_deadline()
     }
 
     fn on_stop(&mut self, services: &mut Services) {
@@ -453,16 +430,4 @@ impl Application for Drive {
         self.machine.disable();
         self.settle(services);
     }
-}
-
-/// Returns the node whose heartbeat is watched first (0x1016:01), and the time by which it must be heard.
-fn expected_manager(services: &Services) -> Option<(NodeId, Duration)> {
-    let value = services.dictionary().unsigned(CONSUMER_HEARTBEAT_TIME, 1)?;
-    let [low, high, node_id, _] = value.to_le_bytes();
-    let milliseconds = u64::from(u16::from_le_bytes([low, high]));
-    let node_id = NodeId::new(node_id).filter(|_| milliseconds != 0)?;
-    Some((
-        node_id,
-        services.now() + Duration::from_millis(milliseconds),
-    ))
 }

@@ -158,6 +158,13 @@ impl HeartbeatConsumer {
         monitors.any(|monitor| monitor.node_id == node_id)
     }
 
+    /// Begins the watch over the nodes that are not watched yet, as if they had been heard.
+    pub(crate) fn expect(&mut self, now: Duration) {
+        for monitor in self.monitors.iter_mut().flatten() {
+            monitor.deadline.get_or_insert(now + monitor.time);
+        }
+    }
+
     /// Notes a heartbeat.
     pub(crate) fn on_heartbeat(
         &mut self,

@@ -202,6 +202,12 @@ impl Services {
         self.sync.set_missing_tolerated(count);
     }
 
+    /// Begins the watch over all nodes of 0x1016 now, also over those that were never heard: CiA 301 begins it with the first
+    /// heartbeat of each.
+    pub fn expect_heartbeats(&mut self) {
+        self.monitors.expect(self.now);
+    }
+
     /// Returns the time at which the next SYNC is due that this node produces.
     pub fn next_sync(&self) -> Option<Duration> {
         self.sync.next_sync()
