@@ -6,7 +6,7 @@ use std::fmt;
 use std::time::Duration;
 
 use scenario::controller::Controller;
-use scenario::law_ports::{self, Writing, WrongPort};
+use scenario::law_ports::{self, LawWires, WrongPort};
 use scenario::port::{Port, Ports};
 use scenario::process_law::{PlayedPort, Plays, ProcessLaw};
 use scenario::wiring::{LoopFacts, Wiring};
@@ -93,6 +93,23 @@ impl Part {
     /// Returns the part of a law in the loop with this wiring, and its ports, whose names begin with those of loops and
     /// drives.
     pub(crate) fn of(law: ProcessLaw, wiring: &Wiring) -> (Self, Ports) {
+        let outputs = law.writes.iter().map(|port| output(port, wiring));
+        let terms = law
+            .terms
+            .iter()
+            .map(|term| Port::term(&whole_name(&term.signal, wiring)));
+        let ports = Ports {
+            inputs: law.reads.iter().map(|port| input(port, wiring)).collect(),
+            outputs: outputs.chain(terms).collect(),
+        };
+        let loops = wiring.led_loops();
+        // Ports without a meaning have no range; they are refused where they are wired.
+        let wires = LawWires::for_all_loops(&ports, &loops).unwrap_or_default();
+        let commands = wires.outputs.iter().filter(|output| output.is_command);
+        let ranges = commands.map(|output| {
+            let CurrentRange { min, max, .. } = loops[output.index].current;
+            [min / output.factor, max / output.factor]
+        });
         let name = |port: &PlayedPort| name_in_loop(&port.signal, wiring).to_owned();
         let named = |ports: &[PlayedPort]| ports.iter().map(name).collect();
         let all = [&law.reads, &law.writes, &law.terms].into_iter().flatten();
@@ -103,23 +120,10 @@ impl Part {
             writes: named(&law.writes),
             terms: named(&law.terms),
             variables: variables.collect(),
-            ranges: law
-                .writes
-                .iter()
-                .map(|write| range_of(write, wiring))
-                .collect(),
+            ranges: ranges.collect(),
             plays: law.plays,
             parameters: law.parameters,
             period: Duration::ZERO,
-        };
-        let outputs = law.writes.iter().map(|port| output(port, wiring));
-        let terms = law
-            .terms
-            .iter()
-            .map(|term| Port::term(&whole_name(&term.signal, wiring)));
-        let ports = Ports {
-            inputs: law.reads.iter().map(|port| input(port, wiring)).collect(),
-            outputs: outputs.chain(terms).collect(),
         };
         (part, ports)
     }
@@ -134,22 +138,6 @@ fn input(port: &PlayedPort, wiring: &Wiring) -> Port {
 /// Returns the port of a command, which the amplifier limits.
 fn output(port: &PlayedPort, wiring: &Wiring) -> Port {
     Port::output(&whole_name(&port.signal, wiring), ANY)
-}
-
-/// Returns the smallest and largest command of a drive, in the unit of the port.
-fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
-    let loops = wiring.led_loops();
-    match law_ports::writing(&output(port, wiring), &loops) {
-        Ok(Writing {
-            is_command: true,
-            index,
-            factor,
-        }) => {
-            let CurrentRange { min, max, .. } = loops[index].current;
-            [min / factor, max / factor]
-        }
-        _ => ANY,
-    }
 }
 
 /// Returns the name of a signal with its loop or drive.
@@ -186,27 +174,24 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
         numbered.map(move |(place, port)| (key, is_command, place, port))
     });
     ports.find_map(|(key, is_command, place, port)| {
-        let wrong = match is_command {
-            None => law_ports::reading(&input(port, wiring), &loops).err(),
-            Some(is_command) => wrong_output(&output(port, wiring), &loops, is_command),
+        let checked = match is_command {
+            None => law_ports::reading(&input(port, wiring), &loops).map(drop),
+            Some(is_command) => check_output(&output(port, wiring), &loops, is_command),
         };
-        let WrongPort { message, label } = wrong?;
+        let WrongPort { message, label } = checked.err()?;
         let place = port.variable.clone().unwrap_or_else(|| place.to_string());
         let path = format!("controller.{}.{key}.{place}", controller.law_name());
         Some(Objection::new(path, message, label))
     })
 }
 
-/// Returns the error of an output, which must be a command, or a term of the law's own loop.
-fn wrong_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Option<WrongPort> {
+/// Checks that an output is a command, or a term of the law's own loop.
+fn check_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Result<(), WrongPort> {
     let name = &port.name;
-    let writing = match law_ports::writing(port, loops) {
-        Ok(writing) => writing,
-        Err(wrong) => return Some(wrong),
-    };
+    let writing = law_ports::writing(port, loops)?;
     let (message, label) = match (writing.is_command, is_command) {
-        (true, true) => return None,
-        (false, false) if writing.index == 0 => return None,
+        (true, true) => return Ok(()),
+        (false, false) if writing.index == 0 => return Ok(()),
         (true, false) => (
             format!("`{name}` is a command, not a term"),
             "what the law commands stands in `writes`".to_owned(),
@@ -225,7 +210,7 @@ fn wrong_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Option<Wr
             "a term is the loop's own: its name alone".to_owned(),
         ),
     };
-    Some(WrongPort { message, label })
+    Err(WrongPort { message, label })
 }
 
 #[cfg(test)]
