@@ -1,11 +1,11 @@
 //! The plants and laws that a bench knows, and the frames of each pair of them.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
-use scenario::node::{LoopNodes, Node};
+use scenario::node::LoopNodes;
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
@@ -38,12 +38,10 @@ pub struct Catalogue {
     law_objection: FindLawObjection,
     /// `None` if all laws publish the terms of the shipped DBC.
     find_terms: Option<FindTerms>,
-    /// Frames of single loops that were asked for so far.
-    frames: Mutex<Vec<Arc<Frames>>>,
 }
 
 /// The part of a loop's frames that depends on its plant, its law and its io nodes.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Published {
     /// Signals of its plant that its drive publishes.
     pub(crate) signals: Vec<PlantSignal>,
@@ -62,7 +60,6 @@ impl Catalogue {
             find_ports: None,
             law_objection: |_| None,
             find_terms: None,
-            frames: Mutex::default(),
         }
     }
 
@@ -87,7 +84,8 @@ impl Catalogue {
     }
 
     /// Returns the frames of a scenario's loop alone on its bus.
-    pub fn frames(&self, trial: &Trial) -> Arc<Frames> {
+    pub(crate) fn frames(&self, trial: &Trial) -> Frames {
+        let wiring = &trial.wiring;
         let published = Published {
             signals: match self.find_ports {
                 Some(_) => self.signals(trial).unwrap_or_default(),
@@ -96,16 +94,11 @@ impl Catalogue {
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
         };
-        // An incomplete entry is still correct.
-        let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_it =
-            |frames: &&Arc<Frames>| frames.published == published && frames.wiring == trial.wiring;
-        if let Some(frames) = known.iter().find(is_it) {
-            return Arc::clone(frames);
-        }
-        let frames = Arc::new(Frames::new(published, trial));
-        known.push(Arc::clone(&frames));
-        frames
+        let controller = &wiring.nodes.controller;
+        let composer = Composer::new(&controller.name, controller.id);
+        let composer = with_followed(composer, wiring);
+        let composer = published.compose(composer, wiring, Player::Emulator);
+        Frames::new(published, Arc::new(composer.finish()), wiring)
     }
 
     /// Returns the signals of its plant that the drive of a scenario publishes.
@@ -310,9 +303,9 @@ fn is_measured(signal: &Signal, by: &Measured) -> bool {
     patterns.any(|pattern| by.measurand.name(pattern) == signal.name)
 }
 
-/// Frames of a loop that is alone on its bus.
+/// Frames of a loop that is alone on its bus, or of a recording.
 #[derive(Debug)]
-pub struct Frames {
+pub(crate) struct Frames {
     pub(crate) published: Published,
     wiring: Wiring,
     pub(crate) database: Arc<Database>,
@@ -320,27 +313,9 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(published: Published, trial: &Trial) -> Self {
-        let wiring = &trial.wiring;
-        let controller = &wiring.nodes.controller;
-        let composer = Composer::new(&controller.name, controller.id);
-        let composer = if wiring.follows_itself() {
-            composer
-        } else {
-            with_followed(composer, wiring)
-        };
-        let composer = published.compose(composer, wiring, Player::Emulator);
-        let frames = Self::from_recording(Arc::new(composer.finish()), wiring);
+    pub(crate) fn new(published: Published, database: Arc<Database>, wiring: &Wiring) -> Self {
         Self {
             published,
-            ..frames
-        }
-    }
-
-    /// Makes the frames of a loop of a recording with this database.
-    pub(crate) fn from_recording(database: Arc<Database>, wiring: &Wiring) -> Self {
-        Self {
-            published: Published::default(),
             wiring: wiring.clone(),
             database,
             names: OnceLock::new(),
@@ -396,7 +371,9 @@ impl Published {
         let io = wiring.io.iter().zip(&self.outputs);
         let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
         let composer = outputs.fold(composer, |composer, (io, outputs)| {
-            with_io(composer, &io.node, outputs)
+            let outputs = outputs.iter().map(|output| &output.port);
+            let signals = outputs.map(|port| signal_of(port, port.name.clone()));
+            composer.with_io((&io.node.name, io.node.id), &Vec::from_iter(signals))
         });
         let Identifiers {
             second_sdo,
@@ -410,16 +387,11 @@ impl Published {
     }
 }
 
-/// Adds the frames of an io node with these outputs.
-fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
-    let outputs = outputs
-        .iter()
-        .map(|output| signal_of(&output.port, output.port.name.clone()));
-    composer.with_io((&io.name, io.id), &Vec::from_iter(outputs))
-}
-
-/// Adds the frames of the drive that a loop follows and that belongs to another loop: the measured and the true value there.
+/// Adds the frames of the drive that a loop follows if it belongs to another loop: the measured and the true value there.
 fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
+    if wiring.follows_itself() {
+        return composer;
+    }
     let (followed, feedback) = (&wiring.nodes.followed, &wiring.feedback);
     let name = |pattern: &str| feedback.measurand.name(pattern);
     let unit = unit_of(feedback, &name, true);

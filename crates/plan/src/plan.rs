@@ -14,7 +14,9 @@ use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
 use scenario::{NodeProgram, Shared, Trial};
 
 use crate::bus_budget::BusBudget;
-use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_in_loop};
+use crate::catalogue::{
+    Catalogue, ColumnMessage, Frames, Player, Published, columns, followed, name_in_loop,
+};
 use crate::external::{External, no_such_node};
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -305,7 +307,7 @@ pub fn loop_prefix(loop_name: &str) -> String {
 }
 
 impl ControlLoop {
-    fn with_frames(trial: Trial, frames: Arc<Frames>) -> Self {
+    fn with_frames(trial: Trial, frames: Frames) -> Self {
         Self {
             nodes: trial.wiring.nodes.clone(),
             place: loop_place(&trial.wiring),
@@ -313,14 +315,14 @@ impl ControlLoop {
             external: External::default(),
             real_drive: None,
             database: Arc::clone(&frames.database),
-            frames,
+            frames: Arc::new(frames),
         }
     }
 
     /// Makes a loop of a recording with this database.
     fn from_recording(trial: Trial, database: &Arc<Database>) -> Self {
-        let frames = Frames::from_recording(Arc::clone(database), &trial.wiring);
-        Self::with_frames(trial, Arc::new(frames))
+        let frames = Frames::new(Published::default(), Arc::clone(database), &trial.wiring);
+        Self::with_frames(trial, frames)
     }
 
     /// Checks whether the node with a part in the loop is external.

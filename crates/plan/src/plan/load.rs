@@ -9,7 +9,7 @@ use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
-use crate::catalogue::{Catalogue, Frames};
+use crate::catalogue::{Catalogue, Frames, Published};
 use crate::external::External;
 use crate::loaded_drive::LoadedDrive;
 use crate::ports;
@@ -210,7 +210,7 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
-    let frames = Frames::from_recording(Arc::clone(database), wiring);
+    let frames = Frames::new(Published::default(), Arc::clone(database), wiring);
     SignalNames::objections(trial, &frames)
 }
 
