@@ -30,7 +30,9 @@ const PARTS: [(&str, &str); 5] = [
 
 /// Returns the schema of scenarios on any rig.
 pub(super) fn scenario_schema() -> Value {
-    loops_schema(&Unit::NAMED.map(Measurand::position), None)
+    let mut schema = loops_schema(&Unit::NAMED.map(Measurand::position), None);
+    prune(&mut schema);
+    schema
 }
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
@@ -67,7 +69,6 @@ fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
         "type": "object",
         "additionalProperties": part,
     });
-    prune(&mut schema);
     schema
 }
 
@@ -91,36 +92,19 @@ fn parts_schema() -> Value {
     schema
 }
 
-/// Removes definitions without a reference.
+/// Removes definitions without a reference, until each one that is left is referred to. No definition refers to itself.
 fn prune(schema: &mut Value) {
-    let Value::Object(mut definitions) = schema["definitions"].take() else {
-        return;
-    };
-    let mut used = Map::new();
-    let mut referring = vec![schema.clone()];
-    while let Some(value) = referring.pop() {
-        for name in references(&value) {
-            if let Some(definition) = definitions.remove(&name) {
-                referring.push(definition.clone());
-                used.insert(name, definition);
-            }
+    let mut count = usize::MAX;
+    loop {
+        let text = schema.to_string();
+        let Some(definitions) = schema["definitions"].as_object_mut() else {
+            return;
+        };
+        definitions.retain(|name, _| text.contains(&format!("\"#/definitions/{name}\"")));
+        if definitions.len() == count {
+            return;
         }
-    }
-    schema["definitions"] = used.into();
-}
-
-/// Returns the names of all definitions to which a schema refers.
-fn references(value: &Value) -> Vec<String> {
-    match value {
-        Value::Object(table) => {
-            let path = table.get("$ref").and_then(Value::as_str);
-            let definition = path.and_then(|path| path.rsplit('/').next());
-            let below = table.values().flat_map(references);
-            let here = definition.map(str::to_owned).into_iter();
-            here.chain(below).collect()
-        }
-        Value::Array(values) => values.iter().flat_map(references).collect(),
-        _ => Vec::new(),
+        count = definitions.len();
     }
 }
 
