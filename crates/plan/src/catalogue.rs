@@ -95,8 +95,7 @@ impl Catalogue {
             outputs: self.outputs(trial),
         };
         let controller = &wiring.nodes.controller;
-        let composer = Composer::new(&controller.name, controller.id);
-        let composer = with_followed(composer, wiring);
+        let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
         let composer = published.compose(composer, wiring, Player::Emulator);
         Frames::new(published, Arc::new(composer.finish()), wiring)
     }

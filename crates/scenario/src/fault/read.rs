@@ -15,27 +15,14 @@ use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
-use crate::rig::nodes::Rig;
+use crate::rig::nodes::{Rig, RigNode};
 use crate::schema;
 use crate::structure::{self, check_table, number};
 use crate::wiring::Wiring;
 
 const PLANT: &str = "plant";
+const NODE: &str = "node";
 const BENCH: &str = "bench";
-
-/// Returns the node of a rig to which a fault may happen.
-fn node_of(rig: &Rig, name: &str) -> Option<Node> {
-    if name == BENCH {
-        return Some(Node::new(name, 0, Part::Bench));
-    }
-    let found = rig.node.get(name).filter(|node| node.kind != Part::Io)?;
-    Some(Node::new(name, found.node_id, found.kind))
-}
-
-fn only_drive(rig: &Rig) -> Option<Node> {
-    let (drive, _) = only_one(rig.of_kind(Part::Drive))?;
-    node_of(rig, drive)
-}
 
 /// Reads the faults of a document, and the problems among them. A fault of another form than the schema's is left out: the check
 /// against the schema has reported it.
@@ -82,8 +69,8 @@ impl<'text> Reader<'_, 'text> {
             None => self.node(kind, &path, table).map_err(one)?,
         };
         let drive = node.as_ref().filter(|node| node.part == Part::Drive);
-        let wiring = drive.map(|drive| self.rig.wiring_of(&drive.name));
-        let table = self.in_loop_unit(kind, (entry.span(), table.clone()), wiring.as_ref())?;
+        let wiring = drive.map_or_else(Wiring::default, |drive| self.rig.wiring_of(&drive.name));
+        let table = self.in_loop_unit(kind, (entry.span(), table.clone()), &wiring)?;
         let values = kind.keys.iter().filter(|key| !key.names_node());
         let mut read = BTreeMap::new();
         for key in values {
@@ -102,10 +89,7 @@ impl<'text> Reader<'_, 'text> {
         if kind.time != Time::Boot && from_seconds.is_none() {
             return Ok(None);
         }
-        let range = wiring.map(|wiring| wiring.current());
-        if let Some(range) = range
-            && let Some(problem) = self.outside_amplifier(kind, &path, &range, &table)
-        {
+        if let Some(problem) = self.outside_amplifier(kind, &path, &wiring.current(), &table) {
             return Err(vec![problem]);
         }
         Ok(Some(Fault {
@@ -130,59 +114,58 @@ impl<'text> Reader<'_, 'text> {
             return Ok(None);
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        if self.rig.plant.contains_key(name) {
-            return Ok(Some(name.to_owned()));
+        match self.rig.plant.get_key_value(name) {
+            Some((name, _)) => Ok(Some(name.clone())),
+            None => Err(self.unknown(path, [PLANT, name], self.rig.plant.keys())),
         }
-        let message = format!("the rig has no plant `{name}`");
-        let label = meant_or_known(name, self.rig.plant.keys());
-        Err(self
-            .document
-            .problem(&format!("{path}.{PLANT}"), message, label))
     }
 
     /// Returns the node to which a fault happens; `None` if it happens to the bus, or if the schema does not admit the name.
     fn node(&self, kind: &Kind, path: &str, table: &DeTable<'_>) -> Result<Option<Node>, Problem> {
+        let is_drive_fault = kind.is_drive_fault();
         let key = match kind.node_key() {
             Some(key) => key.name,
-            None if kind.is_drive_fault() => "node",
+            None if is_drive_fault => NODE,
             None => return Ok(None),
         };
+        let nodes = &self.rig.node;
+        let found = |name: &str, node: &RigNode| Node::new(name, node.node_id, node.kind);
         let Some(named) = table.get(key) else {
-            let only = only_drive(self.rig).filter(|_| kind.is_drive_fault());
-            if only.is_some() || !kind.is_drive_fault() {
-                return Ok(only);
+            let only = only_one(self.rig.of_kind(Part::Drive)).filter(|_| is_drive_fault);
+            if only.is_some() || !is_drive_fault {
+                return Ok(only.map(|(name, node)| found(name, node)));
             }
-            let known = Vec::from_iter(self.rig.node.keys().map(String::as_str)).join(", ");
-            let label = format!("`node` is missing; known are: {known}");
+            let known = Vec::from_iter(nodes.keys().map(String::as_str)).join(", ");
+            let label = format!("`{NODE}` is missing; known are: {known}");
             return Err(self.document.problem(path, "for which node?", label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        let is_possible = |node: &Node| match node.part {
-            Part::Bench => kind.group == Group::Bus,
-            Part::Controller => !kind.is_drive_fault(),
-            Part::Drive => true,
-            Part::Io => false,
-        };
-        if let Some(node) = node_of(self.rig, name).filter(is_possible) {
-            return Ok(Some(node));
-        }
-        let (message, label) = match self.rig.node.get(name) {
-            Some(node) => {
-                let label = match node.kind {
-                    Part::Io => "an io node; faults happen to drives and the controller",
-                    _ => "no drive",
-                };
-                let message = format!("{} cannot happen to `{name}`", kind.heading());
-                (message, label.to_owned())
+        let label = match nodes.get(name).map(|node| (node.kind, node)) {
+            None if name == BENCH && kind.group == Group::Bus => {
+                return Ok(Some(Node::new(name, 0, Part::Bench)));
             }
-            None => {
-                let message = format!("the rig has no {key} `{name}`");
-                (message, meant_or_known(name, self.rig.node.keys()))
-            }
+            None => return Err(self.unknown(path, [key, name], nodes.keys())),
+            Some((Part::Io, _)) => "an io node; faults happen to drives and the controller",
+            Some((Part::Controller, _)) if is_drive_fault => "no drive",
+            Some((_, node)) => return Ok(Some(found(name, node))),
         };
+        let message = format!("{} cannot happen to `{name}`", kind.heading());
         Err(self
             .document
             .problem(&format!("{path}.{key}"), message, label))
+    }
+
+    /// Refuses a name at a key that the rig does not have.
+    fn unknown<'a>(
+        &self,
+        path: &str,
+        [key, name]: [&str; 2],
+        known: impl Iterator<Item = &'a String>,
+    ) -> Problem {
+        let message = format!("the rig has no {key} `{name}`");
+        let label = meant_or_known(name, known);
+        self.document
+            .problem(&format!("{path}.{key}"), message, label)
     }
 
     /// Refuses a current that the amplifier of the drive never gives.
@@ -208,24 +191,21 @@ impl<'text> Reader<'_, 'text> {
         &self,
         kind: &Kind,
         (span, mut table): (Range<usize>, DeTable<'text>),
-        wiring: Option<&Wiring>,
+        wiring: &Wiring,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
-        let sensor = wiring.map(|one| one.sensor.clone()).unwrap_or_default();
-        let measurand = sensor.measurand;
+        let measurand = &wiring.sensor.measurand;
         let part = &schema::FAULTS["definitions"][definition(kind)];
-        if let Some(wiring) = wiring {
-            let naming = Naming {
-                source: &self.document.source,
-                measurand: &measurand,
-                loop_name: &wiring.loop_name,
-                schema: &schema::FAULTS,
-            };
-            naming.apply(&mut table, part).map_err(one)?;
-        }
+        let naming = Naming {
+            source: &self.document.source,
+            measurand,
+            loop_name: &wiring.loop_name,
+            schema: &schema::FAULTS,
+        };
+        naming.apply(&mut table, part).map_err(one)?;
         let document = self.document.with_loop(DeTable::new(), measurand.clone());
         let at = (span, &table);
         let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
-        without_problems(in_unit(problems, &measurand), table)
+        without_problems(in_unit(problems, measurand), table)
     }
 }
 
