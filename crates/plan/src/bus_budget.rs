@@ -56,17 +56,12 @@ pub enum Pace {
 }
 
 impl BusShare {
-    /// Returns the number of cycles from one to the next; `None` if it is sent by the clock.
-    fn every(&self) -> Option<u32> {
+    /// Checks whether it is sent in a cycle; with `None`, in any.
+    fn comes_in(&self, cycle: Option<u32>) -> bool {
         match self.pace {
-            Pace::Cycles { every, .. } => Some(every.into()),
-            Pace::Milliseconds(_) => None,
-        }
-    }
-
-    fn comes_in(&self, cycle: u32) -> bool {
-        match self.pace {
-            Pace::Cycles { every, remainder } => cycle % u32::from(every) == u32::from(remainder),
+            Pace::Cycles { every, remainder } => {
+                cycle.is_none_or(|cycle| cycle % u32::from(every) == u32::from(remainder))
+            }
             Pace::Milliseconds(_) => false,
         }
     }
@@ -117,19 +112,19 @@ impl BusBudget {
             let shares = self.shares.iter().filter(|share| share.comes_in(cycle));
             shares.map(|share| share.bits).sum()
         };
-        let fullest = self.cycles().and_then(|cycles| {
-            (0..cycles).max_by(|one, other| bits_in(*one).total_cmp(&bits_in(*other)))
-        });
-        self.shares.iter().filter(move |share| match fullest {
-            Some(cycle) => share.comes_in(cycle),
-            None => share.every().is_some(),
-        })
+        let cycles = (0..self.cycles().unwrap_or(0)).map(Some);
+        let fullest = cycles.max_by(|one, other| bits_in(*one).total_cmp(&bits_in(*other)));
+        let shares = self.shares.iter();
+        shares.filter(move |share| share.comes_in(fullest.flatten()))
     }
 
     /// Returns the number of cycles after which the traffic repeats; `None` if they are too many to search.
     fn cycles(&self) -> Option<u32> {
-        let mut every = self.shares.iter().filter_map(BusShare::every);
-        every.try_fold(1_u32, |cycles, every| {
+        self.shares.iter().try_fold(1, |cycles, share| {
+            let Pace::Cycles { every, .. } = share.pace else {
+                return Some(cycles);
+            };
+            let every = u32::from(every);
             let together = cycles / greatest_common_divisor(cycles, every) * every;
             (together <= CYCLES_MAX).then_some(together)
         })

@@ -284,8 +284,9 @@ impl Resolver<'_> {
         };
         let drive = &wiring.nodes.drive.name;
         trial.run = Arc::clone(run);
-        trial.plant = rig.model_of(drive, path);
-        trial.plants_beside = rig.models_beside(drive, path);
+        trial.plants_beside = rig.models_with(drive, path);
+        // A drive that moves no plant has the actuator of the paper.
+        trial.plant = (trial.plants_beside.remove(&wiring.plant)).unwrap_or_default();
         (trial.sensor, trial.amplifier) = rig.parts_of(drive);
         trial.wiring = wiring;
         if reading != Reading::Recorded {

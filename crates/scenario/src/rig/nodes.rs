@@ -58,19 +58,11 @@ impl Rig {
         plant_of_port(self.node.get(drive)?.amplifier_port()?)
     }
 
-    /// Returns the plant that a drive moves, with its files in the folder of the rig file; the actuator of the paper if the
-    /// drive moves none.
-    pub(crate) fn model_of(&self, drive: &str, rig: &Path) -> PlantModel {
-        let plant = self.plant_of(drive).and_then(|name| self.plant.get(name));
-        plant.map_or_else(PlantModel::default, |plant| plant.beside(rig))
-    }
-
-    /// Returns the other plants that are emulated together with the one that a drive moves, by name.
-    pub(crate) fn models_beside(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
-        let plant = self.plant_of(drive);
+    /// Returns the plants that are emulated together with the one that a drive moves, and that plant, by name, with their files in
+    /// the folder of the rig file.
+    pub(crate) fn models_with(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
         let all = self.emulated_with(drive).into_iter();
-        let others = all.filter(|name| Some(*name) != plant);
-        let models = others.map(|name| (name.to_owned(), self.plant[name].beside(rig)));
+        let models = all.map(|name| (name.to_owned(), self.plant[name].beside(rig)));
         models.collect()
     }
 
