@@ -120,15 +120,20 @@ impl Rig {
             drives.any(|led| led == drive)
         };
         let mut only_followed = BTreeSet::new();
-        for (name, one) in &self.loops {
-            let followed = one.followed().to_owned();
-            let is_new = !is_led(&followed) && only_followed.insert(followed.clone());
-            let followed = is_new.then_some(&followed).into_iter();
-            for drive in one.drives.iter().skip(1).chain(followed) {
+        for one in self.loops.values() {
+            let first = one.drives.first().and_then(|first| self.node.get(first));
+            let Some(first) = first else { continue };
+            let followed = one.followed();
+            let is_new = !is_led(followed) && only_followed.insert(followed);
+            // A drive that is only followed comes after all drives that the law commands.
+            let followed = is_new.then_some(followed);
+            let drives = one.drives.iter().map(String::as_str).chain(followed);
+            for (place, drive) in drives.enumerate().skip(1) {
                 let mut alone = self.one_drive_loop(drive);
-                alone.drives.push(drive.clone());
-                alone.led_by = Some(name.clone());
-                led.push((drive.clone(), alone));
+                alone.drives.push(drive.to_owned());
+                let first = first.node_id;
+                alone.led_by = Some(LedBy { first, place });
+                led.push((drive.to_owned(), alone));
             }
         }
         self.loops.extend(led);
@@ -152,18 +157,6 @@ impl Rig {
     pub(crate) fn measurand_of(&self, drive: &str) -> Measurand {
         let node = self.node.get(drive);
         node.map(RigNode::measurand).unwrap_or_default()
-    }
-
-    /// Returns the law that leads a drive which is not the first one of its loop.
-    fn led_by(&self, drive: &str) -> Option<LedBy> {
-        let leader = self.loops.get(drive)?.led_by.as_deref()?;
-        let drives = &self.loops.get(leader)?.drives;
-        let place = drives.iter().position(|other| other == drive);
-        Some(LedBy {
-            first: self.node.get(drives.first()?)?.node_id,
-            // A drive that is only followed comes after all drives that the law commands.
-            place: place.unwrap_or(drives.len()),
-        })
     }
 
     /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
@@ -208,65 +201,45 @@ impl Rig {
         let others = Vec::from_iter(others.map(|(_, node)| node));
         let inputs = others.iter().filter_map(|other| other.amplifier_port());
         let emulated = self.emulated_with(drive);
-        let followed = self.followed_by(drive).map(|(_, node)| node.measured());
+        let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
+        let (loop_name, rig_loop) = self.loop_of(drive).unzip();
+        let followed = rig_loop.map_or(drive, RigLoop::followed);
+        let followed_node = self.node.get(followed).unwrap_or(node);
+        let controller = self.controller().map(named);
+        let io = self.of_kind(Part::Io);
+        let recorded_io = io.filter(|(name, _)| self.drive_of_io(name) == Some(drive));
         let recorded = node.record.as_ref();
-        let loop_name = self.loop_of(drive);
-        let rig_loop = self.loops.get(loop_name);
         Wiring {
-            nodes: self.nodes_of(drive, node.node_id),
+            nodes: LoopNodes {
+                controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
+                drive: named((drive, node)),
+                followed: named((followed, followed_node)),
+                io: recorded_io.map(named).collect(),
+            },
             plant: plant.to_owned(),
             emulated_with: emulated.first().copied().unwrap_or_default().to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
             sensor: node.measured(),
-            feedback: followed
-                .unwrap_or_default()
-                .commanding(node.command_quantity()),
-            io: self.io_beside(drive),
+            feedback: followed_node.measured().commanding(node.command_quantity()),
+            io: self.io_on(&emulated),
             truth_every_cycles: node.truth_every_cycles,
             record: recorded.map(|ports| ports.iter().map(in_full).collect()),
             beside: inputs.map(str::to_owned).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
             also_leads: rig_loop.map_or(0, |one| one.drives.len().saturating_sub(1)),
-            led_by: self.led_by(drive),
+            led_by: rig_loop.and_then(|one| one.led_by),
             identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
-            loop_name: loop_name.to_owned(),
+            loop_name: loop_name.cloned().unwrap_or_default(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
         }
     }
 
-    /// Returns the nodes of the loop of a drive.
-    fn nodes_of(&self, drive: &str, node_id: u8) -> LoopNodes {
-        let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
-        let controller = self.controller().map(named);
-        let drive_node = Node::new(drive, node_id, Part::Drive);
-        let followed = self.followed_by(drive).map(named);
-        let io = self.of_kind(Part::Io);
-        let recorded = io.filter(|(name, _)| self.drive_of_io(name) == Some(drive));
-        LoopNodes {
-            controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
-            followed: followed.unwrap_or_else(|| drive_node.clone()),
-            drive: drive_node,
-            io: recorded.map(named).collect(),
-        }
-    }
-
-    /// Returns the drive whose signal the loop of a drive follows.
-    fn followed_by(&self, drive: &str) -> Option<(&str, &RigNode)> {
-        let rig_loop = self.loops.get(self.loop_of(drive));
-        let followed = rig_loop.map_or(drive, RigLoop::followed);
-        let (name, node) = self.node.get_key_value(followed)?;
-        Some((name, node))
-    }
-
-    /// Returns the loop whose first drive this is; empty if the rig has no such drive.
-    fn loop_of(&self, drive: &str) -> &str {
+    /// Returns the loop whose first drive this is.
+    fn loop_of(&self, drive: &str) -> Option<(&String, &RigLoop)> {
         let is_its = |one: &RigLoop| one.drives.first().is_some_and(|first| first == drive);
-        let mut loops = self.loops.iter();
-        loops
-            .find(|(_, one)| is_its(one))
-            .map_or("", |(name, _)| name)
+        self.loops.iter().find(|(_, one)| is_its(one))
     }
 
     /// Returns the facts of a loop for the other loops.
@@ -278,7 +251,7 @@ impl Rig {
             name: name.clone(),
             measurand: self.measurand_of(one.followed()).commanding(command),
             current: amplifier.range,
-            led_by: self.led_by(&drive),
+            led_by: one.led_by,
             drive,
         }
     }
@@ -355,9 +328,9 @@ impl Rig {
                 sensor.into_iter().for_each(|sensor| sensor.port = None);
             }
         }
-        // The name of the drive's own loop; empty for a drive that the law of another one leads.
-        let name = self.loop_of(drive).to_owned();
-        rig.loops = BTreeMap::from([(name, self.one_drive_loop(drive))]);
+        // A drive that the law of another one leads has a loop of its own name.
+        let name = self.loop_of(drive).map_or(drive, |(name, _)| name);
+        rig.loops = BTreeMap::from([(name.to_owned(), self.one_drive_loop(drive))]);
         rig
     }
 
@@ -403,9 +376,8 @@ impl Rig {
         with.map(|(name, _)| name.as_str())
     }
 
-    /// Returns the io nodes that act on the plants that are emulated together with the one that a drive moves.
-    fn io_beside(&self, drive: &str) -> Vec<IoWiring> {
-        let plants = self.emulated_with(drive);
+    /// Returns the io nodes that act on some of these plants.
+    fn io_on(&self, plants: &BTreeSet<&str>) -> Vec<IoWiring> {
         let nodes = self.node.iter().filter_map(|(name, node)| {
             let outputs = node.outputs.as_ref()?;
             (!plants.is_disjoint(&node.plants())).then(|| IoWiring {
@@ -743,10 +715,10 @@ pub struct RigLoop {
     /// The drives of these outputs, put in by the loader.
     #[serde(skip)]
     pub drives: Vec<String>,
-    /// Loop whose law leads the drive of this one. The loader adds such a loop for each further drive of a loop; it is played,
-    /// recorded and judged under its own name.
+    /// Law of another loop that leads the drive of this one. The loader adds such a loop for each further drive of a loop; it is
+    /// played, recorded and judged under its own name.
     #[serde(skip)]
-    pub led_by: Option<String>,
+    pub led_by: Option<LedBy>,
     /// Identifiers of its frames other than those that CiA 301 gives its nodes, put in by the loader.
     #[serde(skip)]
     pub identifiers: Identifiers,
