@@ -17,27 +17,22 @@ use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
 /// Finds the reason why a plant makes no sense.
-pub(crate) type FindPlantObjection = fn(&PlantModel) -> Option<Objection>;
-
-/// Finds the reason why a scenario's law makes no sense.
-type FindLawObjection = fn(&Trial) -> Option<Objection>;
-
-/// Finds the ports of a plant; `None` for a plant that is not known here, or that cannot be made.
-type FindPorts = fn(&PlantModel) -> Option<Ports>;
-
-/// Finds the terms that a scenario's law publishes; empty for a law that is not known here.
-type FindTerms = fn(&Trial) -> Vec<LawTerm>;
+pub type FindPlantObjection = fn(&PlantModel) -> Option<Objection>;
 
 /// The plants and laws that scenarios may choose.
 ///
 /// The catalogue knows them by their ports and terms, not by their code: the crates that play them hand in the rest.
 pub struct Catalogue {
-    plant_objection: FindPlantObjection,
-    /// `None` if all plants publish the signals of the shipped DBC.
-    find_ports: Option<FindPorts>,
-    law_objection: FindLawObjection,
-    /// `None` if all laws publish the terms of the shipped DBC.
-    find_terms: Option<FindTerms>,
+    /// Finds the ports of a plant, or nothing for a plant that is not known here or cannot be made; `None` if all plants publish
+    /// the signals of the shipped DBC.
+    pub find_ports: Option<fn(&PlantModel) -> Option<Ports>>,
+    /// Finds the reason why a plant makes no physical sense.
+    pub plant_objection: FindPlantObjection,
+    /// Finds the terms that a scenario's law publishes; empty for a law that is not known here. `None` if all laws publish the
+    /// terms of the shipped DBC.
+    pub find_terms: Option<fn(&Trial) -> Vec<LawTerm>>,
+    /// Finds the reason why a scenario's law makes no sense.
+    pub law_objection: fn(&Trial) -> Option<Objection>,
 }
 
 /// The part of a loop's frames that depends on its plant, its law and its io nodes.
@@ -56,30 +51,10 @@ impl Catalogue {
     /// any plant's code.
     pub fn shipped() -> Self {
         Self {
-            plant_objection: |_| None,
             find_ports: None,
-            law_objection: |_| None,
+            plant_objection: |_| None,
             find_terms: None,
-        }
-    }
-
-    /// Makes a catalogue of plants, by their ports and by a function that finds a plant without physical sense. All laws publish
-    /// the terms of the shipped DBC.
-    pub fn new(find_ports: FindPorts, plant_objection: FindPlantObjection) -> Self {
-        Self {
-            find_ports: Some(find_ports),
-            plant_objection,
-            ..Self::shipped()
-        }
-    }
-
-    /// Adds laws, by the terms that they publish and by a function that finds a law without sense.
-    #[must_use]
-    pub fn with_laws(self, find_terms: FindTerms, law_objection: FindLawObjection) -> Self {
-        Self {
-            find_terms: Some(find_terms),
-            law_objection,
-            ..self
+            law_objection: |_| None,
         }
     }
 
@@ -484,7 +459,10 @@ mod tests {
 
     #[test]
     fn plants_and_laws_have_frames_of_their_own() {
-        let catalogue = Catalogue::new(|_| Some(plant_with("spring_force_newtons")), |_| None);
+        let catalogue = Catalogue {
+            find_ports: Some(|_| Some(plant_with("spring_force_newtons"))),
+            ..Catalogue::shipped()
+        };
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&trial);
@@ -496,7 +474,10 @@ mod tests {
                 .find("sliding_variable_metres_per_second_squared")
                 .is_ok()
         );
-        let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
+        let catalogue = Catalogue {
+            find_terms: Some(|_| vec![sum()]),
+            ..catalogue
+        };
         let frames = catalogue.frames(&trial);
         assert!(frames.names().find("sum").is_ok());
         assert!(
@@ -531,8 +512,11 @@ outputs = ["drive.current"]
             ports.outputs.extend(more);
             ports
         }
-        let catalogue =
-            Catalogue::new(|_| Some(three()), |_| None).with_laws(|_| vec![sum()], |_| None);
+        let catalogue = Catalogue {
+            find_ports: Some(|_| Some(three())),
+            find_terms: Some(|_| vec![sum()]),
+            ..Catalogue::shipped()
+        };
         let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let beside = Beside::new(Path::new("t.toml"));
         let read = |_: &str| Ok(RIG.to_owned());
@@ -550,18 +534,24 @@ outputs = ["drive.current"]
 
     #[test]
     fn two_signals_of_one_name_are_refused_with_their_owner() {
-        let plants = Catalogue::new(|_| Some(plant_with("position_millimetres")), |_| None);
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let said = |catalogue: &Catalogue| {
             let objections = catalogue.objections(&trial).into_iter();
             Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))
         };
-        let plants = plants.with_laws(|_| Vec::new(), |_| None);
+        let plants = Catalogue {
+            find_ports: Some(|_| Some(plant_with("position_millimetres"))),
+            find_terms: Some(|_| Vec::new()),
+            ..Catalogue::shipped()
+        };
         let twice = "plant.sma_actuator: two signals are called `position_millimetres`";
         assert_eq!(said(&plants), [twice]);
-        let laws = Catalogue::new(|_| Some(plant_with("sum")), |_| None)
-            .with_laws(|_| vec![sum()], |_| None);
+        let laws = Catalogue {
+            find_ports: Some(|_| Some(plant_with("sum"))),
+            find_terms: Some(|_| vec![sum()]),
+            ..Catalogue::shipped()
+        };
         let twice = "controller.open_loop: two signals are called `sum`";
         assert_eq!(said(&laws), [twice]);
     }

@@ -243,7 +243,10 @@ mod tests {
                 ..Ports::default()
             })
         };
-        let catalogue = Catalogue::new(find_ports, |_| None);
+        let catalogue = Catalogue {
+            find_ports: Some(find_ports),
+            ..Catalogue::shipped()
+        };
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);

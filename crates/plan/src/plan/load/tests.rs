@@ -107,7 +107,10 @@ fn a_program_of_a_rig_that_is_read_alone_is_wrong_at_its_place_in_the_rig_file()
 
 #[test]
 fn an_emulated_drive_may_be_somebody_else_s() {
-    let catalogue = Catalogue::new(|_| None, |_| None);
+    let catalogue = Catalogue {
+        find_ports: Some(|_| None),
+        ..Catalogue::shipped()
+    };
     let plan = Plan::from_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
     let truth = |plan: &Plan| {
         let names = ["x_truth", "y_truth"];
