@@ -9,7 +9,7 @@ use scenario::node::LoopNodes;
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
-use scenario::wiring::{IoOutput, IoWiring, Measured, Wiring};
+use scenario::wiring::{IoOutput, Measured, Wiring};
 use scenario::{Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
@@ -61,28 +61,22 @@ impl Catalogue {
     /// Returns the frames of a scenario's loop alone on its bus.
     pub(crate) fn frames(&self, trial: &Trial) -> Frames {
         let wiring = &trial.wiring;
+        let ports = self.ports(trial).unwrap_or_default();
+        let recorded = wiring.recorded(&ports).unwrap_or_default().into_iter();
+        let signals = recorded.map(|(_, port)| signal_of(port, wiring.recorded_name(port)));
+        let outputs = wiring.io.iter().map(|io| io.outputs(&ports));
         let published = Published {
             signals: match self.find_ports {
-                Some(_) => self.signals(trial).unwrap_or_default(),
+                Some(_) => signals.collect(),
                 None => wire_signals(),
             },
             terms: self.find_terms.map(|find| find(trial)),
-            outputs: self.outputs(trial),
+            outputs: outputs.collect(),
         };
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
         let composer = published.compose(composer, wiring, Player::Emulator);
         Frames::new(published, Arc::new(composer.finish()), wiring)
-    }
-
-    /// Returns the signals of its plant that the drive of a scenario publishes.
-    fn signals(&self, trial: &Trial) -> Option<Vec<PlantSignal>> {
-        let ports = self.ports(trial)?;
-        let recorded = trial.wiring.recorded(&ports).ok()?;
-        let signals = recorded
-            .into_iter()
-            .map(|(_, port)| signal_of(port, trial.wiring.recorded_name(port)));
-        Some(signals.collect())
     }
 
     /// Returns the ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` if they are not known here.
@@ -95,17 +89,6 @@ impl Catalogue {
     /// Returns the ports of a plant; `None` if they are not known here.
     pub(crate) fn plant_ports(&self, plant: &PlantModel) -> Option<Ports> {
         (self.find_ports?)(plant)
-    }
-
-    /// Returns the outputs of each io node of a loop's wiring.
-    fn outputs(&self, trial: &Trial) -> Vec<Vec<IoOutput>> {
-        let nodes = trial.wiring.io.iter();
-        let needs_ports = !nodes.clone().all(IoWiring::has_fan_and_load_only);
-        let ports = needs_ports
-            .then(|| self.ports(trial))
-            .flatten()
-            .unwrap_or_default();
-        nodes.map(|io| io.outputs(&ports)).collect()
     }
 
     /// Returns the objections that only a bench can make to a scenario: to names of signals, and to a plant without physical

@@ -262,12 +262,6 @@ pub struct IoWiring {
 }
 
 impl IoWiring {
-    /// Checks whether the outputs are fan and load alone, which need no port to be known.
-    pub fn has_fan_and_load_only(&self) -> bool {
-        let mut names = self.outputs.keys();
-        names.all(|name| kind_of_output(name).is_some())
-    }
-
     /// Returns the outputs in the order of their places, without those that fit no port. Fan and load have the first two, whether
     /// one of them is wired or both.
     pub fn outputs(&self, ports: &Ports) -> Vec<IoOutput> {
