@@ -13,7 +13,6 @@ use scenario::node::{LoopNodes, Node, Part};
 use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
 use scenario::{NodeProgram, Shared, Trial};
 
-use crate::bus_budget::BusBudget;
 use crate::catalogue::{
     Catalogue, ColumnMessage, Frames, Player, Published, columns, followed, name_in_loop,
 };
@@ -90,19 +89,11 @@ impl Plan {
                 io.name, one.nodes.drive.name
             ));
         }
-        let plan = plan.composed();
-        let refused = |why: String| format!("--external {}: {why}", names.join(" --external "));
-        let database = plan.database();
-        database
-            .refuse_duplicates()
-            .map_err(|error| refused(error.to_string()))?;
-        let budget = BusBudget::new(&plan);
-        match plan.set_points_every_cycles() {
-            Some(_) if !budget.fits() => Err(refused(format!(
-                "with the set-points for it, the frames need {budget}; write set_points_every_cycles = 0 into [bus], or a larger number"
-            ))),
-            _ => Ok(plan),
-        }
+        load::checked(plan.composed()).map_err(|refused| {
+            let (options, help) = (names.join(" --external "), refused.help.unwrap_or_default());
+            let (message, label) = (refused.message, refused.label);
+            format!("--external {options}: {message}: {label}; {help}")
+        })
     }
 
     /// Composes the frames of its loops again.

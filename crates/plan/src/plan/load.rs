@@ -193,7 +193,11 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
         let frames = catalogue.frames(&trial);
         ControlLoop::with_frames(trial, frames)
     };
-    let plan = named(scenario, alone)?.composed();
+    checked(named(scenario, alone)?.composed())
+}
+
+/// Refuses a plan of which two nodes send under one identifier, or whose frames do not fit on its bus.
+pub(super) fn checked(plan: Plan) -> Result<Plan, Objection> {
     plan.database().refuse_duplicates().map_err(|error| {
         let message = "two nodes of this rig send under one identifier";
         let help = "give one of them another node-ID or, in its EDS, another COB-ID";
