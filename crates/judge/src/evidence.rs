@@ -544,9 +544,9 @@ impl<'a> Evidence<'a> {
         let one = self.control_loop;
         // An external drive publishes no truth.
         let is_external = one.is_external(Part::Drive);
-        let path = one.names().find(name).map_err(|error| {
+        let path = one.names().find(name).map_err(|objection| {
             let unavailable = is_external.then(Absence::only_emulated);
-            unavailable.unwrap_or_else(|| error.to_string().into())
+            unavailable.unwrap_or_else(|| objection.message.into())
         })?;
         if self.timeline.zero_seconds.is_none() {
             return Err("the scenario never began".into());

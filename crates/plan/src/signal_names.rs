@@ -13,15 +13,6 @@ use crate::data_sheet::{self, DataSheet};
 /// Largest number of signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
 
-/// Reason why a name does not give one signal.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{message}")]
-pub struct NameError {
-    message: String,
-    label: String,
-    help: String,
-}
-
 /// All names of all signals.
 #[derive(Debug)]
 pub struct SignalNames {
@@ -97,8 +88,8 @@ impl SignalNames {
     /// Finds the signal of a name, as `message.signal`; case does not matter.
     ///
     /// # Errors
-    /// There is no such signal, or there are several.
-    pub fn find(&self, name: &str) -> Result<&str, NameError> {
+    /// There is no such signal, or there are several. The objection has no path.
+    pub fn find(&self, name: &str) -> Result<&str, Objection> {
         let is_meant = |other: &str| other.eq_ignore_ascii_case(name);
         let found = self.aliases.iter().filter(|(alias, _)| is_meant(alias));
         let paths = Vec::from_iter(found.map(|(_, path)| path.as_str()));
@@ -133,11 +124,7 @@ impl SignalNames {
                 )
             }
         };
-        Err(NameError {
-            message,
-            label,
-            help,
-        })
+        Err(Objection::new("", message, label).with_help(help))
     }
 
     /// Returns objections to the names of signals in a scenario with these frames, whose names are collected only if the scenario
@@ -145,12 +132,8 @@ impl SignalNames {
     pub(crate) fn objections(trial: &Trial, frames: &Frames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
-            let NameError {
-                message,
-                label,
-                help,
-            } = frames.names().find(name).err()?;
-            Some(Objection::new(path, message, label).with_help(help))
+            let objection = frames.names().find(name).err()?;
+            Some(Objection { path, ..objection })
         });
         wrong.collect()
     }
@@ -176,7 +159,7 @@ mod tests {
     #[track_caller]
     fn check(name: &str, expected: Result<&str, &str>) {
         let names = actuator_names();
-        let found = names.find(name).map_err(|error| error.to_string());
+        let found = names.find(name).map_err(|objection| objection.message);
         assert_eq!(found.as_deref(), expected.map_err(str::to_owned).as_deref());
     }
 
