@@ -1,6 +1,6 @@
 //! Files that other programs may have written: only regular files are opened, and only up to a length are they read.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
@@ -12,18 +12,6 @@ use std::path::Path;
 pub fn open_file(path: &Path) -> io::Result<File> {
     require_file(path)?;
     File::open(path)
-}
-
-/// Opens a file to write to it, and creates it if it does not exist.
-///
-/// # Errors
-/// As [`open_file`]; or the file cannot be written.
-pub fn open_to_write(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
-    match require_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        _ => {}
-    }
-    options.write(true).create(true).open(path)
 }
 
 /// Refuses all but regular files: reading a pipe would wait, and a device might never end.

@@ -64,7 +64,7 @@ pub use beside::Beside;
 pub use bus::Bus;
 pub use current::CurrentRange;
 pub use error::{Problem, ScenarioError, without_colours};
-pub use file::{open_file, open_to_write, read_text, require_file};
+pub use file::{open_file, read_text, require_file};
 pub use fingerprint::{HASH_SUFFIX, file_hash, hash_in, hexadecimal};
 pub use identifiers::Identifiers;
 pub use load::{Asked, Objection, Reading, text_of};
