@@ -27,13 +27,13 @@ pub(crate) fn eds(args: &EdsArgs) -> Exit {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
-    for sheet in node_sheets(&plan) {
-        let path = args.to.join(sheet.file_name());
-        let written = write_new(&path, |file| file.write_all(sheet.text.as_bytes()));
+    for (node, eds) in node_sheets(&plan) {
+        let path = args.to.join(format!("{}.eds", node.name));
+        let written = write_new(&path, |file| file.write_all(eds.as_bytes()));
         if let Err(error) = written {
             return failed(Exit::BenchFailed, explain(&path, &error));
         }
-        let id = sheet.node_id;
+        let id = node.id;
         print(&format!("{}  node {id} (0x{id:02X})", path.display()));
     }
     Exit::Pass

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use scenario::meant_or_known;
 use scenario::node::Node;
 
 /// External nodes of a run by node-ID, each with whether canrig starts a program for it.
@@ -24,10 +23,4 @@ impl External {
     pub(crate) fn insert(&mut self, node_id: u8, is_program: bool) {
         self.0.insert(node_id, is_program);
     }
-}
-
-/// Describes the problem of an external node that a run does not have.
-pub fn no_such_node(name: &str, known: &[&str]) -> String {
-    let meant = meant_or_known(name, known);
-    format!("--external {name}: there is no such node; {meant}")
 }

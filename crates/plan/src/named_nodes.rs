@@ -8,54 +8,29 @@ use scenario::port::Unit;
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::plan::{ControlLoop, Plan, each_once};
 
-/// EDS of one node.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct NodeSheet {
-    /// Name of the node on the rig.
-    pub name: String,
-    /// Node-ID of the node.
-    pub node_id: u8,
-    /// Text of the EDS.
-    pub text: String,
-}
-
-impl NodeSheet {
-    /// Returns the name of its file.
-    pub fn file_name(&self) -> String {
-        format!("{}.eds", self.name)
-    }
-}
-
-/// Returns the EDS of each node of a plan, in the order of the node-IDs.
-pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
+/// Returns the nodes of a plan in the order of the node-IDs, each with the text of its EDS.
+pub fn node_sheets(plan: &Plan) -> Vec<(Node, String)> {
     let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(loop_sheets));
     let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
     let io_nodes = plan.loops.iter().flat_map(|one| &one.nodes.io);
     let servers = each_once(drives.chain(io_nodes.map(|node| node.id)));
     let eds = data_sheets::controller_sheet(&servers);
     sheets.push(sheet(plan.controller(), &eds, &NodeValues::default()));
-    sheets.sort_by_key(|sheet| sheet.node_id);
-    sheets.dedup_by_key(|sheet| sheet.node_id);
+    sheets.sort_by_key(|(node, _)| node.id);
+    sheets.dedup_by_key(|(node, _)| node.id);
     sheets
 }
 
-fn sheet(node: &Node, eds: &str, values: &NodeValues) -> NodeSheet {
-    NodeSheet {
-        name: node.name.clone(),
-        node_id: node.id,
-        text: data_sheets::node_sheet(eds, &node.name, node.id, values),
-    }
+fn sheet(node: &Node, eds: &str, values: &NodeValues) -> (Node, String) {
+    let text = data_sheets::node_sheet(eds, &node.name, node.id, values);
+    (node.clone(), text)
 }
 
-fn loop_sheets(one: &ControlLoop) -> Vec<NodeSheet> {
+fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
     let drive = &one.nodes.drive;
     let drive_sheet = match &one.real_drive {
         // The maker's EDS, which knows nothing of this rig.
-        Some(rig) => NodeSheet {
-            name: drive.name.clone(),
-            node_id: drive.id,
-            text: rig.eds.clone(),
-        },
+        Some(rig) => (drive.clone(), rig.eds.clone()),
         None => {
             let unit = &one.trial.wiring.sensor.measurand.unit;
             let presets = one.trial.presets().into_iter().chain(one.place.presets());
@@ -106,8 +81,8 @@ impl NamedNodes {
     /// An EDS is wrong.
     pub fn of(plan: &Plan) -> Result<Self, DataSheetError> {
         let sheets = node_sheets(plan).into_iter();
-        let parsed = sheets.map(|sheet| {
-            DataSheet::parse(sheet.file_name(), &sheet.name, sheet.node_id, &sheet.text)
+        let parsed = sheets.map(|(Node { name, id, .. }, eds)| {
+            DataSheet::parse(format!("{name}.eds"), &name, id, &eds)
         });
         Ok(Self {
             sheets: parsed.collect::<Result<_, _>>()?,

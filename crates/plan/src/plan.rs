@@ -11,12 +11,12 @@ use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
 use scenario::fault::{Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
-use scenario::{NodeProgram, Shared, Trial};
+use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
     Catalogue, ColumnMessage, Frames, Player, Published, columns, followed, name_in_loop,
 };
-use crate::external::{External, no_such_node};
+use crate::external::External;
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 
@@ -77,7 +77,8 @@ impl Plan {
     pub fn with_external(self, names: &[String]) -> Result<Self, String> {
         let known = BTreeSet::from_iter(self.nodes().map(|node| node.name.as_str()));
         if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
-            return Err(no_such_node(name, &Vec::from_iter(known)));
+            let meant = meant_or_known(name, known);
+            return Err(format!("--external {name}: there is no such node; {meant}"));
         }
         let mut plan = self.recorded_external(names);
         plan.shared.programs.retain(|name, _| !names.contains(name));

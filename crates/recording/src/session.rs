@@ -35,9 +35,9 @@ pub fn write_scenario(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError>
 /// # Errors
 /// If a file cannot be written.
 pub fn write_sheets(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
-    node_sheets(plan).into_iter().try_for_each(|sheet| {
-        let name = format!("{}/{}", file::SHEETS, sheet.file_name());
-        folder.write(&name, sheet.text.as_bytes())
+    node_sheets(plan).into_iter().try_for_each(|(node, eds)| {
+        let name = format!("{}/{}.eds", file::SHEETS, node.name);
+        folder.write(&name, eds.as_bytes())
     })
 }
 
