@@ -155,10 +155,8 @@ impl Plan {
 
     /// Returns the names of the external nodes that are expected on the bus.
     pub fn expected_names(&self) -> Vec<String> {
-        let programs = self.programs();
-        let is_started = |name: &String| programs.iter().any(|(node, _)| node.name == *name);
         let mut names = self.external_names();
-        names.retain(|name| !is_started(name));
+        names.retain(|name| !self.shared.programs.contains_key(name));
         names
     }
 

@@ -218,28 +218,22 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     SignalNames::objections(trial, &frames)
 }
 
-/// Returns a drive, if it is a real one.
-fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive>>, Objection> {
-    let Some(real) = scenario.shared.rig.real_drive(drive) else {
-        return Ok(None);
-    };
-    let loaded = LoadedDrive::new(real, scenario.sheets.get(drive)).map_err(|error| {
-        let message = format!("the drive `{drive}` cannot be led");
-        Objection::new(format!("node.{drive}"), message, error.to_string())
-    })?;
-    Ok(Some(Arc::new(loaded)))
-}
-
 /// Makes the plan of loops that `make` makes, each with its real drive.
 fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
+    let rig = &scenario.shared.rig;
     let mut external = External::default();
-    let nodes = scenario.shared.rig.node.values();
-    for node in nodes.filter(|node| !node.is_ours()) {
+    for node in rig.node.values().filter(|node| !node.is_ours()) {
         external.insert(node.node_id, node.program.is_some());
     }
     let loops = scenario.loops.iter().map(|trial| {
+        let drive = &trial.wiring.nodes.drive.name;
+        let load = |real| LoadedDrive::new(real, scenario.sheets.get(drive)).map(Arc::new);
+        let real_drive = rig.real_drive(drive).map(load).transpose();
         Ok(ControlLoop {
-            real_drive: real_drive(scenario, &trial.wiring.nodes.drive.name)?,
+            real_drive: real_drive.map_err(|error| {
+                let message = format!("the drive `{drive}` cannot be led");
+                Objection::new(format!("node.{drive}"), message, error.to_string())
+            })?,
             external: external.clone(),
             ..make(trial.clone())
         })
