@@ -148,15 +148,13 @@ impl Trial {
     /// Returns the steps, disturbances and faults for plots, in the order of time; `loop_name` is that of the loop,
     /// where there are several.
     pub fn events(&self, loop_name: Option<&str>) -> Vec<Event> {
-        let event = |at_seconds, text| Event {
+        let event = |at_seconds, text, is_fault| Event {
             at_seconds,
             text,
-            is_fault: false,
+            is_fault,
         };
-        let named = |at_seconds, text: String| match loop_name {
-            None => event(at_seconds, text),
-            Some(name) => event(at_seconds, format!("{name}: {text}")),
-        };
+        let prefix = loop_name.map_or_else(String::new, |name| format!("{name}: "));
+        let named = |at_seconds, text| event(at_seconds, format!("{prefix}{text}"), false);
         let unit = self.wiring.feedback.measurand.unit.symbol();
         let steps = self.reference.step.iter().map(|step| {
             let text = format!("step to {} {unit}", step.position);
@@ -176,11 +174,8 @@ impl Trial {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
             let text = fault.text(loop_name.is_some());
-            let end = until_seconds.map(|end| event(end, format!("{text} over")));
-            let begin = Event {
-                is_fault: true,
-                ..event(fault.from_seconds.unwrap_or(0.0), text)
-            };
+            let end = until_seconds.map(|end| event(end, format!("{text} over"), false));
+            let begin = event(fault.from_seconds.unwrap_or(0.0), text, true);
             [Some(begin), end]
         });
         let others = disturbances.chain(faults).flatten();

@@ -119,11 +119,10 @@ impl Fault {
         };
         match (group, whose) {
             (Group::Node, Some(whose)) => format!("fault: {whose} {name}"),
-            (Group::Bus, _) | (_, None) => format!("fault: {} {name}", group.name()),
-            (_, Some(whose)) if are_drives_named => {
+            (Group::Sensor | Group::Amplifier | Group::Plant, Some(whose)) if are_drives_named => {
                 format!("fault: {whose} {} {name}", group.name())
             }
-            (_, Some(_)) => format!("fault: {} {name}", group.name()),
+            _ => format!("fault: {} {name}", group.name()),
         }
     }
 }
