@@ -93,9 +93,6 @@ impl Rig {
         for node in rig.node.values_mut() {
             node.external |= node.kind == Part::Drive && node.limits.is_some();
         }
-        for one in rig.loops.values_mut() {
-            one.name_drives();
-        }
         problems.extend(Check::new(document, &rig, Vec::new()).of_rig());
         rig.add_led_drives();
         rig.assign_identifiers();
@@ -451,12 +448,12 @@ impl Check<'_> {
         let mut is_one_in_two = false;
         for (name, one) in &rig.loops {
             let path = format!("loop.{name}.outputs");
-            let is_led = |drive: &String| led.contains_key(drive.as_str());
-            let first_is_led = one.drives.first().is_some_and(is_led);
-            for (place, drive) in one.drives.iter().enumerate() {
+            let first_drive = one.drives().next();
+            let first_is_led = first_drive.is_some_and(|drive| led.contains_key(drive));
+            for (place, drive) in one.drives().enumerate() {
                 let path = format!("{path}.{place}");
                 self.add(self.output(&path, drive, &one.outputs[place]));
-                if let Some(first) = led.get(drive.as_str()) {
+                if let Some(first) = led.get(drive) {
                     let is_same = first.starts_with(&format!("loop.{name}."));
                     let message = if is_same {
                         format!("the drive `{drive}` is twice in the loop `{name}`")
@@ -470,12 +467,12 @@ impl Check<'_> {
             }
             // If the drive is the wrong one, the feedback may be right.
             if !first_is_led {
-                self.add(self.feedback(name, &one.feedback, &one.drives));
+                self.add(self.feedback(name, &one.feedback, first_drive));
             }
         }
         // The schema has found a loop without a drive, and it is probably the loop that is missing here; so is one with another
         // loop's drive.
-        let is_said = is_one_in_two || rig.loops.values().any(|one| one.drives.is_empty());
+        let is_said = is_one_in_two || rig.loops.values().any(|one| one.outputs.is_empty());
         let is_followed = |drive: &str| rig.loops.values().any(|one| one.followed() == drive);
         for (drive, node) in rig.of_kind(Part::Drive) {
             let is_watched = is_followed(drive) && node.is_ours();
@@ -522,11 +519,11 @@ impl Check<'_> {
         format!("{drive}.{}", command.signal())
     }
 
-    fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
+    fn feedback(&self, name: &str, feedback: &str, first: Option<&str>) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
         // A loop without a drive has been reported already.
-        let first = drives.first()?;
+        let first = first?;
         let drives = || self.rig.of_kind(Part::Drive).map(|(name, _)| name);
         if drives().all(|drive| drive != node) {
             let message =

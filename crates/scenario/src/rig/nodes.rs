@@ -107,8 +107,8 @@ impl Rig {
 
     /// Returns the drive that a loop leads; empty if the rig has no such loop.
     pub fn drive_of_loop(&self, name: &str) -> &str {
-        let drive = self.loops.get(name).and_then(|one| one.drives.first());
-        drive.map_or("", String::as_str)
+        let drive = self.loops.get(name).and_then(|one| one.drives().next());
+        drive.unwrap_or_default()
     }
 
     /// Adds a loop for each drive of a loop but its first one, and for a drive that a loop follows and no loop leads; see
@@ -116,30 +116,28 @@ impl Rig {
     pub(crate) fn add_led_drives(&mut self) {
         let mut led = Vec::new();
         let is_led = |drive: &str| {
-            let mut drives = self.loops.values().flat_map(|one| &one.drives);
+            let mut drives = self.loops.values().flat_map(RigLoop::drives);
             drives.any(|led| led == drive)
         };
         let mut only_followed = BTreeSet::new();
         for one in self.loops.values() {
-            let first = one.drives.first().and_then(|first| self.node.get(first));
+            let first = one.drives().next().and_then(|first| self.node.get(first));
             let Some(first) = first else { continue };
             let followed = one.followed();
             let is_new = !is_led(followed) && only_followed.insert(followed);
             // A drive that is only followed comes after all drives that the law commands.
-            let followed = is_new.then_some(followed);
-            let drives = one.drives.iter().map(String::as_str).chain(followed);
+            let drives = one.drives().chain(is_new.then_some(followed));
             for (place, drive) in drives.enumerate().skip(1) {
-                let mut alone = self.one_drive_loop(drive);
-                alone.drives.push(drive.to_owned());
                 let first = first.node_id;
-                alone.led_by = Some(LedBy { first, place });
-                led.push((drive.to_owned(), alone));
+                let led_by = Some(LedBy { first, place });
+                let alone = self.one_drive_loop(drive);
+                led.push((drive.to_owned(), RigLoop { led_by, ..alone }));
             }
         }
         self.loops.extend(led);
     }
 
-    /// Returns a loop of one drive, which follows the signal of this drive. Its drives are not filled in yet.
+    /// Returns a loop of one drive, which follows the signal of this drive.
     fn one_drive_loop(&self, drive: &str) -> RigLoop {
         let Measurand {
             signal, command, ..
@@ -147,7 +145,6 @@ impl Rig {
         RigLoop {
             feedback: format!("{drive}.{signal}"),
             outputs: vec![format!("{drive}.{}", command.signal())],
-            drives: Vec::new(),
             led_by: None,
             identifiers: Identifiers::default(),
         }
@@ -228,7 +225,7 @@ impl Rig {
             beside: inputs.map(str::to_owned).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
-            also_leads: rig_loop.map_or(0, |one| one.drives.len().saturating_sub(1)),
+            also_leads: rig_loop.map_or(0, |one| one.outputs.len().saturating_sub(1)),
             led_by: rig_loop.and_then(|one| one.led_by),
             identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
             loop_name: loop_name.cloned().unwrap_or_default(),
@@ -238,21 +235,21 @@ impl Rig {
 
     /// Returns the loop whose first drive this is.
     fn loop_of(&self, drive: &str) -> Option<(&String, &RigLoop)> {
-        let is_its = |one: &RigLoop| one.drives.first().is_some_and(|first| first == drive);
+        let is_its = |one: &RigLoop| one.drives().next() == Some(drive);
         self.loops.iter().find(|(_, one)| is_its(one))
     }
 
     /// Returns the facts of a loop for the other loops.
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopFacts {
-        let drive = one.drives.first().cloned().unwrap_or_default();
-        let (_, amplifier) = self.parts_of(&drive);
-        let command = self.measurand_of(&drive).command;
+        let drive = one.drives().next().unwrap_or_default();
+        let (_, amplifier) = self.parts_of(drive);
+        let command = self.measurand_of(drive).command;
         LoopFacts {
             name: name.clone(),
             measurand: self.measurand_of(one.followed()).commanding(command),
             current: amplifier.range,
             led_by: one.led_by,
-            drive,
+            drive: drive.to_owned(),
         }
     }
 
@@ -692,10 +689,10 @@ impl RigLoop {
         self.feedback.split('.').next().unwrap_or_default()
     }
 
-    /// Fills in the drives of its outputs.
-    pub(crate) fn name_drives(&mut self) {
-        let drive = |output: &String| output.split('.').next().unwrap_or_default().to_owned();
-        self.drives = self.outputs.iter().map(drive).collect();
+    /// Returns the drives of its outputs; its law leads the first one.
+    pub(crate) fn drives(&self) -> impl Iterator<Item = &str> {
+        let drives = self.outputs.iter().map(|output| output.split('.').next());
+        drives.map(Option::unwrap_or_default)
     }
 }
 
@@ -712,9 +709,6 @@ pub struct RigLoop {
     /// them, as in `"drive.current"`.
     #[schemars(length(min = 1, max = 8))]
     pub outputs: Vec<String>,
-    /// The drives of these outputs, put in by the loader.
-    #[serde(skip)]
-    pub drives: Vec<String>,
     /// Law of another loop that leads the drive of this one. The loader adds such a loop for each further drive of a loop; it is
     /// played, recorded and judged under its own name.
     #[serde(skip)]

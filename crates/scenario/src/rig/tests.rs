@@ -57,7 +57,8 @@ fn a_rig_of_one_drive_alone_is_a_rig() {
         .unwrap()
         .real_drive("drive")
         .unwrap();
-    let drive = rig.loops.values().next().unwrap().drives[0].clone();
+    let one = rig.loops.values().next().unwrap();
+    let drive = one.drives().next().unwrap().to_owned();
     let alone = rig.with_one_drive(&drive, &real, []);
     let read = Rig::parse(&alone.to_toml(), "rig.toml").unwrap();
     assert_eq!(read.real_drive(&drive).unwrap().limits, real.limits);

@@ -43,8 +43,9 @@ impl Check<'_> {
                     self.at_key(&path, message, "this name has another meaning");
                 }
                 // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
-                let may_be_called_so =
-                    |one: &RigLoop| one.drives.contains(name) || !self.is_led_rightly(one);
+                let may_be_called_so = |one: &RigLoop| {
+                    one.drives().any(|drive| drive == name) || !self.is_led_rightly(one)
+                };
                 let is_named_after_drive =
                     kind == "loop" && rig.loops.get(name).is_some_and(may_be_called_so);
                 if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
@@ -78,11 +79,11 @@ impl Check<'_> {
 
     /// Checks whether a loop has drives, and all of them are its own.
     fn is_led_rightly(&self, one: &RigLoop) -> bool {
-        let is_named = |drive: &String| {
-            let leaders = self.rig.loops.values().flat_map(|other| &other.drives);
+        let is_named = |drive: &str| {
+            let leaders = self.rig.loops.values().flat_map(RigLoop::drives);
             self.rig.node.contains_key(drive)
                 && leaders.filter(|other| *other == drive).count() == 1
         };
-        !one.drives.is_empty() && one.drives.iter().all(is_named)
+        !one.outputs.is_empty() && one.drives().all(is_named)
     }
 }
