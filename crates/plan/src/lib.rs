@@ -11,7 +11,6 @@ pub mod bus_budget;
 pub mod catalogue;
 pub mod data_sheet;
 pub mod error_frames;
-pub mod external;
 pub mod loaded_drive;
 pub mod named_nodes;
 mod plan;

@@ -16,7 +16,6 @@ use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 use crate::catalogue::{
     Catalogue, ColumnMessage, Frames, Player, Published, columns, followed, name_in_loop,
 };
-use crate::external::External;
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 
@@ -40,8 +39,8 @@ pub struct ControlLoop {
     pub nodes: LoopNodes,
     /// Place of its nodes on the bus.
     pub place: LoopPlace,
-    /// Nodes of the run that canrig does not play.
-    pub external: External,
+    /// Node-IDs of the nodes of the run that canrig does not play: they are expected on the bus, or programs that it starts.
+    pub external: BTreeSet<u8>,
     /// Drive of the loop, if it is a real one.
     pub real_drive: Option<Arc<LoadedDrive>>,
     /// Meaning of all frames on the bus.
@@ -84,7 +83,7 @@ impl Plan {
         plan.shared.programs.retain(|name, _| !names.contains(name));
         let emulated = plan.loops.iter().filter(|one| one.is_ours(Part::Drive));
         let mut io_nodes = emulated.flat_map(|one| one.nodes.io.iter().map(move |io| (one, io)));
-        if let Some((one, io)) = io_nodes.find(|(one, io)| one.external.has(io)) {
+        if let Some((one, io)) = io_nodes.find(|(one, io)| one.external.contains(&io.id)) {
             return Err(format!(
                 "--external {} needs --external {}: a real fan cannot cool an emulated wire",
                 io.name, one.nodes.drive.name
@@ -109,7 +108,7 @@ impl Plan {
         let is_named = |node: &&Node| names.contains(&node.name);
         let named = Vec::from_iter(self.nodes().filter(is_named).map(|node| node.id));
         for one in &mut self.loops {
-            named.iter().for_each(|id| one.external.insert(*id, false));
+            one.external.extend(&named);
         }
         self
     }
@@ -139,7 +138,7 @@ impl Plan {
             let nodes = [&one.nodes.drive, &one.nodes.controller]
                 .into_iter()
                 .chain(&one.nodes.io);
-            nodes.filter(|node| one.external.has(node))
+            nodes.filter(|node| one.external.contains(&node.id))
         });
         each_once(external.map(|node| node.name.clone()))
     }
@@ -174,7 +173,39 @@ impl Plan {
 
     /// Checks whether a node is external.
     pub fn is_external(&self, node: &Node) -> bool {
-        self.loops.iter().any(|one| one.external.has(node))
+        self.loops[0].external.contains(&node.id)
+    }
+
+    /// Refuses a fault of the scenario that would happen to an external node.
+    ///
+    /// # Errors
+    /// A fault of an external node; the error names both.
+    pub fn admits_faults(&self) -> Result<(), String> {
+        for one in &self.loops {
+            let faults = one.trial.loop_faults();
+            // This order is given over the bus and reaches any node.
+            let mut happening = faults.filter(|fault| fault.kind.name != "nmt_stop");
+            // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
+            let node = |fault: &Fault| {
+                if fault.kind.group == Group::Node && fault.is_at_controller() {
+                    &one.nodes.controller
+                } else {
+                    &one.nodes.drive
+                }
+            };
+            // The check of the scenario has refused faults that cannot happen to a program.
+            let is_foreign = |node: &Node| {
+                self.is_external(node) && !self.shared.programs.contains_key(&node.name)
+            };
+            if let Some(fault) = happening.find(|fault| is_foreign(node(fault))) {
+                return Err(format!(
+                    "{} cannot be played: the {} is external, so nothing fails there on purpose",
+                    fault.kind.heading(),
+                    node(fault).name
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Returns the meaning of all frames on the bus, as a run folder stores it.
@@ -302,7 +333,7 @@ impl ControlLoop {
             nodes: trial.wiring.nodes.clone(),
             place: loop_place(&trial.wiring),
             trial,
-            external: External::default(),
+            external: BTreeSet::new(),
             real_drive: None,
             database: Arc::clone(&frames.database),
             frames: Arc::new(frames),
@@ -318,7 +349,7 @@ impl ControlLoop {
     /// Checks whether the node with a part in the loop is external.
     pub fn is_external(&self, part: Part) -> bool {
         let node = self.nodes.of(part);
-        node.is_some_and(|node| self.external.has(node))
+        node.is_some_and(|node| self.external.contains(&node.id))
     }
 
     /// Checks whether canrig plays the node with a part in the loop.
@@ -330,35 +361,7 @@ impl ControlLoop {
     pub fn io_on_bus(&self) -> impl Iterator<Item = &Node> {
         let is_emulated = self.is_ours(Part::Drive);
         let io = self.nodes.io.iter();
-        io.filter(move |io| is_emulated || self.external.has(io))
-    }
-
-    /// Refuses a fault of the scenario that would happen to an external node.
-    ///
-    /// # Errors
-    /// A fault of an external node; the error names both.
-    pub fn admits_faults(&self) -> Result<(), String> {
-        let faults = self.trial.loop_faults();
-        // This order is given over the bus and reaches any node.
-        let mut happening = faults.filter(|fault| fault.kind.name != "nmt_stop");
-        // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
-        let node = |fault: &Fault| {
-            if fault.kind.group == Group::Node && fault.is_at_controller() {
-                &self.nodes.controller
-            } else {
-                &self.nodes.drive
-            }
-        };
-        // The check of the scenario has refused faults that cannot happen to a program.
-        let is_foreign = |node: &Node| self.external.has(node) && !self.external.is_program(node);
-        match happening.find(|fault| is_foreign(node(fault))) {
-            None => Ok(()),
-            Some(fault) => Err(format!(
-                "{} cannot be played: the {} is external, so nothing fails there on purpose",
-                fault.kind.heading(),
-                node(fault).name
-            )),
-        }
+        io.filter(move |io| is_emulated || self.external.contains(&io.id))
     }
 
     /// Returns the faults of the whole run: those of other loops may take the current from this one, too.

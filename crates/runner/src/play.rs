@@ -16,7 +16,7 @@ use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
-use plan::{ControlLoop, Plan};
+use plan::Plan;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
@@ -266,7 +266,7 @@ pub(crate) fn in_virtual_time(plan: Plan, external: &[String]) -> Result<Plan, S
         ));
     }
     let plan = plan.with_external(external)?;
-    plan.loops.iter().try_for_each(ControlLoop::admits_faults)?;
+    plan.admits_faults()?;
     Ok(plan)
 }
 

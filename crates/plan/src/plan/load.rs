@@ -1,5 +1,6 @@
 //! Makes plans from files: scenarios of one loop and of several, rig files, recordings.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +11,6 @@ use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
 use crate::catalogue::{Catalogue, Frames, Published};
-use crate::external::External;
 use crate::loaded_drive::LoadedDrive;
 use crate::ports;
 use crate::signal_names::SignalNames;
@@ -221,10 +221,8 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
 /// Makes the plan of loops that `make` makes, each with its real drive.
 fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let rig = &scenario.shared.rig;
-    let mut external = External::default();
-    for node in rig.node.values().filter(|node| !node.is_ours()) {
-        external.insert(node.node_id, node.program.is_some());
-    }
+    let others = rig.node.values().filter(|node| !node.is_ours());
+    let external = BTreeSet::from_iter(others.map(|node| node.node_id));
     let loops = scenario.loops.iter().map(|trial| {
         let drive = &trial.wiring.nodes.drive.name;
         let load = |real| LoadedDrive::new(real, scenario.sheets.get(drive)).map(Arc::new);

@@ -228,9 +228,9 @@ impl Testbed for RunTestbed<'_> {
                 .on_note(format!("external: {names} (expected on the bus)"));
         }
         admits(&plan.shared.run.faults, &self.bus, self.args.clock)?;
+        plan.admits_faults()?;
         for one in &plan.loops {
             let scenario = &one.trial;
-            one.admits_faults()?;
             if let Some(drive) = &one.real_drive {
                 drive.admits(scenario)?;
             }

@@ -125,7 +125,8 @@ impl Preflight {
     ) -> Result<End, WorldError> {
         // A program is not there before its run, and no current flows in it.
         let is_external = |one: &&ControlLoop| {
-            one.is_external(Part::Drive) && !one.external.is_program(&one.nodes.drive)
+            let drive = &one.nodes.drive.name;
+            one.is_external(Part::Drive) && !plan.shared.programs.contains_key(drive)
         };
         let has_passed = |one: &&ControlLoop| self.passed.borrow().contains(&who(one));
         let unchecked = plan.loops.iter().filter(is_external);
@@ -234,7 +235,11 @@ impl Session<'_> {
         let dictionary = eds::parse(&drive.eds, drive.layout.node_id.get())
             .map_err(|error| cannot_be_made(&error))?
             .dictionary;
-        let io = one.nodes.io.iter().filter(|io| one.external.has(io));
+        let io = one
+            .nodes
+            .io
+            .iter()
+            .filter(|io| one.external.contains(&io.id));
         let nodes = iter::once(&one.nodes.drive)
             .chain(io)
             .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
@@ -353,7 +358,7 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
         .nodes
         .io
         .iter()
-        .filter(|io| one.external.has(io))
+        .filter(|io| one.external.contains(&io.id))
         .map(|io| io.name.as_str());
     let rig = plan
         .shared

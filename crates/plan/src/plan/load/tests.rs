@@ -161,7 +161,7 @@ fn a_fan_is_external_only_beside_an_external_drive() {
 fn no_fault_happens_to_a_node_that_is_external() {
     let admits = |name: &str, fault: &str| {
         let plan = with_external(&[name], fault).unwrap();
-        plan.loops[0].admits_faults()
+        plan.admits_faults()
     };
     let stuck = "[[fault.sensor.stuck]]\nfrom_seconds = 1.0\n";
     let crash = |node| format!("[[fault.node.crash]]\nfrom_seconds = 1.0\nnode = \"{node}\"\n");
