@@ -3,9 +3,9 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
-use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
+use dbc::names::{self, POSITION, RPDO1, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
-use scenario::node::LoopNodes;
+use scenario::node::Node;
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
@@ -190,34 +190,28 @@ pub fn columns<'a>(
     database: &'a Database,
     wiring: &'a Wiring,
 ) -> impl Iterator<Item = ColumnMessage<'a>> {
-    let LoopNodes {
-        controller,
-        drive,
-        followed: followed_node,
-        io,
-    } = &wiring.nodes;
-    let is_feedback = [drive, followed_node].map(|node| message(&node.name, TPDO1));
+    let nodes = &wiring.nodes;
+    let is_feedback = [&nodes.drive, &nodes.followed].map(|node| message(&node.name, TPDO1));
+    let of_node = |node: &'a Node, service: &str| {
+        let message = database.message(&message(&node.name, service))?;
+        Some((message, Some(node)))
+    };
     let drive_messages = [TPDO1, RPDO1, TPDO2, TPDO3]
-        .map(|service| message(&drive.name, service))
         .into_iter()
-        .map(move |name| (name, Some(drive)));
-    let name = wiring.loop_among_several();
-    let law_messages =
-        (0..TERMS_MAX).map(move |place| (names::terms(&controller.name, name, place), None));
-    let io_messages = io.iter().map(|io| (message(&io.name, RPDO1), Some(io)));
+        .filter_map(move |service| of_node(&nodes.drive, service));
+    let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
+    let law_messages = terms.map(|message| (message, None));
+    let io_messages = nodes.io.iter().filter_map(move |io| of_node(io, RPDO1));
     let messages = drive_messages.chain(law_messages).chain(io_messages);
-    let columns = messages.filter_map(move |(name, node)| {
-        let message = database.message(&name)?;
+    let columns = messages.map(move |(message, node)| {
         let name_of = |signal: &Signal| match node {
-            Some(node) if node == drive => name_in_loop(signal, wiring),
-            Some(node) if io.len() > 1 => format!("{}.{}", node.name, signal.name),
+            Some(node) if *node == nodes.drive => name_in_loop(signal, wiring),
+            Some(node) if nodes.io.len() > 1 => format!("{}.{}", node.name, signal.name),
             _ => signal.name.clone(),
         };
-        let signals = message
-            .signals
-            .iter()
-            .map(|signal| (name_of(signal), signal));
-        Some((message, signals.collect()))
+        let signals = message.signals.iter();
+        let named = signals.map(|signal| (name_of(signal), signal));
+        (message, named.collect())
     });
     let followed = followed(database, wiring)
         .map(|(message, signal)| (message, vec![(signal.name.clone(), signal)]));

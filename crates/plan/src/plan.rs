@@ -471,28 +471,20 @@ impl ControlLoop {
 
     /// Checks whether a message belongs to its drive, its io node or its law.
     pub fn owns(&self, message: &str) -> bool {
-        let LoopNodes {
-            controller,
-            drive,
-            io,
-            ..
-        } = &self.nodes;
-        let mut places = 0..names::TERMS_MAX;
+        let nodes = &self.nodes;
+        let mut terms = self
+            .database
+            .term_messages(&nodes.controller.name, self.name());
         names::set_point(self.name()) == message
-            || belongs_to(drive, &names::DRIVE_SERVICES, message)
-            || io
-                .iter()
-                .any(|io| belongs_to(io, &names::IO_SERVICES, message))
-            || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
+            || belongs_to(&nodes.drive, &names::DRIVE_SERVICES, message)
+            || (nodes.io.iter()).any(|io| belongs_to(io, &names::IO_SERVICES, message))
+            || terms.any(|one| one.name == message)
     }
 
     /// Checks whether a signal, as `message.signal`, is one that only an emulated drive publishes.
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();
-        let LoopNodes {
-            drive, followed, ..
-        } = &self.nodes;
-        [drive, followed]
+        [&self.nodes.drive, &self.nodes.followed]
             .into_iter()
             .any(|node| belongs_to(node, &names::PLANT_SERVICES, message))
     }
