@@ -37,13 +37,18 @@ pub(super) fn scenario_schema() -> Value {
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
 fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
-    let mut schema = with_names(parts_schema());
+    let mut schema = parts_schema();
+    put_name(&mut schema, LOOP_ENTRIES, "loop", "several");
+    put_name(&mut schema, NODE_ENTRIES, "node", "several drives");
     fault::describe(&mut schema);
     put_travel(&mut schema, travel);
     name_keys(&mut schema, measurands);
     let laws = properties(&schema, "Controller");
-    let limits = with_contours(&schema);
-    let models = models();
+    let mut limits = properties(&schema, "Expect");
+    limits["contour"] = CONTOURS["properties"]["contour"].clone();
+    let plants = properties(&RIG, "PlantModel");
+    let all = plants.as_object().into_iter().flatten();
+    let models = Vec::from_iter(all.map(|(_, model)| model_values(model)));
     schema["properties"]["controller"] = json!({
         "description": "The laws: `[controller.LOOP.LAW]`, or `[controller.all.LAW]` for one law over all loops; `[controller.LAW]` where there is one loop.",
         "type": "object",
@@ -72,11 +77,17 @@ fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
     schema
 }
 
-/// Returns the schema of the keys that are not tables, the tables of a loop, the bus and the sweep.
+/// Returns the schema of the keys that are not tables, the rig, the tables of a loop, the bus and the sweep.
 fn parts_schema() -> Value {
     let mut schema = RUN.clone();
     schema["title"] = "Scenario".into();
     schema["description"] = "One scenario file.".into();
+    schema["properties"]["rig"] = json!({
+        "description": "The rig: one that ships, such as `sma_actuator`, or a rig file beside this one.",
+        "type": "string",
+        "minLength": 1,
+        "maxLength": 200,
+    });
     schema["properties"]["bus"] = RIG["properties"]["bus"].clone();
     schema["properties"]["sweep"] = SWEPT["properties"]["sweep"].clone();
     let sections = TRIAL["properties"].as_object();
@@ -84,7 +95,7 @@ fn parts_schema() -> Value {
         schema["properties"][name] = section.clone();
     }
     if let Some(required) = schema["required"].as_array_mut() {
-        required.push("controller".into());
+        required.extend(["controller".into(), "rig".into()]);
     }
     for part in [&*TRIAL, &*SWEPT, &*RIG, &*CONTOURS] {
         add_definitions(&mut schema, part);
@@ -115,21 +126,16 @@ fn values(definition: &str) -> String {
 
 /// Returns the schema of the parts of a node, without its wiring. The rig file has the keys that are left out.
 fn rig_part(schema: &mut Value) -> Value {
-    for (_, definition) in PARTS {
-        let mut part = part_of(&RIG, &reference(definition));
-        let properties = part["properties"].as_object_mut();
-        properties.into_iter().for_each(|properties| {
-            properties.retain(|key, _| key != "port" && key != "unit");
-        });
-        schema["definitions"][values(definition)] = part;
-    }
     let truth = RIG["definitions"]["RigNode"]["properties"]["truth_every_cycles"].clone();
-    let parts = PARTS.map(|(part, definition)| {
-        let definition = reference(&values(definition));
-        (part.to_owned(), definition)
-    });
-    let mut properties = Map::from_iter(parts);
-    properties.insert("truth_every_cycles".to_owned(), truth);
+    let mut properties = Map::from_iter([("truth_every_cycles".to_owned(), truth)]);
+    for (key, definition) in PARTS {
+        let mut part = part_of(&RIG, &reference(definition));
+        if let Some(keys) = part["properties"].as_object_mut() {
+            keys.retain(|key, _| key != "port" && key != "unit");
+        }
+        schema["definitions"][values(definition)] = part;
+        properties.insert(key.to_owned(), reference(&values(definition)));
+    }
     json!({"type": "object", "properties": properties, "additionalProperties": false})
 }
 
@@ -316,50 +322,13 @@ fn limits_or_loops(schema: &Value) -> Value {
     either.collect::<Map<_, _>>().into()
 }
 
-/// Lets entries name their loop or their node, and the scenario its rig.
-fn with_names(mut schema: Value) -> Value {
-    for (table, key, text) in [
-        (
-            LOOP_ENTRIES,
-            "loop",
-            "The loop; needed where there are several.",
-        ),
-        (
-            NODE_ENTRIES,
-            "node",
-            "The node; needed where there are several drives.",
-        ),
-    ] {
-        for entry in entries(&schema, table) {
-            let properties = &mut schema["definitions"][entry]["properties"];
-            properties[key] = json!({"description": text, "type": "string"});
-        }
+/// Lets the entries of a table name their loop or their node.
+fn put_name(schema: &mut Value, table: &str, key: &str, where_needed: &str) {
+    for entry in entries(schema, table) {
+        let text = format!("The {key}; needed where there are {where_needed}.");
+        let properties = &mut schema["definitions"][entry]["properties"];
+        properties[key] = json!({"description": text, "type": "string"});
     }
-    let rig = json!({
-        "description": "The rig: one that ships, such as `sma_actuator`, or a rig file beside this one.",
-        "type": "string",
-        "minLength": 1,
-        "maxLength": 200,
-    });
-    schema["properties"]["rig"] = rig;
-    if let Some(required) = schema["required"].as_array_mut() {
-        required.push("rig".into());
-    }
-    schema
-}
-
-/// Returns the limits of one loop, and of several together.
-fn with_contours(schema: &Value) -> Value {
-    let mut limits = properties(schema, "Expect");
-    limits["contour"] = CONTOURS["properties"]["contour"].clone();
-    limits
-}
-
-/// Returns the schemas of other values for the models of plants.
-fn models() -> Value {
-    let all = properties(&RIG, "PlantModel");
-    let models = all.as_object().into_iter().flatten();
-    models.map(|(_, model)| model_values(model)).collect()
 }
 
 /// Returns the schema of other values for a model. The rig file has the keys that are left out.
