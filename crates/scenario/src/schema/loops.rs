@@ -97,8 +97,12 @@ fn parts_schema() -> Value {
     if let Some(required) = schema["required"].as_array_mut() {
         required.extend(["controller".into(), "rig".into()]);
     }
-    for part in [&*TRIAL, &*SWEPT, &*RIG, &*CONTOURS] {
-        add_definitions(&mut schema, part);
+    let parts = [&*TRIAL, &*SWEPT, &*RIG, &*CONTOURS].into_iter();
+    let added = parts.flat_map(|part| part["definitions"].as_object());
+    for (name, definition) in added.flatten() {
+        if schema["definitions"].get(name).is_none() {
+            schema["definitions"][name] = definition.clone();
+        }
     }
     schema
 }
@@ -215,14 +219,11 @@ fn properties(schema: &Value, definition: &str) -> Value {
 pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
     for definition in entries(schema, LOOP_ENTRIES) {
         let properties = schema["definitions"][definition]["properties"].as_object_mut();
-        for (key, property) in properties.into_iter().flatten() {
-            let Some(keywords) = property.as_object_mut() else {
-                continue;
-            };
-            if !key.ends_with(UNIT) {
-                continue;
+        let in_unit = properties.into_iter().flatten();
+        for (key, property) in in_unit.filter(|(key, _)| key.ends_with(UNIT)) {
+            if let Some(keywords) = property.as_object_mut() {
+                keywords.retain(|keyword, _| keyword != "minimum" && keyword != "maximum");
             }
-            keywords.retain(|keyword, _| keyword != "minimum" && keyword != "maximum");
             if let Some([min, max]) = travel {
                 let [min, max] = if key.starts_with("amplitude") {
                     [0.0, (max - min) / 2.0]
@@ -343,15 +344,6 @@ fn model_values(model: &Value) -> Value {
         model.remove("description");
     }
     model
-}
-
-fn add_definitions(schema: &mut Value, other: &Value) {
-    let added = other["definitions"].as_object().into_iter().flatten();
-    for (name, definition) in added {
-        if schema["definitions"].get(name).is_none() {
-            schema["definitions"][name] = definition.clone();
-        }
-    }
 }
 
 #[cfg(test)]
