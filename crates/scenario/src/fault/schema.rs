@@ -24,30 +24,24 @@ pub(crate) fn described() -> Value {
 
 /// Adds `[fault]` to a schema.
 pub(crate) fn describe(schema: &mut Value) {
-    let kinds = KINDS
-        .iter()
-        .map(|kind| (definition(kind), kind_schema(kind)));
-    let group_kinds = Group::ALL.map(|group| (group_definition(group), kinds_schema(group)));
-    let groups = Group::ALL.map(|group| {
-        let described = reference_to(&group_definition(group), group.text());
-        (group.name().to_owned(), described)
-    });
-    let choices = KINDS.iter().flat_map(|kind| kind.keys).filter_map(|key| {
-        let Form::Word(words) = key.form else {
-            return None;
-        };
-        let words = words
-            .iter()
-            .map(|(word, text)| json!({"const": word, "description": text, "type": "string"}));
-        Some((
-            capitalised(key.name),
-            json!({"oneOf": Vec::from_iter(words)}),
-        ))
-    });
-    let all = [("Faults".to_owned(), table(TEXT, groups))];
-    if let Some(definitions) = schema["definitions"].as_object_mut() {
-        definitions.extend(kinds.chain(group_kinds).chain(choices).chain(all));
+    let definitions = &mut schema["definitions"];
+    for kind in KINDS {
+        definitions[definition(kind)] = kind_schema(kind);
+        for key in kind.keys {
+            if let Form::Word(words) = key.form {
+                let choices = words.iter().map(
+                    |(word, text)| json!({"const": word, "description": text, "type": "string"}),
+                );
+                definitions[capitalised(key.name)] = json!({"oneOf": Vec::from_iter(choices)});
+            }
+        }
     }
+    let groups = Group::ALL.map(|group| {
+        let name = group_definition(group);
+        definitions[&name] = kinds_schema(group);
+        (group.name().to_owned(), reference_to(&name, group.text()))
+    });
+    definitions["Faults"] = table(TEXT, groups);
     schema["properties"]["fault"] = reference_to("Faults", TEXT);
 }
 
