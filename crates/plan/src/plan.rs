@@ -472,12 +472,12 @@ impl ControlLoop {
     /// Checks whether a message belongs to its drive, its io node or its law.
     pub fn owns(&self, message: &str) -> bool {
         let nodes = &self.nodes;
-        let mut terms = self
-            .database
-            .term_messages(&nodes.controller.name, self.name());
+        let mut io_nodes = nodes.io.iter();
+        let controller = &nodes.controller.name;
+        let mut terms = self.database.term_messages(controller, self.name());
         names::set_point(self.name()) == message
             || belongs_to(&nodes.drive, &names::DRIVE_SERVICES, message)
-            || (nodes.io.iter()).any(|io| belongs_to(io, &names::IO_SERVICES, message))
+            || io_nodes.any(|io| belongs_to(io, &names::IO_SERVICES, message))
             || terms.any(|one| one.name == message)
     }
 

@@ -286,7 +286,8 @@ impl Resolver<'_> {
         trial.run = Arc::clone(run);
         trial.plants_beside = rig.models_with(drive, path);
         // A drive that moves no plant has the actuator of the paper.
-        trial.plant = (trial.plants_beside.remove(&wiring.plant)).unwrap_or_default();
+        let own = trial.plants_beside.remove(&wiring.plant);
+        trial.plant = own.unwrap_or_default();
         (trial.sensor, trial.amplifier) = rig.parts_of(drive);
         trial.wiring = wiring;
         if reading != Reading::Recorded {
