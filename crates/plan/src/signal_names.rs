@@ -93,38 +93,32 @@ impl SignalNames {
         let is_meant = |other: &str| other.eq_ignore_ascii_case(name);
         let found = self.aliases.iter().filter(|(alias, _)| is_meant(alias));
         let paths = Vec::from_iter(found.map(|(_, path)| path.as_str()));
-        let (message, label, help) = match paths.as_slice() {
+        Err(match paths.as_slice() {
             [path] => return Ok(path),
-            [] if self.objects.iter().any(|object| is_meant(object)) => (
-                format!("the object `{name}` is in no PDO, so no recording has it"),
-                "not on the bus".to_owned(),
-                "only what a PDO, an EMCY or a heartbeat carries can be judged".to_owned(),
-            ),
+            [] if self.objects.iter().any(|object| is_meant(object)) => {
+                let message = format!("the object `{name}` is in no PDO, so no recording has it");
+                let help = "only what a PDO, an EMCY or a heartbeat carries can be judged";
+                Objection::new("", message, "not on the bus").with_help(help)
+            }
             [] => {
                 let known = self.aliases.iter().map(|(alias, _)| alias.as_str());
                 let label = match nearest(name, known) {
                     Some(nearest) => format!("did you mean `{nearest}`?"),
                     None => "not on the bus".to_owned(),
                 };
+                let message = format!("no signal is called `{name}`");
                 let help = "`canrig signals SCENARIO` lists every signal with its unit, sender, message and range";
-                (
-                    format!("no signal is called `{name}`"),
-                    label,
-                    help.to_owned(),
-                )
+                Objection::new("", message, label).with_help(help)
             }
             several => {
                 let count = several.len();
                 let more = if count > CANDIDATES_MAX { ", …" } else { "" };
                 let listed = several[..count.min(CANDIDATES_MAX)].join(", ");
-                (
-                    format!("`{name}` is the name of {count} signals"),
-                    "which one?".to_owned(),
-                    format!("it may be {listed}{more}"),
-                )
+                let message = format!("`{name}` is the name of {count} signals");
+                let help = format!("it may be {listed}{more}");
+                Objection::new("", message, "which one?").with_help(help)
             }
-        };
-        Err(Objection::new("", message, label).with_help(help))
+        })
     }
 
     /// Returns objections to the names of signals in a scenario with these frames, whose names are collected only if the scenario
