@@ -224,9 +224,9 @@ fn limited_text(bytes: impl Read) -> Result<String, Fault> {
         .read_to_end(&mut text)
         .map_err(|source| at(DESCRIPTION, source))?;
     if text.len() as u64 > BYTES_MAX {
-        return Err(Fault::Xml(format!("it has more than {BYTES_MAX} bytes")));
+        return Err(Fault::xml(format!("it has more than {BYTES_MAX} bytes")));
     }
-    String::from_utf8(text).map_err(|_| Fault::Xml("it is not text in UTF-8".to_owned()))
+    String::from_utf8(text).map_err(|_| Fault::xml("it is not text in UTF-8"))
 }
 
 /// Unpacks the description, the resources and the libraries of one platform.
@@ -279,7 +279,7 @@ pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<Pat
     if path.is_file() {
         Ok(path)
     } else {
-        Err(Fault::Library(format!(
+        Err(Fault::library(format!(
             "there is no binaries/{platform}/{identifier}.so in it"
         )))
     }

@@ -1,14 +1,13 @@
 //! An FMU that plays: from its start values through its initialization, step by step to its end.
 
-use std::ffi::CString;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use crate::archive::description_in;
-use crate::description::{Causality, CoSimulation, Description, Kind, Variability, Variable};
-use crate::error::{Fault, FmuError};
-use crate::library::{self, Slave, Status};
+use crate::description::Variable;
+use crate::error::{Fault, FmuError, said};
+use crate::library::{self, Slave, Status, text};
 
 /// Largest number of halvings of a step that the FMU refuses.
 const HALVINGS_MAX: i32 = 20;
@@ -45,160 +44,12 @@ pub enum StartValue {
     Text(String),
 }
 
-/// Properties of a variable for calls to the library.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Access {
-    name: String,
-    kind: Kind,
-    reference: u32,
-    /// Whether it is set in event mode only.
-    is_discrete: bool,
-}
-
-impl Access {
-    fn of(variable: &Variable) -> Self {
-        Self {
-            name: variable.name.clone(),
-            kind: variable.kind,
-            reference: variable.reference,
-            is_discrete: variable.causality == Causality::Input
-                && variable.variability == Variability::Discrete,
-        }
-    }
-}
-
-/// A start value, ready for calls to the library.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Start {
-    Number(Access, f64),
-    Text(Access, CString),
-}
-
-/// A configuration that fits a description.
-#[derive(Clone, Debug, PartialEq)]
-struct Plan {
-    start: Vec<Start>,
-    inputs: Vec<Access>,
-    outputs: Vec<Access>,
-    step_seconds: Option<f64>,
-}
-
-impl Configuration {
-    /// Fits the configuration to a description.
-    fn plan(&self, description: &Description) -> Result<Plan, Fault> {
-        let co_simulation = description.served()?;
-        let access = |name: &String, is_input: bool| {
-            let variable = description.variable(name)?;
-            check_port(variable, is_input)?;
-            Ok(Access::of(variable))
-        };
-        let all = |names: &[String], is_input| {
-            let accesses = names.iter().map(|name| access(name, is_input));
-            accesses.collect::<Result<Vec<_>, Fault>>()
-        };
-        let start = self
-            .start
-            .iter()
-            .map(|(name, value)| checked_start(description.variable(name)?, value));
-        Ok(Plan {
-            start: start.collect::<Result<_, Fault>>()?,
-            inputs: all(&self.inputs, true)?,
-            outputs: all(&self.outputs, false)?,
-            step_seconds: fixed_step(self.step_seconds, co_simulation, description)?,
-        })
-    }
-}
-
-/// Checks whether a port can carry a variable.
-pub(crate) fn check_port(variable: &Variable, is_input: bool) -> Result<(), Fault> {
-    let fault = |reason: &str| Err(Fault::variable(&variable.name, reason));
-    if variable.is_array {
-        return fault("is an array, which cannot be a port");
-    }
-    if !variable.kind.is_number() {
-        return fault("is not a number, so it cannot be a port");
-    }
-    if is_input && !variable.is_input() {
-        let is = variable.causality.name();
-        return fault(&format!("is {is}, so nothing can be wired to set it"));
-    }
-    Ok(())
-}
-
-/// Returns a start value for calls to the library, if the variable accepts it.
-pub(crate) fn checked_start(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
-    let fault = |reason: String| Err(Fault::variable(&variable.name, reason));
-    if !variable.takes_start() {
-        let is = variable.causality.name();
-        return fault(format!("is {is}, which takes no start value"));
-    }
-    let access = Access::of(variable);
-    let number = match (value, variable.kind) {
-        (StartValue::Text(text), Kind::String) => {
-            return match CString::new(text.as_str()) {
-                Ok(text) => Ok(Start::Text(access, text)),
-                Err(_) => fault("cannot be a text with a NUL in it".to_owned()),
-            };
-        }
-        (StartValue::Truth(truth), Kind::Boolean) => f64::from(u8::from(*truth)),
-        (StartValue::Number(number), kind) if kind.is_number() && kind != Kind::Boolean => *number,
-        (_, Kind::String) => return fault("takes a text as its start value".to_owned()),
-        (_, Kind::Boolean) => return fault("takes true or false as its start value".to_owned()),
-        _ => return fault("takes a number as its start value".to_owned()),
-    };
-    let lowest = variable.min.unwrap_or(f64::NEG_INFINITY);
-    let highest = variable.max.unwrap_or(f64::INFINITY);
-    if !number.is_finite() || number < lowest || number > highest {
-        return fault(format!(
-            "cannot start with {number}, it must be from {lowest} to {highest}"
-        ));
-    }
-    if let Some([lowest, highest]) = variable.kind.whole_range()
-        && (number.fract() != 0.0 || number < lowest || number > highest)
-    {
-        return fault(format!(
-            "cannot start with {number}, it must be a whole number from {lowest} to {highest}"
-        ));
-    }
-    Ok(Start::Number(access, number))
-}
-
-/// Returns the only length of a step, if the FMU or the configuration has one.
-pub(crate) fn fixed_step(
-    wanted: Option<f64>,
-    co_simulation: &CoSimulation,
-    description: &Description,
-) -> Result<Option<f64>, Fault> {
-    if let Some(step) = wanted {
-        return if step > 0.0 && step.is_finite() {
-            Ok(wanted)
-        } else {
-            Err(Fault::Invalid(format!(
-                "its step is {step} s, it must be above 0"
-            )))
-        };
-    }
-    if co_simulation.takes_any_step {
-        return Ok(None);
-    }
-    let recommended = co_simulation
-        .fixed_step_seconds
-        .or(description.step_seconds);
-    match recommended {
-        Some(step) => Ok(Some(step)),
-        None => Err(Fault::Invalid(
-            "it takes steps of one length only and does not say which; write step_milliseconds"
-                .to_owned(),
-        )),
-    }
-}
-
 /// One instance of an FMU at its time. An advance neither allocates nor looks anything up.
 pub struct Instance {
     file: PathBuf,
     slave: Box<dyn Slave>,
-    inputs: Vec<Access>,
-    outputs: Vec<Access>,
+    inputs: Vec<Variable>,
+    outputs: Vec<Variable>,
     /// Last values of the inputs; NaN before the first.
     last_inputs: Vec<f64>,
     /// The only length of a step.
@@ -217,7 +68,7 @@ pub struct Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         if self.is_initialized {
-            self.slave.terminate();
+            self.slave.call("Terminate");
         }
     }
 }
@@ -238,18 +89,26 @@ impl Instance {
 
     fn loaded(folder: &Path, file: &Path, configuration: &Configuration) -> Result<Self, Fault> {
         let description = description_in(folder)?;
-        let plan = configuration.plan(&description)?;
         let co_simulation = description.served()?;
-        let name = CString::new(configuration.name.as_str())
-            .map_err(|_| Fault::Invalid("its name has a NUL in it".to_owned()))?;
-        let slave = library::instantiate(folder, &description, &name)?;
+        let variables = |names: &[String]| {
+            let found = names.iter().map(|name| description.variable(name).cloned());
+            found.collect::<Result<Vec<_>, Fault>>()
+        };
+        let start = configuration.start.iter();
+        let start = start.map(|(name, value)| Ok((description.variable(name)?, value)));
+        let start = start.collect::<Result<Vec<_>, Fault>>()?;
+        let (inputs, outputs) = (
+            variables(&configuration.inputs)?,
+            variables(&configuration.outputs)?,
+        );
+        let slave = library::instantiate(folder, &description, &text(&configuration.name)?)?;
         let mut instance = Self {
             file: file.to_owned(),
             slave,
-            last_inputs: vec![f64::NAN; plan.inputs.len()],
-            inputs: plan.inputs,
-            outputs: plan.outputs,
-            step_seconds: plan.step_seconds,
+            last_inputs: vec![f64::NAN; inputs.len()],
+            inputs,
+            outputs,
+            step_seconds: configuration.step_seconds,
             steps: 0.0,
             may_shorten: co_simulation.takes_any_step,
             has_events: co_simulation.has_event_mode,
@@ -257,31 +116,35 @@ impl Instance {
             time_seconds: 0.0,
             is_initialized: false,
         };
-        instance.initialize(&plan.start, description.tolerance)?;
+        instance.initialize(&start, description.tolerance)?;
         Ok(instance)
     }
 
-    fn initialize(&mut self, start: &[Start], tolerance: Option<f64>) -> Result<(), Fault> {
-        for start in start {
-            let slave = &mut self.slave;
-            let (access, status) = match start {
-                Start::Number(of, number) => (of, slave.set_number(of.kind, of.reference, *number)),
-                Start::Text(of, text) => (of, slave.set_text(of.reference, text)),
+    fn initialize(
+        &mut self,
+        start: &[(&Variable, &StartValue)],
+        tolerance: Option<f64>,
+    ) -> Result<(), Fault> {
+        for (variable, value) in start {
+            let (kind, reference) = (variable.kind, variable.reference);
+            let status = match value {
+                StartValue::Number(number) => self.slave.set_number(kind, reference, *number),
+                StartValue::Truth(truth) => {
+                    let number = f64::from(u8::from(*truth));
+                    self.slave.set_number(kind, reference, number)
+                }
+                StartValue::Text(value) => self.slave.set_text(reference, &text(value)?),
             };
             if !status.is_good() {
-                let (outcome, log) = (status.outcome(), self.slave.log());
-                return Err(Fault::variable(
-                    &access.name,
-                    format!("could not be set to its start value: {outcome} {log}"),
-                ));
+                let action = "set to its start value";
+                return Err(refused(&mut *self.slave, variable, action, status));
             }
         }
         let status = self.slave.enter_initialization(0.0, tolerance);
-        self.good("EnterInitializationMode", status, None)?;
-        let status = self.slave.exit_initialization();
-        self.good("ExitInitializationMode", status, None)?;
+        self.good("EnterInitializationMode", status)?;
+        self.call("ExitInitializationMode")?;
         if self.has_events {
-            self.update_and_go_on(None)?;
+            self.update_and_go_on()?;
         }
         self.is_initialized = true;
         Ok(())
@@ -321,21 +184,15 @@ impl Instance {
             self.outputs.len(),
             "outputs of the configuration"
         );
-        for (access, value) in self.outputs.iter().zip(outputs) {
-            let status = self.slave.number(access.kind, access.reference, value);
+        for (variable, value) in self.outputs.iter().zip(outputs) {
+            let status = self.slave.number(variable.kind, variable.reference, value);
             if !status.is_good() {
-                let log = self.slave.log();
-                let reason = format!("could not be read: {} {log}", status.outcome());
-                return Err(Fault::variable(&access.name, reason).of(&self.file));
+                let fault = refused(&mut *self.slave, variable, "read", status);
+                return Err(fault.of(&self.file));
             }
             if !value.is_finite() {
-                return Err(Fault::NotFinite {
-                    variable: access.name.clone(),
-                    value: *value,
-                    time_seconds: self.time_seconds,
-                    whose: "the FMU computed it",
-                }
-                .of(&self.file));
+                let fault = self.not_finite(variable, *value, "the FMU computed it");
+                return Err(fault.of(&self.file));
             }
         }
         Ok(())
@@ -347,27 +204,20 @@ impl Instance {
             self.inputs.len(),
             "inputs of the configuration"
         );
-        for (access, value) in self.inputs.iter().zip(inputs) {
-            if !value.is_finite() {
-                return Err(Fault::NotFinite {
-                    variable: access.name.clone(),
-                    value: *value,
-                    time_seconds: self.time_seconds,
-                    whose: "what is wired to it put it out",
-                });
-            }
+        let mut pairs = self.inputs.iter().zip(inputs);
+        if let Some((variable, value)) = pairs.find(|(_, value)| !value.is_finite()) {
+            return Err(self.not_finite(variable, *value, "what is wired to it put it out"));
         }
         // Discrete inputs are set in event mode, if the FMU has one.
         self.set_those(inputs, false)?;
-        let is_changed = |((access, value), last): ((&Access, &f64), &f64)| {
-            access.is_discrete && value.to_bits() != last.to_bits()
+        let is_changed = |((variable, value), last): ((&Variable, &f64), &f64)| {
+            variable.is_discrete_input() && value.to_bits() != last.to_bits()
         };
         let mut pairs = self.inputs.iter().zip(inputs).zip(&self.last_inputs);
         if self.has_events && pairs.any(is_changed) {
-            let status = self.slave.enter_events();
-            self.good("EnterEventMode", status, Some(self.time_seconds))?;
+            self.call("EnterEventMode")?;
             self.set_those(inputs, true)?;
-            self.update_and_go_on(Some(self.time_seconds))?;
+            self.update_and_go_on()?;
         } else if !self.has_events {
             self.set_those(inputs, true)?;
         }
@@ -376,20 +226,21 @@ impl Instance {
 
     /// Sets the inputs that have changed: the discrete ones, or the others.
     fn set_those(&mut self, inputs: &[f64], is_discrete: bool) -> Result<(), Fault> {
-        for ((access, value), last) in self.inputs.iter().zip(inputs).zip(&mut self.last_inputs) {
-            if access.is_discrete != is_discrete || value.to_bits() == last.to_bits() {
+        let values = self.inputs.iter().zip(inputs).zip(&mut self.last_inputs);
+        for ((variable, value), last) in values {
+            let is_wanted = variable.is_discrete_input() == is_discrete;
+            if !is_wanted || value.to_bits() == last.to_bits() {
                 continue;
             }
-            let taken = match access.kind.whole_range() {
+            let kind = variable.kind;
+            let taken = match kind.whole_range() {
                 Some([lowest, highest]) => value.round().clamp(lowest, highest),
                 None => *value,
             };
-            let status = self.slave.set_number(access.kind, access.reference, taken);
+            let status = self.slave.set_number(kind, variable.reference, taken);
             if !status.is_good() {
-                let (outcome, log) = (status.outcome(), self.slave.log());
-                let time = self.time_seconds;
-                let reason = format!("could not be set to {value} at {time} s: {outcome} {log}");
-                return Err(Fault::variable(&access.name, reason));
+                let action = format!("set to {value} at {} s", self.time_seconds);
+                return Err(refused(&mut *self.slave, variable, &action, status));
             }
             *last = *value;
         }
@@ -411,12 +262,8 @@ impl Instance {
     }
 
     fn too_many(&self) -> Fault {
-        Fault::Call {
-            function: "DoStep",
-            outcome: format!("was called {STEPS_MAX} times without reaching the next SYNC"),
-            time_seconds: Some(self.time_seconds),
-            log: String::new(),
-        }
+        let outcome = format!("was called {STEPS_MAX} times without reaching the next SYNC");
+        Fault::call("DoStep", &outcome, Some(self.time_seconds), "")
     }
 
     /// Steps until a time. Events and refusals determine the number of steps.
@@ -442,14 +289,12 @@ impl Instance {
             let stepped = self.slave.step(from, duration);
             let reached = stepped.reached_seconds;
             if stepped.is_terminated {
-                return Err(Fault::Terminated {
-                    time_seconds: if reached.is_finite() { reached } else { from },
-                    log: self.slave.log(),
-                });
+                let time_seconds = if reached.is_finite() { reached } else { from };
+                return Err(self.terminated(time_seconds));
             }
-            let is_discarded = stepped.status == Status::Discard;
+            let is_discarded = stepped.status == Status::DISCARD;
             if !is_discarded {
-                self.good("DoStep", stepped.status, Some(from))?;
+                self.good("DoStep", stepped.status)?;
             }
             let advanced = reached - from;
             let is_sane = (0.0..=duration * (1.0 + ROUNDING)).contains(&advanced);
@@ -457,7 +302,7 @@ impl Instance {
                 let end = from + duration;
                 let outcome =
                     format!("says that it reached {reached} s, in a step that ends at {end} s");
-                return Err(self.failed("DoStep", outcome, Some(from)));
+                return Err(self.failed("DoStep", &outcome));
             }
             if advanced > 0.0 {
                 self.time_seconds = reached;
@@ -465,9 +310,8 @@ impl Instance {
             let is_event =
                 self.has_events && self.time_seconds >= self.next_event_seconds - shortest;
             if self.has_events && (stepped.needs_events || is_event) {
-                let status = self.slave.enter_events();
-                self.good("EnterEventMode", status, Some(self.time_seconds))?;
-                self.update_and_go_on(Some(self.time_seconds))?;
+                self.call("EnterEventMode")?;
+                self.update_and_go_on()?;
             }
             if is_discarded && advanced <= 0.0 {
                 if !self.may_shorten || duration / 2.0 < shortest {
@@ -486,20 +330,17 @@ impl Instance {
             "and it takes no shorter one"
         };
         let outcome = format!("refused (discard) a step of {duration} s, {shorter}");
-        self.failed("DoStep", outcome, Some(self.time_seconds))
+        self.failed("DoStep", &outcome)
     }
 
     /// Returns from event mode to step mode: updates the discrete states until they are stable.
-    fn update_and_go_on(&mut self, time_seconds: Option<f64>) -> Result<(), Fault> {
+    fn update_and_go_on(&mut self) -> Result<(), Fault> {
         let mut count = 0;
         loop {
             let (status, updated) = self.slave.update_discrete();
-            self.good("UpdateDiscreteStates", status, time_seconds)?;
+            self.good("UpdateDiscreteStates", status)?;
             if updated.is_terminated {
-                return Err(Fault::Terminated {
-                    time_seconds: self.time_seconds,
-                    log: self.slave.log(),
-                });
+                return Err(self.terminated(self.time_seconds));
             }
             self.next_event_seconds = updated.next_event_seconds.unwrap_or(f64::INFINITY);
             count += 1;
@@ -508,43 +349,53 @@ impl Instance {
             }
             if count == UPDATES_MAX {
                 let outcome = format!("wanted to be called more than {UPDATES_MAX} times");
-                return Err(self.failed("UpdateDiscreteStates", outcome, time_seconds));
+                return Err(self.failed("UpdateDiscreteStates", &outcome));
             }
         }
-        let status = self.slave.enter_steps();
-        self.good("EnterStepMode", status, time_seconds)
+        self.call("EnterStepMode")
     }
 
-    fn good(
-        &mut self,
-        function: &'static str,
-        status: Status,
-        time_seconds: Option<f64>,
-    ) -> Result<(), Fault> {
+    /// Calls a function that takes no values.
+    fn call(&mut self, function: &'static str) -> Result<(), Fault> {
+        let status = self.slave.call(function);
+        self.good(function, status)
+    }
+
+    fn good(&mut self, function: &str, status: Status) -> Result<(), Fault> {
         if status.is_good() {
             return Ok(());
         }
-        let fault = self.failed(function, status.outcome(), time_seconds);
-        if status == Status::Fatal {
+        let fault = self.failed(function, &status.outcome());
+        if status == Status::FATAL {
             self.is_initialized = false;
             self.slave.forsake();
         }
         Err(fault)
     }
 
-    fn failed(
-        &mut self,
-        function: &'static str,
-        outcome: String,
-        time_seconds: Option<f64>,
-    ) -> Fault {
-        Fault::Call {
-            function,
-            outcome,
-            time_seconds,
-            log: self.slave.log(),
-        }
+    fn failed(&mut self, function: &str, outcome: &str) -> Fault {
+        let time_seconds = self.is_initialized.then_some(self.time_seconds);
+        Fault::call(function, outcome, time_seconds, &self.slave.log())
     }
+
+    fn terminated(&mut self, time_seconds: f64) -> Fault {
+        let said = said(&self.slave.log());
+        Fault::InRun(format!(
+            "the FMU ended the simulation by itself at {time_seconds} s{said}"
+        ))
+    }
+
+    fn not_finite(&self, variable: &Variable, value: f64, whose: &str) -> Fault {
+        let (name, time) = (&variable.name, self.time_seconds);
+        Fault::InRun(format!("variable `{name}` is {value} at {time} s: {whose}"))
+    }
+}
+
+/// Returns the error of a variable that could not be set or read.
+fn refused(slave: &mut dyn Slave, variable: &Variable, action: &str, status: Status) -> Fault {
+    let (outcome, log) = (status.outcome(), slave.log());
+    let reason = format!("could not be {action}: {outcome} {log}");
+    Fault::variable(&variable.name, reason)
 }
 
 #[cfg(test)]

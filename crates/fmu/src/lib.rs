@@ -26,6 +26,6 @@ pub mod unit;
 
 pub use archive::{Archive, Unpacked};
 pub use description::Description;
-pub use error::{Fault, FmuError};
+pub use error::{Fault, FmuError, said};
 pub use instance::{Configuration, Instance, StartValue};
 pub use library::law::{LawLibrary, LawSetup};

@@ -3,9 +3,9 @@
 use scenario::plant::{Fmu, FmuPort};
 use toml::Value;
 
-use crate::description::{Causality, Description, Kind, Variable};
+use crate::description::{Causality, CoSimulation, Description, Kind, Variable};
 use crate::error::Fault;
-use crate::instance::{Configuration, StartValue, check_port, checked_start, fixed_step};
+use crate::instance::{Configuration, StartValue};
 use crate::unit::{Conversion, Known, unit_by_base, unit_by_symbol, unit_in_name};
 
 /// A port of an FMU.
@@ -60,61 +60,125 @@ impl Misfit {
 /// A variable is missing, is unsuitable for its use in the table, or has a unit that the port's name contradicts.
 pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiring, Misfit> {
     let co_simulation = description.served().map_err(Misfit::at("file"))?;
-    let mut wiring = Wiring {
-        configuration: Configuration {
-            name: name.to_owned(),
-            start: start_values(table, description)?,
-            step_seconds: table.step_milliseconds.map(|step| step / 1e3),
-            ..Configuration::default()
-        },
-        inputs: Vec::new(),
-        outputs: Vec::new(),
-    };
+    let start = start_values(table, description)?;
+    let (mut inputs, mut outputs) = (Vec::<Port>::new(), Vec::new());
     for (name, port) in &table.ports {
         let place = format!("ports.{name}");
         let at_variable = || Misfit::at(format!("{place}.variable"));
         let variable = description
             .variable(&port.variable)
             .map_err(at_variable())?;
-        let is_input = variable.is_input();
-        if is_input && wiring.configuration.inputs.contains(&variable.name) {
-            let fault = Fault::variable(
-                &variable.name,
-                "is two ports already, and can be set by one",
-            );
-            return Err(at_variable()(fault));
+        check_port(variable).map_err(at_variable())?;
+        if inputs.iter().any(|other| other.variable == variable.name) {
+            let reason = "is two ports already, and can be set by one";
+            return Err(at_variable()(Fault::variable(&variable.name, reason)));
         }
-        check_port(variable, is_input).map_err(at_variable())?;
-        let port = described_port(name, port, variable, description)
+        let mut port = described_port(name, port, variable, description)
             .map_err(Misfit::at(place.as_str()))?;
-        wiring.add(port, variable, is_input);
-    }
-    record(table, description, &mut wiring)?;
-    let step_key = match table.step_milliseconds {
-        Some(_) => "step_milliseconds",
-        None => "file",
-    };
-    let step_seconds = wiring.configuration.step_seconds;
-    fixed_step(step_seconds, co_simulation, description).map_err(Misfit::at(step_key))?;
-    let start = &wiring.configuration.start;
-    for port in &mut wiring.inputs {
-        let given = start.iter().find(|(name, _)| *name == port.variable);
-        if let Some((_, StartValue::Number(number))) = given {
-            port.at_rest = port.conversion.of(*number);
+        if variable.is_input() {
+            let given = start.iter().find(|(name, _)| *name == port.variable);
+            if let Some((_, StartValue::Number(number))) = given {
+                port.at_rest = port.conversion.of(*number);
+            }
+            inputs.push(port);
+        } else {
+            outputs.push(port);
         }
     }
-    Ok(wiring)
+    record(table, description, &mut outputs)?;
+    let (wanted, step_key) = match table.step_milliseconds {
+        Some(step) => (Some(step / 1e3), "step_milliseconds"),
+        None => (None, "file"),
+    };
+    let step_seconds = fixed_step(wanted, co_simulation, description);
+    let variables = |ports: &[Port]| ports.iter().map(|port| port.variable.clone()).collect();
+    Ok(Wiring {
+        configuration: Configuration {
+            name: name.to_owned(),
+            start,
+            inputs: variables(&inputs),
+            outputs: variables(&outputs),
+            step_seconds: step_seconds.map_err(Misfit::at(step_key))?,
+        },
+        inputs,
+        outputs,
+    })
 }
 
-impl Wiring {
-    fn add(&mut self, port: Port, variable: &Variable, is_input: bool) {
-        let (names, ports) = if is_input {
-            (&mut self.configuration.inputs, &mut self.inputs)
+/// Checks whether a port can carry a variable.
+fn check_port(variable: &Variable) -> Result<(), Fault> {
+    let reason = if variable.is_array {
+        "is an array, which cannot be a port"
+    } else if !variable.kind.is_number() {
+        "is not a number, so it cannot be a port"
+    } else {
+        return Ok(());
+    };
+    Err(Fault::variable(&variable.name, reason))
+}
+
+/// Checks whether a variable accepts a start value.
+fn check_start(variable: &Variable, value: &StartValue) -> Result<(), Fault> {
+    let fault = |reason: String| Err(Fault::variable(&variable.name, reason));
+    if !variable.takes_start() {
+        let is = variable.causality.name();
+        return fault(format!("is {is}, which takes no start value"));
+    }
+    let number = match (value, variable.kind) {
+        (StartValue::Text(text), Kind::String) if text.contains('\0') => {
+            return fault("cannot be a text with a NUL in it".to_owned());
+        }
+        (StartValue::Text(_), Kind::String) => return Ok(()),
+        (StartValue::Truth(truth), Kind::Boolean) => f64::from(u8::from(*truth)),
+        (StartValue::Number(number), kind) if kind.is_number() && kind != Kind::Boolean => *number,
+        (_, Kind::String) => return fault("takes a text as its start value".to_owned()),
+        (_, Kind::Boolean) => return fault("takes true or false as its start value".to_owned()),
+        _ => return fault("takes a number as its start value".to_owned()),
+    };
+    let lowest = variable.min.unwrap_or(f64::NEG_INFINITY);
+    let highest = variable.max.unwrap_or(f64::INFINITY);
+    if !number.is_finite() || number < lowest || number > highest {
+        return fault(format!(
+            "cannot start with {number}, it must be from {lowest} to {highest}"
+        ));
+    }
+    if let Some([lowest, highest]) = variable.kind.whole_range()
+        && (number.fract() != 0.0 || number < lowest || number > highest)
+    {
+        return fault(format!(
+            "cannot start with {number}, it must be a whole number from {lowest} to {highest}"
+        ));
+    }
+    Ok(())
+}
+
+/// Returns the only length of a step, if the FMU or the configuration has one.
+fn fixed_step(
+    wanted: Option<f64>,
+    co_simulation: &CoSimulation,
+    description: &Description,
+) -> Result<Option<f64>, Fault> {
+    if let Some(step) = wanted {
+        return if step > 0.0 && step.is_finite() {
+            Ok(wanted)
         } else {
-            (&mut self.configuration.outputs, &mut self.outputs)
+            Err(Fault::Invalid(format!(
+                "its step is {step} s, it must be above 0"
+            )))
         };
-        names.push(variable.name.clone());
-        ports.push(port);
+    }
+    if co_simulation.takes_any_step {
+        return Ok(None);
+    }
+    let recommended = co_simulation
+        .fixed_step_seconds
+        .or(description.step_seconds);
+    match recommended {
+        Some(step) => Ok(Some(step)),
+        None => Err(Fault::Invalid(
+            "it takes steps of one length only and does not say which; write step_milliseconds"
+                .to_owned(),
+        )),
     }
 }
 
@@ -136,14 +200,14 @@ fn start_values(
             }
         };
         let of = description.variable(variable).map_err(at_value())?;
-        checked_start(of, &value).map_err(at_value())?;
+        check_start(of, &value).map_err(at_value())?;
         Ok((variable.clone(), value))
     });
     start.collect()
 }
 
 /// Makes ports of the additional recorded variables.
-fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result<(), Misfit> {
+fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Port>) -> Result<(), Misfit> {
     let mut taken = Vec::from_iter(table.ports.keys().cloned());
     for (place, name) in table.record.iter().enumerate() {
         let at_place = || Misfit::at(format!("record.{place}"));
@@ -165,7 +229,7 @@ fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result
                 "has no lowest and highest value in the FMU, which its frame needs; make it one of the ports, with a range",
             );
         }
-        wiring.add(port, variable, false);
+        outputs.push(port);
     }
     Ok(())
 }

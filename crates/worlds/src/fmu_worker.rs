@@ -101,7 +101,7 @@ impl RemoteFmu {
             NotReady::Ended(ended) => died(LOADED, ended),
             NotReady::Late(_) => hangs(LOADED, START_PATIENCE),
             NotReady::GaveUp(text) => told_by(LOADED, text),
-            NotReady::Wrong(what) => Fault::Worker(what),
+            NotReady::Wrong(what) => of_worker(&what),
         })
     }
 
@@ -132,10 +132,10 @@ impl RemoteFmu {
                 return Err(died(doing, ended.unwrap_or_else(closed)));
             }
             Ok(None) => return Err(hangs(doing, STEP_PATIENCE)),
-            Err(error) => return Err(Fault::Worker(format!("cannot be reached: {error}"))),
+            Err(error) => return Err(of_worker(&format!("cannot be reached: {error}"))),
         };
         let told = read_values(answer, self.asked, outputs.len())
-            .map_err(|_| Fault::Worker("answered what is no answer".to_owned()))?;
+            .map_err(|_| of_worker("answered what is no answer"))?;
         let values = told.map_err(|text| told_by(doing, text))?;
         let values = outputs.iter_mut().zip(numbers(values));
         values.for_each(|(output, value)| *output = value);
@@ -161,18 +161,32 @@ impl Drop for RemoteFmu {
 }
 
 fn died(doing: &str, (how, log): (String, String)) -> Fault {
-    let doing = doing.to_owned();
-    Fault::Died { how, doing, log }
+    let said = fmu::said(&log);
+    told_by(
+        doing,
+        format!(
+            "the process that had it loaded {how} while it {doing}; only this run is lost{said}"
+        ),
+    )
 }
 
 fn hangs(doing: &str, patience: Duration) -> Fault {
-    let doing = doing.to_owned();
-    Fault::Hangs { doing, patience }
+    told_by(
+        doing,
+        format!("it did not return within {patience:?} while it {doing}; its process was ended"),
+    )
 }
 
 fn told_by(doing: &str, text: String) -> Fault {
-    let in_run = doing == STEPPED;
-    Fault::Told { text, in_run }
+    if doing == STEPPED {
+        Fault::InRun(text)
+    } else {
+        Fault::Invalid(text)
+    }
+}
+
+fn of_worker(what: &str) -> Fault {
+    Fault::Invalid(format!("the process that is to load it {what}"))
 }
 
 /// Runs the hidden subcommand: takes the seat that the environment names, loads an FMU whose files are in a folder, and steps it.

@@ -108,7 +108,7 @@ impl Description {
     /// The text is too long, no XML, or no description of FMI 2.0 or 3.0.
     pub fn parse(text: &str) -> Result<Self, Fault> {
         if u64::try_from(text.len()).is_ok_and(|length| length > BYTES_MAX) {
-            return Err(Fault::Xml(format!("it has more than {BYTES_MAX} bytes")));
+            return Err(Fault::xml(format!("it has more than {BYTES_MAX} bytes")));
         }
         let options = roxmltree::ParsingOptions {
             // A document's own entities can expand a small file to a large one.
@@ -116,8 +116,8 @@ impl Description {
             nodes_limit: NODES_MAX,
             ..roxmltree::ParsingOptions::default()
         };
-        let document = roxmltree::Document::parse_with_options(text, options)
-            .map_err(|error| Fault::Xml(error.to_string()))?;
+        let document =
+            roxmltree::Document::parse_with_options(text, options).map_err(Fault::xml)?;
         read::description(&document)
     }
 

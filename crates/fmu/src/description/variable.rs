@@ -173,6 +173,11 @@ impl Variable {
                     && self.variability == Variability::Tunable))
     }
 
+    /// Returns whether the variable is an input that an FMU with events takes in event mode only.
+    pub(crate) fn is_discrete_input(&self) -> bool {
+        self.causality == Causality::Input && self.variability == Variability::Discrete
+    }
+
     /// Returns whether the value is a single number.
     pub fn is_port_shaped(&self) -> bool {
         self.kind.is_number() && !self.is_array

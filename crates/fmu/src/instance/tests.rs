@@ -2,6 +2,8 @@ use std::collections::VecDeque;
 use std::ffi::CStr;
 
 use super::*;
+use crate::description::Variability::{Continuous, Discrete};
+use crate::description::{Causality, Kind, Variability};
 use crate::library::{Stepped, Updated};
 
 /// Behaviour of a test's FMU in one step, by its end.
@@ -37,31 +39,28 @@ impl Fake {
 impl Slave for Fake {
     fn set_number(&mut self, _: Kind, reference: u32, value: f64) -> Status {
         self.noted(format!("set {reference} {value}"));
-        Status::Ok
+        Status(0)
     }
     fn number(&mut self, _: Kind, _: u32, value: &mut f64) -> Status {
         *value = self.value;
-        Status::Ok
+        Status(0)
     }
     fn set_text(&mut self, _: u32, _: &CStr) -> Status {
-        Status::Ok
+        Status(0)
     }
     fn enter_initialization(&mut self, _: f64, _: Option<f64>) -> Status {
-        Status::Ok
-    }
-    fn exit_initialization(&mut self) -> Status {
-        Status::Ok
+        Status(0)
     }
     fn step(&mut self, from: f64, duration: f64) -> Stepped {
         let end = from + duration;
         self.noted(format!("step {from} {end}"));
         let does = self.script.pop_front().or(self.otherwise);
         let (status, reached) = match does.unwrap_or(Does::Step) {
-            Does::Early(reached) => (Status::Ok, reached),
-            Does::Discard => (Status::Discard, from),
-            Does::DiscardAbove(longest) if duration > longest => (Status::Discard, from),
+            Does::Early(reached) => (Status(0), reached),
+            Does::Discard => (Status::DISCARD, from),
+            Does::DiscardAbove(longest) if duration > longest => (Status::DISCARD, from),
             Does::Fail(status) => (status, from),
-            _ => (Status::Ok, end),
+            _ => (Status(0), end),
         };
         Stepped {
             status,
@@ -70,24 +69,21 @@ impl Slave for Fake {
             is_terminated: matches!(does, Some(Does::Terminate)),
         }
     }
-    fn enter_events(&mut self) -> Status {
-        self.noted("events");
-        Status::Ok
-    }
     fn update_discrete(&mut self) -> (Status, Updated) {
         let next_event_seconds = self.next_event.take();
         let updated = Updated {
             next_event_seconds,
             ..Updated::default()
         };
-        (Status::Ok, updated)
+        (Status(0), updated)
     }
-    fn enter_steps(&mut self) -> Status {
-        Status::Ok
-    }
-    fn terminate(&mut self) -> Status {
-        self.noted("terminate");
-        Status::Ok
+    fn call(&mut self, function: &'static str) -> Status {
+        match function {
+            "EnterEventMode" => self.noted("events"),
+            "Terminate" => self.noted("terminate"),
+            _ => {}
+        }
+        Status(0)
     }
     fn log(&mut self) -> String {
         "what it said".to_owned()
@@ -97,12 +93,20 @@ impl Slave for Fake {
     }
 }
 
-fn access(name: &str, reference: u32, kind: Kind, is_discrete: bool) -> Access {
-    Access {
+fn variable(name: &str, reference: u32, kind: Kind, variability: Variability) -> Variable {
+    Variable {
         name: name.to_owned(),
-        kind,
         reference,
-        is_discrete,
+        description: String::new(),
+        kind,
+        is_array: false,
+        causality: Causality::Input,
+        variability,
+        initial: None,
+        start: None,
+        unit: None,
+        min: None,
+        max: None,
     }
 }
 
@@ -111,7 +115,7 @@ fn instance(fake: Fake) -> Instance {
         file: PathBuf::from("a.fmu"),
         slave: Box::new(fake),
         inputs: Vec::new(),
-        outputs: vec![access("x", 9, Kind::Float64, false)],
+        outputs: vec![variable("x", 9, Kind::Float64, Continuous)],
         last_inputs: Vec::new(),
         step_seconds: None,
         steps: 0.0,
@@ -192,7 +196,7 @@ fn failures_say_what_and_when() {
         "ended the simulation by itself at 1 s",
     );
     fails(
-        instance(always(Does::Fail(Status::Error))),
+        instance(always(Does::Fail(Status::ERROR))),
         "DoStep failed (error) at 0 s",
     );
     fails(
@@ -203,8 +207,8 @@ fn failures_say_what_and_when() {
         instance(always(Does::Early(f64::NAN))),
         "says that it reached NaN s",
     );
-    fails(instance(always(Does::Fail(Status::Pending))), "pending");
-    let fake = always(Does::Fail(Status::Fatal));
+    fails(instance(always(Does::Fail(Status(5)))), "pending");
+    let fake = always(Does::Fail(Status::FATAL));
     let noted = fake.calls.clone();
     fails(instance(fake), "failed for good");
     assert_eq!(noted.borrow().last().unwrap(), "forsake");
@@ -243,8 +247,8 @@ fn inputs_are_set_where_they_changed_and_discrete_ones_in_events() {
     let mut instance = instance(fake);
     instance.has_events = true;
     instance.inputs = vec![
-        access("u", 1, Kind::Float64, false),
-        access("valve", 2, Kind::UInt8, true),
+        variable("u", 1, Kind::Float64, Continuous),
+        variable("valve", 2, Kind::UInt8, Discrete),
     ];
     instance.last_inputs = vec![f64::NAN; 2];
     instance.advance(1.0, &[0.5, 3.4]).unwrap();
@@ -287,7 +291,7 @@ fn what_is_no_number_is_named() {
         "a.fmu: variable `x` is NaN at 0 s: the FMU computed it"
     );
     let mut wired = instance(Fake::default());
-    wired.inputs = vec![access("u", 1, Kind::Float64, false)];
+    wired.inputs = vec![variable("u", 1, Kind::Float64, Continuous)];
     wired.last_inputs = vec![f64::NAN];
     let error = wired
         .advance(1.0, &[f64::INFINITY])

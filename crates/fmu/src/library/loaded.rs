@@ -59,16 +59,16 @@ impl Numbers {
             kind,
             get: Box::new(move |component, reference| {
                 let mut value = T::default();
-                let status = get.map_or(Status::Error, |get| {
+                let status = get.map_or(Status::ERROR, |get| {
                     // SAFETY: one of the library's, for this type.
-                    Status::of(unsafe { V::get(get, component, reference, &mut value) })
+                    Status(unsafe { V::get(get, component, reference, &mut value) })
                 });
                 (status, number(value))
             }),
             set: Box::new(move |component, reference, value| {
-                set.map_or(Status::Error, |set| {
+                set.map_or(Status::ERROR, |set| {
                     // SAFETY: one of the library's, for this type.
-                    Status::of(unsafe { V::set(set, component, reference, &of(value)) })
+                    Status(unsafe { V::set(set, component, reference, &of(value)) })
                 })
             }),
         }
@@ -83,15 +83,12 @@ pub(super) struct Calls {
     pub(super) numbers: Vec<Numbers>,
     pub(super) enter_initialization: Box<dyn Fn(Component, f64, Option<f64>) -> Status>,
     pub(super) step: Box<Step>,
-    pub(super) events: Option<Events>,
+    /// Update of the discrete states; `None` for an instance without events.
+    pub(super) update: Option<Box<Update>>,
 }
 
-/// Calls of an instance with events.
-pub(super) struct Events {
-    pub(super) enter: Plain,
-    pub(super) update: Box<dyn Fn(Component) -> (Status, Updated)>,
-    pub(super) leave: Plain,
-}
+/// Function that updates the discrete states.
+pub(super) type Update = dyn Fn(Component) -> (Status, Updated);
 
 /// Function that sets a text by its reference.
 type SetText = dyn Fn(Component, u32, &CStr) -> Status;
@@ -101,8 +98,8 @@ pub(super) struct Loaded {
     component: Component,
     is_alive: bool,
     free_instance: unsafe extern "C" fn(Component),
-    exit_initialization: Plain,
-    terminate: Plain,
+    /// Functions that take no values, with their names.
+    plain: Vec<(&'static str, Plain)>,
     set_string: Box<SetText>,
     calls: Calls,
     // Data that the component points to, for as long as it lives.
@@ -118,6 +115,9 @@ impl Loaded {
     /// The library is of the version, and the calls are of its functions.
     pub(super) unsafe fn of<V: Family>(library: Library, calls: Calls) -> Result<Self, Fault> {
         let named = |name: &str| format!("{}{name}", V::PREFIX);
+        let events = ["EnterEventMode", "EnterStepMode"];
+        let events = calls.update.as_ref().map_or(&[][..], |_| &events);
+        let names = ["ExitInitializationMode", "Terminate"].iter().chain(events);
         // SAFETY: both versions have these types, and the library lives as long as `Self`.
         unsafe {
             let set = function::<V::Set<*const c_char>>(&library, &named("SetString")).ok();
@@ -125,12 +125,13 @@ impl Loaded {
                 component: null_mut(),
                 is_alive: false,
                 free_instance: function(&library, &named("FreeInstance"))?,
-                exit_initialization: function(&library, &named("ExitInitializationMode"))?,
-                terminate: function(&library, &named("Terminate"))?,
+                plain: names
+                    .map(|name| Ok((*name, function(&library, &named(name))?)))
+                    .collect::<Result<_, Fault>>()?,
                 set_string: Box::new(move |component, reference, text| {
-                    set.map_or(Status::Error, |set| {
+                    set.map_or(Status::ERROR, |set| {
                         // SAFETY: a text that lives through the call.
-                        Status::of(V::set(set, component, reference, &text.as_ptr()))
+                        Status(V::set(set, component, reference, &text.as_ptr()))
                     })
                 }),
                 calls,
@@ -144,12 +145,8 @@ impl Loaded {
     /// Adds the instance, which `function` returned.
     pub(super) fn with(self, component: Component, function: &'static str) -> Result<Self, Fault> {
         if component.is_null() {
-            return Err(Fault::Call {
-                function,
-                outcome: "made no instance".to_owned(),
-                time_seconds: None,
-                log: self.log.take(),
-            });
+            let log = self.log.take();
+            return Err(Fault::call(function, "made no instance", None, &log));
         }
         let mut loaded = self;
         (loaded.component, loaded.is_alive) = (component, true);
@@ -160,17 +157,12 @@ impl Loaded {
         let mut numbers = self.calls.numbers.iter();
         numbers.find(|numbers| numbers.kind == kind)
     }
-
-    fn plain(&self, function: Plain) -> Status {
-        // SAFETY: a function of the library, and a component that lives.
-        Status::of(unsafe { function(self.component) })
-    }
 }
 
 impl Slave for Loaded {
     fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status {
         let numbers = self.numbers(kind);
-        numbers.map_or(Status::Error, |numbers| {
+        numbers.map_or(Status::ERROR, |numbers| {
             (numbers.set)(self.component, reference, value)
         })
     }
@@ -178,7 +170,7 @@ impl Slave for Loaded {
     fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status {
         let numbers = self.numbers(kind);
         let got = numbers.map(|numbers| (numbers.get)(self.component, reference));
-        let (status, number) = got.unwrap_or((Status::Error, 0.0));
+        let (status, number) = got.unwrap_or((Status::ERROR, 0.0));
         *value = number;
         status
     }
@@ -191,32 +183,25 @@ impl Slave for Loaded {
         (self.calls.enter_initialization)(self.component, start_seconds, tolerance)
     }
 
-    fn exit_initialization(&mut self) -> Status {
-        self.plain(self.exit_initialization)
-    }
-
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped {
         (self.calls.step)(self.component, from_seconds, duration_seconds)
     }
 
-    fn enter_events(&mut self) -> Status {
-        let events = self.calls.events.as_ref();
-        events.map_or(Status::Error, |events| self.plain(events.enter))
-    }
-
     fn update_discrete(&mut self) -> (Status, Updated) {
-        let events = self.calls.events.as_ref();
-        let updated = events.map(|events| (events.update)(self.component));
-        updated.unwrap_or((Status::Error, Updated::default()))
+        let updated = self
+            .calls
+            .update
+            .as_ref()
+            .map(|update| update(self.component));
+        updated.unwrap_or((Status::ERROR, Updated::default()))
     }
 
-    fn enter_steps(&mut self) -> Status {
-        let events = self.calls.events.as_ref();
-        events.map_or(Status::Error, |events| self.plain(events.leave))
-    }
-
-    fn terminate(&mut self) -> Status {
-        self.plain(self.terminate)
+    fn call(&mut self, function: &'static str) -> Status {
+        let found = self.plain.iter().find(|(name, _)| *name == function);
+        // SAFETY: a function of the library, and a component that lives.
+        found.map_or(Status::ERROR, |(_, plain)| {
+            Status(unsafe { plain(self.component) })
+        })
     }
 
     fn log(&mut self) -> String {

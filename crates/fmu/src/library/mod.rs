@@ -10,7 +10,7 @@ mod python;
 mod three;
 mod two;
 
-use std::ffi::{CStr, c_int};
+use std::ffi::{CStr, CString, c_int};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -21,48 +21,32 @@ use crate::archive::{library_in, resources_in};
 use crate::description::{CoSimulation, Description, Kind, Version};
 use crate::error::Fault;
 
-/// Status that a function returned.
+/// Status that a function returned, by its number in FMI.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Status {
-    Ok,
-    Warning,
-    Discard,
-    Error,
-    Fatal,
-    Pending,
-    Unknown(c_int),
-}
+pub(crate) struct Status(pub(crate) c_int);
 
 impl Status {
-    fn of(number: c_int) -> Self {
-        match number {
-            0 => Self::Ok,
-            1 => Self::Warning,
-            2 => Self::Discard,
-            3 => Self::Error,
-            4 => Self::Fatal,
-            5 => Self::Pending,
-            other => Self::Unknown(other),
-        }
-    }
+    pub(crate) const DISCARD: Self = Self(2);
+    pub(crate) const ERROR: Self = Self(3);
+    pub(crate) const FATAL: Self = Self(4);
 
+    /// Returns whether the function succeeded, with or without a warning.
     pub(crate) fn is_good(self) -> bool {
-        matches!(self, Self::Ok | Self::Warning)
+        matches!(self.0, 0 | 1)
     }
 
     /// Returns a text that follows the subject of a sentence.
     pub(crate) fn outcome(self) -> String {
-        match self {
-            Self::Ok => "succeeded".to_owned(),
-            Self::Warning => "warned".to_owned(),
-            Self::Discard => "refused (discard)".to_owned(),
-            Self::Error => "failed (error)".to_owned(),
-            Self::Fatal => "failed for good (fatal)".to_owned(),
-            Self::Pending => {
-                "returned before it was done (pending), which was not allowed".to_owned()
-            }
-            Self::Unknown(number) => format!("returned {number}, which is not a status of FMI"),
-        }
+        let outcome = match self.0 {
+            0 => "succeeded",
+            1 => "warned",
+            2 => "refused (discard)",
+            3 => "failed (error)",
+            4 => "failed for good (fatal)",
+            5 => "returned before it was done (pending), which was not allowed",
+            other => return format!("returned {other}, which is not a status of FMI"),
+        };
+        outcome.to_owned()
     }
 }
 
@@ -91,12 +75,10 @@ pub(crate) trait Slave {
     fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status;
     fn set_text(&mut self, reference: u32, text: &CStr) -> Status;
     fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status;
-    fn exit_initialization(&mut self) -> Status;
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped;
-    fn enter_events(&mut self) -> Status;
     fn update_discrete(&mut self) -> (Status, Updated);
-    fn enter_steps(&mut self) -> Status;
-    fn terminate(&mut self) -> Status;
+    /// Calls a function that takes no values, by its name in FMI.
+    fn call(&mut self, function: &'static str) -> Status;
     /// Returns the messages since the last call.
     fn log(&mut self) -> String;
     /// Marks the instance as lost. After a fatal failure no function may be called.
@@ -126,12 +108,13 @@ pub(crate) fn instantiate(
 /// Arguments for the creation of an instance.
 struct Made<'a> {
     co_simulation: &'a CoSimulation,
-    token: std::ffi::CString,
-    resources: std::ffi::CString,
+    token: CString,
+    resources: CString,
 }
 
-fn text(text: &str) -> Result<std::ffi::CString, Fault> {
-    std::ffi::CString::new(text).map_err(|_| Fault::Invalid(format!("{text:?} has a NUL in it")))
+/// Returns a text for C.
+pub(crate) fn text(text: &str) -> Result<CString, Fault> {
+    CString::new(text).map_err(|_| Fault::Invalid(format!("{text:?} has a NUL in it")))
 }
 
 /// Opens a library. All symbols are resolved at once, so a missing one is found before motion begins.
@@ -143,10 +126,10 @@ fn open(path: &Path) -> Result<Library, Fault> {
         Err(error) => other_machine(path).unwrap_or_else(|| reason(&error)),
     };
     let Some(symbol) = python::missing_symbol(&reason) else {
-        return Err(Fault::Library(reason));
+        return Err(Fault::library(reason));
     };
     python::open(symbol)?;
-    opened(path).map_err(|error| Fault::Library(self::reason(&error)))
+    opened(path).map_err(|error| Fault::library(self::reason(&error)))
 }
 
 /// Returns the reason if a library is for another machine; the system's loader reports only that the file is missing.

@@ -29,7 +29,7 @@ pub(super) fn open(symbol: &str) -> Result<(), Fault> {
             return Ok(());
         }
     }
-    Err(Fault::Library(format!(
+    Err(Fault::library(format!(
         "it is written in Python and needs its library (symbol {symbol}), and no libpython3.*.so was found beside the python3 in \
          PATH or where the system looks; install it (Debian: apt install libpython3-dev), or name its folder in LD_LIBRARY_PATH"
     )))

@@ -5,7 +5,7 @@ use std::ptr::null;
 
 use libloading::os::unix::Library;
 
-use super::loaded::{Calls, Component, Events, Family, Loaded, Numbers, Step};
+use super::loaded::{Calls, Component, Family, Loaded, Numbers, Step, Update};
 use super::log::Log;
 use super::{Made, Status, Stepped, Updated, function, nearest_float, whole};
 use crate::description::Kind;
@@ -80,10 +80,10 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
             numbers: numbers(&library),
             enter_initialization: Box::new(move |of, start_seconds, tolerance| {
                 let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
-                Status::of(enter(of, is_defined, tolerance, start_seconds, false, 0.0))
+                Status(enter(of, is_defined, tolerance, start_seconds, false, 0.0))
             }),
             step: step(&library)?,
-            events: has_events.then(|| events(&library)).transpose()?,
+            update: has_events.then(|| update(&library)).transpose()?,
         };
         let loaded = Loaded::of::<Three>(library, calls)?;
         let instantiate: Instantiate = function(&loaded.library, INSTANTIATE)?;
@@ -144,7 +144,7 @@ fn step(library: &Library) -> Result<Box<Step>, Fault> {
         Ok(Box::new(move |of, from_seconds, duration_seconds| {
             let (mut needs_events, mut is_terminated, mut returned_early) = (0, 0, 0);
             let mut last = from_seconds;
-            let status = Status::of(step(
+            let status = Status(step(
                 of,
                 from_seconds,
                 duration_seconds,
@@ -167,32 +167,28 @@ fn step(library: &Library) -> Result<Box<Step>, Fault> {
     }
 }
 
-fn events(library: &Library) -> Result<Events, Fault> {
-    // SAFETY: the types are those of FMI 3.0, and there is room for each value.
+fn update(library: &Library) -> Result<Box<Update>, Fault> {
+    // SAFETY: the type is that of FMI 3.0, and there is room for each value.
     unsafe {
         let update: UpdateDiscrete = function(library, "fmi3UpdateDiscreteStates")?;
-        Ok(Events {
-            enter: function(library, "fmi3EnterEventMode")?,
-            leave: function(library, "fmi3EnterStepMode")?,
-            update: Box::new(move |of| {
-                let (mut again, mut is_terminated, mut nominals, mut values) = (0, 0, 0, 0);
-                let (mut has_next, mut next) = (0, 0.0);
-                let status = update(
-                    of,
-                    &raw mut again,
-                    &raw mut is_terminated,
-                    &raw mut nominals,
-                    &raw mut values,
-                    &raw mut has_next,
-                    &raw mut next,
-                );
-                let updated = Updated {
-                    again: again != 0,
-                    is_terminated: is_terminated != 0,
-                    next_event_seconds: (has_next != 0).then_some(next),
-                };
-                (Status::of(status), updated)
-            }),
-        })
+        Ok(Box::new(move |of| {
+            let (mut again, mut is_terminated, mut nominals, mut values) = (0, 0, 0, 0);
+            let (mut has_next, mut next) = (0, 0.0);
+            let status = update(
+                of,
+                &raw mut again,
+                &raw mut is_terminated,
+                &raw mut nominals,
+                &raw mut values,
+                &raw mut has_next,
+                &raw mut next,
+            );
+            let updated = Updated {
+                again: again != 0,
+                is_terminated: is_terminated != 0,
+                next_event_seconds: (has_next != 0).then_some(next),
+            };
+            (Status(status), updated)
+        }))
     }
 }

@@ -118,13 +118,13 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
                 let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
                 let is_defined = c_int::from(is_defined);
                 let status = setup(of, is_defined, tolerance, start_seconds, 0, 0.0);
-                match Status::of(status) {
-                    status if status.is_good() => Status::of(enter(of)),
+                match Status(status) {
+                    status if status.is_good() => Status(enter(of)),
                     status => status,
                 }
             }),
             step: step(&library)?,
-            events: None,
+            update: None,
         };
         let mut loaded = Loaded::of::<Two>(library, calls)?;
         let callbacks = Box::new(Callbacks {
@@ -171,9 +171,9 @@ fn step(library: &Library) -> Result<Box<Step>, Fault> {
         let real = function::<GetStatus<f64>>(library, "fmi2GetRealStatus").ok();
         let boolean = function::<GetStatus<c_int>>(library, "fmi2GetBooleanStatus").ok();
         Ok(Box::new(move |of, from_seconds, duration_seconds| {
-            let status = Status::of(step(of, from_seconds, duration_seconds, 1));
+            let status = Status(step(of, from_seconds, duration_seconds, 1));
             let (mut reached_seconds, mut is_terminated) = (from_seconds + duration_seconds, 0);
-            if status == Status::Discard {
+            if status == Status::DISCARD {
                 reached_seconds = from_seconds;
                 if let Some(real) = real {
                     real(of, LAST_SUCCESSFUL_TIME, &raw mut reached_seconds);
