@@ -7,14 +7,18 @@ use super::component::{ERROR, FATAL};
 use super::{Exported, Model, Role, Running, by_token};
 use crate::instance::StartValue;
 
+/// Value of a variable.
+enum Value {
+    Number(f64),
+    Text(CString),
+}
+
 /// A model that was instantiated.
 pub(super) struct Played {
     exported: &'static dyn Exported,
     model: Model,
-    /// Numbers, one for each variable; 0 for those that are texts.
-    numbers: Vec<f64>,
-    /// Texts, one for each variable; those of numbers stay empty.
-    texts: Vec<CString>,
+    /// Values, one for each variable.
+    values: Vec<Value>,
     running: Option<Box<dyn Running>>,
     time_seconds: f64,
 }
@@ -25,19 +29,15 @@ impl Played {
         let (exported, model) = by_token(token).ok_or_else(|| {
             format!("the token {token:?} is of no model of this library: description and library do not belong together")
         })?;
-        let number = |role: &Role| match role {
-            Role::Input(start) | Role::Number { start, .. } => *start,
-            Role::Word { .. } | Role::Output => 0.0,
+        let value = |role: &Role| match role {
+            Role::Input(start) | Role::Number { start, .. } => Value::Number(*start),
+            Role::Word { start } => Value::Text(CString::new(start.as_str()).unwrap_or_default()),
+            Role::Output => Value::Number(0.0),
         };
-        let word = |role: &Role| match role {
-            Role::Word { start } => CString::new(start.as_str()).unwrap_or_default(),
-            _ => CString::default(),
-        };
-        let roles = || model.variables.iter().map(|variable| &variable.role);
+        let variables = model.variables.iter();
         Ok(Self {
             exported,
-            numbers: roles().map(number).collect(),
-            texts: roles().map(word).collect(),
+            values: variables.map(|variable| value(&variable.role)).collect(),
             running: None,
             time_seconds: 0.0,
             model,
@@ -63,43 +63,39 @@ impl Played {
         place.ok_or_else(|| format!("there is no variable {reference} to be set"))
     }
 
-    /// Checks whether a variable may be set now.
-    fn settable(&self, place: usize) -> Result<(), String> {
+    /// Returns name and value of a variable that may be set now.
+    fn settable(&mut self, reference: u32) -> Result<(&str, &mut Value), String> {
+        let place = self.place(reference)?;
         let variable = &self.model.variables[place];
-        match variable.role {
-            Role::Input(_) => Ok(()),
-            Role::Output => Err(format!("{} is an output", variable.name)),
-            _ if self.running.is_some() => Err(format!(
-                "{} is fixed once the simulation runs",
-                variable.name
-            )),
-            _ => Ok(()),
+        let (name, is_input) = (&variable.name, matches!(variable.role, Role::Input(_)));
+        if variable.role == Role::Output {
+            return Err(format!("{name} is an output"));
         }
+        if !is_input && self.running.is_some() {
+            return Err(format!("{name} is fixed once the simulation runs"));
+        }
+        Ok((name, &mut self.values[place]))
     }
 
     pub(super) fn set_number(&mut self, reference: u32, value: f64) -> Result<(), String> {
-        let place = self.place(reference)?;
-        self.settable(place)?;
-        let variable = &self.model.variables[place];
-        if matches!(variable.role, Role::Word { .. }) {
-            return Err(format!("{} is a text", variable.name));
+        match self.settable(reference)? {
+            (name, Value::Text(_)) => Err(format!("{name} is a text")),
+            (name, _) if !value.is_finite() => Err(format!("{name} cannot be {value}")),
+            (_, number) => {
+                *number = Value::Number(value);
+                Ok(())
+            }
         }
-        if !value.is_finite() {
-            return Err(format!("{} cannot be {value}", variable.name));
-        }
-        self.numbers[place] = value;
-        Ok(())
     }
 
     pub(super) fn set_word(&mut self, reference: u32, word: &CStr) -> Result<(), String> {
-        let place = self.place(reference)?;
-        self.settable(place)?;
-        let variable = &self.model.variables[place];
-        if !matches!(variable.role, Role::Word { .. }) {
-            return Err(format!("{} is a number", variable.name));
+        match self.settable(reference)? {
+            (name, Value::Number(_)) => Err(format!("{name} is a number")),
+            (_, text) => {
+                *text = Value::Text(word.to_owned());
+                Ok(())
+            }
         }
-        self.texts[place] = word.to_owned();
-        Ok(())
     }
 
     pub(super) fn number(&mut self, reference: u32) -> Result<f64, String> {
@@ -107,34 +103,31 @@ impl Played {
             return Ok(self.time_seconds);
         }
         let place = self.place(reference)?;
-        let variable = &self.model.variables[place];
-        match variable.role {
-            Role::Word { .. } => Err(format!("{} is a text", variable.name)),
-            // Before the start the outputs are those of an instance that would start now.
-            Role::Output if self.running.is_none() => {
-                let running = self.started()?;
-                self.take_outputs(&*running);
-                Ok(self.numbers[place])
-            }
-            _ => Ok(self.numbers[place]),
+        // Before the start the outputs are those of an instance that would start now.
+        if self.model.variables[place].role == Role::Output && self.running.is_none() {
+            let running = self.started()?;
+            self.take_outputs(&*running);
+        }
+        match &self.values[place] {
+            Value::Number(number) => Ok(*number),
+            Value::Text(_) => Err(format!("{} is a text", self.model.variables[place].name)),
         }
     }
 
     pub(super) fn word(&self, reference: u32) -> Result<&CStr, String> {
         let place = self.place(reference)?;
-        match self.model.variables[place].role {
-            Role::Word { .. } => Ok(&self.texts[place]),
-            _ => Err(format!("{} is a number", self.model.variables[place].name)),
+        match &self.values[place] {
+            Value::Text(text) => Ok(text),
+            Value::Number(_) => Err(format!("{} is a number", self.model.variables[place].name)),
         }
     }
 
     fn started(&self) -> Result<Box<dyn Running>, String> {
-        let variables = self.model.variables.iter();
-        let values = variables.zip(&self.numbers).zip(&self.texts);
-        let parameters = values.filter_map(|((variable, number), word)| match variable.role {
-            Role::Number { .. } => Some(StartValue::Number(*number)),
-            Role::Word { .. } => Some(StartValue::Text(word.to_string_lossy().into_owned())),
-            _ => None,
+        let values = self.model.variables.iter().zip(&self.values);
+        let parameters = values.filter_map(|(variable, value)| match (&variable.role, value) {
+            (Role::Input(_) | Role::Output, _) => None,
+            (_, Value::Number(number)) => Some(StartValue::Number(*number)),
+            (_, Value::Text(text)) => Some(StartValue::Text(text.to_string_lossy().into_owned())),
         });
         self.exported.start(&Vec::from_iter(parameters))
     }
@@ -152,9 +145,12 @@ impl Played {
             return Err(format!("a step cannot take {duration_seconds} s"));
         }
         let mut running = self.running.take().ok_or("it was not initialized")?;
-        let values = self.model.variables.iter().zip(&self.numbers);
-        let inputs = values.filter(|(variable, _)| matches!(variable.role, Role::Input(_)));
-        let inputs = Vec::from_iter(inputs.map(|(_, value)| *value));
+        let values = self.model.variables.iter().zip(&self.values);
+        let inputs = values.filter_map(|(variable, value)| match (&variable.role, value) {
+            (Role::Input(_), Value::Number(number)) => Some(*number),
+            _ => None,
+        });
+        let inputs = Vec::from_iter(inputs);
         running.step(duration_seconds, &inputs);
         self.take_outputs(&*running);
         self.running = Some(running);
@@ -163,10 +159,10 @@ impl Played {
     }
 
     fn take_outputs(&mut self, running: &dyn Running) {
-        let values = self.model.variables.iter().zip(&mut self.numbers);
+        let values = self.model.variables.iter().zip(&mut self.values);
         let outputs = values.filter(|(variable, _)| variable.role == Role::Output);
-        for ((_, number), output) in outputs.zip(running.outputs()) {
-            *number = output;
+        for ((_, value), output) in outputs.zip(running.outputs()) {
+            *value = Value::Number(output);
         }
     }
 }
