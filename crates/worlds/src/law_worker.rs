@@ -12,7 +12,6 @@ use platform::program::Seat;
 use scenario::Objection;
 use scenario::plant::{Fmu, FmuPort};
 use scenario::process_law::FmuLaw;
-use serde::Deserialize;
 use toml::Value;
 
 use crate::fmu_plant::{fmu_wiring, objection_to};
@@ -119,19 +118,6 @@ fn fmu_table(
     }
 }
 
-/// Content of WELCOME.
-#[derive(Deserialize)]
-struct Welcome {
-    reads: Vec<String>,
-    writes: Vec<String>,
-    terms: Vec<String>,
-    ranges: Vec<[f64; 2]>,
-    parameters: BTreeMap<String, Value>,
-    #[serde(default)]
-    variables: BTreeMap<String, String>,
-    period_seconds: f64,
-}
-
 /// Takes the seat that the environment names, loads a law, and runs it until the request to stop. Call it only in a process of
 /// its own: it runs foreign code.
 ///
@@ -140,7 +126,7 @@ struct Welcome {
 pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
     let mut seat = Seat::join(SUBCOMMAND)?;
     let (welcome, seed) = seat.welcome()?;
-    let welcome: Welcome = serde_json::from_slice(welcome)?;
+    let welcome: LawSetup = serde_json::from_slice(welcome)?;
     let loaded = match folder {
         None => load_library(file, &welcome, seed),
         Some(folder) => load_fmu(file, folder, &welcome),
@@ -152,25 +138,8 @@ pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
 /// Loaded law or plant, a function of time, period, inputs and outputs.
 pub(crate) type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
 
-fn load_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, String> {
-    let parameters = welcome.parameters.iter();
-    let number = |value: &Value| {
-        value
-            .as_float()
-            .or(value.as_integer().map(|whole| whole as f64))
-    };
-    let setup = LawSetup {
-        reads: welcome.reads.clone(),
-        writes: welcome.writes.clone(),
-        terms: welcome.terms.clone(),
-        ranges: welcome.ranges.clone(),
-        parameters: parameters
-            .filter_map(|(name, value)| Some((name.clone(), number(value)?)))
-            .collect(),
-        period_seconds: welcome.period_seconds,
-        seed,
-    };
-    let mut law = LawLibrary::load(file, &setup).map_err(|fault| fault.to_string())?;
+fn load_library(file: &Path, setup: &LawSetup, seed: u64) -> Result<Loaded, String> {
+    let mut law = LawLibrary::load(file, setup, seed).map_err(|fault| fault.to_string())?;
     Ok(Box::new(move |time, period, reads, writes| {
         let stepped = law.step(time, period, reads, writes);
         stepped.map_err(|fault| fault.to_string())
@@ -179,7 +148,7 @@ fn load_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, Str
 
 /// Loads an FMU. It takes its inputs at the start of a period, steps to the end of the period, and its outputs there are the
 /// commands of this cycle. A missing input keeps its value.
-fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, String> {
+fn load_fmu(file: &Path, folder: &Path, welcome: &LawSetup) -> Result<Loaded, String> {
     let name = file.to_string_lossy();
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
     let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))

@@ -1,9 +1,12 @@
 //! A control law in a shared library: the functions of `include/canrig_law.h` behind safe ones.
 
+use std::collections::BTreeMap;
 use std::ffi::{CStr, CString, c_char, c_double, c_int, c_void};
 use std::path::Path;
 
 use libloading::os::unix::Library;
+use serde::Deserialize;
+use toml::Value;
 
 use super::{function, open, text};
 use crate::error::Fault;
@@ -42,8 +45,8 @@ struct SetupInC {
     seed: u64,
 }
 
-/// Description of a run for a law: the names of its values, its period, its parameters.
-#[derive(Clone, Debug, Default)]
+/// Description of a run for a law, which is the content of WELCOME: the names of its values, its period, its parameters.
+#[derive(Clone, Debug, Default, Deserialize)]
 pub struct LawSetup {
     /// Names of the values that it reads.
     pub reads: Vec<String>,
@@ -53,12 +56,13 @@ pub struct LawSetup {
     pub terms: Vec<String>,
     /// Smallest and largest value of each command in `writes`.
     pub ranges: Vec<[f64; 2]>,
-    /// Parameters by name.
-    pub parameters: Vec<(String, f64)>,
+    /// Parameters by name. A law in a library is given the numbers among them.
+    pub parameters: BTreeMap<String, Value>,
+    /// Variables of a law in an FMU, by the names of the values.
+    #[serde(default)]
+    pub variables: BTreeMap<String, String>,
     /// Time between two cycles.
     pub period_seconds: f64,
-    /// Seed of the run.
-    pub seed: u64,
 }
 
 /// Texts for C, and the pointers to them.
@@ -102,11 +106,11 @@ pub struct LawLibrary {
 }
 
 impl LawLibrary {
-    /// Loads a library and prepares its law.
+    /// Loads a library and prepares its law, for a run with this seed.
     ///
     /// # Errors
     /// The library cannot be loaded, lacks a function, or its law does not accept the setup.
-    pub fn load(path: &Path, setup: &LawSetup) -> Result<Self, Fault> {
+    pub fn load(path: &Path, setup: &LawSetup, seed: u64) -> Result<Self, Fault> {
         let library = open(path)?;
         // SAFETY: the header gives the functions these types, and the library is closed last.
         let (bytes, init, step) = unsafe {
@@ -116,7 +120,10 @@ impl LawLibrary {
                 function::<Step>(&library, "canrig_law_step")?,
             )
         };
-        let parameters = setup.parameters.iter();
+        let parameters = setup.parameters.iter().filter_map(|(name, value)| {
+            let whole = || value.as_integer().map(|whole| whole as f64);
+            Some((name, value.as_float().or_else(whole)?))
+        });
         let names = [
             Names::of(&setup.reads)?,
             Names::of(&setup.writes)?,
@@ -125,7 +132,7 @@ impl LawLibrary {
         ];
         let ranges = setup.ranges.iter();
         let numbers = [
-            parameters.map(|(_, value)| *value).collect(),
+            parameters.map(|(_, value)| value).collect(),
             ranges.clone().map(|range| range[0]).collect(),
             ranges.map(|range| range[1]).collect::<Vec<_>>(),
         ];
@@ -144,7 +151,7 @@ impl LawLibrary {
             mins: numbers[1].as_ptr(),
             maxs: numbers[2].as_ptr(),
             period_seconds: setup.period_seconds,
-            seed: setup.seed,
+            seed,
         });
         // SAFETY: the setup is valid as long as the law, and so are all pointers in it.
         let bytes = unsafe { bytes(&raw const *given) };
