@@ -1,7 +1,10 @@
 //! Leaves out the points of a curve that cannot be seen, so that a page stays small for a run of any length.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
+
 use super::range::{NOTHING, extended, finite_range};
-use super::scale::{DrawingScale, SIDE};
+use super::scale::DrawingScale;
 
 /// Joined points, in whole units of the drawing.
 pub(super) type Polyline = Vec<(i32, i32)>;
@@ -9,9 +12,9 @@ pub(super) type Polyline = Vec<(i32, i32)>;
 /// Width of a pixel column in units of the drawing.
 const COLUMN: i32 = 80;
 
-/// Largest number of gaps that are drawn within a pixel column. More cannot be distinguished, and would let the page grow with
-/// the run.
-const GAPS_MAX: usize = 4;
+/// Number of parts between gaps from which they are drawn as one within a pixel column. They cannot be distinguished, and would let
+/// the page grow with the run.
+const PARTS_MANY: usize = 6;
 
 /// Width and height of a cell for a path in the plane.
 const CELL: (i32, i32) = (80, 256);
@@ -40,15 +43,19 @@ pub(super) fn over_time(
             points.next();
             continue;
         }
-        let column = PixelColumn {
-            x: &x,
-            y: &y,
-            scale,
-        };
-        match finite_range(column.y) {
-            Some(range) => column.draw(range, &mut line),
-            None if column.has_many_gaps() => column.draw_over_gaps(&mut line, &mut lines),
-            None => column.draw_parts(&mut line, &mut lines),
+        if let Some(range) = finite_range(&y) {
+            draw(&x, &y, range, scale, &mut line);
+            continue;
+        }
+        for (number, part) in parts(&y).into_iter().enumerate() {
+            if number > 0 {
+                end(&mut line, &mut lines);
+            }
+            if !part.is_empty() {
+                let (x, y) = (&x[part.clone()], &y[part]);
+                let range = extended(NOTHING, y.iter().copied());
+                draw(x, y, range, scale, &mut line);
+            }
         }
     }
     end(&mut line, &mut lines);
@@ -95,7 +102,7 @@ fn extremes(points: &[(i32, i32)]) -> impl Iterator<Item = (i32, i32)> {
 pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     let mut lines = Vec::new();
     let mut line = Polyline::new();
-    let mut passed = Passed::new();
+    let mut passed = BTreeSet::new();
     let mut last = None;
     let mut before = None;
     for point in points {
@@ -111,7 +118,7 @@ pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
         if last.is_some_and(|last| cell(last) == cell(point)) {
             continue;
         }
-        let is_new = passed.is_first(point);
+        let is_new = passed.insert(cell(point));
         if is_new && line.is_empty() {
             line.extend(last);
         }
@@ -132,87 +139,42 @@ fn column_end(place: f64) -> f64 {
     f64::from((nearest(place) / COLUMN + 1) * COLUMN) - 0.5
 }
 
-/// Points of one pixel column.
-struct PixelColumn<'a> {
-    x: &'a [f64],
-    y: &'a [f64],
-    scale: &'a DrawingScale,
+/// Returns the parts of a pixel column between heights that are not finite. If these are many, the parts are one, and only a gap
+/// at an edge stays.
+fn parts(y: &[f64]) -> Vec<Range<usize>> {
+    let mut begin = 0;
+    let parts = y.split(|y| !y.is_finite()).map(|part| {
+        let part = begin..begin + part.len();
+        begin = part.end + 1;
+        part
+    });
+    let parts = Vec::from_iter(parts);
+    let drawn = Vec::from_iter(parts.iter().filter(|part| !part.is_empty()));
+    let (Some(first), Some(last), PARTS_MANY..) = (drawn.first(), drawn.last(), drawn.len()) else {
+        return parts;
+    };
+    let all = first.start..last.end;
+    let edges = [all.start > 0, all.end < y.len()];
+    let [before, after] = edges.map(|is_gap| is_gap.then_some(0..0));
+    Vec::from_iter([before, Some(all), after].into_iter().flatten())
 }
 
-impl<'a> PixelColumn<'a> {
-    /// Returns the parts between points that are not finite.
-    fn parts(&self) -> impl Iterator<Item = Self> {
-        let mut x = self.x;
-        self.y.split(|y| !y.is_finite()).map(move |y| {
-            let (part, rest) = x.split_at(y.len());
-            x = rest.get(1..).unwrap_or_default();
-            Self {
-                x: part,
-                y,
-                scale: self.scale,
-            }
-        })
-    }
-
-    fn has_many_gaps(&self) -> bool {
-        let parts = self.parts().filter(|part| !part.y.is_empty());
-        parts.count() > GAPS_MAX + 1
-    }
-
-    fn draw_parts(&self, line: &mut Polyline, lines: &mut Vec<Polyline>) {
-        for (number, part) in self.parts().enumerate() {
-            if number > 0 {
-                end(line, lines);
-            }
-            if let Some(range) = finite_range(part.y) {
-                part.draw(range, line);
-            }
+/// Draws the first, the lowest, the highest and the last of some points; the first and the last one must be finite. A point
+/// between them that is not finite has height 0, so it can only replace a point at that height.
+fn draw(x: &[f64], y: &[f64], (low, high): (f64, f64), scale: &DrawingScale, line: &mut Polyline) {
+    let height = |y: f64| nearest(scale.down(y));
+    let point = |place: usize| (nearest(scale.along(x[place])), height(y[place]));
+    push(line, point(0));
+    let (bottom, top) = (height(low), height(high));
+    if bottom != top {
+        let first_at = |wanted| y.iter().position(|y| height(*y) == wanted);
+        let mut extremes = [bottom, top].map(|wanted| first_at(wanted).unwrap_or(0));
+        extremes.sort_unstable();
+        for place in extremes {
+            push(line, point(place));
         }
     }
-
-    /// Draws all parts as one. A gap at an edge stays.
-    fn draw_over_gaps(&self, line: &mut Polyline, lines: &mut Vec<Polyline>) {
-        let is_finite = |y: &f64| y.is_finite();
-        let first = self.y.iter().position(is_finite).unwrap_or(0);
-        let end_of_last = self
-            .y
-            .iter()
-            .rposition(is_finite)
-            .map_or(0, |last| last + 1);
-        if first > 0 {
-            end(line, lines);
-        }
-        let whole = Self {
-            x: &self.x[first..end_of_last],
-            y: &self.y[first..end_of_last],
-            scale: self.scale,
-        };
-        whole.draw(extended(NOTHING, whole.y.iter().copied()), line);
-        if end_of_last < self.y.len() {
-            end(line, lines);
-        }
-    }
-
-    /// Draws the first, the lowest, the highest and the last point; the first and the last one must be finite. A point between
-    /// them that is not finite has height 0, so it can only replace a point at that height.
-    fn draw(&self, (low, high): (f64, f64), line: &mut Polyline) {
-        let height = |y: f64| nearest(self.scale.down(y));
-        let point = |place: usize| {
-            let x = nearest(self.scale.along(self.x[place]));
-            (x, height(self.y[place]))
-        };
-        push(line, point(0));
-        let (bottom, top) = (height(low), height(high));
-        if bottom != top {
-            let first_at = |wanted| self.y.iter().position(|y| height(*y) == wanted);
-            let mut extremes = [bottom, top].map(|wanted| first_at(wanted).unwrap_or(0));
-            extremes.sort_unstable();
-            for place in extremes {
-                push(line, point(place));
-            }
-        }
-        push(line, point(self.y.len() - 1));
-    }
+    push(line, point(y.len() - 1));
 }
 
 /// Appends a point, unless the line is there already. Of a level stretch only the ends are kept.
@@ -253,38 +215,9 @@ fn cell((x, y): (i32, i32)) -> (i32, i32) {
     (x / CELL.0, y / CELL.1)
 }
 
-/// Cells of the drawing that a path has passed.
-struct Passed(Vec<bool>);
-
-impl Passed {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a constant of some thousands"
-    )]
-    const SIDE: i32 = SIDE as i32;
-    const COLUMNS: i32 = Self::SIDE / CELL.0 + 1;
-    const ROWS: i32 = Self::SIDE / CELL.1 + 1;
-
-    fn new() -> Self {
-        let cells = usize::try_from(Self::COLUMNS * Self::ROWS).unwrap_or(0);
-        Self(vec![false; cells])
-    }
-
-    fn is_first(&mut self, point: (i32, i32)) -> bool {
-        let (column, row) = cell(point);
-        let (column, row) = (
-            column.clamp(0, Self::COLUMNS - 1),
-            row.clamp(0, Self::ROWS - 1),
-        );
-        let place = usize::try_from(row * Self::COLUMNS + column).unwrap_or(0);
-        self.0
-            .get_mut(place)
-            .is_some_and(|is_passed| !std::mem::replace(is_passed, true))
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::scale::SIDE;
     use super::*;
     use proptest::prelude::*;
 
@@ -435,7 +368,7 @@ mod tests {
             let count = values.len() as f64;
             let points = values.iter().enumerate().map(|(number, value)| (number as f64 * SIDE / count, *value));
             let lines = decimated(points);
-            let columns = usize::try_from(Passed::COLUMNS).unwrap() + 1;
+            let columns = 64_000 / usize::try_from(COLUMN).unwrap() + 2;
             let gaps = values.iter().filter(|value| value.is_nan()).count();
             prop_assert!(lines.iter().map(Vec::len).sum::<usize>() <= 4 * (columns + gaps));
         }
