@@ -68,7 +68,8 @@ impl BusTiming {
         let run = &one.trial.run;
         let duration = Duration::from_secs_f64(run.duration_seconds);
         let mut timing = Self::default();
-        let mut load = LoadCounter::new(duration, run.bus.bitrate_kilobits_per_second);
+        let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
+        let mut bits = Vec::new();
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames.iter() {
             let now = stamped.time;
@@ -78,7 +79,10 @@ impl BusTiming {
             if scenario_time >= duration {
                 break;
             }
-            load.add(scenario_time, stamped.occupied_bits);
+            let place = scenario_time.as_nanos() / stretch.as_nanos();
+            let place = usize::try_from(place).unwrap_or_default();
+            bits.resize(bits.len().max(place + 1), 0);
+            bits[place] += u64::from(stamped.occupied_bits);
             let since_sync = |sync: Duration| microseconds(now.saturating_sub(sync));
             let id = stamped.frame.raw_id();
             if id == u32::from(SYNC_COB_ID) {
@@ -90,62 +94,23 @@ impl BusTiming {
                 timing.commands.extend(sync.map(since_sync));
             }
         }
-        (timing.load_seconds, timing.load_percent) = load.finish();
+        // The last stretch may be cut.
+        if bits.len() > 1 {
+            bits.pop();
+        }
+        let seconds = stretch.as_secs_f64();
+        let bits_per_second = f64::from(run.bus.bitrate_kilobits_per_second) * 1e3;
+        for (place, bits) in bits.into_iter().enumerate() {
+            timing.load_seconds.push((place as f64 + 0.5) * seconds);
+            let percent = 100.0 * bits as f64 / (bits_per_second * seconds);
+            timing.load_percent.push(percent);
+        }
         Ok(timing)
     }
 }
 
 fn microseconds(duration: Duration) -> Microseconds {
     u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
-}
-
-/// Counter of the bits in each stretch of time.
-struct LoadCounter {
-    stretch: Duration,
-    bitrate_kilobits_per_second: f64,
-    bits: Vec<u64>,
-}
-
-impl LoadCounter {
-    fn new(duration: Duration, bitrate_kilobits_per_second: u32) -> Self {
-        let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
-        Self {
-            stretch,
-            bitrate_kilobits_per_second: f64::from(bitrate_kilobits_per_second),
-            bits: Vec::new(),
-        }
-    }
-
-    fn add(&mut self, time: Duration, bits: u32) {
-        let Some(place) = usize::try_from(time.as_nanos() / self.stretch.as_nanos())
-            .ok()
-            .filter(|place| *place <= LOAD_STRETCHES as usize)
-        else {
-            return;
-        };
-        if place >= self.bits.len() {
-            self.bits.resize(place + 1, 0);
-        }
-        self.bits[place] += u64::from(bits);
-    }
-
-    /// Returns the middles and loads of the stretches. The last one is left out if there are others, since it may be cut.
-    fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
-        if self.bits.len() > 1 {
-            self.bits.pop();
-        }
-        let seconds = self.stretch.as_secs_f64();
-        let middles = (0..self.bits.len())
-            .map(|place| (place as f64 + 0.5) * seconds)
-            .collect();
-        let capacity = self.bitrate_kilobits_per_second * 1e3 * seconds;
-        let percent = self
-            .bits
-            .iter()
-            .map(|bits| 100.0 * *bits as f64 / capacity)
-            .collect();
-        (middles, percent)
-    }
 }
 
 /// Returns a histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
