@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use scenario::expect::{Demand, SignalCheck};
 
-use super::signals::{CHANGES, common_distance};
+use super::signals::{CHANGES, common_distance, few};
 use crate::plot::{Colour, Patch, Plot, Shape};
 use crate::run::RunLoop;
 use plan::ControlLoop;
@@ -42,10 +42,9 @@ fn is_about(control_loop: &ControlLoop, check: &SignalCheck, trace: &SignalTrace
 fn plot<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: f64) -> Plot<'a> {
     let trial = &control_loop.trial;
     let mut plot = Plot::over_time(shown(control_loop, trace), &trace.unit);
-    let (label, shape) = match common_distance(&first_cycles(trace, period_seconds)) {
-        None => ("recorded".to_owned(), Shape::Line),
-        Some(cycles) => (format!("recorded (each {cycles} cycles)"), Shape::Points),
-    };
+    let distance = common_distance(&first_cycles(trace, period_seconds));
+    let shape = distance.map_or(Shape::Line, |_| Shape::Points);
+    let label = format!("recorded{}", distance.map_or_else(String::new, few));
     let times: Series<f64> = trace.samples.iter().map(|one| one.time_seconds).collect();
     let values: Series<f64> = trace.samples.iter().map(|one| one.value).collect();
     plot.draw(label, Colour::Measured, shape, times, values);

@@ -275,30 +275,18 @@ fn draw<'a>(
     (first, values): (usize, impl Into<Series<f64>>),
 ) {
     let values = values.into();
-    let (label, shape) = match sampling(&values) {
-        Sampling::EachCycle => (label.to_owned(), Shape::Line),
-        Sampling::Few(cycles) => (format!("{label} (each {cycles} cycles)"), Shape::Points),
-        Sampling::Held(cycles) => (format!("{label} (held for {cycles} cycles)"), Shape::Line),
-    };
+    let (remark, shape) = sampling(&values);
+    let label = format!("{label}{remark}");
     let times = &timeline.time_seconds;
     plot.draw(label, colour, shape, times.part(first..times.len()), values);
-}
-
-/// Sampling of a signal.
-#[derive(Debug, PartialEq)]
-enum Sampling {
-    EachCycle,
-    /// A value in every n-th cycle, with none between them.
-    Few(usize),
-    /// A value in every n-th cycle, held between them.
-    Held(usize),
 }
 
 /// Number of changes of a signal that determine its sampling.
 pub(super) const CHANGES: usize = 64;
 
-/// Determines the sampling from the first changes of a signal. A signal with few changes counts as sampled in each cycle.
-fn sampling(values: &Series<f64>) -> Sampling {
+/// Determines the sampling of a signal from its first changes: a remark on it, and the shape that shows it. A signal with few
+/// changes counts as sampled in each cycle.
+fn sampling(values: &Series<f64>) -> (String, Shape) {
     let first = values.part(0..values.len().min(1 << 20));
     let (mut held, mut lone) = (Vec::new(), Vec::new());
     for (row, (before, value)) in (1..).zip(first.pairs()) {
@@ -312,10 +300,15 @@ fn sampling(values: &Series<f64>) -> Sampling {
         }
     }
     match (held.len(), common_distance(&lone), common_distance(&held)) {
-        (..CHANGES, Some(cycles), _) => Sampling::Few(cycles),
-        (_, None, Some(cycles)) => Sampling::Held(cycles),
-        _ => Sampling::EachCycle,
+        (..CHANGES, Some(cycles), _) => (few(cycles), Shape::Points),
+        (_, None, Some(cycles)) => (format!(" (held for {cycles} cycles)"), Shape::Line),
+        _ => (String::new(), Shape::Line),
     }
+}
+
+/// Returns the remark on a signal with a value in every n-th cycle, and none between them.
+pub(super) fn few(cycles: usize) -> String {
+    format!(" (each {cycles} cycles)")
 }
 
 /// Returns the number of cycles of which all distances between these rows are multiples; `None` if that is 1, or if there are too
@@ -380,10 +373,13 @@ mod tests {
         });
         let held = rows(|row| f64::from(row.saturating_sub(5) / 10));
         let step = rows(|row| if row < 1000 { 10.0 } else { 35.0 });
-        assert_eq!(sampling(&each), Sampling::EachCycle);
-        assert_eq!(sampling(&few), Sampling::Few(10));
-        assert_eq!(sampling(&held), Sampling::Held(10));
-        assert_eq!(sampling(&step), Sampling::EachCycle);
+        let each_cycle = (String::new(), Shape::Line);
+        assert_eq!(sampling(&each), each_cycle);
+        let remark = " (each 10 cycles)".to_owned();
+        assert_eq!(sampling(&few), (remark, Shape::Points));
+        let remark = " (held for 10 cycles)".to_owned();
+        assert_eq!(sampling(&held), (remark, Shape::Line));
+        assert_eq!(sampling(&step), each_cycle);
         // Lost samples are gaps and do not change the rate.
         let lossy = rows(|row| {
             if row % 97 == 5 {
@@ -392,6 +388,6 @@ mod tests {
                 f64::from(row % 7)
             }
         });
-        assert_eq!(sampling(&lossy), Sampling::EachCycle);
+        assert_eq!(sampling(&lossy), each_cycle);
     }
 }
