@@ -79,7 +79,7 @@ fn write_table_and_make_page(run: &Run<'_>, folder: &RunFolder) -> Result<String
 #[cfg(feature = "rerun")]
 fn write_recording(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     let path = folder.path().join(file::RERUN);
-    crate::rerun::write(&path, run).map_err(|error| ReportError::made(folder, file::RERUN, &error))
+    crate::rerun::write(&path, run).map_err(|error| ReportError::made(folder, file::RERUN, &*error))
 }
 
 #[cfg(not(feature = "rerun"))]

@@ -17,15 +17,13 @@ mod run_log;
 mod tests;
 mod times;
 
-use dbc::SignalMissing;
+use std::error::Error;
 use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io;
 use std::path::Path;
 
-use re_sdk::external::re_log_encoding::EncodeError;
-use re_sdk::log::ChunkError;
-use re_sdk::{EntityPath, RecordingInfo, SerializationError, StoreId, StoreKind};
+use re_sdk::{EntityPath, RecordingInfo, StoreId, StoreKind};
+use re_sdk_types::blueprint::components::PlayState;
 
 use super::Run;
 use crate::run::RunLoop;
@@ -34,7 +32,7 @@ use plan::Plan;
 use platform::series::Series;
 use recording::run_folder::replace;
 
-use blueprint::{Page, Play};
+use blueprint::Page;
 pub(crate) use bus::BusReader;
 use file::RecordingFile;
 use output::{Output, send_static};
@@ -51,25 +49,8 @@ const POINTS_MAX: usize = 20_000;
 /// Name of the application, for which the viewer keeps one layout.
 pub(crate) const APPLICATION: &str = "canrig";
 
-/// Reason why the recording cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum RerunError {
-    /// Rows and their times do not match.
-    #[error(transparent)]
-    Chunk(#[from] ChunkError),
-    /// The SDK cannot put values into a column.
-    #[error(transparent)]
-    Serialization(#[from] SerializationError),
-    /// The file cannot be written to the disk.
-    #[error(transparent)]
-    File(#[from] io::Error),
-    /// The DBC lacks a signal.
-    #[error(transparent)]
-    Signal(#[from] SignalMissing),
-    /// The recording cannot be put into the file.
-    #[error(transparent)]
-    Encoding(#[from] EncodeError),
-}
+/// Reason why the recording cannot be written: an error of the SDK or of the disk, or a signal that the database lacks.
+pub type RerunError = Box<dyn Error + Send + Sync>;
 
 /// Writes the recording as a whole: a reader sees no file or a complete one. With several loops each has a folder.
 ///
@@ -96,7 +77,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
     }
     log_verdict(&mut file, run.plan, run.verdict, end_seconds)?;
     let planes = contour::log(&mut file, run)?;
-    blueprint::send(&mut file, &pages, &planes, Play::Paused)?;
+    blueprint::send(&mut file, &pages, &planes, PlayState::Paused)?;
     file.finish()
 }
 
@@ -106,7 +87,7 @@ pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), Rer
         control_loop,
         groups: groups::expected(control_loop),
     });
-    blueprint::send(output, &Vec::from_iter(pages), &[], Play::Following)
+    blueprint::send(output, &Vec::from_iter(pages), &[], PlayState::Following)
 }
 
 /// Logs a loop; returns its page of the layout, and the time of its end.

@@ -27,27 +27,19 @@ use plan::ControlLoop;
 
 type Result<T> = std::result::Result<T, RerunError>;
 
-/// State of the viewer's time at the start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Play {
-    /// The time is paused.
-    Paused,
-    /// The time follows the run.
-    Following,
-}
-
 /// Page of a loop in the layout.
 pub(crate) struct Page<'a> {
     pub(super) control_loop: &'a ControlLoop,
     pub(super) groups: BTreeSet<&'a str>,
 }
 
-/// Sends the layout: with several loops each has a tab, after the tabs of contours.
+/// Sends the layout: with several loops each has a tab, after the tabs of contours. `play` is the state of the viewer's time at
+/// the start.
 pub(super) fn send(
     output: &mut dyn Output,
     pages: &[Page<'_>],
     planes: &[Plane],
-    play: Play,
+    play: PlayState,
 ) -> Result<()> {
     let store = StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout");
     output.send_message(begin(store.clone()))?;
@@ -79,7 +71,7 @@ struct Layout<'a> {
     store: StoreId,
     /// Folder of the loop; empty if there is only one.
     folder: &'a str,
-    play: Play,
+    play: PlayState,
     places: u8,
 }
 
@@ -266,10 +258,7 @@ impl<'a> Layout<'a> {
         let time_panel = TimePanelBlueprint::new()
             .with_state(PanelState::Collapsed)
             .with_timeline(TimelineName(RUN_TIME.into()))
-            .with_play_state(match self.play {
-                Play::Paused => PlayState::Paused,
-                Play::Following => PlayState::Following,
-            });
+            .with_play_state(self.play);
         self.log("time_panel", &time_panel)
     }
 

@@ -1,6 +1,5 @@
 //! The thread that shows a run in a viewer, on which it may hang.
 
-use dbc::SignalMissing;
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
@@ -8,7 +7,7 @@ use platform::clock::sleep;
 use platform::scheduling;
 use re_sdk::log::ChunkBatcherConfig;
 use re_sdk::sink::SinkFlushError;
-use re_sdk::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use re_sdk::{RecordingStream, RecordingStreamBuilder};
 use rtrb::Consumer;
 
 use super::{Show, ViewerAddress};
@@ -26,19 +25,6 @@ const PIECE_PERIOD: Duration = Duration::from_millis(100);
 const PIECE_FRAMES_MAX: usize = 20_000;
 /// Longest single wait for the viewer, after which its presence is checked.
 const FLUSH_PATIENCE: Duration = Duration::from_secs(1);
-
-/// Reason why a viewer no longer shows the run.
-#[derive(Debug, thiserror::Error)]
-enum LiveError {
-    #[error(transparent)]
-    Connection(#[from] RecordingStreamError),
-    #[error(transparent)]
-    Recording(#[from] RerunError),
-    #[error(transparent)]
-    Signal(#[from] SignalMissing),
-    #[error("it does not answer any more")]
-    Gone,
-}
 
 impl Show {
     /// Begins to show a run, whose frames go into the queue.
@@ -75,7 +61,7 @@ impl Show {
 }
 
 /// Connects to a viewer. Each run is a separate recording, also if it is played twice.
-fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
+fn connect(url: &str, name: &str) -> Result<RecordingStream, RerunError> {
     let stream = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
         .recording_name(name)
@@ -102,7 +88,7 @@ impl<'o, 'a: 'o> Shown<'o, 'a> {
         output: &'o mut RecordingStream,
         shared: &Shared,
         control_loop: &'a ControlLoop,
-    ) -> Result<Self, LiveError> {
+    ) -> Result<Self, RerunError> {
         Ok(Self {
             trial: &control_loop.trial,
             reader: TimelineReader::new(shared, control_loop)?,
@@ -117,13 +103,13 @@ impl<'o, 'a: 'o> Shown<'o, 'a> {
     }
 
     /// Logs the frames since the last time.
-    fn log(&mut self, is_last: bool) -> Result<(), LiveError> {
+    fn log(&mut self, is_last: bool) -> Result<(), RerunError> {
         let piece = if is_last {
             self.reader.take_rest(self.trial)?
         } else {
             self.reader.take_piece(self.trial)?
         };
-        Ok(self.recording.log(&piece, &mut self.bus)?)
+        self.recording.log(&piece, &mut self.bus)
     }
 }
 
@@ -133,7 +119,7 @@ fn follow(
     plan: &Plan,
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
-) -> Result<(), LiveError> {
+) -> Result<(), RerunError> {
     // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let mut shown = outputs
@@ -170,12 +156,12 @@ fn follow(
 }
 
 /// Waits until the viewer has everything: no more than one piece is ever on the way, however slow or paused the viewer is.
-fn flush(stream: &RecordingStream) -> Result<(), LiveError> {
+fn flush(stream: &RecordingStream) -> Result<(), RerunError> {
     loop {
         match stream.flush_with_timeout(FLUSH_PATIENCE) {
             Ok(()) => return Ok(()),
             Err(SinkFlushError::Timeout) => {}
-            Err(_) => return Err(LiveError::Gone),
+            Err(_) => return Err("it does not answer any more".into()),
         }
     }
 }
