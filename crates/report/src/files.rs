@@ -1,41 +1,22 @@
 //! The files of a judged run.
 
+use std::error::Error;
+use std::fmt::Display;
 use std::fs;
-use std::path::PathBuf;
 use std::thread;
-
-use dbc::SignalMissing;
 
 use crate::run::Run;
 use crate::{csv, html, junit};
-use recording::run_folder::{RunFolder, WriteError, file};
+use recording::run_folder::{RunFolder, file};
 
-/// Reason why the files of a run are not complete.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// A file cannot be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// The database lacks a signal.
-    #[error(transparent)]
-    Signal(#[from] SignalMissing),
-    /// A report cannot be made.
-    #[error("{} cannot be made: {reason}", path.display())]
-    Made {
-        /// Path of the report.
-        path: PathBuf,
-        /// Reason for the failure.
-        reason: String,
-    },
-}
+/// Reason why the files of a run are not complete: a file that cannot be written, a signal that the database lacks, or an error of a
+/// format's library.
+pub type ReportError = Box<dyn Error + Send + Sync>;
 
-impl ReportError {
-    fn made(folder: &RunFolder, name: &str, error: &dyn std::error::Error) -> Self {
-        Self::Made {
-            path: folder.path().join(name),
-            reason: error.to_string(),
-        }
-    }
+/// Returns the error of a report that cannot be made.
+fn not_made(folder: &RunFolder, name: &str, reason: impl Display) -> ReportError {
+    let path = folder.path().join(name);
+    format!("{} cannot be made: {reason}", path.display()).into()
 }
 
 /// Writes the files of a judged run, except for the signals of a long one. The recording takes as long as all other files, which
@@ -54,7 +35,7 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
         recorded.map(|()| page)
     })?;
     let junit = junit::to_xml(std::slice::from_ref(run.verdict))
-        .map_err(|error| ReportError::made(folder, file::JUNIT, &error))?;
+        .map_err(|error| not_made(folder, file::JUNIT, error))?;
     let said = folder
         .write(file::REPORT, page.as_bytes())
         .and_then(|()| folder.write(file::JUNIT, junit.as_bytes()))
@@ -79,7 +60,7 @@ fn write_table_and_make_page(run: &Run<'_>, folder: &RunFolder) -> Result<String
 #[cfg(feature = "rerun")]
 fn write_recording(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     let path = folder.path().join(file::RERUN);
-    crate::rerun::write(&path, run).map_err(|error| ReportError::made(folder, file::RERUN, &*error))
+    crate::rerun::write(&path, run).map_err(|error| not_made(folder, file::RERUN, error))
 }
 
 #[cfg(not(feature = "rerun"))]

@@ -17,7 +17,6 @@ mod run_log;
 mod tests;
 mod times;
 
-use std::error::Error;
 use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
@@ -25,7 +24,7 @@ use std::path::Path;
 use re_sdk::{EntityPath, RecordingInfo, StoreId, StoreKind};
 use re_sdk_types::blueprint::components::PlayState;
 
-use super::Run;
+use super::{ReportError, Run};
 use crate::run::RunLoop;
 
 use plan::Plan;
@@ -33,7 +32,6 @@ use platform::series::Series;
 use recording::run_folder::replace;
 
 use blueprint::Page;
-pub(crate) use bus::BusReader;
 use file::RecordingFile;
 use output::{Output, send_static};
 pub(crate) use run_log::{Known, Recording, log_verdict};
@@ -49,18 +47,15 @@ const POINTS_MAX: usize = 20_000;
 /// Name of the application, for which the viewer keeps one layout.
 pub(crate) const APPLICATION: &str = "canrig";
 
-/// Reason why the recording cannot be written: an error of the SDK or of the disk, or a signal that the database lacks.
-pub type RerunError = Box<dyn Error + Send + Sync>;
-
 /// Writes the recording as a whole: a reader sees no file or a complete one. With several loops each has a folder.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
+pub fn write(path: &Path, run: &Run<'_>) -> Result<(), ReportError> {
     replace(path, |file| write_to(file, run))
 }
 
-fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
+fn write_to(file: File, run: &Run<'_>) -> Result<(), ReportError> {
     let id = recording_id(run);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
     let mut file = RecordingFile::begin(file, store)?;
@@ -82,7 +77,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
 }
 
 /// Sends the layout of a run that has just begun, with all groups that may follow.
-pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), RerunError> {
+pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), ReportError> {
     let pages = plan.loops.iter().map(|control_loop| Page {
         control_loop,
         groups: groups::expected(control_loop),
@@ -95,9 +90,8 @@ fn log_loop<'a>(
     output: &mut dyn Output,
     run: &Run<'_>,
     one: &RunLoop<'a>,
-) -> Result<(Page<'a>, f64), RerunError> {
+) -> Result<(Page<'a>, f64), ReportError> {
     let (control_loop, timeline) = (one.control_loop, one.timeline);
-    let mut bus = BusReader::new(control_loop, run.is_long)?;
     let rows = timeline.cycle.len();
     let (known, piece_rows) = if run.is_long {
         let piece_rows = rows.div_ceil(PIECES_MAX).max(PIECE_ROWS_MIN);
@@ -116,8 +110,8 @@ fn log_loop<'a>(
             piece.end_seconds()
         };
         // The frames go up to the first one of a later cycle.
-        frames.find(|stamped| bus.observe(stamped) >= end_seconds);
-        recording.log(&piece, &mut bus)?;
+        frames.find(|stamped| recording.observe(stamped) >= end_seconds);
+        recording.log(&piece)?;
     }
     recording.end()
 }

@@ -21,11 +21,11 @@ use re_sdk_types::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
 use super::contour::Plane;
 use super::output::{Output, begin};
 use super::times::RUN_TIME;
-use super::{APPLICATION, RerunError, drawing, groups, hysteresis};
+use super::{APPLICATION, ReportError, drawing, groups, hysteresis};
 use crate::shown_unit;
 use plan::ControlLoop;
 
-type Result<T> = std::result::Result<T, RerunError>;
+type Result<T> = std::result::Result<T, ReportError>;
 
 /// Page of a loop in the layout.
 pub(crate) struct Page<'a> {

@@ -4,10 +4,11 @@ use dbc::SignalMissing;
 use std::mem;
 use std::time::Duration;
 
+use super::groups;
 use super::groups::line;
 use super::output::{Output, send_scalars, send_static};
 use super::times::{self, Moment};
-use super::{RerunError, groups};
+use crate::ReportError;
 use plan::ControlLoop;
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
@@ -51,7 +52,7 @@ struct Cycle {
 }
 
 /// Reader of the times and the load, cycle by cycle, from the stamps.
-pub(crate) struct BusReader {
+pub(super) struct BusReader {
     cycle: CycleReader,
     period: Duration,
     end: Duration,
@@ -72,7 +73,7 @@ impl BusReader {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub(crate) fn new(control_loop: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
+    pub(super) fn new(control_loop: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
         let trial = &control_loop.trial;
         let stretch_seconds = if is_thinned {
             stretch_seconds(trial)
@@ -96,7 +97,7 @@ impl BusReader {
     }
 
     /// Reads every frame of the bus, in order; returns the scenario time of its cycle.
-    pub(crate) fn observe(&mut self, stamped: &Stamped) -> f64 {
+    pub(super) fn observe(&mut self, stamped: &Stamped) -> f64 {
         let time = self.cycle.on_frame(stamped).filter(|time| *time < self.end);
         let Some(time) = time else {
             return self.now.seconds;
@@ -171,7 +172,7 @@ impl BusReader {
     }
 
     /// Logs the cycles and loads since the last time.
-    pub(super) fn log(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
+    pub(super) fn log(&mut self, output: &mut dyn Output) -> Result<(), ReportError> {
         let cycles = mem::take(&mut self.cycles);
         // Most cycles have a row of each timing, so the times are computed once.
         let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
@@ -210,7 +211,7 @@ fn first_from(seconds: f64) -> Duration {
 const LOAD: &str = "bus/load_percent";
 
 /// Logs names and colours.
-pub(super) fn log_styles(output: &mut dyn Output) -> Result<(), RerunError> {
+pub(super) fn log_styles(output: &mut dyn Output) -> Result<(), ReportError> {
     for (name, label, colour) in TIMING {
         send_static(
             output,

@@ -1,8 +1,6 @@
 //! Two loops in the plane, one over the other: the paths of their set-points and of their positions, and a point that moves with
 //! time.
 
-use std::mem;
-
 use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
 use scenario::contour::Contour;
@@ -10,7 +8,7 @@ use scenario::contour::Contour;
 use super::bus::stretch_seconds;
 use super::output::{Output, send_rows, send_static};
 use super::times;
-use super::{POINTS_MAX, RerunError, groups, thin};
+use super::{POINTS_MAX, ReportError, groups, thin};
 use crate::contour::{axes, window};
 use crate::plot::range::{NOTHING, extended};
 use crate::run::{Run, RunLoop};
@@ -32,7 +30,7 @@ pub(super) struct Plane {
 }
 
 /// Logs the contours of a scenario.
-pub(super) fn log(output: &mut dyn Output, run: &Run<'_>) -> Result<Vec<Plane>, RerunError> {
+pub(super) fn log(output: &mut dyn Output, run: &Run<'_>) -> Result<Vec<Plane>, ReportError> {
     let mut planes = Vec::new();
     for contour in &run.plan.shared.contours {
         for pair in axes(contour, run).array_windows() {
@@ -47,7 +45,7 @@ fn log_plane(
     contour: &Contour,
     axes: [RunLoop<'_>; 2],
     is_long: bool,
-) -> Result<Option<Plane>, RerunError> {
+) -> Result<Option<Plane>, ReportError> {
     let [x, y] = axes.map(|axis| axis.timeline);
     let [across, up] = axes.map(|axis| axis.control_loop.name());
     let pause_rows = if is_long {
@@ -60,7 +58,8 @@ fn log_plane(
     let now = format!("{group}/now");
     let mut wanted = Path::new(pause_rows);
     let mut measured = Path::new(pause_rows);
-    let mut moves = Path::new(pause_rows);
+    // Number of measured points that are logged already.
+    let mut logged = 0;
     let rows = window(contour, &axes);
     let series = |of: fn(&Timeline) -> &Series<f64>| {
         let [across, up] = [x, y].map(|axis| of(axis).range(rows.clone()));
@@ -71,13 +70,13 @@ fn log_plane(
     for (row, (set_points, positions)) in rows.clone().zip(samples) {
         wanted.add(row, set_points);
         measured.add(row, positions);
-        moves.add(row, positions);
+        if pause_rows > 0 && measured.points.len() > POINTS_MAX {
+            log_moves(output, &now, x, &measured.points[logged..])?;
+            thin(&mut measured.points);
+            logged = measured.points.len();
+        }
         if pause_rows > 0 {
             thin(&mut wanted.points);
-            thin(&mut measured.points);
-            if moves.points.len() > POINTS_MAX {
-                log_moves(output, &now, x, &mut moves)?;
-            }
         }
     }
     let points = wanted.points.iter().chain(&measured.points);
@@ -100,7 +99,7 @@ fn log_plane(
         .with_colors([groups::SKY])
         .with_radii([Radius::new_ui_points(5.0)]);
     send_static(output, now.as_str(), &look)?;
-    log_moves(output, &now, x, &mut moves)?;
+    log_moves(output, &now, x, &measured.points[logged..])?;
     Ok(Some(Plane {
         title: format!("{up} over {across} ({})", shown_unit(contour.unit.symbol())),
         group,
@@ -108,14 +107,13 @@ fn log_plane(
     }))
 }
 
-/// Logs the past positions of the point, and clears them.
+/// Logs positions of the point, each with its row.
 fn log_moves(
     output: &mut dyn Output,
     entity: &str,
     timeline: &Timeline,
-    moves: &mut Path,
-) -> Result<(), RerunError> {
-    let points = mem::take(&mut moves.points);
+    points: &[(usize, Point)],
+) -> Result<(), ReportError> {
     let rows = Vec::from_iter(points.iter().map(|(row, _)| *row));
     let places =
         Points2D::new(points.iter().map(|(_, point)| place(*point))).columns_of_unit_batches()?;

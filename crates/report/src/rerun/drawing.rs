@@ -10,7 +10,7 @@ use scenario::port::Unit;
 
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
-use super::{RerunError, groups};
+use super::{ReportError, groups};
 use recording::timeline::Timeline;
 
 /// Distance from the wire's cold end to the pulleys.
@@ -74,7 +74,7 @@ impl Drawing {
         output: &mut dyn Output,
         trial: &Trial,
         pause_seconds: f64,
-    ) -> Result<Option<Self>, RerunError> {
+    ) -> Result<Option<Self>, ReportError> {
         let Some(mut rig) = Self::new(trial) else {
             return Ok(None);
         };
@@ -122,13 +122,13 @@ impl Drawing {
         &mut self,
         output: &mut dyn Output,
         timeline: &Timeline,
-    ) -> Result<(), RerunError> {
+    ) -> Result<(), ReportError> {
         let poses = self.new_poses(timeline);
         let mut parts = poses.chunks(POSES_MAX);
         parts.try_for_each(|poses| self.log_poses(output, poses))
     }
 
-    fn log_poses(&self, output: &mut dyn Output, poses: &[Pose]) -> Result<(), RerunError> {
+    fn log_poses(&self, output: &mut dyn Output, poses: &[Pose]) -> Result<(), ReportError> {
         let times = times::columns(poses.iter().map(|pose| pose.moment));
         let mut send = |path: &str, columns: Vec<SerializedComponentColumn>| {
             send_rows(output, path, times.clone(), columns)

@@ -7,7 +7,7 @@ use re_sdk::StoreId;
 use re_sdk::external::re_log_encoding::{Encoder, EncodingOptions};
 use re_sdk::log::{Chunk, LogMsg};
 
-use super::RerunError;
+use super::ReportError;
 use super::output::{Output, begin};
 
 /// Writer of a recording to the disk. It does not compress: compression would halve the file, and would cost more than all other
@@ -19,7 +19,7 @@ pub(super) struct RecordingFile {
 
 impl RecordingFile {
     /// Begins a file with the id of its recording only.
-    pub(super) fn begin(file: File, store: StoreId) -> Result<Self, RerunError> {
+    pub(super) fn begin(file: File, store: StoreId) -> Result<Self, ReportError> {
         let file = BufWriter::new(file);
         let version = re_sdk::build_info().version;
         let options = EncodingOptions::PROTOBUF_UNCOMPRESSED;
@@ -29,19 +29,19 @@ impl RecordingFile {
     }
 
     /// Writes the table of contents, which is the end of the file.
-    pub(super) fn finish(mut self) -> Result<(), RerunError> {
+    pub(super) fn finish(mut self) -> Result<(), ReportError> {
         self.encoder.finish()?;
         Ok(self.encoder.flush_blocking()?)
     }
 }
 
 impl Output for RecordingFile {
-    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError> {
+    fn send(&mut self, chunk: Chunk) -> Result<(), ReportError> {
         let rows = chunk.to_arrow_msg()?;
         self.send_message(LogMsg::ArrowMsg(self.store.clone(), rows))
     }
 
-    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError> {
+    fn send_message(&mut self, message: LogMsg) -> Result<(), ReportError> {
         self.encoder.append(&message)?;
         Ok(())
     }

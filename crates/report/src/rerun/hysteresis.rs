@@ -8,7 +8,7 @@ use re_sdk_types::components::Radius;
 
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
-use super::{RerunError, groups, thin};
+use super::{ReportError, groups, thin};
 use crate::plot::range::{NOTHING, extended};
 use platform::series::Series;
 use recording::timeline::Timeline;
@@ -89,7 +89,7 @@ impl Hysteresis {
         &mut self,
         output: &mut dyn Output,
         timeline: &Timeline,
-    ) -> Result<(), RerunError> {
+    ) -> Result<(), ReportError> {
         let Some((temperature, fraction)) = signals(timeline) else {
             return Ok(());
         };
@@ -157,7 +157,7 @@ impl Hysteresis {
     }
 
     /// Draws the whole path, which stays while the point moves along it, unless it is drawn already.
-    pub(super) fn log_path(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
+    pub(super) fn log_path(&mut self, output: &mut dyn Output) -> Result<(), ReportError> {
         let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
             return Ok(());
         };
@@ -172,7 +172,7 @@ impl Hysteresis {
 }
 
 /// Logs the point that moves with time.
-fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(), RerunError> {
+fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(), ReportError> {
     if points.is_empty() {
         return Ok(());
     }
@@ -187,7 +187,7 @@ fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(
 }
 
 /// Logs the look of the point.
-pub(super) fn log_style(output: &mut dyn Output) -> Result<(), RerunError> {
+pub(super) fn log_style(output: &mut dyn Output) -> Result<(), ReportError> {
     let look = Points2D::update_fields()
         .with_colors([groups::ORANGE])
         .with_radii([Radius::new_ui_points(5.0)]);
@@ -273,7 +273,7 @@ impl Frame {
         Self::at(right, self.fraction.part(fraction))
     }
 
-    fn log(&self, output: &mut dyn Output) -> Result<(), RerunError> {
+    fn log(&self, output: &mut dyn Output) -> Result<(), ReportError> {
         let mut lines: Vec<[[f32; 2]; 2]> = Vec::new();
         let mut numbers: Vec<([f32; 2], String)> = Vec::new();
         for celsius in self.celsius.lines() {

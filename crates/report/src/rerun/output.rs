@@ -8,24 +8,24 @@ use re_sdk::{
 };
 use re_sdk_types::archetypes::Scalars;
 
-use super::{APPLICATION, RerunError};
+use super::{APPLICATION, ReportError};
 
 /// Output of a recording: a file or a viewer.
 pub(crate) trait Output {
     /// Writes rows of one entity of the recording.
-    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError>;
+    fn send(&mut self, chunk: Chunk) -> Result<(), ReportError>;
 
     /// Writes a message that does not belong to the recording itself.
-    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError>;
+    fn send_message(&mut self, message: LogMsg) -> Result<(), ReportError>;
 }
 
 impl Output for RecordingStream {
-    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError> {
+    fn send(&mut self, chunk: Chunk) -> Result<(), ReportError> {
         self.send_chunk(chunk);
         Ok(())
     }
 
-    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError> {
+    fn send_message(&mut self, message: LogMsg) -> Result<(), ReportError> {
         self.record_msg(message);
         Ok(())
     }
@@ -46,7 +46,7 @@ impl<'a> Folder<'a> {
 }
 
 impl Output for Folder<'_> {
-    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError> {
+    fn send(&mut self, chunk: Chunk) -> Result<(), ReportError> {
         let Some(name) = self.name else {
             return self.output.send(chunk);
         };
@@ -54,7 +54,7 @@ impl Output for Folder<'_> {
         self.output.send(chunk.clone_with_new_entity_path(path))
     }
 
-    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError> {
+    fn send_message(&mut self, message: LogMsg) -> Result<(), ReportError> {
         self.output.send_message(message)
     }
 }
@@ -74,7 +74,7 @@ pub(super) fn send_static(
     output: &mut dyn Output,
     path: impl Into<EntityPath>,
     what: &dyn AsComponents,
-) -> Result<(), RerunError> {
+) -> Result<(), ReportError> {
     let chunk = Chunk::builder(path).with_archetype_auto_row(TimePoint::default(), what);
     output.send(chunk.build()?)
 }
@@ -85,7 +85,7 @@ pub(super) fn send_scalars(
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     values: Vec<f64>,
-) -> Result<(), RerunError> {
+) -> Result<(), ReportError> {
     let columns = Scalars::new(values).columns_of_unit_batches()?;
     send_rows(output, path, times, columns)
 }
@@ -96,7 +96,7 @@ pub(super) fn send_rows(
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     columns: impl IntoIterator<Item = SerializedComponentColumn>,
-) -> Result<(), RerunError> {
+) -> Result<(), ReportError> {
     let times = times
         .map(|times| (*times.timeline().name(), times))
         .into_iter()

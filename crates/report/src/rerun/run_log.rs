@@ -12,7 +12,7 @@ use scenario::Trial;
 use scenario::disturbance::{Change, value_at};
 use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 
-use super::RerunError;
+use super::ReportError;
 use super::blueprint::Page;
 use super::bus::{self, BusReader, stretch_seconds};
 use super::drawing::Drawing;
@@ -27,6 +27,7 @@ use judge::verdict::{Outcome, Verdict};
 use plan::{ControlLoop, Plan};
 use platform::series::Series;
 use recording::events::{Event, Level};
+use recording::log::Stamped;
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 
@@ -50,6 +51,7 @@ pub(crate) struct Recording<'o, 'a> {
     control_loop: &'a ControlLoop,
     trial: &'a Trial,
     known: Known,
+    bus: BusReader,
     hysteresis: Hysteresis,
     /// Drawing of the rig; `None` if the plant is no SMA actuator.
     drawing: Option<Drawing>,
@@ -70,7 +72,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         output: &'o mut dyn Output,
         control_loop: &'a ControlLoop,
         known: Known,
-    ) -> Result<Self, RerunError> {
+    ) -> Result<Self, ReportError> {
         let mut output = Folder::for_loop(output, control_loop);
         bus::log_styles(&mut output)?;
         hysteresis::log_style(&mut output)?;
@@ -85,6 +87,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             control_loop,
             trial,
             known,
+            bus: BusReader::new(control_loop, known == Known::Thinned)?,
             drawing,
             hysteresis: Hysteresis::new(pause_seconds),
             used: BTreeSet::new(),
@@ -95,11 +98,13 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         })
     }
 
-    pub(crate) fn log(
-        &mut self,
-        timeline: &Timeline,
-        bus: &mut BusReader,
-    ) -> Result<(), RerunError> {
+    /// Reads every frame of the bus, in order; returns the scenario time of its cycle.
+    pub(crate) fn observe(&mut self, stamped: &Stamped) -> f64 {
+        self.bus.observe(stamped)
+    }
+
+    /// Logs the next piece of the run, with the frames since the last one.
+    pub(crate) fn log(&mut self, timeline: &Timeline) -> Result<(), ReportError> {
         self.log_signals(timeline)?;
         self.hysteresis.log(&mut self.output, timeline)?;
         if let Some(drawing) = &mut self.drawing {
@@ -113,11 +118,11 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             .map_or(0.0, |event| event.time_seconds);
         let end_seconds = timeline.end_seconds().max(last_event);
         self.end_seconds = self.end_seconds.max(end_seconds);
-        bus.log(&mut self.output)
+        self.bus.log(&mut self.output)
     }
 
     /// Ends a loop; returns its page of the layout, and the time of its end.
-    pub(crate) fn end(mut self) -> Result<(Page<'a>, f64), RerunError> {
+    pub(crate) fn end(mut self) -> Result<(Page<'a>, f64), ReportError> {
         self.hysteresis.log_path(&mut self.output)?;
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
@@ -130,7 +135,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
     }
 
     /// Logs set-point, error, disturbances and all signals of the bus.
-    fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
+    fn log_signals(&mut self, timeline: &Timeline) -> Result<(), ReportError> {
         let samples = timeline.set_point.iter().zip(timeline.position());
         let error: Series<f64> = samples
             .map(|(set_point, position)| set_point - position)
@@ -188,7 +193,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         rows: &Rows,
         values: &Series<f64>,
         times: [TimeColumn; 2],
-    ) -> Result<(), RerunError> {
+    ) -> Result<(), ReportError> {
         let path = format!("{}/{name}", style.group);
         self.groups.insert(style.group);
         if !self.styled.contains(&path) {
@@ -205,7 +210,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
     }
 
     /// Logs the band in which each judged step must settle, as far as the piece reaches.
-    fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
+    fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), ReportError> {
         let Some(begin) = timeline.time_seconds.first() else {
             return Ok(());
         };
@@ -242,7 +247,7 @@ pub(crate) fn log_verdict(
     plan: &Plan,
     verdict: &Verdict,
     end_seconds: f64,
-) -> Result<(), RerunError> {
+) -> Result<(), ReportError> {
     let page = TextDocument::from_markdown(page(verdict));
     send_static(output, "verdict", &page)?;
     let level = match verdict.outcome {
@@ -268,7 +273,7 @@ fn log_events(
     output: &mut dyn Output,
     period_seconds: f64,
     events: &[Occurrence<Event>],
-) -> Result<(), RerunError> {
+) -> Result<(), ReportError> {
     if events.is_empty() {
         return Ok(());
     }

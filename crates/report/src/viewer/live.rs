@@ -11,7 +11,8 @@ use re_sdk::{RecordingStream, RecordingStreamBuilder};
 use rtrb::Consumer;
 
 use super::{Show, ViewerAddress};
-use crate::rerun::{self, APPLICATION, BusReader, Known, Recording, RerunError};
+use crate::ReportError;
+use crate::rerun::{self, APPLICATION, Known, Recording};
 use judge::verdict::Verdict;
 use plan::{ControlLoop, Plan, Shared};
 use recording::frame_queue::{FrameQueue, WhenFull};
@@ -61,7 +62,7 @@ impl Show {
 }
 
 /// Connects to a viewer. Each run is a separate recording, also if it is played twice.
-fn connect(url: &str, name: &str) -> Result<RecordingStream, RerunError> {
+fn connect(url: &str, name: &str) -> Result<RecordingStream, ReportError> {
     let stream = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
         .recording_name(name)
@@ -79,7 +80,6 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, RerunError> {
 struct Shown<'o, 'a> {
     trial: &'a Trial,
     reader: TimelineReader,
-    bus: BusReader,
     recording: Recording<'o, 'a>,
 }
 
@@ -88,28 +88,27 @@ impl<'o, 'a: 'o> Shown<'o, 'a> {
         output: &'o mut RecordingStream,
         shared: &Shared,
         control_loop: &'a ControlLoop,
-    ) -> Result<Self, RerunError> {
+    ) -> Result<Self, ReportError> {
         Ok(Self {
             trial: &control_loop.trial,
             reader: TimelineReader::new(shared, control_loop)?,
-            bus: BusReader::new(control_loop, false)?,
             recording: Recording::begin(output, control_loop, Known::SoFar)?,
         })
     }
 
     fn observe(&mut self, stamped: &Stamped) {
         self.reader.on_frame(stamped);
-        self.bus.observe(stamped);
+        self.recording.observe(stamped);
     }
 
     /// Logs the frames since the last time.
-    fn log(&mut self, is_last: bool) -> Result<(), RerunError> {
+    fn log(&mut self, is_last: bool) -> Result<(), ReportError> {
         let piece = if is_last {
             self.reader.take_rest(self.trial)?
         } else {
             self.reader.take_piece(self.trial)?
         };
-        self.recording.log(&piece, &mut self.bus)
+        self.recording.log(&piece)
     }
 }
 
@@ -119,7 +118,7 @@ fn follow(
     plan: &Plan,
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
-) -> Result<(), RerunError> {
+) -> Result<(), ReportError> {
     // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let mut shown = outputs
@@ -156,7 +155,7 @@ fn follow(
 }
 
 /// Waits until the viewer has everything: no more than one piece is ever on the way, however slow or paused the viewer is.
-fn flush(stream: &RecordingStream) -> Result<(), RerunError> {
+fn flush(stream: &RecordingStream) -> Result<(), ReportError> {
     loop {
         match stream.flush_with_timeout(FLUSH_PATIENCE) {
             Ok(()) => return Ok(()),
