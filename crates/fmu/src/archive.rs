@@ -44,7 +44,7 @@ impl Archive {
     /// # Errors
     /// The file cannot be read, is no acceptable zip file, or its description is invalid.
     pub fn open(file: &Path) -> Result<Self, FmuError> {
-        let read = opened(file).and_then(|mut zip| read_from(&mut zip));
+        let read = opened(file).and_then(read);
         let (description, platforms) = read.map_err(|fault| fault.of(file))?;
         Ok(Self {
             file: file.to_owned(),
@@ -81,7 +81,7 @@ impl Archive {
             self.runs_here()?;
             let folder = Folder::new().map_err(|source| at("a folder to unpack it to", source))?;
             let platform = self.description.version.platform();
-            unpack(&mut opened(&self.file)?, folder.path(), platform)?;
+            unpack_to(opened(&self.file)?, folder.path(), platform)?;
             Ok(folder)
         };
         let folder = unpacked().map_err(|fault: Fault| fault.of(&self.file))?;
@@ -104,7 +104,20 @@ impl Unpacked {
 /// # Errors
 /// The file is no acceptable zip file, or its description is invalid.
 pub fn read(bytes: impl Read + io::Seek) -> Result<(Description, Vec<String>), Fault> {
-    read_from(&mut open_zip(bytes)?)
+    let mut zip = open_zip(bytes)?;
+    let names = zip.file_names().filter_map(|name| {
+        let name = name.ok()?;
+        let (platform, library) = name.strip_prefix("binaries/")?.split_once('/')?;
+        (!library.is_empty()).then(|| platform.to_owned())
+    });
+    let mut platforms = Vec::from_iter(names);
+    platforms.sort();
+    platforms.dedup();
+    let entry = zip.by_name(DESCRIPTION).map_err(|error| {
+        Fault::Invalid(format!("it has no {DESCRIPTION} that can be read: {error}"))
+    })?;
+    let description = Description::parse(&limited_text(entry)?)?;
+    Ok((description, platforms))
 }
 
 /// Unpacks everything that a library of FMI 2.0 on `platform` needs, as [`Archive::unpack`] does.
@@ -112,7 +125,41 @@ pub fn read(bytes: impl Read + io::Seek) -> Result<(Description, Vec<String>), F
 /// # Errors
 /// The file is no acceptable zip file, or the folder cannot be written.
 pub fn unpack_to(bytes: impl Read + io::Seek, folder: &Path, platform: &str) -> Result<(), Fault> {
-    unpack(&mut open_zip(bytes)?, folder, platform)
+    let mut zip = open_zip(bytes)?;
+    let binaries = Path::new("binaries").join(platform);
+    let mut left = UNPACKED_BYTES_MAX;
+    // FMI 2.0 gets the path of this folder even if it is empty.
+    fs::create_dir_all(folder.join("resources")).map_err(|source| at("resources", source))?;
+    for index in 0..zip.len() {
+        let mut entry = entry(&mut zip, index)?;
+        let Some(path) = safe_path(&entry) else {
+            continue;
+        };
+        let is_needed = path == Path::new(DESCRIPTION)
+            || path.starts_with("resources")
+            || path.starts_with(&binaries);
+        if !is_needed {
+            continue;
+        }
+        let target = folder.join(&path);
+        let at_path = |source| at(&path.display().to_string(), source);
+        if entry.is_dir() {
+            fs::create_dir_all(&target).map_err(at_path)?;
+            continue;
+        }
+        if let Some(parent) = target.parent() {
+            fs::create_dir_all(parent).map_err(at_path)?;
+        }
+        let mut output = File::create(&target).map_err(at_path)?;
+        let written = io::copy(&mut (&mut entry).take(left), &mut output).map_err(at_path)?;
+        left -= written;
+        if left == 0 {
+            return Err(Fault::Invalid(format!(
+                "it unpacks to more than {UNPACKED_BYTES_MAX} bytes"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Reads the description of an unpacked FMU.
@@ -129,7 +176,7 @@ fn at(place: &str, source: io::Error) -> Fault {
     }
 }
 
-fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
+fn opened(path: &Path) -> Result<File, Fault> {
     let unread = |source| at("cannot be opened", source);
     // Opening a pipe would wait for its other end.
     let metadata = path.metadata().map_err(unread)?;
@@ -143,7 +190,7 @@ fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
             metadata.len()
         )));
     }
-    open_zip(file)
+    Ok(file)
 }
 
 /// Opens a zip file, and checks that its entries stay in their folder and are not too many or too large.
@@ -159,15 +206,15 @@ fn open_zip<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
     let mut bytes_in_all = 0_u64;
     for index in 0..zip.len() {
         let entry = entry(&mut zip, index)?;
-        if safe_path(&entry).is_none() {
+        let is_safe = safe_path(&entry).is_some();
+        if !is_safe || entry.is_symlink() {
             let name = String::from_utf8_lossy(entry.name_raw());
-            return Err(Fault::Invalid(format!(
-                "its entry {name:?} leads out of its folder"
-            )));
-        }
-        if entry.is_symlink() {
-            let name = String::from_utf8_lossy(entry.name_raw());
-            return Err(Fault::Invalid(format!("its entry {name:?} is a link")));
+            let problem = if is_safe {
+                "is a link"
+            } else {
+                "leads out of its folder"
+            };
+            return Err(Fault::Invalid(format!("its entry {name:?} {problem}")));
         }
         bytes_in_all = bytes_in_all.saturating_add(entry.size());
     }
@@ -198,24 +245,6 @@ fn safe_path<R: Read>(entry: &ZipFile<'_, R>) -> Option<PathBuf> {
     path.components().all(stays).then(|| path.to_owned())
 }
 
-fn read_from<R: Read + io::Seek>(
-    zip: &mut ZipArchive<R>,
-) -> Result<(Description, Vec<String>), Fault> {
-    let names = zip.file_names().filter_map(|name| {
-        let name = name.ok()?;
-        let (platform, library) = name.strip_prefix("binaries/")?.split_once('/')?;
-        (!library.is_empty()).then(|| platform.to_owned())
-    });
-    let mut platforms = Vec::from_iter(names);
-    platforms.sort();
-    platforms.dedup();
-    let entry = zip.by_name(DESCRIPTION).map_err(|error| {
-        Fault::Invalid(format!("it has no {DESCRIPTION} that can be read: {error}"))
-    })?;
-    let description = Description::parse(&limited_text(entry)?)?;
-    Ok((description, platforms))
-}
-
 /// Reads the text of a description. The limit does not rely on the length that the zip file states.
 fn limited_text(bytes: impl Read) -> Result<String, Fault> {
     let mut text = Vec::new();
@@ -227,48 +256,6 @@ fn limited_text(bytes: impl Read) -> Result<String, Fault> {
         return Err(Fault::xml(format!("it has more than {BYTES_MAX} bytes")));
     }
     String::from_utf8(text).map_err(|_| Fault::xml("it is not text in UTF-8"))
-}
-
-/// Unpacks the description, the resources and the libraries of one platform.
-fn unpack<R: Read + io::Seek>(
-    zip: &mut ZipArchive<R>,
-    folder: &Path,
-    platform: &str,
-) -> Result<(), Fault> {
-    let binaries = Path::new("binaries").join(platform);
-    let mut left = UNPACKED_BYTES_MAX;
-    // FMI 2.0 gets the path of this folder even if it is empty.
-    fs::create_dir_all(folder.join("resources")).map_err(|source| at("resources", source))?;
-    for index in 0..zip.len() {
-        let mut entry = entry(zip, index)?;
-        let Some(path) = safe_path(&entry) else {
-            continue;
-        };
-        let is_needed = path == Path::new(DESCRIPTION)
-            || path.starts_with("resources")
-            || path.starts_with(&binaries);
-        if !is_needed {
-            continue;
-        }
-        let target = folder.join(&path);
-        let at_path = |source| at(&path.display().to_string(), source);
-        if entry.is_dir() {
-            fs::create_dir_all(&target).map_err(at_path)?;
-            continue;
-        }
-        if let Some(parent) = target.parent() {
-            fs::create_dir_all(parent).map_err(at_path)?;
-        }
-        let mut output = File::create(&target).map_err(at_path)?;
-        let written = io::copy(&mut (&mut entry).take(left), &mut output).map_err(at_path)?;
-        left -= written;
-        if left == 0 {
-            return Err(Fault::Invalid(format!(
-                "it unpacks to more than {UNPACKED_BYTES_MAX} bytes"
-            )));
-        }
-    }
-    Ok(())
 }
 
 /// Finds the library of an unpacked FMU.

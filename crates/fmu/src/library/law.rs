@@ -65,29 +65,8 @@ pub struct LawSetup {
     pub period_seconds: f64,
 }
 
-/// Texts for C, and the pointers to them.
-struct Names {
-    _texts: Vec<CString>,
-    pointers: Vec<*const c_char>,
-}
-
-impl Names {
-    fn of<'a>(names: impl IntoIterator<Item = &'a String>) -> Result<Self, Fault> {
-        let texts = names
-            .into_iter()
-            .map(|name| text(name))
-            .collect::<Result<Vec<_>, _>>()?;
-        let pointers = texts.iter().map(|text| text.as_ptr()).collect();
-        Ok(Self {
-            _texts: texts,
-            pointers,
-        })
-    }
-
-    fn count(&self) -> Result<u32, Fault> {
-        let count = u32::try_from(self.pointers.len());
-        count.map_err(|error| Fault::Invalid(error.to_string()))
-    }
+fn texts<'a>(names: impl IntoIterator<Item = &'a String>) -> Result<Vec<CString>, Fault> {
+    names.into_iter().map(|name| text(name)).collect()
 }
 
 /// A law of a library, with its memory. It runs foreign code, so only a worker process may load it.
@@ -100,7 +79,8 @@ pub struct LawLibrary {
     reads: usize,
     // The setup that the law was given stays in place, and the library is closed last.
     _setup: Box<SetupInC>,
-    _names: [Names; 4],
+    _texts: [Vec<CString>; 4],
+    _names: [Vec<*const c_char>; 4],
     _numbers: [Vec<f64>; 3],
     _library: Library,
 }
@@ -124,12 +104,20 @@ impl LawLibrary {
             let whole = || value.as_integer().map(|whole| whole as f64);
             Some((name, value.as_float().or_else(whole)?))
         });
-        let names = [
-            Names::of(&setup.reads)?,
-            Names::of(&setup.writes)?,
-            Names::of(&setup.terms)?,
-            Names::of(parameters.clone().map(|(name, _)| name))?,
+        let texts = [
+            texts(&setup.reads)?,
+            texts(&setup.writes)?,
+            texts(&setup.terms)?,
+            texts(parameters.clone().map(|(name, _)| name))?,
         ];
+        let names = texts.each_ref().map(|texts| {
+            let pointers = texts.iter().map(|text| text.as_ptr());
+            Vec::from_iter(pointers)
+        });
+        let count = |place: usize| {
+            let count = u32::try_from(texts[place].len());
+            count.map_err(|error| Fault::Invalid(error.to_string()))
+        };
         let ranges = setup.ranges.iter();
         let numbers = [
             parameters.map(|(_, value)| value).collect(),
@@ -138,15 +126,15 @@ impl LawLibrary {
         ];
         let given = Box::new(SetupInC {
             version: 1,
-            reads_count: names[0].count()?,
-            writes_count: names[1].count()?,
-            terms_count: names[2].count()?,
-            parameters_count: names[3].count()?,
+            reads_count: count(0)?,
+            writes_count: count(1)?,
+            terms_count: count(2)?,
+            parameters_count: count(3)?,
             reserved: 0,
-            reads: names[0].pointers.as_ptr(),
-            writes: names[1].pointers.as_ptr(),
-            terms: names[2].pointers.as_ptr(),
-            parameters: names[3].pointers.as_ptr(),
+            reads: names[0].as_ptr(),
+            writes: names[1].as_ptr(),
+            terms: names[2].as_ptr(),
+            parameters: names[3].as_ptr(),
             parameter_values: numbers[0].as_ptr(),
             mins: numbers[1].as_ptr(),
             maxs: numbers[2].as_ptr(),
@@ -178,6 +166,7 @@ impl LawLibrary {
             writes: setup.writes.len(),
             terms: setup.terms.len(),
             _setup: given,
+            _texts: texts,
             _names: names,
             _numbers: numbers,
             _library: library,

@@ -95,8 +95,8 @@ type SetText = dyn Fn(Component, u32, &CStr) -> Status;
 
 /// An instance.
 pub(super) struct Loaded {
+    /// The instance in the library; null before there is one, and when it is lost.
     component: Component,
-    is_alive: bool,
     free_instance: unsafe extern "C" fn(Component),
     /// Functions that take no values, with their names.
     plain: Vec<(&'static str, Plain)>,
@@ -123,7 +123,6 @@ impl Loaded {
             let set = function::<V::Set<*const c_char>>(&library, &named("SetString")).ok();
             Ok(Self {
                 component: null_mut(),
-                is_alive: false,
                 free_instance: function(&library, &named("FreeInstance"))?,
                 plain: names
                     .map(|name| Ok((*name, function(&library, &named(name))?)))
@@ -143,14 +142,17 @@ impl Loaded {
     }
 
     /// Adds the instance, which `function` returned.
-    pub(super) fn with(self, component: Component, function: &'static str) -> Result<Self, Fault> {
+    pub(super) fn with(
+        mut self,
+        component: Component,
+        function: &'static str,
+    ) -> Result<Self, Fault> {
+        self.component = component;
         if component.is_null() {
             let log = self.log.take();
             return Err(Fault::call(function, "made no instance", None, &log));
         }
-        let mut loaded = self;
-        (loaded.component, loaded.is_alive) = (component, true);
-        Ok(loaded)
+        Ok(self)
     }
 
     fn numbers(&self, kind: Kind) -> Option<&Numbers> {
@@ -209,13 +211,13 @@ impl Slave for Loaded {
     }
 
     fn forsake(&mut self) {
-        self.is_alive = false;
+        self.component = null_mut();
     }
 }
 
 impl Drop for Loaded {
     fn drop(&mut self) {
-        if self.is_alive {
+        if !self.component.is_null() {
             // SAFETY: a component that lives, for the last time.
             unsafe { (self.free_instance)(self.component) };
         }

@@ -18,7 +18,7 @@ use std::path::Path;
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::archive::{library_in, resources_in};
-use crate::description::{CoSimulation, Description, Kind, Version};
+use crate::description::{Description, Kind, Version};
 use crate::error::Fault;
 
 /// Status that a function returned, by its number in FMI.
@@ -68,7 +68,7 @@ pub(crate) struct Updated {
     pub(crate) next_event_seconds: Option<f64>,
 }
 
-/// One instance of an FMU for co-simulation. Functions of events are called only if [`CoSimulation::has_event_mode`].
+/// One instance of an FMU for co-simulation. Functions of events are called only if [`crate::description::CoSimulation::has_event_mode`].
 pub(crate) trait Slave {
     /// Sets a number; `value` is within the range of its kind.
     fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status;
@@ -93,23 +93,16 @@ pub(crate) fn instantiate(
 ) -> Result<Box<dyn Slave>, Fault> {
     let co_simulation = description.served()?;
     let library = open(&library_in(folder, description)?)?;
-    let made = Made {
-        co_simulation,
-        token: text(&description.token)?,
-        resources: text(&resources_in(folder, description.version))?,
-    };
+    let token = text(&description.token)?;
+    let resources = text(&resources_in(folder, description.version))?;
     let instance = match description.version {
-        Version::Two => two::instance(library, name, &made)?,
-        Version::Three => three::instance(library, name, &made)?,
+        Version::Two => two::instance(library, name, &token, &resources)?,
+        Version::Three => {
+            let has_events = co_simulation.has_event_mode;
+            three::instance(library, name, &token, &resources, has_events)?
+        }
     };
     Ok(Box::new(instance))
-}
-
-/// Arguments for the creation of an instance.
-struct Made<'a> {
-    co_simulation: &'a CoSimulation,
-    token: CString,
-    resources: CString,
 }
 
 /// Returns a text for C.

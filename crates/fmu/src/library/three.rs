@@ -7,7 +7,7 @@ use libloading::os::unix::Library;
 
 use super::loaded::{Calls, Component, Family, Loaded, Numbers, Step, Update};
 use super::log::Log;
-use super::{Made, Status, Stepped, Updated, function, nearest_float, whole};
+use super::{Status, Stepped, Updated, function, nearest_float, whole};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -70,8 +70,13 @@ impl Family for Three {
 }
 
 /// Makes an instance in a library.
-pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result<Loaded, Fault> {
-    let has_events = made.co_simulation.has_event_mode;
+pub(super) fn instance(
+    library: Library,
+    name: &CStr,
+    token: &CStr,
+    resources: &CStr,
+    has_events: bool,
+) -> Result<Loaded, Fault> {
     // SAFETY: the types are those of FMI 3.0, and the library lives as long as the instance, as the log does. All texts live
     // through the call.
     unsafe {
@@ -89,8 +94,8 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
         let instantiate: Instantiate = function(&loaded.library, INSTANTIATE)?;
         let component = instantiate(
             name.as_ptr(),
-            made.token.as_ptr(),
-            made.resources.as_ptr(),
+            token.as_ptr(),
+            resources.as_ptr(),
             false,
             true,
             has_events,

@@ -6,7 +6,7 @@ use libloading::os::unix::Library;
 
 use super::loaded::{Calls, Component, Family, Loaded, Numbers, Plain, Step};
 use super::log::Log;
-use super::{Made, Status, Stepped, function, whole};
+use super::{Status, Stepped, function, whole};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -104,7 +104,12 @@ impl Family for Two {
 }
 
 /// Makes an instance in a library.
-pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result<Loaded, Fault> {
+pub(super) fn instance(
+    library: Library,
+    name: &CStr,
+    token: &CStr,
+    resources: &CStr,
+) -> Result<Loaded, Fault> {
     // SAFETY: the types are those of FMI 2.0, and the library lives as long as the instance, as callbacks and log do. All texts
     // live through the call.
     unsafe {
@@ -138,8 +143,8 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
         let component = instantiate(
             name.as_ptr(),
             CO_SIMULATION,
-            made.token.as_ptr(),
-            made.resources.as_ptr(),
+            token.as_ptr(),
+            resources.as_ptr(),
             &raw const *callbacks,
             0,
             1,
