@@ -174,9 +174,7 @@ pub(crate) enum Command {
     /// The process that alone loads an FMU; runs start it
     #[command(hide = true)]
     FmuWorker {
-        /// The FMU
-        file: PathBuf,
-        /// Folder of its files
+        /// Folder of the FMU's files
         folder: PathBuf,
     },
     /// The process that starts, keeps and ends the program of a law; runs start it
@@ -250,8 +248,8 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Monitor(args) => monitor(args),
         Command::Eds(args) => eds(&args),
         Command::Fmu(args) => fmu(&args),
-        Command::FmuWorker { file, folder } => {
-            fmu_worker::serve(&file, &folder).map_or(Exit::BenchFailed, |()| Exit::Pass)
+        Command::FmuWorker { folder } => {
+            fmu_worker::serve(&folder).map_or(Exit::BenchFailed, |()| Exit::Pass)
         }
         Command::LawWorker { file, folder } => match law_worker::serve(&file, folder.as_deref()) {
             Ok(()) => Exit::Pass,

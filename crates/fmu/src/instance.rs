@@ -1,12 +1,12 @@
 //! An FMU that plays: from its start values through its initialization, step by step to its end.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::archive::description_in;
 use crate::description::Variable;
-use crate::error::{Fault, FmuError, said};
+use crate::error::{Fault, said};
 use crate::library::{self, Slave, Status, text};
 
 /// Largest number of halvings of a step that the FMU refuses.
@@ -46,7 +46,6 @@ pub enum StartValue {
 
 /// One instance of an FMU at its time. An advance neither allocates nor looks anything up.
 pub struct Instance {
-    file: PathBuf,
     slave: Box<dyn Slave>,
     inputs: Vec<Variable>,
     outputs: Vec<Variable>,
@@ -78,16 +77,8 @@ impl Instance {
     /// call it.
     ///
     /// # Errors
-    /// The FMU cannot be loaded, or does not accept the configuration; `file` is its name in the error.
-    pub fn new(
-        folder: &Path,
-        file: &Path,
-        configuration: &Configuration,
-    ) -> Result<Self, FmuError> {
-        Self::loaded(folder, file, configuration).map_err(|fault| fault.of(file))
-    }
-
-    fn loaded(folder: &Path, file: &Path, configuration: &Configuration) -> Result<Self, Fault> {
+    /// The FMU cannot be loaded, or does not accept the configuration.
+    pub fn new(folder: &Path, configuration: &Configuration) -> Result<Self, Fault> {
         let description = description_in(folder)?;
         let co_simulation = description.served()?;
         let variables = |names: &[String]| {
@@ -103,7 +94,6 @@ impl Instance {
         );
         let slave = library::instantiate(folder, &description, &text(&configuration.name)?)?;
         let mut instance = Self {
-            file: file.to_owned(),
             slave,
             last_inputs: vec![f64::NAN; inputs.len()],
             inputs,
@@ -163,12 +153,12 @@ impl Instance {
     ///
     /// # Panics
     /// The number of inputs differs from the configuration.
-    pub fn advance(&mut self, to_seconds: f64, inputs: &[f64]) -> Result<(), FmuError> {
-        let advanced = self.set(inputs).and_then(|()| match self.step_seconds {
+    pub fn advance(&mut self, to_seconds: f64, inputs: &[f64]) -> Result<(), Fault> {
+        self.set(inputs)?;
+        match self.step_seconds {
             None => self.reach(to_seconds),
             Some(step_seconds) => self.count_to(to_seconds, step_seconds),
-        });
-        advanced.map_err(|fault| fault.of(&self.file))
+        }
     }
 
     /// Reads the outputs.
@@ -178,7 +168,7 @@ impl Instance {
     ///
     /// # Panics
     /// The number of outputs differs from the configuration.
-    pub fn read(&mut self, outputs: &mut [f64]) -> Result<(), FmuError> {
+    pub fn read(&mut self, outputs: &mut [f64]) -> Result<(), Fault> {
         assert_eq!(
             outputs.len(),
             self.outputs.len(),
@@ -187,12 +177,10 @@ impl Instance {
         for (variable, value) in self.outputs.iter().zip(outputs) {
             let status = self.slave.number(variable.kind, variable.reference, value);
             if !status.is_good() {
-                let fault = refused(&mut *self.slave, variable, "read", status);
-                return Err(fault.of(&self.file));
+                return Err(refused(&mut *self.slave, variable, "read", status));
             }
             if !value.is_finite() {
-                let fault = self.not_finite(variable, *value, "the FMU computed it");
-                return Err(fault.of(&self.file));
+                return Err(self.not_finite(variable, *value, "the FMU computed it"));
             }
         }
         Ok(())

@@ -44,7 +44,7 @@ impl RemoteFmu {
         outputs: &mut [f64],
     ) -> Result<Self, FmuError> {
         let file = unpacked.file.clone();
-        let command = command(SUBCOMMAND, &file.to_string_lossy(), Some(unpacked.folder()));
+        let command = command(SUBCOMMAND, &unpacked.folder().to_string_lossy(), None);
         // Where a kill leaves the seat, it goes with the unpacked files.
         let started = Listener::open_in(unpacked.folder(), "s-", 1).and_then(|listener| {
             let command = command.map_err(io::Error::other)?;
@@ -194,19 +194,19 @@ fn of_worker(what: &str) -> Fault {
 ///
 /// # Errors
 /// If there is no seat, or its other end speaks another protocol.
-pub fn serve(file: &Path, folder: &Path) -> io::Result<()> {
+pub fn serve(folder: &Path) -> io::Result<()> {
     let mut seat = Seat::join(SUBCOMMAND)?;
     let (configuration, _) = seat.welcome()?;
     let configuration: Configuration =
         postcard::from_bytes(configuration).map_err(io::Error::other)?;
-    let loaded = load(file, folder, &configuration).map_err(told);
+    let loaded = load(folder, &configuration).map_err(told);
     let (inputs, outputs) = (configuration.inputs.len(), configuration.outputs.len());
     seat.play(loaded, inputs, outputs)
 }
 
 /// Loads an FMU. It is told the time to reach in place of a period; at time 0 it only has its outputs read.
-fn load(file: &Path, folder: &Path, configuration: &Configuration) -> Result<Loaded, FmuError> {
-    let mut instance = Instance::new(folder, file, configuration)?;
+fn load(folder: &Path, configuration: &Configuration) -> Result<Loaded, Fault> {
+    let mut instance = Instance::new(folder, configuration)?;
     Ok(Box::new(move |_, to_seconds, inputs, outputs| {
         if to_seconds > 0.0 {
             instance.advance(to_seconds, inputs).map_err(told)?;

@@ -7,7 +7,7 @@ use std::path::{Path, absolute};
 
 use fmu::table::{self, Misfit};
 use fmu::unit::Conversion;
-use fmu::{FmuError, Instance, LawLibrary, LawSetup};
+use fmu::{Fault, Instance, LawLibrary, LawSetup};
 use platform::program::Seat;
 use scenario::Objection;
 use scenario::plant::{Fmu, FmuPort};
@@ -139,10 +139,9 @@ pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
 pub(crate) type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
 
 fn load_library(file: &Path, setup: &LawSetup, seed: u64) -> Result<Loaded, String> {
-    let mut law = LawLibrary::load(file, setup, seed).map_err(|fault| fault.to_string())?;
+    let mut law = LawLibrary::load(file, setup, seed).map_err(told)?;
     Ok(Box::new(move |time, period, reads, writes| {
-        let stepped = law.step(time, period, reads, writes);
-        stepped.map_err(|fault| fault.to_string())
+        law.step(time, period, reads, writes).map_err(told)
     }))
 }
 
@@ -153,7 +152,7 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &LawSetup) -> Result<Loaded, St
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
     let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))
         .map_err(|misfit| misfit.fault.to_string())?;
-    let mut instance = Instance::new(folder, file, &wiring.configuration).map_err(told)?;
+    let mut instance = Instance::new(folder, &wiring.configuration).map_err(told)?;
     let inputs = places(&wiring.inputs, welcome.reads.iter());
     let outputs = places(&wiring.outputs, welcome.writes.iter().chain(&welcome.terms));
     let mut set = vec![0.0; wiring.inputs.len()];
@@ -173,9 +172,9 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &LawSetup) -> Result<Loaded, St
     }))
 }
 
-/// Returns the text of an FMU's error for the other end of the seat, which knows the file.
-pub(crate) fn told(error: FmuError) -> String {
-    error.fault.to_string()
+/// Returns the text of an error for the other end of the seat, which knows the file.
+pub(crate) fn told(fault: Fault) -> String {
+    fault.to_string()
 }
 
 /// Returns the indices of ports by their names, with their conversions.
