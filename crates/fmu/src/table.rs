@@ -158,28 +158,22 @@ fn fixed_step(
     co_simulation: &CoSimulation,
     description: &Description,
 ) -> Result<Option<f64>, Fault> {
-    if let Some(step) = wanted {
-        return if step > 0.0 && step.is_finite() {
-            Ok(wanted)
-        } else {
-            Err(Fault::Invalid(format!(
-                "its step is {step} s, it must be above 0"
-            )))
-        };
+    match wanted {
+        Some(step) if step > 0.0 && step.is_finite() => return Ok(wanted),
+        Some(step) => {
+            let reason = format!("its step is {step} s, it must be above 0");
+            return Err(Fault::Invalid(reason));
+        }
+        None if co_simulation.takes_any_step => return Ok(None),
+        None => {}
     }
-    if co_simulation.takes_any_step {
-        return Ok(None);
-    }
-    let recommended = co_simulation
+    let said = co_simulation
         .fixed_step_seconds
         .or(description.step_seconds);
-    match recommended {
-        Some(step) => Ok(Some(step)),
-        None => Err(Fault::Invalid(
-            "it takes steps of one length only and does not say which; write step_milliseconds"
-                .to_owned(),
-        )),
-    }
+    let reason =
+        "it takes steps of one length only and does not say which; write step_milliseconds";
+    said.map(Some)
+        .ok_or_else(|| Fault::Invalid(reason.to_owned()))
 }
 
 /// Returns the start values; each one is valid for its variable.

@@ -88,8 +88,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let extent = Extent::Typical;
     in_time.extend(terms.into_iter().map(|plot| Plot { extent, ..plot }));
     for plot in &mut in_time {
-        plot.patches.extend(disturbances(&run.control_loop.trial));
-        plot.patches.extend(faults(run.control_loop));
+        plot.patches.extend(patches(control_loop));
     }
     let text = patches_text(&in_time[0]);
     html! {
@@ -216,34 +215,29 @@ fn settling_band(step: &JudgedStep) -> Patch {
     }
 }
 
-fn disturbances(trial: &Trial) -> Vec<Patch> {
-    let windows = trial.disturbances();
+/// Returns patches for disturbances and faults, wide enough to be seen.
+fn patches(control_loop: &ControlLoop) -> Vec<Patch> {
+    let duration_seconds = control_loop.trial.run.duration_seconds;
     // A load stays until the next one; the patch marks the change.
-    let patches = windows.iter().map(|disturbance| {
+    let disturbances = control_loop.trial.disturbances().into_iter();
+    let spans = disturbances.map(|disturbance| {
         let window = disturbance.window;
-        stretch("span", window.from_seconds, window.until_seconds, trial)
+        ("span", window.from_seconds, window.until_seconds)
     });
-    patches.collect()
-}
-
-/// Returns patches for faults, from their begin on; faults of the boot are over when the scenario begins.
-fn faults(control_loop: &ControlLoop) -> Vec<Patch> {
-    let trial = &control_loop.trial;
-    let patches = control_loop.faults().filter_map(|fault| {
-        let until_seconds = fault.until_seconds.unwrap_or(trial.run.duration_seconds);
-        Some(stretch("fault", fault.from_seconds?, until_seconds, trial))
+    // Faults of the boot are over when the scenario begins.
+    let faults = control_loop.faults().filter_map(|fault| {
+        let until_seconds = fault.until_seconds.unwrap_or(duration_seconds);
+        Some(("fault", fault.from_seconds?, until_seconds))
     });
-    patches.collect()
-}
-
-/// Returns a patch for a stretch of time, wide enough to be seen.
-fn stretch(class: &'static str, from_seconds: f64, until_seconds: f64, trial: &Trial) -> Patch {
-    let seen_seconds = 0.003 * trial.run.duration_seconds;
-    Patch {
+    let patch = |(class, from_seconds, until_seconds)| Patch {
         class,
-        x: (from_seconds, until_seconds.max(from_seconds + seen_seconds)),
+        x: (
+            from_seconds,
+            f64::max(until_seconds, from_seconds + 0.003 * duration_seconds),
+        ),
         y: (f64::NEG_INFINITY, f64::INFINITY),
-    }
+    };
+    spans.chain(faults).map(patch).collect()
 }
 
 /// Returns a column that the run uses.
