@@ -95,7 +95,7 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
         .count();
     let title = format!("{passed} of {} runs passed", runs.len());
     let mut runs = Vec::from_iter(runs);
-    runs.sort_by_key(|run| urgency(run.verdict.outcome));
+    runs.sort_by_key(|run| Reverse(run.verdict.outcome));
     let runs = &runs[..];
     let (limited, others) = columns(runs);
     let (first, further) = most_limited(&limited, runs);
@@ -119,16 +119,6 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
         @if left_out > 0 { p.soft { (left_out) " more courses are not drawn here; the page of each run has its own." } }
     };
     page::page(&title, &body)
-}
-
-/// Ranks an outcome: the less, the worse.
-pub fn urgency(outcome: Outcome) -> u8 {
-    match outcome {
-        Outcome::Fail => 0,
-        Outcome::Incomplete => 1,
-        Outcome::Inconclusive => 2,
-        Outcome::Pass => 3,
-    }
 }
 
 /// Returns the metrics that any run limits, then those of which any has a value, each in the order of verdicts.

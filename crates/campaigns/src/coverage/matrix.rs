@@ -1,5 +1,6 @@
 //! Requirements and the scenarios that test them.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -8,7 +9,6 @@ use serde::Serialize;
 
 use super::play::{Play, Tested};
 use judge::verdict::Outcome;
-use report::overview::urgency;
 
 /// Requirement with all its tests.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -67,8 +67,7 @@ impl Requirement {
 
     /// Returns the worst outcome of the tests; `None` if there are no tests.
     pub(super) fn outcome(&self) -> Option<Outcome> {
-        let outcomes = self.tests.iter().map(|test| test.outcome);
-        outcomes.min_by_key(|outcome| urgency(*outcome))
+        self.tests.iter().map(|test| test.outcome).max()
     }
 }
 
@@ -76,7 +75,7 @@ impl RequirementTest {
     /// Returns the test by its results in the plays that count, of which there is one at least; it was played `plays` times.
     pub(super) fn new(scenario: &str, plays: usize, results: &[(&Play, &Tested)]) -> Self {
         let mut worst_first = results.to_vec();
-        worst_first.sort_by_key(|(_, one)| urgency(one.outcome));
+        worst_first.sort_by_key(|(_, one)| Reverse(one.outcome));
         let (play, worst) = worst_first[0];
         let (mut rows, mut measured) = (Vec::new(), BTreeMap::new());
         for row in results.iter().filter_map(|(_, one)| one.row.as_ref()) {

@@ -7,7 +7,6 @@ use jiff::Timestamp;
 use judge::verdict::{Outcome, Verdict};
 use plan::Plan;
 use recording::session::read_plan;
-use report::overview::urgency;
 use report::terminal;
 use runner::exit::Failure;
 use runner::play_record::PlayRecord;
@@ -170,7 +169,7 @@ impl Play {
 impl Tested {
     /// Takes an outcome that is worse, with its case. Returns whether it was worse.
     fn worsen(&mut self, outcome: Outcome, case: Option<usize>) -> bool {
-        let is_worse = urgency(outcome) < urgency(self.outcome);
+        let is_worse = outcome > self.outcome;
         if is_worse {
             (self.outcome, self.case) = (outcome, case);
         }

@@ -1,12 +1,12 @@
 //! Two loops in the plane, one over the other: the paths of their set-points and of their positions, and a point that moves with
 //! time.
 
-use re_sdk_types::archetypes::{LineStrips2D, Points2D};
+use re_sdk_types::archetypes::LineStrips2D;
 use re_sdk_types::components::Radius;
 use scenario::contour::Contour;
 
 use super::bus::stretch_seconds;
-use super::output::{Output, send_rows, send_static};
+use super::output::{Output, send_look, send_places, send_static};
 use super::times;
 use super::{POINTS_MAX, ReportError, groups, thin};
 use crate::contour::{axes, window};
@@ -95,10 +95,7 @@ fn log_plane(
             .with_show_labels(false);
         send_static(output, format!("{group}/{name}"), &strip)?;
     }
-    let look = Points2D::update_fields()
-        .with_colors([groups::SKY])
-        .with_radii([Radius::new_ui_points(5.0)]);
-    send_static(output, now.as_str(), &look)?;
+    send_look(output, &now, groups::SKY)?;
     log_moves(output, &now, x, &measured.points[logged..])?;
     Ok(Some(Plane {
         title: format!("{up} over {across} ({})", shown_unit(contour.unit.symbol())),
@@ -115,9 +112,8 @@ fn log_moves(
     points: &[(usize, Point)],
 ) -> Result<(), ReportError> {
     let rows = Vec::from_iter(points.iter().map(|(row, _)| *row));
-    let places =
-        Points2D::new(points.iter().map(|(_, point)| place(*point))).columns_of_unit_batches()?;
-    send_rows(output, entity, times::at_rows(timeline, &rows), places)
+    let places = points.iter().map(|(_, point)| place(*point));
+    send_places(output, entity, times::at_rows(timeline, &rows), places)
 }
 
 type Point = [f64; 2];

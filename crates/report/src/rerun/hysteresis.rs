@@ -6,7 +6,7 @@
 use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
 
-use super::output::{Output, send_rows, send_static};
+use super::output::{Output, send_places, send_static};
 use super::times::{self, Moment};
 use super::{ReportError, groups, thin};
 use crate::plot::range::{NOTHING, extended};
@@ -21,6 +21,8 @@ const PAIRS: [(&str, &str); 2] = [
         "estimated_martensite_fraction",
     ),
 ];
+/// Path of the point that moves with time.
+pub(super) const NOW: &str = "hysteresis/now";
 /// Size of the drawing; the viewer's y axis points down.
 const WIDTH: f64 = 160.0;
 const HEIGHT: f64 = 100.0;
@@ -130,8 +132,13 @@ impl Hysteresis {
             last = Some(here);
             next_seconds = moment.seconds + self.pause_seconds;
         }
-        log_now(output, frame, &self.points[first..])?;
-        self.is_path_old |= first < self.points.len();
+        let new = &self.points[first..];
+        if !new.is_empty() {
+            let times = times::columns(new.iter().map(|point| point.moment));
+            let places = new.iter().map(|point| point.place(frame));
+            send_places(output, NOW, times, places)?;
+            self.is_path_old = true;
+        }
         let now_seconds = timeline.end_seconds();
         if now_seconds - self.drawn_at_seconds >= PATH_PERIOD_SECONDS {
             self.drawn_at_seconds = now_seconds;
@@ -169,29 +176,6 @@ impl Hysteresis {
         thin(&mut self.points);
         send_static(output, "hysteresis/path", &strip)
     }
-}
-
-/// Logs the point that moves with time.
-fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(), ReportError> {
-    if points.is_empty() {
-        return Ok(());
-    }
-    let times = times::columns(points.iter().map(|point| point.moment));
-    let places = Points2D::new(points.iter().map(|point| point.place(frame)));
-    send_rows(
-        output,
-        "hysteresis/now",
-        times,
-        places.columns_of_unit_batches()?,
-    )
-}
-
-/// Logs the look of the point.
-pub(super) fn log_style(output: &mut dyn Output) -> Result<(), ReportError> {
-    let look = Points2D::update_fields()
-        .with_colors([groups::ORANGE])
-        .with_radii([Radius::new_ui_points(5.0)]);
-    send_static(output, "hysteresis/now", &look)
 }
 
 fn is_far(a: [f32; 2], b: [f32; 2]) -> bool {

@@ -6,7 +6,8 @@ use re_sdk::log::{Chunk, ChunkId, LogMsg, RowId, TimeColumn};
 use re_sdk::{
     AsComponents, EntityPath, RecordingStream, SerializedComponentColumn, StoreId, TimePoint,
 };
-use re_sdk_types::archetypes::Scalars;
+use re_sdk_types::archetypes::{Points2D, Scalars};
+use re_sdk_types::components::Radius;
 
 use super::{APPLICATION, ReportError};
 
@@ -104,4 +105,27 @@ pub(super) fn send_rows(
     let columns = columns.into_iter().collect();
     let chunk = Chunk::from_auto_row_ids(ChunkId::new(), path.into(), times, columns)?;
     output.send(chunk)
+}
+
+/// Sends the places of a point that moves with time.
+pub(super) fn send_places(
+    output: &mut dyn Output,
+    path: &str,
+    times: [TimeColumn; 2],
+    places: impl Iterator<Item = [f32; 2]>,
+) -> Result<(), ReportError> {
+    let rows = Points2D::new(places).columns_of_unit_batches()?;
+    send_rows(output, path, times, rows)
+}
+
+/// Sends the look of a point that moves with time.
+pub(super) fn send_look(
+    output: &mut dyn Output,
+    path: &str,
+    colour: [u8; 3],
+) -> Result<(), ReportError> {
+    let look = Points2D::update_fields()
+        .with_colors([colour])
+        .with_radii([Radius::new_ui_points(5.0)]);
+    send_static(output, path, &look)
 }

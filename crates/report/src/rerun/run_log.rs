@@ -18,7 +18,7 @@ use super::bus::{self, BusReader, stretch_seconds};
 use super::drawing::Drawing;
 use super::groups::{self, CustomView, Style, held, line};
 use super::hysteresis::{self, Hysteresis};
-use super::output::{Folder, Output, send_rows, send_scalars, send_static};
+use super::output::{Folder, Output, send_look, send_rows, send_scalars, send_static};
 use super::times;
 use crate::terminal;
 use dbc::names::SET_POINT;
@@ -75,7 +75,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
     ) -> Result<Self, ReportError> {
         let mut output = Folder::for_loop(output, control_loop);
         bus::log_styles(&mut output)?;
-        hysteresis::log_style(&mut output)?;
+        send_look(&mut output, hysteresis::NOW, groups::ORANGE)?;
         let trial = &control_loop.trial;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,

@@ -90,14 +90,20 @@ impl Shows {
         }
         let missed = self.0.into_iter().filter_map(|show| {
             let address = &show.address;
-            let what = match show.ended() {
-                Ok(()) => match show.dropped.count() {
+            let what = match show.ended.recv_timeout(END_PATIENCE) {
+                Ok(Ok(())) => match show.dropped.count() {
                     0 => return None,
                     count => format!("was too slow for {count} frames"),
                 },
-                Err(reason) => {
+                ended => {
                     viewers.addresses.retain(|other| other != address);
-                    reason
+                    match ended {
+                        Ok(Err(error)) => format!("was lost: {error}"),
+                        _ => format!(
+                            "took nothing for {} s and missed the end of the run",
+                            END_PATIENCE.as_secs()
+                        ),
+                    }
                 }
             };
             Some(format!(
@@ -116,17 +122,4 @@ struct Show {
     verdict: Sender<Verdict>,
     /// End of the thread, which is not joined, since it may hang on a paused viewer.
     ended: Receiver<Result<(), String>>,
-}
-
-impl Show {
-    /// Waits for the viewer; returns the reason why it took no more, as a text to follow its address.
-    fn ended(&self) -> Result<(), String> {
-        match self.ended.recv_timeout(END_PATIENCE) {
-            Ok(shown) => shown.map_err(|error| format!("was lost: {error}")),
-            Err(_) => Err(format!(
-                "took nothing for {} s and missed the end of the run",
-                END_PATIENCE.as_secs()
-            )),
-        }
-    }
 }
