@@ -48,7 +48,6 @@ impl Parameters {
                     json!(*number as i64)
                 }
                 StartValue::Number(number) => json!(number),
-                StartValue::Truth(truth) => json!(truth),
                 StartValue::Text(text) => json!(text),
             };
             let place = parameter

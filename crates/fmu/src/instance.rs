@@ -36,10 +36,8 @@ pub struct Configuration {
 /// A start value.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub enum StartValue {
-    /// A number.
+    /// A number; 0 or 1 for a boolean.
     Number(f64),
-    /// A boolean.
-    Truth(bool),
     /// A text.
     Text(String),
 }
@@ -119,10 +117,6 @@ impl Instance {
             let (kind, reference) = (variable.kind, variable.reference);
             let status = match value {
                 StartValue::Number(number) => self.slave.set_number(kind, reference, *number),
-                StartValue::Truth(truth) => {
-                    let number = f64::from(u8::from(*truth));
-                    self.slave.set_number(kind, reference, number)
-                }
                 StartValue::Text(value) => self.slave.set_text(reference, &text(value)?),
             };
             if !status.is_good() {

@@ -60,7 +60,13 @@ impl Misfit {
 /// A variable is missing, is unsuitable for its use in the table, or has a unit that the port's name contradicts.
 pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiring, Misfit> {
     let co_simulation = description.served().map_err(Misfit::at("file"))?;
-    let start = start_values(table, description)?;
+    let start = table.start.iter().map(|(name, value)| {
+        let variable = description.variable(name);
+        let start = variable.and_then(|variable| start_value(variable, value));
+        let start = start.map_err(Misfit::at(format!("start.{name}")))?;
+        Ok((name.clone(), start))
+    });
+    let start = start.collect::<Result<Vec<_>, Misfit>>()?;
     let (mut inputs, mut outputs) = (Vec::<Port>::new(), Vec::new());
     for (name, port) in &table.ports {
         let place = format!("ports.{name}");
@@ -117,23 +123,37 @@ fn check_port(variable: &Variable) -> Result<(), Fault> {
     Err(Fault::variable(&variable.name, reason))
 }
 
-/// Checks whether a variable accepts a start value.
-fn check_start(variable: &Variable, value: &StartValue) -> Result<(), Fault> {
+/// Returns the start value of a variable that accepts it.
+fn start_value(variable: &Variable, value: &Value) -> Result<StartValue, Fault> {
     let fault = |reason: String| Err(Fault::variable(&variable.name, reason));
+    let kind = variable.kind;
+    let is_quantity = kind.is_number() && kind != Kind::Boolean;
+    if matches!(
+        value,
+        Value::Array(_) | Value::Table(_) | Value::Datetime(_)
+    ) {
+        return fault("cannot start with that: write a number, a truth or a text".to_owned());
+    }
     if !variable.takes_start() {
         let is = variable.causality.name();
         return fault(format!("is {is}, which takes no start value"));
     }
-    let number = match (value, variable.kind) {
-        (StartValue::Text(text), Kind::String) if text.contains('\0') => {
+    let number = match value {
+        Value::String(text) if kind == Kind::String && text.contains('\0') => {
             return fault("cannot be a text with a NUL in it".to_owned());
         }
-        (StartValue::Text(_), Kind::String) => return Ok(()),
-        (StartValue::Truth(truth), Kind::Boolean) => f64::from(u8::from(*truth)),
-        (StartValue::Number(number), kind) if kind.is_number() && kind != Kind::Boolean => *number,
-        (_, Kind::String) => return fault("takes a text as its start value".to_owned()),
-        (_, Kind::Boolean) => return fault("takes true or false as its start value".to_owned()),
-        _ => return fault("takes a number as its start value".to_owned()),
+        Value::String(text) if kind == Kind::String => return Ok(StartValue::Text(text.clone())),
+        Value::Boolean(truth) if kind == Kind::Boolean => f64::from(u8::from(*truth)),
+        Value::Float(number) if is_quantity => *number,
+        Value::Integer(number) if is_quantity => *number as f64,
+        _ => {
+            let wanted = match kind {
+                Kind::String => "a text",
+                Kind::Boolean => "true or false",
+                _ => "a number",
+            };
+            return fault(format!("takes {wanted} as its start value"));
+        }
     };
     let lowest = variable.min.unwrap_or(f64::NEG_INFINITY);
     let highest = variable.max.unwrap_or(f64::INFINITY);
@@ -149,7 +169,7 @@ fn check_start(variable: &Variable, value: &StartValue) -> Result<(), Fault> {
             "cannot start with {number}, it must be a whole number from {lowest} to {highest}"
         ));
     }
-    Ok(())
+    Ok(StartValue::Number(number))
 }
 
 /// Returns the only length of a step, if the FMU or the configuration has one.
@@ -174,30 +194,6 @@ fn fixed_step(
         "it takes steps of one length only and does not say which; write step_milliseconds";
     said.map(Some)
         .ok_or_else(|| Fault::Invalid(reason.to_owned()))
-}
-
-/// Returns the start values; each one is valid for its variable.
-fn start_values(
-    table: &Fmu,
-    description: &Description,
-) -> Result<Vec<(String, StartValue)>, Misfit> {
-    let start = table.start.iter().map(|(variable, value)| {
-        let at_value = || Misfit::at(format!("start.{variable}"));
-        let value = match value {
-            Value::Float(number) => StartValue::Number(*number),
-            Value::Integer(number) => StartValue::Number(*number as f64),
-            Value::Boolean(truth) => StartValue::Truth(*truth),
-            Value::String(text) => StartValue::Text(text.clone()),
-            _ => {
-                let reason = "cannot start with that: write a number, a truth or a text";
-                return Err(at_value()(Fault::variable(variable, reason)));
-            }
-        };
-        let of = description.variable(variable).map_err(at_value())?;
-        check_start(of, &value).map_err(at_value())?;
-        Ok((variable.clone(), value))
-    });
-    start.collect()
 }
 
 /// Makes ports of the additional recorded variables.
