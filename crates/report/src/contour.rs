@@ -14,15 +14,13 @@ pub(crate) fn axes<'a>(contour: &Contour, run: &Run<'a>) -> Vec<RunLoop<'a>> {
 
 /// Returns the rows of a contour's window, which all its loops have.
 pub(crate) fn window(contour: &Contour, axes: &[RunLoop<'_>]) -> Range<usize> {
-    let timelines = || axes.iter().map(|axis| axis.timeline);
-    let rows = timelines()
-        .map(|timeline| timeline.time_seconds.len())
-        .min()
-        .unwrap_or(0);
+    let lengths = axes.iter().map(|axis| axis.timeline.time_seconds.len());
+    let rows = lengths.min().unwrap_or(0);
+    let times = axes
+        .first()
+        .map(|axis| axis.timeline.time_seconds.part(0..rows));
     let row_at = |seconds: f64| {
-        let times = timelines()
-            .next()
-            .map(|timeline| timeline.time_seconds.part(0..rows));
+        let times = times.as_ref();
         times.map_or(0, |times| times.partition_point(|time| time < seconds))
     };
     let end = contour.until_seconds.map_or(rows, row_at);

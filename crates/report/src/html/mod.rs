@@ -15,7 +15,7 @@ use maud::{Markup, html};
 use crate::page;
 use crate::run::{Run, RunLoop};
 use crate::terminal;
-use judge::verdict::{Metric, Outcome, Verdict};
+use judge::verdict::{Outcome, Verdict};
 use recording::events::{Event, Level};
 use recording::frames::Clock;
 use recording::occurrences::Occurrence;
@@ -73,25 +73,24 @@ fn metrics(run: &Run<'_>) -> Markup {
     if verdict.metrics.is_empty() {
         return html! { p.soft { "Nothing was judged." } };
     }
-    let loops = run.plan.loops.iter();
-    let named = loops.filter(|one| one.loop_name().is_some());
-    let prefixes = Vec::from_iter(named.map(|one| (one.name(), one.prefix())));
-    let is_in_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
-    let shared = verdict.metrics.iter().filter(|metric| {
-        !prefixes
-            .iter()
-            .any(|(_, prefix)| is_in_loop(metric, prefix))
-    });
-    html! {
-        @for (name, prefix) in &prefixes {
-            @let metrics = verdict.metrics.iter().filter(|metric| is_in_loop(metric, prefix));
-            @if metrics.clone().next().is_some() { h3 { "Loop " (name) } (page::metrics(metrics, verdict.outcome)) }
-        }
-        @if shared.clone().next().is_some() {
-            @if !prefixes.is_empty() { h3 { "All loops" } }
-            (page::metrics(shared, verdict.outcome))
-        }
+    let mut rest = Vec::from_iter(&verdict.metrics);
+    let mut groups = Vec::new();
+    for one in run
+        .plan
+        .loops
+        .iter()
+        .filter(|one| one.loop_name().is_some())
+    {
+        let prefix = one.prefix();
+        let of_loop = rest.extract_if(.., |metric| metric.name.starts_with(&prefix));
+        groups.push((format!("Loop {}", one.name()), Vec::from_iter(of_loop)));
     }
+    let has_loops = !groups.is_empty();
+    groups.push(("All loops".to_owned(), rest));
+    html! { @for (title, metrics) in &groups { @if !metrics.is_empty() {
+        @if has_loops { h3 { (title) } }
+        (page::metrics(metrics.iter().copied(), verdict.outcome))
+    } } }
 }
 
 /// Returns the sections on a loop.

@@ -75,11 +75,7 @@ impl BusReader {
     /// The database lacks a signal.
     pub(super) fn new(control_loop: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
         let trial = &control_loop.trial;
-        let stretch_seconds = if is_thinned {
-            stretch_seconds(trial)
-        } else {
-            STRETCH_SECONDS
-        };
+        let stretch_seconds = stretch_seconds(trial);
         Ok(Self {
             cycle: CycleReader::new(control_loop)?,
             period: Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3),

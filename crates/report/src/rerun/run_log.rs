@@ -49,7 +49,6 @@ pub(crate) enum Known {
 pub(crate) struct Recording<'o, 'a> {
     output: Folder<'o>,
     control_loop: &'a ControlLoop,
-    trial: &'a Trial,
     known: Known,
     bus: BusReader,
     hysteresis: Hysteresis,
@@ -85,7 +84,6 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         Ok(Self {
             output,
             control_loop,
-            trial,
             known,
             bus: BusReader::new(control_loop, known == Known::Thinned)?,
             drawing,
@@ -140,7 +138,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         let error: Series<f64> = samples
             .map(|(set_point, position)| set_point - position)
             .collect();
-        let trial = self.trial;
+        let trial = &self.control_loop.trial;
         let changes = trial.disturbance.changes();
         let factors = asked(timeline, &changes, FAN_OUTPUT, 1.0);
         let grams = asked(timeline, &changes, LOAD_OUTPUT, 0.0);
@@ -196,14 +194,13 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
     ) -> Result<(), ReportError> {
         let path = format!("{}/{name}", style.group);
         self.groups.insert(style.group);
-        if !self.styled.contains(&path) {
+        if self.styled.insert(path.clone()) {
             let look = rows.drawn(if style.group == groups::OTHER {
                 held()
             } else {
                 line(style.label, style.colour)
             });
             send_static(&mut self.output, path.as_str(), &look)?;
-            self.styled.insert(path.clone());
         }
         let values = values.at(rows.numbers().iter().copied());
         send_scalars(&mut self.output, path, times, values.collect())
@@ -214,7 +211,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         let Some(begin) = timeline.time_seconds.first() else {
             return Ok(());
         };
-        for (number, step) in self.trial.judged_steps().iter().enumerate() {
+        for (number, step) in self.control_loop.trial.judged_steps().iter().enumerate() {
             let from = step.window.from_seconds.max(begin);
             let until = step.window.until_seconds.min(timeline.end_seconds());
             if from >= until {
@@ -228,10 +225,9 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
                 let number = number + 1;
                 let unit = &timeline.measurand.unit;
                 let path = format!("position/settling_band/step_{number}/{side}_{unit}");
-                if !self.styled.contains(&path) {
+                if self.styled.insert(path.clone()) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
                     send_static(&mut self.output, path.as_str(), &look)?;
-                    self.styled.insert(path.clone());
                 }
                 let values = vec![step.to + edge; 2];
                 send_scalars(&mut self.output, path, times.clone(), values)?;
