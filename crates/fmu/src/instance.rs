@@ -296,23 +296,20 @@ impl Instance {
                 self.update_and_go_on()?;
             }
             if is_discarded && advanced <= 0.0 {
-                if !self.may_shorten || duration / 2.0 < shortest {
-                    return Err(self.discarded(duration));
-                }
                 longest = duration / 2.0;
+                if self.may_shorten && longest >= shortest {
+                    continue;
+                }
+                let others = if self.may_shorten {
+                    "and every shorter one"
+                } else {
+                    "and it takes no shorter one"
+                };
+                let outcome = format!("refused (discard) a step of {duration} s, {others}");
+                return Err(self.failed("DoStep", &outcome));
             }
         }
         Err(self.too_many())
-    }
-
-    fn discarded(&mut self, duration: f64) -> Fault {
-        let shorter = if self.may_shorten {
-            "and every shorter one"
-        } else {
-            "and it takes no shorter one"
-        };
-        let outcome = format!("refused (discard) a step of {duration} s, {shorter}");
-        self.failed("DoStep", &outcome)
     }
 
     /// Returns from event mode to step mode: updates the discrete states until they are stable.

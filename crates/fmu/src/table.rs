@@ -316,18 +316,20 @@ fn port_range(
             }
         };
     }
-    let whole = (variable.kind == Kind::Boolean).then_some([0.0, 1.0]);
-    let lowest = variable.min.or(whole.map(|[lowest, _]| lowest));
-    let highest = variable.max.or(whole.map(|[_, highest]| highest));
-    let (lowest, highest) = if conversion.factor < 0.0 {
-        (highest, lowest)
-    } else {
-        (lowest, highest)
+    let [lowest, highest] = match variable.kind {
+        Kind::Boolean => [0.0, 1.0],
+        _ => [f64::NEG_INFINITY, f64::INFINITY],
     };
-    Ok([
-        lowest.map_or(f64::NEG_INFINITY, |value| conversion.of(value)),
-        highest.map_or(f64::INFINITY, |value| conversion.of(value)),
-    ])
+    let range = [
+        variable.min.unwrap_or(lowest),
+        variable.max.unwrap_or(highest),
+    ];
+    let [lowest, highest] = range.map(|value| conversion.of(value));
+    if conversion.factor < 0.0 {
+        Ok([highest, lowest])
+    } else {
+        Ok([lowest, highest])
+    }
 }
 
 /// Returns the conversion by the units. A variable without a unit has that of the port.
