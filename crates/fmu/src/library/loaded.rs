@@ -199,11 +199,11 @@ impl Slave for Loaded {
     }
 
     fn call(&mut self, function: &'static str) -> Status {
-        let found = self.plain.iter().find(|(name, _)| *name == function);
-        // SAFETY: a function of the library, and a component that lives.
-        found.map_or(Status::ERROR, |(_, plain)| {
-            Status(unsafe { plain(self.component) })
-        })
+        match self.plain.iter().find(|(name, _)| *name == function) {
+            // SAFETY: a function of the library, and a component that lives.
+            Some((_, plain)) => Status(unsafe { plain(self.component) }),
+            None => Status::ERROR,
+        }
     }
 
     fn log(&mut self) -> String {
