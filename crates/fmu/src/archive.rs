@@ -262,14 +262,9 @@ fn limited_text(bytes: impl Read) -> Result<String, Fault> {
 pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<PathBuf, Fault> {
     let identifier = &description.served()?.model_identifier;
     let platform = description.version.platform();
-    let path = folder.join(format!("binaries/{platform}/{identifier}.so"));
-    if path.is_file() {
-        Ok(path)
-    } else {
-        Err(Fault::library(format!(
-            "there is no binaries/{platform}/{identifier}.so in it"
-        )))
-    }
+    let name = format!("binaries/{platform}/{identifier}.so");
+    let path = Some(folder.join(&name)).filter(|path| path.is_file());
+    path.ok_or_else(|| Fault::library(format!("there is no {name} in it")))
 }
 
 /// Returns the folder of resources in the form that the version requires: a URI, or a path.

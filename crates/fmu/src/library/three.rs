@@ -120,13 +120,7 @@ fn numbers(library: &Library) -> Vec<Numbers> {
     unsafe {
         let int64 = |kind| Numbers::of::<Three, i64>(library, kind, "Int64", whole, nearest_float);
         vec![
-            Numbers::of::<Three, f64>(
-                library,
-                Kind::Float64,
-                "Float64",
-                |value| value,
-                |value| value,
-            ),
+            Numbers::of::<Three, f64>(library, Kind::Float64, "Float64", f64::from, f64::from),
             Numbers::of::<Three, f32>(library, Kind::Float32, "Float32", single, f64::from),
             Numbers::of::<Three, i8>(library, Kind::Int8, "Int8", whole, f64::from),
             Numbers::of::<Three, u8>(library, Kind::UInt8, "UInt8", whole, f64::from),
