@@ -173,6 +173,19 @@ fn a_recorded_variable_keeps_its_name_and_a_port_has_the_range_that_is_said() {
 }
 
 #[test]
+fn an_input_rests_at_the_start_value_of_the_table() {
+    let parameter = "valueReference=\"7\" causality=\"parameter\" variability=\"fixed\"";
+    let input = "valueReference=\"7\" causality=\"input\"";
+    let description = Description::parse(&XML.replace(parameter, input)).unwrap();
+    let at_rest = |start: &str| {
+        let table = table(&format!("{start}[ports]\non = {{ variable = \"on\" }}\n"));
+        super::wiring(&table, "arm", &description).unwrap().inputs[0].at_rest
+    };
+    assert_eq!(at_rest(""), 1.0);
+    assert_eq!(at_rest("start = { on = false }\n"), 0.0);
+}
+
+#[test]
 fn names_are_made_of_any_variable() {
     assert_eq!(snake("motorSpeed"), "motor_speed");
     assert_eq!(snake("der(x)[1].y"), "der_x_1_y");
