@@ -98,12 +98,14 @@ impl<'a> Plot<'a> {
         if self.curves.is_empty() {
             return html! {};
         }
+        let is_plane = self.curves.iter().any(|curve| curve.shape.is_path());
         let drawing = self.drawing();
+        let ((left, right), (bottom, top)) = (drawing.view.x, drawing.view.y);
         let names = self.curves.iter().map(|curve| curve.label.as_str());
         let names = Vec::from_iter(names).join(", ");
         html! {
-            figure.plot.square[self.extent == Extent::Plane].log[self.extent == Extent::Logarithmic].plane[self.is_plane()]
-                data-view=(drawing.edges()) data-unit=[(!self.y_unit.is_empty()).then_some(self.y_unit)] {
+            figure.plot.square[self.extent == Extent::Plane].log[self.extent == Extent::Logarithmic].plane[is_plane]
+                data-view=(format!("{left} {right} {bottom} {top}")) data-unit=[(!self.y_unit.is_empty()).then_some(self.y_unit)] {
                 figcaption {
                     strong { (self.title) }
                     @if !self.y_unit.is_empty() { " (" (self.y_unit) ")" }
@@ -176,18 +178,6 @@ impl<'a> Plot<'a> {
             over.map_or_else(|| colour.clone(), |over| format!("{colour} {over}"))
         };
         self.curves.iter().enumerate().map(class).collect()
-    }
-
-    fn is_plane(&self) -> bool {
-        self.curves.iter().any(|curve| curve.shape.is_path())
-    }
-}
-
-impl PlotDrawing {
-    /// Returns the values at the left, the right, the lower and the upper edge.
-    fn edges(&self) -> String {
-        let ((left, right), (bottom, top)) = (self.view.x, self.view.y);
-        format!("{left} {right} {bottom} {top}")
     }
 }
 

@@ -8,7 +8,6 @@ use re_sdk::log::TimeColumn;
 use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
 use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
-use scenario::Trial;
 use scenario::disturbance::{Change, value_at};
 use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 

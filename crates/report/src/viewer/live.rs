@@ -14,11 +14,10 @@ use super::{Show, ViewerAddress};
 use crate::ReportError;
 use crate::rerun::{self, APPLICATION, Known, Recording};
 use judge::verdict::Verdict;
-use plan::{ControlLoop, Plan, Shared};
+use plan::Plan;
 use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
 use recording::timeline::TimelineReader;
-use scenario::Trial;
 
 /// Time between two pieces that are sent.
 const PIECE_PERIOD: Duration = Duration::from_millis(100);
@@ -76,42 +75,6 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, ReportError> {
     Ok(stream)
 }
 
-/// Loop on its way to the viewer.
-struct Shown<'o, 'a> {
-    trial: &'a Trial,
-    reader: TimelineReader,
-    recording: Recording<'o, 'a>,
-}
-
-impl<'o, 'a: 'o> Shown<'o, 'a> {
-    fn new(
-        output: &'o mut RecordingStream,
-        shared: &Shared,
-        control_loop: &'a ControlLoop,
-    ) -> Result<Self, ReportError> {
-        Ok(Self {
-            trial: &control_loop.trial,
-            reader: TimelineReader::new(shared, control_loop)?,
-            recording: Recording::begin(output, control_loop, Known::SoFar)?,
-        })
-    }
-
-    fn observe(&mut self, stamped: &Stamped) {
-        self.reader.on_frame(stamped);
-        self.recording.observe(stamped);
-    }
-
-    /// Logs the frames since the last time.
-    fn log(&mut self, is_last: bool) -> Result<(), ReportError> {
-        let piece = if is_last {
-            self.reader.take_rest(self.trial)?
-        } else {
-            self.reader.take_piece(self.trial)?
-        };
-        self.recording.log(&piece)
-    }
-}
-
 /// Logs pieces until the run drops its end of the ring, then the verdict. With several loops each has a folder.
 fn follow(
     stream: RecordingStream,
@@ -121,20 +84,32 @@ fn follow(
 ) -> Result<(), ReportError> {
     // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
-    let mut shown = outputs
-        .iter_mut()
-        .zip(&plan.loops)
-        .map(|(output, control_loop)| Shown::new(output, &plan.shared, control_loop))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut shown = Vec::new();
+    for (output, control_loop) in outputs.iter_mut().zip(&plan.loops) {
+        let reader = TimelineReader::new(&plan.shared, control_loop)?;
+        let recording = Recording::begin(output, control_loop, Known::SoFar)?;
+        shown.push((reader, recording));
+    }
     rerun::expect_all(&mut stream.clone(), plan)?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
         let is_behind = frames.slots() > PIECE_FRAMES_MAX;
         let new = frames.slots().min(PIECE_FRAMES_MAX);
         for stamped in frames.read_chunk(new).into_iter().flatten() {
-            shown.iter_mut().for_each(|one| one.observe(&stamped));
+            for (reader, recording) in &mut shown {
+                reader.on_frame(&stamped);
+                recording.observe(&stamped);
+            }
         }
-        shown.iter_mut().try_for_each(|one| one.log(is_last))?;
+        for ((reader, recording), control_loop) in shown.iter_mut().zip(&plan.loops) {
+            let trial = &control_loop.trial;
+            let piece = if is_last {
+                reader.take_rest(trial)?
+            } else {
+                reader.take_piece(trial)?
+            };
+            recording.log(&piece)?;
+        }
         flush(&stream)?;
         if is_last {
             break;
@@ -144,8 +119,8 @@ fn follow(
         }
     }
     let mut end_seconds = 0.0_f64;
-    for one in shown {
-        let (_, end) = one.recording.end()?;
+    for (_, recording) in shown {
+        let (_, end) = recording.end()?;
         end_seconds = end_seconds.max(end);
     }
     if let Ok(verdict) = judged.recv() {
