@@ -10,15 +10,8 @@ use super::{Causality, CoSimulation, Description, Initial, Kind, Variability, Va
 use crate::error::Fault;
 use crate::unit::{BASE_UNITS, Base};
 
-/// Properties of a declared type, for the variables that refer to it.
-#[derive(Default)]
-struct Declared<'a> {
-    unit: Option<&'a str>,
-    min: Option<f64>,
-    max: Option<f64>,
-}
-
-type Types<'a> = BTreeMap<&'a str, Declared<'a>>;
+/// Elements of the declared types, with unit and limits for the variables that refer to them.
+type Types<'a, 'input> = BTreeMap<&'a str, Attributes<'a, 'input>>;
 
 pub(super) fn description(document: &Document<'_>) -> Result<Description, Fault> {
     let root = Attributes(document.root_element());
@@ -117,7 +110,10 @@ fn base(element: Attributes<'_, '_>) -> Result<Base, Fault> {
     })
 }
 
-fn types<'a>(root: &Attributes<'a, '_>, version: Version) -> Result<Types<'a>, Fault> {
+fn types<'a, 'input>(
+    root: &Attributes<'a, 'input>,
+    version: Version,
+) -> Result<Types<'a, 'input>, Fault> {
     let mut types = Types::new();
     for declaration in root
         .child("TypeDefinitions")
@@ -129,25 +125,15 @@ fn types<'a>(root: &Attributes<'a, '_>, version: Version) -> Result<Types<'a>, F
             Version::Two => declaration.elements().next(),
             Version::Three => Some(declaration),
         };
-        if let Some(value) = value {
-            types.insert(name, declared(&value)?);
-        }
+        types.extend(value.map(|value| (name, value)));
     }
     Ok(types)
-}
-
-fn declared<'a>(value: &Attributes<'a, '_>) -> Result<Declared<'a>, Fault> {
-    Ok(Declared {
-        unit: value.text("unit").filter(|unit| !unit.is_empty()),
-        min: value.number("min")?,
-        max: value.number("max")?,
-    })
 }
 
 fn variables(
     root: &Attributes<'_, '_>,
     version: Version,
-    types: &Types<'_>,
+    types: &Types<'_, '_>,
 ) -> Result<Vec<Variable>, Fault> {
     let Some(all) = root.child("ModelVariables") else {
         return Ok(Vec::new());
@@ -177,7 +163,7 @@ fn variable(
     element: &Attributes<'_, '_>,
     value: &Attributes<'_, '_>,
     version: Version,
-    types: &Types<'_>,
+    types: &Types<'_, '_>,
 ) -> Result<Variable, Fault> {
     let tag = value.0.tag_name().name();
     let kind = match version {
@@ -197,17 +183,16 @@ fn variable(
         .word("variability")?
         .unwrap_or_else(|| default_variability(causality, kind, version));
     let initial = element.word("initial")?;
-    let type_defaults = value.text("declaredType").and_then(|name| types.get(name));
-    let declared = declared(value)?;
-    let inherited = |pick: fn(&Declared<'_>) -> Option<f64>| {
-        pick(&declared).or_else(|| type_defaults.and_then(pick))
+    let declared = value.text("declaredType").and_then(|name| types.get(name));
+    let limit = |name: &str| match (value.number(name)?, declared) {
+        (None, Some(declared)) => declared.number(name),
+        (number, _) => Ok(number),
     };
     let start = value.text("start");
     // Texts of FMI 3.0 are in separate elements.
     let start = start.or_else(|| value.child("Start").and_then(|start| start.text("value")));
-    let unit = declared
-        .unit
-        .or_else(|| type_defaults.and_then(|type_defaults| type_defaults.unit));
+    let units = [Some(value), declared].into_iter().flatten();
+    let mut units = units.filter_map(|value| value.text("unit").filter(|unit| !unit.is_empty()));
     Ok(Variable {
         name,
         reference,
@@ -218,9 +203,9 @@ fn variable(
         variability,
         initial: initial.or_else(|| default_initial(causality, variability)),
         start: start.map(str::to_owned),
-        unit: unit.map(str::to_owned),
-        min: inherited(|declared| declared.min),
-        max: inherited(|declared| declared.max),
+        unit: units.next().map(str::to_owned),
+        min: limit("min")?,
+        max: limit("max")?,
     })
 }
 
