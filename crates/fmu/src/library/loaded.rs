@@ -78,14 +78,8 @@ impl Numbers {
 /// Function that steps from a time for a duration, both in seconds.
 pub(super) type Step = dyn Fn(Component, f64, f64) -> Stepped;
 
-/// Calls whose functions differ in the two versions.
-pub(super) struct Calls {
-    pub(super) numbers: Vec<Numbers>,
-    pub(super) enter_initialization: Box<dyn Fn(Component, f64, Option<f64>) -> Status>,
-    pub(super) step: Box<Step>,
-    /// Update of the discrete states; `None` for an instance without events.
-    pub(super) update: Option<Box<Update>>,
-}
+/// Function that enters the initialization at a start time, with a tolerance if there is one.
+pub(super) type Enter = dyn Fn(Component, f64, Option<f64>) -> Status;
 
 /// Function that updates the discrete states.
 pub(super) type Update = dyn Fn(Component) -> (Status, Updated);
@@ -101,7 +95,11 @@ pub(super) struct Loaded {
     /// Functions that take no values, with their names.
     plain: Vec<(&'static str, Plain)>,
     set_string: Box<SetText>,
-    calls: Calls,
+    numbers: Vec<Numbers>,
+    enter_initialization: Box<Enter>,
+    step: Box<Step>,
+    /// Update of the discrete states; `None` for an instance without events.
+    update: Option<Box<Update>>,
     // Data that the component points to, for as long as it lives.
     pub(super) callbacks: Option<Box<dyn Any>>,
     pub(super) log: Box<Log>,
@@ -109,14 +107,20 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// Looks up the functions of a library, without an instance.
+    /// Looks up the functions of a library that are alike in both versions, without an instance; the others are given.
     ///
     /// # Safety
-    /// The library is of the version, and the calls are of its functions.
-    pub(super) unsafe fn of<V: Family>(library: Library, calls: Calls) -> Result<Self, Fault> {
+    /// The library is of the version, and the given functions are its own.
+    pub(super) unsafe fn of<V: Family>(
+        library: Library,
+        numbers: Vec<Numbers>,
+        enter_initialization: Box<Enter>,
+        step: Box<Step>,
+        update: Option<Box<Update>>,
+    ) -> Result<Self, Fault> {
         let named = |name: &str| format!("{}{name}", V::PREFIX);
         let events = ["EnterEventMode", "EnterStepMode"];
-        let events = calls.update.as_ref().map_or(&[][..], |_| &events);
+        let events = update.as_ref().map_or(&[][..], |_| &events);
         let names = ["ExitInitializationMode", "Terminate"].iter().chain(events);
         // SAFETY: both versions have these types, and the library lives as long as `Self`.
         unsafe {
@@ -133,7 +137,10 @@ impl Loaded {
                         Status(V::set(set, component, reference, &text.as_ptr()))
                     })
                 }),
-                calls,
+                numbers,
+                enter_initialization,
+                step,
+                update,
                 callbacks: None,
                 log: Box::default(),
                 library,
@@ -156,7 +163,7 @@ impl Loaded {
     }
 
     fn numbers(&self, kind: Kind) -> Option<&Numbers> {
-        let mut numbers = self.calls.numbers.iter();
+        let mut numbers = self.numbers.iter();
         numbers.find(|numbers| numbers.kind == kind)
     }
 }
@@ -182,19 +189,15 @@ impl Slave for Loaded {
     }
 
     fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status {
-        (self.calls.enter_initialization)(self.component, start_seconds, tolerance)
+        (self.enter_initialization)(self.component, start_seconds, tolerance)
     }
 
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped {
-        (self.calls.step)(self.component, from_seconds, duration_seconds)
+        (self.step)(self.component, from_seconds, duration_seconds)
     }
 
     fn update_discrete(&mut self) -> (Status, Updated) {
-        let updated = self
-            .calls
-            .update
-            .as_ref()
-            .map(|update| update(self.component));
+        let updated = self.update.as_ref().map(|update| update(self.component));
         updated.unwrap_or((Status::ERROR, Updated::default()))
     }
 

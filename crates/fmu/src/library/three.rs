@@ -5,7 +5,7 @@ use std::ptr::null;
 
 use libloading::os::unix::Library;
 
-use super::loaded::{Calls, Component, Family, Loaded, Numbers, Step, Update};
+use super::loaded::{Component, Family, Loaded, Numbers, Step, Update};
 use super::log::Log;
 use super::{Status, Stepped, Updated, function, nearest_float, whole};
 use crate::description::Kind;
@@ -81,16 +81,14 @@ pub(super) fn instance(
     // through the call.
     unsafe {
         let enter: EnterInitialization = function(&library, "fmi3EnterInitializationMode")?;
-        let calls = Calls {
-            numbers: numbers(&library),
-            enter_initialization: Box::new(move |of, start_seconds, tolerance| {
-                let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
-                Status(enter(of, is_defined, tolerance, start_seconds, false, 0.0))
-            }),
-            step: step(&library)?,
-            update: has_events.then(|| update(&library)).transpose()?,
+        let enter_initialization = move |of, start_seconds, tolerance: Option<f64>| {
+            let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
+            Status(enter(of, is_defined, tolerance, start_seconds, false, 0.0))
         };
-        let loaded = Loaded::of::<Three>(library, calls)?;
+        let (numbers, step) = (numbers(&library), step(&library)?);
+        let update = has_events.then(|| update(&library)).transpose()?;
+        let enter = Box::new(enter_initialization);
+        let loaded = Loaded::of::<Three>(library, numbers, enter, step, update)?;
         let instantiate: Instantiate = function(&loaded.library, INSTANTIATE)?;
         let component = instantiate(
             name.as_ptr(),

@@ -4,7 +4,7 @@ use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
 use libloading::os::unix::Library;
 
-use super::loaded::{Calls, Component, Family, Loaded, Numbers, Plain, Step};
+use super::loaded::{Component, Family, Loaded, Numbers, Plain, Step};
 use super::log::Log;
 use super::{Status, Stepped, function, whole};
 use crate::description::Kind;
@@ -117,21 +117,18 @@ pub(super) fn instance(
         function::<Set<f64>>(&library, "fmi2SetReal")?;
         let setup: SetupExperiment = function(&library, "fmi2SetupExperiment")?;
         let enter: Plain = function(&library, "fmi2EnterInitializationMode")?;
-        let calls = Calls {
-            numbers: numbers(&library),
-            enter_initialization: Box::new(move |of, start_seconds, tolerance| {
-                let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
-                let is_defined = c_int::from(is_defined);
-                let status = setup(of, is_defined, tolerance, start_seconds, 0, 0.0);
-                match Status(status) {
-                    status if status.is_good() => Status(enter(of)),
-                    status => status,
-                }
-            }),
-            step: step(&library)?,
-            update: None,
+        let enter_initialization = move |of, start_seconds, tolerance: Option<f64>| {
+            let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
+            let is_defined = c_int::from(is_defined);
+            let status = setup(of, is_defined, tolerance, start_seconds, 0, 0.0);
+            match Status(status) {
+                status if status.is_good() => Status(enter(of)),
+                status => status,
+            }
         };
-        let mut loaded = Loaded::of::<Two>(library, calls)?;
+        let (numbers, step) = (numbers(&library), step(&library)?);
+        let enter = Box::new(enter_initialization);
+        let mut loaded = Loaded::of::<Two>(library, numbers, enter, step, None)?;
         let callbacks = Box::new(Callbacks {
             logger,
             allocate,
