@@ -38,7 +38,7 @@ const PATH_PERIOD_SECONDS: f64 = 0.5;
 /// Distances of grid lines. An axis has the first of these that needs no more than the largest number of steps.
 const GRID_CELSIUS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
 const GRID_FRACTION: [f64; 5] = [0.01, 0.02, 0.05, 0.1, 0.2];
-const GRID_STEPS_MAX: u32 = 6;
+const GRID_STEPS_MAX: u8 = 6;
 
 /// Point of the path.
 #[derive(Clone, Copy)]
@@ -202,7 +202,8 @@ fn signals(timeline: &Timeline) -> Option<(&Series<f64>, &Series<f64>)> {
 struct Axis {
     low: f64,
     step: f64,
-    steps: u32,
+    /// Number of steps, which is whole.
+    steps: f64,
 }
 
 impl Axis {
@@ -211,30 +212,27 @@ impl Axis {
         let axes = steps.iter().map(|&step| {
             let first = (low / step).floor();
             // A value on a line does not need the next line.
-            let count = ((high / step - 1e-9).ceil() - first).max(1.0);
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "at least 1, and held to the limit below"
-            )]
-            let steps = count.min(1e6) as u32;
+            let steps = ((high / step - 1e-9).ceil() - first).max(1.0);
             Self {
                 low: first * step,
                 step,
                 steps,
             }
         });
-        let mut fitting = axes.filter(|axis| low <= high && axis.steps <= GRID_STEPS_MAX);
+        let steps_max = f64::from(GRID_STEPS_MAX);
+        let mut fitting = axes.filter(|axis| low <= high && axis.steps <= steps_max);
         fitting.next()
     }
 
     /// Returns the place of a value: 0 at the low end, 1 at the high end.
     fn part(&self, value: f64) -> f64 {
-        (value - self.low) / (self.step * f64::from(self.steps))
+        (value - self.low) / (self.step * self.steps)
     }
 
     fn lines(&self) -> impl Iterator<Item = f64> {
-        (0..=self.steps).map(|number| self.low + self.step * f64::from(number))
+        let numbers = (0..=GRID_STEPS_MAX).map(f64::from);
+        let shown = numbers.take_while(|number| *number <= self.steps);
+        shown.map(|number| self.low + self.step * number)
     }
 }
 
@@ -296,10 +294,10 @@ mod tests {
             let axis = Axis::new(range, &GRID_CELSIUS)?;
             Some((axis.low, axis.step, axis.steps))
         };
-        assert_eq!(axis(&[20.0, 57.0]), Some((20.0, 10.0, 4)));
-        assert_eq!(axis(&[20.0, 90.0]), Some((20.0, 20.0, 4)));
-        assert_eq!(axis(&[-1.0, 0.0]), Some((-1.0, 1.0, 1)));
-        assert_eq!(axis(&[25.0]), Some((25.0, 1.0, 1)));
+        assert_eq!(axis(&[20.0, 57.0]), Some((20.0, 10.0, 4.0)));
+        assert_eq!(axis(&[20.0, 90.0]), Some((20.0, 20.0, 4.0)));
+        assert_eq!(axis(&[-1.0, 0.0]), Some((-1.0, 1.0, 1.0)));
+        assert_eq!(axis(&[25.0]), Some((25.0, 1.0, 1.0)));
         assert_eq!(axis(&[]), None);
         assert_eq!(axis(&[0.0, 1e9]), None);
         assert_eq!(axis(&[f64::NEG_INFINITY, f64::INFINITY]), None);
