@@ -5,7 +5,7 @@
 //! which the caller starts. So a crash, a hang or an exit of an FMU costs one run.
 //!
 //! Inputs are the file and the table of a rig file, which [`table::wiring`] fits to it. Outputs are the values of its
-//! ports, step by step, or a [`FmuError`] with file and variable.
+//! ports, step by step, or a [`Fault`] that names the variable.
 //!
 //! In the other direction, [`export`] makes FMUs of plants: their description, and the C functions of FMI around them.
 //!

@@ -60,9 +60,6 @@ impl Base {
         if self.exponents != target.exponents {
             return None;
         }
-        if self == target {
-            return Some(Conversion::NONE);
-        }
         Some(Conversion {
             factor: self.factor / target.factor,
             offset: (self.offset - target.offset) / target.factor,
