@@ -5,7 +5,7 @@ use recording::timeline::Timeline;
 use scenario::events::{JudgedChirp, Window};
 
 use crate::circumstances::Circumstances;
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue};
+use crate::evidence::{Absence, Evidence, Known, Measurement, MetricValue};
 use crate::harmonic::Harmonic;
 use crate::sine::phase_between;
 
@@ -65,7 +65,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
         last_followed(&sorted(points), offset_of_amplitude * chirp.piece.amplitude)
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
-    lowest.unwrap_or_else(|| Err(Absence::nothing())).into()
+    lowest.ok_or_else(Absence::nothing)?.map(Known::from)
 }
 
 fn last_followed(points: &[FrequencyPoint], offset_max: f64) -> MetricValue {

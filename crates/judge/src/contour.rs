@@ -6,7 +6,7 @@ use recording::timeline::Timeline;
 use scenario::contour::Contour;
 use scenario::events::Window;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked};
+use crate::evidence::{Absence, Evidence, Known, Measurement, checked};
 use crate::metric::Metric;
 
 /// Time before and after a sample within which the nearest point of the path is searched for.
@@ -56,7 +56,7 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
         .into_iter()
         .zip(values)
         .filter_map(|((name, limit), value)| {
-            let mut row = Measurement::from(value).metric(axis, &name, limit)?;
+            let mut row = axis.row(&name, limit, value)?;
             row.requirements.clone_from(&contour.requirements);
             Some(row)
         });
@@ -64,13 +64,13 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
 }
 
 /// Returns the reason why there are no values.
-fn none(absence: impl Into<Absence>) -> [MetricValue; 2] {
+fn none(absence: impl Into<Absence>) -> [Measurement; 2] {
     let absence = absence.into();
     [Err(absence.clone()), Err(absence)]
 }
 
 /// Returns the longest distance and the RMS of the distances.
-fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [MetricValue; 2] {
+fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Measurement; 2] {
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let is_left_out = |time: f64| axes.iter().any(|axis| axis.leaves_out(time, time));
     let errors =
@@ -84,8 +84,10 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Metric
     if count > 0.0 {
         let [longest, rms] = [longest, f64::sqrt(squares / count)].map(checked);
         let window = window(contour, end_seconds);
-        let of_all = |longest, axis: &Evidence<'_>| axis.of_largest(window, longest);
-        [axes.iter().fold(longest, of_all), rms]
+        let is_cut =
+            |axis: &&Evidence<'_>| axis.leaves_out(window.from_seconds, window.until_seconds);
+        let cut = axes.iter().find(is_cut).unwrap_or(&axes[0]);
+        [cut.of_largest(window, longest), rms.map(Known::from)]
     } else if axes.iter().all(Evidence::has_all) {
         none("no sample of all axes in the window")
     } else {

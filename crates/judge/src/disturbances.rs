@@ -25,7 +25,8 @@ fn worst_disturbance(
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
     if !evidence.timeline.is_disturbed {
-        return Absence::unavailable("not available: an io node is missing on the bus").into();
+        let reason = "not available: an io node is missing on the bus";
+        return Err(Absence::unavailable(reason));
     }
     let windows = evidence.trial.disturbances();
     let end_seconds = evidence.trial.judged_end_seconds();
@@ -40,7 +41,7 @@ fn worst_disturbance(
         };
         evidence.of_event(watched, is_time, metric)
     });
-    worst(values).into()
+    worst(values)
 }
 
 /// Returns the first time after another at which the set-point changes, or a disturbance or a fault begins or ends.

@@ -40,9 +40,9 @@ pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
     let attribution = &evidence.attribution;
     if attribution.due == 0 {
         let reason = "no cycle in the recording";
-        return Absence::unseen(reason, evidence.whole()).into();
+        return Err(Absence::unseen(reason, evidence.whole()));
     }
-    Ok(attribution.cycles.percent(evidence.has_all())).into()
+    Ok(attribution.cycles.percent(evidence.has_all()).into())
 }
 
 /// Returns the percentage of cycles in which a command was due and did not come.
@@ -61,14 +61,14 @@ fn command_share(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> M
     let is_watched = is_watched(evidence, metric);
     let is_sound = evidence.control_loop.faults().next().is_none();
     if !is_watched && (!is_sound || commands.are_sound(evidence.timeline)) {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
     let totals = commands.totals(evidence);
     if !is_watched && totals.too_many(percent_max(evidence, metric), 0).is_empty() {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
-    let seen = evidence.seen(evidence.whole());
-    seen.map(|_| totals.percent(evidence.has_all())).into()
+    evidence.seen(evidence.whole()).map(drop)?;
+    Ok(totals.percent(evidence.has_all()).into())
 }
 
 /// Returns whether a metric of the controller's duties is reported.
@@ -80,12 +80,14 @@ fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
 /// Returns the largest distance of the mean of 64 SYNC periods from the nominal period, in percent of it.
 pub(crate) fn sync_period_error(evidence: &Evidence<'_>) -> Measurement {
     if !is_watched(evidence, SYNC_PERIOD_ERROR) {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
     match largest_period_error(evidence, evidence.has_all()) {
-        Some((percent, _)) => Ok(percent).into(),
-        None if !evidence.has_all() => Absence::left_out().into(),
-        None => Absence::meaningless(format!("no {PERIODS} SYNC periods in a row")).into(),
+        Some((percent, _)) => Ok(percent.into()),
+        None if !evidence.has_all() => Err(Absence::left_out()),
+        None => Err(Absence::meaningless(format!(
+            "no {PERIODS} SYNC periods in a row"
+        ))),
     }
 }
 

@@ -55,10 +55,50 @@ struct LeftOut {
 /// Value, or the reason why there is none.
 pub(crate) type MetricValue = Result<f64, Absence>;
 
+/// Measurement of a metric or a check in the recording.
+pub(crate) type Measurement = Result<Known, Absence>;
+
+/// Value of a metric or a check.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Known {
+    pub(crate) value: f64,
+    pub(crate) at_seconds: Option<f64>,
+    /// Whether it can only grow by what is left out.
+    pub(crate) is_least: bool,
+}
+
+impl From<f64> for Known {
+    fn from(value: f64) -> Self {
+        Self {
+            value,
+            at_seconds: None,
+            is_least: false,
+        }
+    }
+}
+
+impl Known {
+    pub(crate) fn at(value: f64, at_seconds: f64) -> Self {
+        Self {
+            at_seconds: Some(at_seconds),
+            ..value.into()
+        }
+    }
+
+    fn at_least(value: f64) -> Self {
+        Self {
+            is_least: true,
+            ..value.into()
+        }
+    }
+}
+
 /// Reason why there is no value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Absence {
     pub(crate) reason: String,
+    /// Time of the sample that shows the reason.
+    pub(crate) at_seconds: Option<f64>,
     why: Why,
 }
 
@@ -71,8 +111,6 @@ enum Why {
     Unseen(Window),
     /// Stalls explain all samples that the value would need.
     LeftOut,
-    /// The value is this, or larger by what stalls explain.
-    AtLeast(f64),
     /// No node on this bus sends the value, so a limit is neither met nor missed.
     Unavailable,
     /// The scenario gives the metric no meaning; relevant only if it has a limit.
@@ -83,18 +121,15 @@ enum Why {
 
 impl Absence {
     fn new(reason: impl Into<String>, why: Why) -> Self {
-        let reason = reason.into();
-        Self { reason, why }
+        Self {
+            reason: reason.into(),
+            at_seconds: None,
+            why,
+        }
     }
 
     pub(crate) fn left_out() -> Self {
         Self::new("only in what stalls explain", Why::LeftOut)
-    }
-
-    /// Returns the absence of a value that can only grow by what is left out.
-    fn at_least(value: f64) -> Self {
-        // The value is shown in place of a reason.
-        Self::new("", Why::AtLeast(value))
     }
 
     pub(crate) fn unseen(reason: impl Into<String>, silence: Window) -> Self {
@@ -126,11 +161,11 @@ impl Absence {
         Self::unseen(format!("silent {silence}"), silence)
     }
 
-    /// Changes the unit of what is known of the value.
-    pub(crate) fn scaled(self, factor: f64) -> Self {
-        match self.why {
-            Why::AtLeast(least) => Self::at_least(factor * least),
-            _ => self,
+    /// Adds the time of the sample that shows the reason.
+    pub(crate) fn at(self, seconds: f64) -> Self {
+        Self {
+            at_seconds: Some(seconds),
+            ..self
         }
     }
 
@@ -149,67 +184,6 @@ impl From<String> for Absence {
 impl From<&str> for Absence {
     fn from(reason: &str) -> Self {
         Self::new(reason, Why::NotDone)
-    }
-}
-
-/// Measurement of a metric or a check in the recording: a value, and its time.
-pub(crate) struct Measurement {
-    pub(crate) value: MetricValue,
-    pub(crate) at_seconds: Option<f64>,
-}
-
-impl From<MetricValue> for Measurement {
-    fn from(value: MetricValue) -> Self {
-        Self {
-            value,
-            at_seconds: None,
-        }
-    }
-}
-
-impl From<Absence> for Measurement {
-    fn from(absence: Absence) -> Self {
-        Err(absence).into()
-    }
-}
-
-impl Measurement {
-    pub(crate) fn at(value: MetricValue, at_seconds: f64) -> Self {
-        Self {
-            value,
-            at_seconds: Some(at_seconds),
-        }
-    }
-
-    /// Returns the row of the verdict, if there is one. A value that a node kept from being seen is missed; one that the bench
-    /// kept from it is not judged, unless what is known of it is too large already.
-    pub(crate) fn metric(
-        self,
-        evidence: &Evidence<'_>,
-        name: &str,
-        limit: Option<Limit>,
-    ) -> Option<Metric> {
-        let why = self.value.as_ref().err().map(|absence| absence.why);
-        let is_judged = match why {
-            Some(Why::AtLeast(least)) => {
-                let max = limit.and_then(|limit| limit.max);
-                let is_too_large = max.is_some_and(|max| rounded(least) > max);
-                return Some(Metric {
-                    passed: is_too_large.then_some(false),
-                    ..Metric::new(name, Ok(least), limit)
-                });
-            }
-            Some(Why::NotAsked) => return None,
-            Some(Why::Meaningless) if limit.is_none() => return None,
-            Some(Why::LeftOut | Why::Unavailable) => false,
-            Some(Why::Unseen(silence)) => !evidence.is_of_the_bench(silence),
-            Some(Why::NotDone | Why::Meaningless) | None => true,
-        };
-        let value = self.value.map_err(|absence| absence.reason);
-        Some(match value {
-            Err(reason) if !is_judged => Metric::not_judged(name, reason, limit),
-            value => Metric::new(name, value, limit).at(self.at_seconds),
-        })
     }
 }
 
@@ -307,6 +281,40 @@ impl<'a> Evidence<'a> {
         }
     }
 
+    /// Returns the row of the verdict, if there is one. A value that a node kept from being seen is missed; one that the bench
+    /// kept from it is not judged, unless what is known of it is too large already.
+    pub(crate) fn row(
+        &self,
+        name: &str,
+        limit: Option<Limit>,
+        measurement: Measurement,
+    ) -> Option<Metric> {
+        let absence = match measurement {
+            Ok(known) => {
+                let mut row = Metric::new(name, Ok(known.value), limit).at(known.at_seconds);
+                if known.is_least {
+                    let max = limit.and_then(|limit| limit.max);
+                    let is_too_large = max.is_some_and(|max| rounded(known.value) > max);
+                    row.passed = is_too_large.then_some(false);
+                }
+                return Some(row);
+            }
+            Err(absence) => absence,
+        };
+        let is_judged = match absence.why {
+            Why::NotAsked => return None,
+            Why::Meaningless if limit.is_none() => return None,
+            Why::LeftOut | Why::Unavailable => false,
+            Why::Unseen(silence) => !self.is_of_the_bench(silence),
+            Why::NotDone | Why::Meaningless => true,
+        };
+        Some(if is_judged {
+            Metric::new(name, Err(absence.reason), limit).at(absence.at_seconds)
+        } else {
+            Metric::not_judged(name, absence.reason, limit)
+        })
+    }
+
     /// Returns the value of an event in its window. If a part of the window is left out, it is at least that until a stall touches
     /// the window. A time that has not ended by then is longer.
     pub(crate) fn of_event(
@@ -314,7 +322,7 @@ impl<'a> Evidence<'a> {
         window: Window,
         is_time: bool,
         value: impl FnOnce(&Self, Window) -> MetricValue,
-    ) -> MetricValue {
+    ) -> Measurement {
         let all = Self {
             left_out: None,
             ..self.clone()
@@ -324,7 +332,7 @@ impl<'a> Evidence<'a> {
             times.first_in(window.from_seconds, window.until_seconds)
         };
         let Some(touched_at) = self.left_out.as_ref().and_then(touched) else {
-            return value(&all, window);
+            return value(&all, window).map(Known::from);
         };
         let cut = Window {
             until_seconds: touched_at.max(window.from_seconds),
@@ -332,20 +340,23 @@ impl<'a> Evidence<'a> {
         };
         let longer_than = cut.until_seconds - cut.from_seconds - STAY_SECONDS;
         match value(&all, cut) {
-            Ok(value) => Err(Absence::at_least(value)),
+            Ok(value) => Ok(Known::at_least(value)),
             Err(absence) if matches!(absence.why, Why::Unseen(_)) => Err(Absence::left_out()),
-            Err(_) if is_time && longer_than > 0.0 => Err(Absence::at_least(longer_than)),
+            Err(_) if is_time && longer_than > 0.0 => Ok(Known::at_least(longer_than)),
             Err(_) => Err(Absence::left_out()),
         }
     }
 
     /// Returns the largest value of a window. If a part of the window is left out, it is at least that of the rest.
-    pub(crate) fn of_largest(&self, window: Window, largest: MetricValue) -> MetricValue {
-        let is_cut = self.leaves_out(window.from_seconds, window.until_seconds);
-        match largest {
-            Ok(largest) if is_cut => Err(Absence::at_least(largest)),
-            largest => largest,
-        }
+    pub(crate) fn of_largest(&self, window: Window, largest: MetricValue) -> Measurement {
+        let largest = largest?;
+        Ok(
+            if self.leaves_out(window.from_seconds, window.until_seconds) {
+                Known::at_least(largest)
+            } else {
+                largest.into()
+            },
+        )
     }
 
     /// Returns the stall that explains an end of the run by a node: one that covers half of the time in which the node was at
@@ -591,30 +602,18 @@ pub(crate) fn silences(
 
 /// Returns the largest value over all steps or disturbances, of which there is at least one. An error counts as worse than any
 /// value. One that is left out may be larger than the others.
-pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> MetricValue {
+pub(crate) fn worst(values: impl Iterator<Item = Measurement>) -> Measurement {
     let worst = values.reduce(|worst, value| match (worst, value) {
-        (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
+        (Ok(worst), Ok(value)) => Ok(Known {
+            is_least: worst.is_least || value.is_least,
+            ..f64::max(worst.value, value.value).into()
+        }),
         (Err(absence), other) | (other, Err(absence)) if absence.why == Why::LeftOut => {
-            least(&other).map_or(other, |least| Err(Absence::at_least(least)))
+            other.map(|known| Known::at_least(known.value))
         }
-        (one, other) => match (least(&one), least(&other)) {
-            (Some(one), Some(other)) => Err(Absence::at_least(one.max(other))),
-            (None, _) => one,
-            (_, None) => other,
-        },
+        (Err(absence), _) | (_, Err(absence)) => Err(absence),
     });
     worst.unwrap_or_else(|| Err(Absence::nothing()))
-}
-
-/// Returns the least that a value can be, if something is known of it.
-fn least(value: &MetricValue) -> Option<f64> {
-    match value {
-        Ok(value) => Some(*value),
-        Err(absence) => match absence.why {
-            Why::AtLeast(least) => Some(least),
-            _ => None,
-        },
-    }
 }
 
 /// Returns the distance of a value to a limit; negative beyond the limit.

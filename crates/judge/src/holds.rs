@@ -5,7 +5,7 @@ use recording::timeline::{TIME_TOLERANCE_SECONDS, cycle_start_seconds};
 use scenario::events::Window;
 
 use crate::disturbances::recovery;
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, mean};
+use crate::evidence::{Absence, Evidence, Known, Measurement, checked, mean};
 
 /// Time from the position's arrival in its band to the begin of the hold.
 const AFTER_SETTLING_SECONDS: f64 = 1.0;
@@ -20,20 +20,8 @@ const MEAN_SECONDS: f64 = 0.01;
 pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     let expect = &evidence.trial.expect;
     if expect.of("{command}_ripple_{command_unit}_rms").is_none() {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
-    ripple(evidence).into()
-}
-
-/// Returns the distance between the highest and the lowest short mean of the position in the last second.
-pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.trial.expect.of("hunting_{unit}").is_none() {
-        return Absence::not_asked().into();
-    }
-    position_range(evidence).into()
-}
-
-fn ripple(evidence: &Evidence<'_>) -> MetricValue {
     let calm = calm(evidence);
     let hold = Window {
         from_seconds: calm.from_seconds + recovery(evidence, calm)? + AFTER_SETTLING_SECONDS,
@@ -54,10 +42,15 @@ fn ripple(evidence: &Evidence<'_>) -> MetricValue {
         return Err("no commanded current in the hold".into());
     }
     let middle = mean(currents())?;
-    mean(currents().map(|current| (current - middle).powi(2))).map(f64::sqrt)
+    let variance = mean(currents().map(|current| (current - middle).powi(2)))?;
+    Ok(variance.sqrt().into())
 }
 
-fn position_range(evidence: &Evidence<'_>) -> MetricValue {
+/// Returns the distance between the highest and the lowest short mean of the position in the last second.
+pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
+    if evidence.trial.expect.of("hunting_{unit}").is_none() {
+        return Err(Absence::not_asked());
+    }
     let calm = calm(evidence);
     let last = Window {
         from_seconds: calm.until_seconds - HUNTING_SECONDS,
@@ -72,7 +65,8 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
     let samples = evidence
         .seen(last)?
         .map(|sample| (sample.time_seconds, sample.position));
-    checked(swing(&Vec::from_iter(samples), last.from_seconds).unwrap_or(f64::NAN))
+    let swing = swing(&Vec::from_iter(samples), last.from_seconds);
+    checked(swing.unwrap_or(f64::NAN)).map(Known::from)
 }
 
 /// Returns the distance between the highest and the lowest short mean of positions, each with its time in seconds, from a time on;

@@ -5,7 +5,7 @@ use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::metrics::{METRICS, Subject};
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, largest, mean, worst};
+use crate::evidence::{Absence, Evidence, Known, Measurement, MetricValue, largest, mean, worst};
 use crate::metric::Metric;
 use crate::{
     chirp, contour, disturbances, duties, holds, reactions, sequences, signals, sine, steps,
@@ -90,7 +90,7 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
             rows.extend(limit.map(lacks));
             continue;
         }
-        let mut row = measure(evidence).metric(evidence, name, limit);
+        let mut row = evidence.row(name, limit, measure(evidence));
         // A limit that was met until the bench ended the run may have been missed later.
         if let Some(row) = &mut row
             && is_cut
@@ -102,7 +102,7 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
         if let Some(truth) = &truth
             && metric.subject == Subject::Position
         {
-            rows.extend(measure(truth).metric(truth, &format!("true_{name}"), None));
+            rows.extend(truth.row(&format!("true_{name}"), None, measure(truth)));
         }
     }
     rows
@@ -114,20 +114,21 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
     let samples = || evidence.samples(window);
     let mut pairs = samples().zip(samples().skip(1));
     if pairs.any(|(before, after)| !after.has_same_set_point(&before)) {
-        return Absence::meaningless("the set-point moves at the end").into();
+        return Err(Absence::meaningless("the set-point moves at the end"));
     }
-    let seen = evidence.seen(window);
-    seen.and_then(|samples| mean(samples.map(|sample| sample.deviation())))
-        .into()
+    let deviations = evidence.seen(window)?.map(|sample| sample.deviation());
+    mean(deviations).map(Known::from)
 }
 
 fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
     let sines = evidence.trial.judged_sines();
     if sines.is_empty() {
-        return deviation_rms(evidence, evidence.whole()).into();
+        return deviation_rms(evidence, evidence.whole()).map(Known::from);
     }
-    let windows = sines.iter().map(|sine| sine.window);
-    worst(windows.map(|window| deviation_rms(evidence, window))).into()
+    let errors = sines
+        .iter()
+        .map(|sine| deviation_rms(evidence, sine.window).map(Known::from));
+    worst(errors)
 }
 
 fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
@@ -137,9 +138,9 @@ fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
 }
 
 fn position_max(evidence: &Evidence<'_>) -> Measurement {
-    let seen = evidence.seen(evidence.whole());
-    let largest = seen.and_then(|samples| largest(samples.map(|sample| sample.position)));
-    evidence.of_largest(evidence.whole(), largest).into()
+    let whole = evidence.whole();
+    let positions = evidence.seen(whole)?.map(|sample| sample.position);
+    evidence.of_largest(whole, largest(positions))
 }
 
 fn current_rms(evidence: &Evidence<'_>) -> Measurement {
@@ -151,17 +152,17 @@ fn current_rms(evidence: &Evidence<'_>) -> Measurement {
             .flat_map(|values| evidence.values(values, whole))
     };
     if rows().next().is_none() && !evidence.has_all() {
-        return Absence::left_out().into();
+        return Err(Absence::left_out());
     }
     if rows().next().is_none() {
-        return Absence::unseen("no current in the recording", whole).into();
+        return Err(Absence::unseen("no current in the recording", whole));
     }
     let times = rows().map(|(time, _)| time);
     if let Some(silence) = evidence.first_silence(times, whole, evidence.silence_seconds_max) {
-        return Absence::silent(silence).into();
+        return Err(Absence::silent(silence));
     }
     let squares = rows().map(|(_, current)| current.powi(2));
-    mean(squares).map(f64::sqrt).into()
+    Ok(mean(squares)?.sqrt().into())
 }
 
 fn bus_load(evidence: &Evidence<'_>) -> Measurement {
@@ -170,7 +171,7 @@ fn bus_load(evidence: &Evidence<'_>) -> Measurement {
 
 fn sync_interval(evidence: &Evidence<'_>) -> Measurement {
     if evidence.timeline.zero_seconds.is_none() {
-        return Absence::from("the scenario never began").into();
+        return Err("the scenario never began".into());
     }
     // If the bench ended the SYNC, the recording still shows the run until then.
     let silence = evidence
@@ -179,21 +180,21 @@ fn sync_interval(evidence: &Evidence<'_>) -> Measurement {
     let longest = evidence.timeline.sync_interval_milliseconds_max;
     match silence {
         Some(silence) if !longest.is_nan() || !evidence.has_all() => {
-            Absence::unseen(format!("no SYNC {silence}"), silence).into()
+            Err(Absence::unseen(format!("no SYNC {silence}"), silence))
         }
         _ if evidence.has_all() => traffic(longest),
         _ => {
             let longest = duties::longest_interval_milliseconds(evidence);
-            evidence.of_largest(evidence.whole(), Ok(longest)).into()
+            evidence.of_largest(evidence.whole(), Ok(longest))
         }
     }
 }
 
 fn traffic(value: f64) -> Measurement {
     if value.is_nan() {
-        Absence::from("no two SYNCs in the recording").into()
+        Err("no two SYNCs in the recording".into())
     } else {
-        Ok(value).into()
+        Ok(value.into())
     }
 }
 

@@ -12,7 +12,7 @@ use scenario::expect::Emergency;
 
 use crate::attribution::faults::span;
 use crate::disturbances::recovery;
-use crate::evidence::{Absence, Evidence, Measurement, largest};
+use crate::evidence::{Absence, Evidence, Known, Measurement, largest};
 
 /// Time without current that counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
@@ -29,25 +29,24 @@ const ESTIMATED: &str = "estimated_";
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if trial.expect.of("temperature_celsius").is_none() && !trial.has_loop_faults() {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
     if !evidence.has_all() && temperatures(evidence).next().is_none() {
-        return Absence::left_out().into();
+        return Err(Absence::left_out());
     }
     let mut temperatures = temperatures(evidence).peekable();
     if temperatures.peek().is_none() {
-        return Absence::only_emulated().into();
+        return Err(Absence::only_emulated());
     }
     if let Some(reason) = unseen_temperature(evidence) {
-        return Absence::unavailable(reason).into();
+        return Err(Absence::unavailable(reason));
     }
-    let is_seen = if evidence.timeline.truth.is_empty() {
-        evidence.seen(evidence.run()).map(drop)
-    } else {
-        silence_of_truth(evidence).map_or(Ok(()), |silence| Err(truth_silence(silence)))
-    };
-    let largest = is_seen.and_then(|()| largest(temperatures));
-    evidence.of_largest(evidence.run(), largest).into()
+    if evidence.timeline.truth.is_empty() {
+        evidence.seen(evidence.run()).map(drop)?;
+    } else if let Some(silence) = silence_of_truth(evidence) {
+        return Err(truth_silence(silence));
+    }
+    evidence.of_largest(evidence.run(), largest(temperatures))
 }
 
 /// Returns the reason if the drive sent no temperature for too long, and the plant does not report it by itself.
@@ -119,7 +118,7 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
 pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     let unwanted = evidence.trial.expect.listed("no_event");
     if unwanted.is_empty() {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
     let is_unwanted = |text: &str| unwanted.iter().any(|part| text.contains(part.as_str()));
     let mut events = evidence.timeline.events.iter();
@@ -129,11 +128,11 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
             && !evidence.leaves_out(event.time_seconds, event.time_seconds)
     });
     match found {
-        Some(event) => Absence::from(format!("there is \"{}\"", event.text)).into(),
+        Some(event) => Err(format!("there is \"{}\"", event.text).into()),
         None if evidence.is_cut_before(evidence.trial.run.duration_seconds) => {
-            Absence::unavailable("none until the recording ends").into()
+            Err(Absence::unavailable("none until the recording ends"))
         }
-        None => Ok(0.0).into(),
+        None => Ok(0.0.into()),
     }
 }
 
@@ -145,7 +144,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     }
     let truth = &evidence.timeline.truth;
     let Some(first) = truth.first() else {
-        return Absence::only_emulated().into();
+        return Err(Absence::only_emulated());
     };
     let fault = first_fault_seconds(trial).max(first.time_seconds);
     let silence_max = silence_of_truth_seconds_max(evidence);
@@ -158,20 +157,21 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
             None => "current flows on".into(),
         })
     };
-    let zero = evidence.of_event(window, true, value);
-    zero.map(|seconds| 1e3 * seconds)
-        .map_err(|absence| absence.scaled(1e3))
-        .into()
+    let zero = evidence.of_event(window, true, value)?;
+    Ok(Known {
+        value: 1e3 * zero.value,
+        ..zero
+    })
 }
 
 /// Returns the measurement of a value that the plant reports only if something can fail. A limit on it is not judged for a
 /// recording without faults.
 fn without_faults(evidence: &Evidence<'_>, metric: &str) -> Measurement {
-    if evidence.trial.expect.of(metric).is_some() {
-        Absence::unavailable(format!("not available: without faults there is no {TRUTH}")).into()
+    Err(if evidence.trial.expect.of(metric).is_some() {
+        Absence::unavailable(format!("not available: without faults there is no {TRUTH}"))
     } else {
-        Absence::not_asked().into()
-    }
+        Absence::not_asked()
+    })
 }
 
 /// Returns the begin of the first fault.
@@ -214,11 +214,11 @@ fn is_heated(truth: &PlantTruth) -> bool {
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_loop_faults() {
-        return Absence::meaningless("no fault in the scenario").into();
+        return Err(Absence::meaningless("no fault in the scenario"));
     }
     let from_seconds = last_fault_end_seconds(trial);
     if from_seconds.is_infinite() {
-        return Absence::from("a fault lasts to the end").into();
+        return Err(Absence::from("a fault lasts to the end"));
     }
     let window = Window {
         from_seconds,
@@ -230,7 +230,7 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
         }
         recovery(evidence, window)
     };
-    evidence.of_event(window, true, value).into()
+    evidence.of_event(window, true, value)
 }
 
 /// Returns the end of the last fault; infinite if a fault lasts to the end.
@@ -246,17 +246,16 @@ pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
         return without_faults(evidence, "safe_state");
     }
     if evidence.timeline.truth.is_empty() {
-        return Absence::only_emulated().into();
+        return Err(Absence::only_emulated());
     }
     let end = evidence.trial.run.duration_seconds;
     if evidence.leaves_out(end - END_SECONDS, end) {
-        return Absence::left_out().into();
+        return Err(Absence::left_out());
     }
     if let Some(silence) = silence_at_end(evidence) {
-        return truth_silence(silence).into();
+        return Err(truth_silence(silence));
     }
-    let is_safe = is_safe_at_end(evidence);
-    Ok(if is_safe { 1.0 } else { 0.0 }).into()
+    Ok(f64::from(is_safe_at_end(evidence)).into())
 }
 
 /// Returns the silence of the plant in which the scenario ended.
@@ -335,7 +334,7 @@ pub(crate) fn state(statusword: f64) -> Option<State> {
 pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
     let demanded = evidence.trial.expect.listed("emcy");
     if demanded.is_empty() {
-        return Absence::not_asked().into();
+        return Err(Absence::not_asked());
     }
     let came = |wanted: &Emergency| {
         let mut emergencies = evidence.timeline.emergencies.iter();
@@ -348,8 +347,8 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
         .map(String::as_str)
         .collect();
     if missing.is_empty() {
-        return Ok(0.0).into();
+        return Ok(0.0.into());
     }
     let reason = format!("{} was not sent", missing.join(", "));
-    Absence::unseen(reason, evidence.run()).into()
+    Err(Absence::unseen(reason, evidence.run()))
 }

@@ -8,7 +8,7 @@ use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
-use crate::evidence::{Absence, Evidence, Measurement, samples_in};
+use crate::evidence::{Absence, Evidence, Known, Measurement, samples_in};
 use crate::metric::{Metric, rounded};
 use crate::signals::{at_most, nearest};
 
@@ -37,19 +37,20 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             }
             Err(missing) => {
                 let reason = format!("{missing} did not come before");
-                Absence::unseen(reason, window).into()
+                Err(Absence::unseen(reason, window))
             }
         };
         let limit = event_limit(event, window);
         let since = *before.as_ref().unwrap_or(&window.from_seconds);
-        let until = measurement.at_seconds.unwrap_or(window.until_seconds);
-        before = before.and_then(|_| measurement.at_seconds.ok_or_else(|| event.to_string()));
+        let came_at = measurement.as_ref().ok().and_then(|known| known.at_seconds);
+        let until = came_at.unwrap_or(window.until_seconds);
+        before = before.and_then(|_| came_at.ok_or_else(|| event.to_string()));
         let measurement = if evidence.leaves_out(since, until) {
-            Absence::left_out().into()
+            Err(Absence::left_out())
         } else {
             measurement
         };
-        metrics.extend(measurement.metric(evidence, &sequence.row_name(place), Some(limit)));
+        metrics.extend(evidence.row(&sequence.row_name(place), Some(limit), measurement));
     }
     metrics
 }
@@ -74,7 +75,7 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
 /// Returns the next occurrence of an event in a stretch of time, in milliseconds from its start.
 fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) -> Measurement {
     if evidence.timeline.zero_seconds.is_none() {
-        return Absence::from("the scenario never began").into();
+        return Err("the scenario never began".into());
     }
     let earliest = if again {
         rest.from_seconds + TIME_TOLERANCE_SECONDS
@@ -91,20 +92,17 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         } => (event_with(evidence, text, is_next), String::new()),
         Expected {
             signal: Some(name), ..
-        } => match evidence.trace(name) {
-            Ok(trace) => reached(trace, event, rest, is_next),
-            Err(absence) => return absence.into(),
-        },
-        _ => return Absence::from("nothing is expected").into(),
+        } => reached(evidence.trace(name)?, event, rest, is_next),
+        _ => return Err("nothing is expected".into()),
     };
     match found {
         Some(at_seconds) => {
             let since = (at_seconds - rest.from_seconds).max(0.0);
-            Measurement::at(Ok(1e3 * since), at_seconds)
+            Ok(Known::at(1e3 * since, at_seconds))
         }
         None => {
             let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
-            Absence::unseen(reason, rest).into()
+            Err(Absence::unseen(reason, rest))
         }
     }
 }

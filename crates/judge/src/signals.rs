@@ -6,7 +6,7 @@ use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
-use crate::evidence::{Absence, Evidence, Measurement, margin, samples_in, silences};
+use crate::evidence::{Absence, Evidence, Known, Measurement, margin, samples_in};
 use crate::metric::{Metric, rounded};
 
 /// Returns a row for each demand.
@@ -23,12 +23,9 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Option<Metric> {
     let window = check.window(demand, evidence.trial.run.duration_seconds);
     let limit = demand_limit(demand, window);
-    let measurement = match evidence.trace(&check.name) {
-        Ok(trace) if evidence.has_all() => measure(trace, window, demand, limit),
-        Ok(trace) => measure_rest(evidence, trace, window, demand, limit),
-        Err(absence) => absence.into(),
-    };
-    measurement.metric(evidence, &check.row_name(demand), Some(limit))
+    let trace = evidence.trace(&check.name);
+    let measurement = trace.and_then(|trace| measure(evidence, trace, window, demand, limit));
+    evidence.row(&check.row_name(demand), Some(limit), measurement)
 }
 
 /// Returns the limit of a demand's row.
@@ -58,71 +55,50 @@ pub(crate) fn at_most(max: f64) -> Limit {
     }
 }
 
-/// Measures the signal without the pieces that stalls explain. An arrival counts as a whole; for other demands each sample
-/// counts.
-fn measure_rest(
+/// Measures a signal. An arrival is left out as a whole if stalls explain a piece before it; for other demands each sample is.
+fn measure(
     evidence: &Evidence<'_>,
     trace: &SignalTrace,
     window: Window,
     demand: &Demand<'_>,
     limit: Limit,
 ) -> Measurement {
-    if matches!(demand, Demand::Reaches(_)) {
-        let arrival = measure(trace, window, demand, limit);
-        let arrived_at = arrival.at_seconds.filter(|_| arrival.value.is_ok());
+    let samples = samples_in(&trace.samples, window);
+    if let Demand::Reaches(wanted) = demand {
+        let arrival = arrival(trace, &samples, window, *wanted);
+        let arrived_at = arrival.as_ref().ok().and_then(|known| known.at_seconds);
         let until = arrived_at.unwrap_or(window.until_seconds);
         return if evidence.leaves_out(window.from_seconds, until) {
-            Absence::left_out().into()
+            Err(Absence::left_out())
         } else {
             arrival
         };
     }
+    if samples.is_empty() {
+        return Err(unseen(trace, window));
+    }
     let is_kept = |one: &SignalSample| !evidence.leaves_out(one.time_seconds, one.time_seconds);
-    let all = samples_in(&trace.samples, window);
-    let samples: Series<SignalSample> = all.iter().filter(is_kept).collect();
-    if samples.is_empty() && !all.is_empty() {
-        return Absence::left_out().into();
+    let samples = if evidence.has_all() {
+        samples
+    } else {
+        samples.iter().filter(is_kept).collect()
+    };
+    if samples.is_empty() {
+        return Err(Absence::left_out());
+    }
+    if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
+        let absence = Absence::from(format!("{} is no number", sample.value));
+        return Err(absence.at(sample.time_seconds));
     }
     let silence = trace.silence_seconds_max.and_then(|seconds_max| {
         let times = samples.iter().map(|sample| sample.time_seconds);
         evidence.first_silence(times, window, seconds_max)
     });
-    // As in `measure`, a value that is no number counts before a silence.
-    let is_number = samples.iter().all(|sample| sample.value.is_finite());
-    if let Some(silence) = silence.filter(|_| is_number) {
-        return Absence::silent(silence).into();
-    }
-    let rest = SignalTrace {
-        silence_seconds_max: None,
-        samples,
-        ..trace.clone()
-    };
-    measure(&rest, window, demand, limit)
-}
-
-fn measure(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Measurement {
-    let samples = samples_in(&trace.samples, window);
-    if samples.is_empty() {
-        return Absence::unseen(absence(trace, window), window).into();
-    }
-    if let Demand::Reaches(wanted) = demand {
-        return arrival(&samples, window, *wanted);
-    }
-    if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
-        let reason = format!("{} is no number", sample.value);
-        return Measurement::at(Err(reason.into()), sample.time_seconds);
-    }
-    let times = samples.iter().map(|sample| sample.time_seconds);
-    let silence = trace
-        .silence_seconds_max
-        .and_then(|seconds_max| silences(times, window, seconds_max).next());
     if let Some(silence) = silence {
-        return Absence::silent(silence).into();
+        return Err(Absence::silent(silence));
     }
     match demand {
-        Demand::RatePerSecond(_) if samples.len() < 2 => {
-            Absence::from("a single sample has no rate").into()
-        }
+        Demand::RatePerSecond(_) if samples.len() < 2 => Err("a single sample has no rate".into()),
         Demand::RatePerSecond(_) => worst(rates(&samples), limit),
         Demand::Follows(course) => worst(distances(&samples, course), limit),
         Demand::Stays(_) | Demand::Reaches(_) => worst(samples.iter(), limit),
@@ -130,30 +106,37 @@ fn measure(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
 }
 
 /// Returns the reason why a window is empty.
-fn absence(trace: &SignalTrace, window: Window) -> String {
+fn unseen(trace: &SignalTrace, window: Window) -> Absence {
     let is_before = |sample: &SignalSample| sample.time_seconds < window.from_seconds;
     let mut samples = trace.samples.iter();
     // An empty window has a sample before it, or all behind it.
-    match (samples.clone().filter(is_before).last(), samples.next()) {
+    let reason = match (samples.clone().filter(is_before).last(), samples.next()) {
         (Some(last), _) => format!("no sample; the last came at {:.3} s", last.time_seconds),
         (None, Some(next)) => format!("no sample; the first comes at {:.3} s", next.time_seconds),
         (None, None) => "no sample".to_owned(),
-    }
+    };
+    Absence::unseen(reason, window)
 }
 
 /// Returns the time from the start of the window to the first sample within the limit.
-fn arrival(samples: &Series<SignalSample>, window: Window, wanted: Limit) -> Measurement {
+fn arrival(
+    trace: &SignalTrace,
+    samples: &Series<SignalSample>,
+    window: Window,
+    wanted: Limit,
+) -> Measurement {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         let since = first.time_seconds - window.from_seconds;
-        return Measurement::at(Ok(since), first.time_seconds);
+        return Ok(Known::at(since, first.time_seconds));
     }
-    match nearest(samples, wanted) {
+    Err(match nearest(samples, wanted) {
         Some(nearest) => {
             let reason = format!("not reached, only {}", rounded(nearest.value));
-            Measurement::at(Err(Absence::unseen(reason, window)), nearest.time_seconds)
+            Absence::unseen(reason, window).at(nearest.time_seconds)
         }
-        None => Absence::from("NaN is no number").into(),
-    }
+        None if samples.is_empty() => unseen(trace, window),
+        None => "NaN is no number".into(),
+    })
 }
 
 /// Returns the sample that is nearest to the wanted range; the first of several.
@@ -172,10 +155,8 @@ fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Measuremen
             worst
         }
     });
-    match worst {
-        Some(sample) => Measurement::at(Ok(sample.value), sample.time_seconds),
-        None => Absence::from("no sample").into(),
-    }
+    let worst = worst.ok_or("no sample")?;
+    Ok(Known::at(worst.value, worst.time_seconds))
 }
 
 /// Returns the change per second up to each sample.
@@ -199,9 +180,14 @@ fn distances(
 
 #[cfg(test)]
 mod tests {
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use proptest::prelude::*;
+    use recording::timeline::decode;
 
     use super::*;
+    use crate::Circumstances;
+    use crate::tests::{frames, scenario};
 
     fn trace(samples: Vec<SignalSample>) -> SignalTrace {
         SignalTrace {
@@ -238,6 +224,20 @@ mod tests {
         }
     }
 
+    /// Measures a signal in a run without stalls.
+    fn measured(
+        trace: &SignalTrace,
+        window: Window,
+        demand: &Demand<'_>,
+        limit: Limit,
+    ) -> Measurement {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let timeline = decode(frames(4, |_| Some(10.0)), &plan).unwrap().remove(0);
+        let circumstances = Circumstances::default();
+        let evidence = Evidence::new(&timeline, plan.only_loop().unwrap(), &circumstances);
+        measure(&evidence, trace, window, demand, limit)
+    }
+
     #[track_caller]
     fn check(
         trace: &SignalTrace,
@@ -247,13 +247,12 @@ mod tests {
         expected: Result<f64, &str>,
         at_seconds: Option<f64>,
     ) {
-        let measurement = measure(trace, window, demand, limit);
-        let value = measurement
-            .value
-            .map(rounded)
-            .map_err(|absence| absence.reason);
+        let (value, at) = match measured(trace, window, demand, limit) {
+            Ok(known) => (Ok(rounded(known.value)), known.at_seconds),
+            Err(absence) => (Err(absence.reason), absence.at_seconds),
+        };
         assert_eq!(value, expected.map_err(str::to_owned));
-        assert_eq!(measurement.at_seconds.map(rounded), at_seconds);
+        assert_eq!(at.map(rounded), at_seconds);
     }
 
     #[track_caller]
@@ -376,21 +375,20 @@ mod tests {
                 sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
             };
             let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).collect();
-            let measurement = measure(&trace, within, &Demand::Stays(wanted), wanted);
-            let Ok(value) = measurement.value else {
+            let Ok(known) = measured(&trace, within, &Demand::Stays(wanted), wanted) else {
                 prop_assert!(seen.is_empty());
                 return Ok(());
             };
             let all = seen.iter().all(|sample| wanted.admits(sample.value));
-            prop_assert_eq!(wanted.admits(value), all);
-            let judged = SignalSample { time_seconds: measurement.at_seconds.unwrap(), value };
+            prop_assert_eq!(wanted.admits(known.value), all);
+            let judged = SignalSample { time_seconds: known.at_seconds.unwrap(), value: known.value };
             prop_assert!(seen.contains(&judged));
             // A wider band never turns a pass into a failure, and a signal that keeps a band has reached it at once.
             let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);
-            let again = measure(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
-            prop_assert!(!all || wider.admits(again));
-            let reached = measure(&trace, within, &Demand::Reaches(wanted), wanted);
-            prop_assert!(!all || reached.at_seconds == Some(seen[0].time_seconds));
+            let again = measured(&trace, within, &Demand::Stays(wider), wider).unwrap();
+            prop_assert!(!all || wider.admits(again.value));
+            let reached = measured(&trace, within, &Demand::Reaches(wanted), wanted);
+            prop_assert!(!all || reached.unwrap().at_seconds == Some(seen[0].time_seconds));
         }
     }
 }

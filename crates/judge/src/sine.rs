@@ -2,7 +2,9 @@
 
 use scenario::events::JudgedSine;
 
-use crate::evidence::{Absence, CycleSample, Evidence, Measurement, MetricValue, checked, margin};
+use crate::evidence::{
+    Absence, CycleSample, Evidence, Known, Measurement, MetricValue, checked, margin,
+};
 use crate::harmonic::Harmonic;
 
 /// Function of the harmonics of the set-point and of the position.
@@ -45,19 +47,17 @@ fn worst(evidence: &Evidence<'_>, metric: &str, ideal: f64, value: OfSine) -> Me
     };
     let mut worst: Option<(f64, f64)> = None;
     for sine in &sines {
-        let (value, from) = match of_sine(evidence, sine, value) {
-            Ok(value) => (value, sine.window.from_seconds),
-            Err(absence) => return Err(absence).into(),
-        };
+        let value = of_sine(evidence, sine, value)?;
         if worst.is_none_or(|(worst, _)| goodness(value) < goodness(worst)) {
-            worst = Some((value, from));
+            worst = Some((value, sine.window.from_seconds));
         }
     }
-    match worst {
-        None => Absence::nothing().into(),
-        Some((value, _)) if sines.len() == 1 => Ok(value).into(),
-        Some((value, from)) => Measurement::at(Ok(value), from),
-    }
+    let (value, from) = worst.ok_or_else(Absence::nothing)?;
+    Ok(if sines.len() == 1 {
+        value.into()
+    } else {
+        Known::at(value, from)
+    })
 }
 
 fn of_sine(evidence: &Evidence<'_>, sine: &JudgedSine, value: OfSine) -> MetricValue {

@@ -34,7 +34,7 @@ fn worst_step(
             })
         })
     });
-    worst(values).into()
+    worst(values)
 }
 
 /// Returns the time from the step to the first sample of the uninterrupted stay within the band. A silence interrupts a stay.
