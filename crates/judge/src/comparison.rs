@@ -8,7 +8,6 @@ mod shared;
 mod tolerance;
 
 use std::collections::BTreeSet;
-use std::iter;
 
 use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
@@ -94,19 +93,13 @@ fn signals_of_loop(
     let prefix = &a.prefix();
     let name = &a.measurand.name(SET_POINT);
     let what = (prefix.as_str(), name.as_str(), a.measurand.unit.symbol());
-    let mut signals = vec![signal(tolerances, what, shared, &a.set_point, &b.set_point)];
+    let set_points = [&a.set_point, &b.set_point];
+    let mut signals = vec![signal(tolerances, what, shared, set_points)];
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
             let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());
-            let none;
-            let other = if column.is_used() == other.is_used() {
-                &other.values
-            } else {
-                // Zeros without meaning are not compared with values.
-                none = iter::repeat_n(f64::NAN, other.values.len()).collect();
-                &none
-            };
-            signals.push(signal(tolerances, what, shared, &column.values, other));
+            let values = [&column.values, &other.values];
+            signals.push(signal(tolerances, what, shared, values));
         }
         done();
     }
@@ -117,8 +110,7 @@ fn signal(
     tolerances: &Tolerances<'_>,
     (prefix, name, unit): (&str, &str, &str),
     shared: &Shared,
-    a: &Series<f64>,
-    b: &Series<f64>,
+    [a, b]: [&Series<f64>; 2],
 ) -> SignalDifference {
     let [a, b] = shared.values(a, b);
     let tolerance = tolerances.for_signal(prefix, name, unit);

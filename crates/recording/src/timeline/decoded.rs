@@ -32,26 +32,6 @@ pub struct Column {
     pub values: Series<f64>,
 }
 
-/// Prefixes of signals that only some laws compute: the controller sends 0 for a signal that its law does not have.
-const OF_SOME_LAWS: [&str; 5] = [
-    "reference_position_",
-    "estimated_",
-    "sliding_variable_",
-    "equivalent_part_",
-    "switching_part_",
-];
-
-impl Column {
-    /// Returns whether a node computes it.
-    pub fn is_used(&self) -> bool {
-        let is_of_some_laws = OF_SOME_LAWS
-            .iter()
-            .any(|start| self.name.starts_with(start));
-        let mut values = self.values.iter();
-        !is_of_some_laws || values.any(|value| !value.is_nan() && value != 0.0)
-    }
-}
-
 /// Decoded recording.
 #[derive(Clone, Debug, Default)]
 pub struct Timeline {
