@@ -13,7 +13,7 @@ pub mod mcap;
 pub mod mf4;
 pub mod parquet;
 
-use dbc::{Database, Message, SignalHandle};
+use dbc::{Message, SignalHandle};
 
 /// Bits of the identifier in a raw one, without its flags.
 const ID_BITS: u32 = 0x1FFF_FFFF;
@@ -21,8 +21,7 @@ const ID_BITS: u32 = 0x1FFF_FFFF;
 const MARKED_ID_BITS: u32 = 0x9FFF_FFFF;
 
 /// Returns the signals of a message, in its order.
-fn signals(database: &Database, message: &Message) -> Vec<Option<SignalHandle>> {
-    let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
+fn signals(message: &Message) -> Vec<SignalHandle> {
     let signals = message.signals.iter();
-    signals.map(|signal| handle(&signal.name)).collect()
+    signals.map(|signal| message.handle(signal)).collect()
 }

@@ -137,7 +137,7 @@ fn chunk_bytes(frames: usize) -> u64 {
 /// Message of the bus whose signals are fields.
 struct Topic {
     id: u16,
-    signals: Vec<Option<SignalHandle>>,
+    signals: Vec<SignalHandle>,
     cdr: Cdr,
 }
 
@@ -145,8 +145,8 @@ impl Topic {
     fn decode(&mut self, stamped: &Stamped) -> &[u8] {
         self.cdr.clear();
         for signal in &self.signals {
-            let value = signal.and_then(|signal| signal.decode(&stamped.frame));
-            self.cdr.push_f64(value.unwrap_or(f64::NAN));
+            let value = signal.decode(&stamped.frame).unwrap_or(f64::NAN);
+            self.cdr.push_f64(value);
         }
         if self.signals.is_empty() {
             // ROS 2 pads a message without fields.
@@ -174,7 +174,7 @@ fn topics(
         let name = format!("/{}", message.name);
         let topic = Topic {
             id: file.topic(&name, &kind, &schema::definition(message))?,
-            signals: signals(database, message),
+            signals: signals(message),
             cdr: Cdr::new(),
         };
         topics.insert(message.raw_id, topic);

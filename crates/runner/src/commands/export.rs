@@ -147,7 +147,7 @@ fn frame_table<'a>(
             let message = database
                 .message(name)
                 .ok_or_else(|| no_message(name, database))?;
-            Box::new(move |output| frames::write_message(output, frames, database, zero, message))
+            Box::new(move |output| frames::write_message(output, frames, zero, message))
         }
     })
 }
