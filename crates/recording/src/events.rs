@@ -167,10 +167,11 @@ impl EventReader {
         let at_seconds = stamped.time.as_secs_f64();
         let node = &signal.node;
         let (level, text) = match signal.kind {
-            EventKind::State if label.starts_with("fault") => {
-                (Level::Error, format!("{node}: {label}"))
+            EventKind::State => {
+                let is_fault = label.starts_with("fault");
+                let level = if is_fault { Level::Error } else { Level::Info };
+                (level, format!("{node}: {label}"))
             }
-            EventKind::State => (Level::Info, format!("{node}: {label}")),
             EventKind::Command => {
                 let addressee = addressee(&stamped.frame, &self.node_names);
                 (Level::Info, format!("NMT command: {label}{addressee}"))

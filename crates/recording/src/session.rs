@@ -78,23 +78,16 @@ pub fn plan_files(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
 pub enum ReadError {
     #[error(transparent)]
     Scenario(Box<ScenarioError>),
-    #[error(transparent)]
-    File(#[from] FileError),
+    /// A file of the recording cannot be used.
+    #[error("{} cannot be used: {reason}", path.display())]
+    File { path: PathBuf, reason: String },
 }
 
-/// Error: a file of a recording cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("{} cannot be used: {reason}", path.display())]
-pub struct FileError {
-    path: PathBuf,
-    reason: String,
-}
-
-impl FileError {
+impl ReadError {
     /// Returns a function for `map_err` that makes the error of a file in a folder.
     fn at<E: ToString>(folder: &Path, name: &str) -> impl Fn(E) -> Self {
         let path = folder.join(name);
-        move |reason| Self {
+        move |reason| Self::File {
             path: path.clone(),
             reason: reason.to_string(),
         }
@@ -113,14 +106,14 @@ pub fn read_plan(
     catalogue: &Catalogue,
 ) -> Result<Plan, ReadError> {
     let frames = read_frames(folder)?;
-    let path = file_in(folder, file::SCENARIO).map_err(FileError::at(folder, file::SCENARIO))?;
+    let path = file_in(folder, file::SCENARIO).map_err(ReadError::at(folder, file::SCENARIO))?;
     let external = external.unwrap_or_default();
     let plan = load(&path, frames.as_ref(), external, catalogue)?;
     let mut wirings = plan.loops.iter().map(|one| &one.trial.wiring);
     let ambiguous = wirings.find_map(|wiring| ambiguous_name(plan.database(), wiring));
     if let Some(name) = ambiguous.filter(|_| frames.is_some()) {
         let reason = format!("two signals that become columns are called `{name}`");
-        return Err(FileError::at(folder, file::FRAMES)(reason).into());
+        return Err(ReadError::at(folder, file::FRAMES)(reason));
     }
     Ok(plan.recorded_external(external))
 }
@@ -155,13 +148,13 @@ fn load(
 }
 
 /// Reads the meaning of the frames of a recording, if its folder has it.
-fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FileError> {
-    let path = file_in(folder, file::FRAMES).map_err(FileError::at(folder, file::FRAMES))?;
+fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, ReadError> {
+    let path = file_in(folder, file::FRAMES).map_err(ReadError::at(folder, file::FRAMES))?;
     match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(FileError::at(folder, file::FRAMES)(error)),
+        Err(error) => Err(ReadError::at(folder, file::FRAMES)(error)),
         Ok(text) => {
-            let database = Database::parse(&text).map_err(FileError::at(folder, file::FRAMES))?;
+            let database = Database::parse(&text).map_err(ReadError::at(folder, file::FRAMES))?;
             Ok(Some(Arc::new(database)))
         }
     }

@@ -171,24 +171,6 @@ struct Watched {
 }
 
 impl Watched {
-    fn new(
-        duty: &'static str,
-        what: String,
-        period: Option<Duration>,
-        (is_ours, reporter): (bool, Option<u16>),
-    ) -> Self {
-        Self {
-            what,
-            duty,
-            period,
-            half_period: period.map(|period| period / 2),
-            is_answer: [POSITION, COMMAND].contains(&duty),
-            is_ours,
-            reporter,
-            ..Self::default()
-        }
-    }
-
     #[inline]
     fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>) {
         self.recorded += 1;
@@ -550,10 +532,21 @@ fn watched(
     let command = identifier(one, drive, names::RPDO1);
     let (ours, drives) = ((is_ours, Some(SYNC_COB_ID)), (is_emulated, position));
     let mut watched = BTreeMap::new();
-    let mut watch = |identifier: Option<u16>, duty, what: &str, period, sender| {
-        let frames = |id| (id, Watched::new(duty, what.to_owned(), period, sender));
-        watched.extend(identifier.map(frames));
-    };
+    let mut watch =
+        |identifier: Option<u16>, duty, what: &str, period: Option<Duration>, sender| {
+            let (is_ours, reporter) = sender;
+            let frames = Watched {
+                what: what.to_owned(),
+                duty,
+                period,
+                half_period: period.map(|period| period / 2),
+                is_answer: [POSITION, COMMAND].contains(&duty),
+                is_ours,
+                reporter,
+                ..Watched::default()
+            };
+            watched.extend(identifier.map(|id| (id, frames)));
+        };
     let cycle = Some(cycle);
     watch(Some(COMMAND_ID), NMT, "NMT", None, ours);
     watch(Some(SYNC_COB_ID), SYNC, "SYNC", cycle, ours);

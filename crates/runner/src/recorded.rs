@@ -44,7 +44,7 @@ impl From<ReadError> for RecordedError {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::File(error) => Exit::CannotStart.because(error).into(),
+            file @ ReadError::File { .. } => Exit::CannotStart.because(file).into(),
         }
     }
 }
