@@ -95,7 +95,7 @@ fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
 }
 
 /// Channel with the place of its bits in a record.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Channel<'a> {
     name: &'a str,
     unit: &'a str,
@@ -115,15 +115,14 @@ impl<'a> Channel<'a> {
             unit,
             data_type: FLOAT_LITTLE_ENDIAN,
             byte,
-            bit: 0,
             bits: VALUE_BYTES * 8,
-            flags: 0,
-            parts: 0,
+            ..Self::default()
         }
     }
 }
 
 /// Format of the records of a channel group.
+#[derive(Default)]
 struct Records {
     count: usize,
     bytes: u32,
@@ -193,18 +192,15 @@ impl Mf4File {
 
     /// Appends a group of all signals, before the group `next`.
     fn signals(&mut self, signals: &[Signal], next: u64) -> u64 {
-        let mut byte = 0;
+        let mut records = Records {
+            count: signals.first().map_or(0, |time| time.values.len()),
+            ..Records::default()
+        };
         let mut channels = Vec::new();
         for signal in signals {
-            channels.push(Channel::float(&signal.name, signal.unit, byte));
-            byte += VALUE_BYTES;
+            channels.push(Channel::float(&signal.name, signal.unit, records.bytes));
+            records.bytes += VALUE_BYTES;
         }
-        let records = Records {
-            count: signals.first().map_or(0, |time| time.values.len()),
-            bytes: byte,
-            flags: 0,
-            source: 0,
-        };
         let data = self.data(Data::Signals, &records);
         let first = self.channels(&channels);
         self.data_group(next, first, data, &records)
@@ -245,20 +241,16 @@ impl Mf4File {
 
     /// Appends a group of channels with their records, before the data group `next`.
     fn data_group(&mut self, next: u64, first_channel: u64, data: u64, records: &Records) -> u64 {
-        let group = self.channel_group(first_channel, records);
-        self.block(b"##DG", &[next, group, data, 0], &[0; 8])
-    }
-
-    fn channel_group(&mut self, first_channel: u64, records: &Records) -> u64 {
-        let mut data = vec![0; 8];
-        data.extend_from_slice(&wide(records.count).to_le_bytes());
-        data.extend_from_slice(&records.flags.to_le_bytes());
-        data.extend_from_slice(&PATH_SEPARATOR.to_le_bytes());
-        data.extend_from_slice(&[0; 4]);
-        data.extend_from_slice(&records.bytes.to_le_bytes());
-        data.extend_from_slice(&[0; 4]);
+        let mut group = vec![0; 8];
+        group.extend_from_slice(&wide(records.count).to_le_bytes());
+        group.extend_from_slice(&records.flags.to_le_bytes());
+        group.extend_from_slice(&PATH_SEPARATOR.to_le_bytes());
+        group.extend_from_slice(&[0; 4]);
+        group.extend_from_slice(&records.bytes.to_le_bytes());
+        group.extend_from_slice(&[0; 4]);
         let links = [0, first_channel, 0, records.source, 0, 0];
-        self.block(b"##CG", &links, &data)
+        let group = self.block(b"##CG", &links, &group);
+        self.block(b"##DG", &[next, group, data, 0], &[0; 8])
     }
 
     /// Appends a file within the file.
@@ -355,7 +347,8 @@ mod tests {
             flags: 0,
             source: 0,
         };
-        let group = file.channel_group(0, &records);
+        let data_group = file.data_group(0, 0, 0, &records);
+        let group = number(&file.bytes, data_group + 32);
         assert_eq!(length(&file, group), 104);
         let history = file.history(0);
         assert_eq!(length(&file, history), 56);

@@ -25,16 +25,16 @@ const BUS_CHANNEL: u8 = 1;
 const FRAME_AT: u32 = 8;
 const RECORD_BYTES: u32 = 24;
 
-/// Parts of a frame: name, byte in the record, bit in that byte, length in bits.
-const PARTS: [(&str, u32, u32, u32); 6] = [
-    ("ID", 8, 0, 29),
-    ("IDE", 11, 7, 1),
-    ("BusChannel", 12, 0, 8),
-    ("DLC", 13, 0, 8),
-    ("DataLength", 14, 0, 8),
-    ("Dir", 15, 0, 1),
+/// Parts of a frame: name, data type, byte in the record, bit in that byte, length in bits.
+const PARTS: [(&str, u8, u32, u32, u32); 7] = [
+    ("ID", UNSIGNED_LITTLE_ENDIAN, 8, 0, 29),
+    ("IDE", UNSIGNED_LITTLE_ENDIAN, 11, 7, 1),
+    ("BusChannel", UNSIGNED_LITTLE_ENDIAN, 12, 0, 8),
+    ("DLC", UNSIGNED_LITTLE_ENDIAN, 13, 0, 8),
+    ("DataLength", UNSIGNED_LITTLE_ENDIAN, 14, 0, 8),
+    ("Dir", UNSIGNED_LITTLE_ENDIAN, 15, 0, 1),
+    ("DataBytes", BYTES, 16, 0, 64),
 ];
-const DATA_AT: u32 = 16;
 
 /// Kinds of frames, each of which has a group.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -77,7 +77,7 @@ fn group(file: &mut Mf4File, kind: Kind, count: usize, next: u64) -> u64 {
         count,
         bytes: RECORD_BYTES,
         flags: BUS_EVENTS,
-        source: 0,
+        ..Records::default()
     };
     let data = file.data(Data::Frames(kind), &records);
     let first = channels(file, kind.name());
@@ -109,35 +109,25 @@ pub(super) fn write_records(
 
 /// Appends the time, and a frame that is made of its parts.
 fn channels(file: &mut Mf4File, name: &str) -> u64 {
-    let part = |data_type, byte, bit, bits| Channel {
-        name: "",
-        unit: "",
+    let names = PARTS.map(|(part, ..)| format!("{name}.{part}"));
+    let parts = PARTS.iter().zip(&names);
+    let parts = parts.map(|(&(_, data_type, byte, bit, bits), name)| Channel {
+        name,
         data_type,
         byte,
         bit,
         bits,
         flags: BUS_EVENT,
-        parts: 0,
-    };
-    let names = PARTS.map(|(part, ..)| format!("{name}.{part}"));
-    let mut parts: Vec<Channel> = PARTS
-        .iter()
-        .zip(&names)
-        .map(|(&(_, byte, bit, bits), name)| Channel {
-            name,
-            ..part(UNSIGNED_LITTLE_ENDIAN, byte, bit, bits)
-        })
-        .collect();
-    let data = format!("{name}.DataBytes");
-    parts.push(Channel {
-        name: &data,
-        ..part(BYTES, DATA_AT, 0, 64)
+        ..Channel::default()
     });
-    let parts = file.fixed_channels(&parts);
     let frame = Channel {
         name,
-        parts,
-        ..part(BYTES, FRAME_AT, 0, (RECORD_BYTES - FRAME_AT) * 8)
+        data_type: BYTES,
+        byte: FRAME_AT,
+        bits: (RECORD_BYTES - FRAME_AT) * 8,
+        flags: BUS_EVENT,
+        parts: file.fixed_channels(&Vec::from_iter(parts)),
+        ..Channel::default()
     };
     file.channels(&[Channel::float("time", "s", 0), frame])
 }
