@@ -103,13 +103,8 @@ impl<T: Pod> SeriesWriter<T> {
         Self { values, kept_max }
     }
 
-    /// Lowers the number of values that are kept in memory to `kept_max`.
-    pub fn keep(&mut self, kept_max: usize) {
-        self.kept_max = self.kept_max.min(kept_max.max(2));
-    }
-
     /// Reserves room for values, as far as they stay in memory.
-    pub fn reserve(&mut self, values: usize) {
+    fn reserve(&mut self, values: usize) {
         self.values.kept.reserve(values.min(self.kept_max));
     }
 
@@ -546,8 +541,7 @@ mod tests {
 
     #[test]
     fn a_writer_that_is_to_keep_less_has_a_file_sooner() {
-        let mut series = SeriesWriter::default();
-        series.keep(100);
+        let mut series = SeriesWriter::keeping(100);
         series.extend(0..1000_u64);
         assert!(series.values.filed > 0 && series.values.kept.len() <= 100);
         assert!(series.finish().iter().eq(0..1000));

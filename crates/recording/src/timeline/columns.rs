@@ -2,7 +2,7 @@
 //! and only the signals whose bits changed are decoded.
 
 use can::CanFrame;
-use dbc::{Signal, SignalHandle};
+use dbc::SignalHandle;
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -13,28 +13,19 @@ use super::decoded::Column;
 pub(super) struct Columns(Vec<MessageColumns>);
 
 impl Columns {
-    pub(super) fn new(one: &ControlLoop) -> Self {
-        Self(one.columns().map(MessageColumns::new).collect())
+    /// Makes columns that keep at most `kept_max` rows of each signal in memory.
+    pub(super) fn new(one: &ControlLoop, kept_max: usize) -> Self {
+        let messages = one.columns();
+        Self(
+            messages
+                .map(|one| MessageColumns::new(one, kept_max))
+                .collect(),
+        )
     }
 
     /// Returns the identifiers of the messages.
     pub(super) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         self.0.iter().map(|message| message.raw_id)
-    }
-
-    fn writers(&mut self) -> impl Iterator<Item = &mut SeriesWriter<f64>> {
-        let signals = self.0.iter_mut().flat_map(|message| &mut message.signals);
-        signals.map(|signal| &mut signal.rows)
-    }
-
-    /// Reserves memory for the rows of each signal, as far as they are kept there.
-    pub(super) fn reserve(&mut self, rows: usize) {
-        self.writers().for_each(|writer| writer.reserve(rows));
-    }
-
-    /// Keeps at most `rows` rows of each signal in memory.
-    pub(super) fn keep(&mut self, rows: usize) {
-        self.writers().for_each(|writer| writer.keep(rows));
     }
 
     /// Takes a frame of the latest of `rows` cycles. A value that is measured after the end of that cycle belongs to no cycle.
@@ -67,16 +58,6 @@ struct SignalColumn {
 }
 
 impl SignalColumn {
-    fn new(handle: SignalHandle, name: String, signal: &Signal) -> Self {
-        Self {
-            handle,
-            name,
-            unit: signal.unit.clone(),
-            latest: f64::NAN,
-            rows: SeriesWriter::default(),
-        }
-    }
-
     /// Sets another value from a row on.
     fn change(&mut self, row: usize, value: f64) {
         self.fill(row);
@@ -116,11 +97,16 @@ struct MessageColumns {
 }
 
 impl MessageColumns {
-    fn new(columns: ColumnMessage<'_>) -> Self {
+    fn new(columns: ColumnMessage<'_>, kept_max: usize) -> Self {
         let message = columns.message;
         let signals = columns.signals.into_iter();
-        let signals =
-            signals.map(|(name, signal)| SignalColumn::new(message.handle(signal), name, signal));
+        let signals = signals.map(|(name, signal)| SignalColumn {
+            handle: message.handle(signal),
+            name,
+            unit: signal.unit.clone(),
+            latest: f64::NAN,
+            rows: SeriesWriter::keeping(kept_max),
+        });
         Self {
             raw_id: message.raw_id,
             signals: signals.collect(),

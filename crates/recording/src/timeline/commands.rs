@@ -45,7 +45,12 @@ pub(super) struct CommandReader {
 }
 
 impl CommandReader {
-    pub(super) fn new(one: &ControlLoop, period: Duration) -> Result<Self, SignalMissing> {
+    /// Makes a reader that keeps at most `kept_max` cycles of each kind in memory.
+    pub(super) fn new(
+        one: &ControlLoop,
+        period: Duration,
+        kept_max: usize,
+    ) -> Result<Self, SignalMissing> {
         let [controller, drive] = [&one.nodes.controller, &one.nodes.drive].map(Node::in_sentence);
         let what = match one.loop_name() {
             Some(_) => format!("command from {controller} to {drive}"),
@@ -59,16 +64,10 @@ impl CommandReader {
             cycle: None,
             is_early: false,
             waiting: None,
-            lacking: SeriesWriter::default(),
-            late: SeriesWriter::default(),
+            lacking: SeriesWriter::keeping(kept_max),
+            late: SeriesWriter::keeping(kept_max),
             silence: None,
         })
-    }
-
-    /// Keeps at most `cycles` cycles in memory.
-    pub(super) fn keep(&mut self, cycles: usize) {
-        self.lacking.keep(cycles);
-        self.late.keep(cycles);
     }
 
     /// Begins a cycle.
@@ -165,7 +164,7 @@ mod tests {
     fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
         let plan = plan();
-        let mut reader = CommandReader::new(plan.only_loop().unwrap(), micros(1)).unwrap();
+        let mut reader = CommandReader::new(plan.only_loop().unwrap(), micros(1), 100).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * place);

@@ -35,17 +35,12 @@ pub fn decode(
     plan: &Plan,
 ) -> Result<Vec<Timeline>, SignalMissing> {
     let loops = plan.loops.iter();
-    let mut readers = loops
-        .map(|one| TimelineReader::new(&plan.shared, one))
-        .collect::<Result<Vec<_>, _>>()?;
     // All of them together have as much in memory as one.
     let kept_max = KEPT_MAX / plan.loops.len();
+    let mut readers = loops
+        .map(|one| TimelineReader::new(&plan.shared, one, kept_max))
+        .collect::<Result<Vec<_>, _>>()?;
     let frames = frames.into_iter();
-    let expected = frames.size_hint().0;
-    for reader in &mut readers {
-        reader.keep(kept_max);
-        reader.reserve(expected);
-    }
     match readers.as_mut_slice() {
         [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
         several => read_with(several, frames),
@@ -119,21 +114,23 @@ pub struct TimelineReader {
 }
 
 impl TimelineReader {
+    /// Makes a reader that keeps at most `kept_max` rows in memory.
+    ///
     /// # Errors
     /// If the database lacks a signal that the bench needs.
-    pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
+    pub fn new(shared: &Shared, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         let trial = &one.trial;
         let period = trial.run.bus.sync_period();
         let end = Duration::from_secs_f64(trial.run.duration_seconds);
         let losses = LossReader::new(one);
-        let commands = CommandReader::new(one, period)?;
+        let commands = CommandReader::new(one, period, kept_max)?;
         let events = EventReader::new(&one.database, NodeNames::new(shared, one));
         let truth = TruthReader::new(one)?;
         let io_nodes = IoReader::new(one);
         let drive_reports = DriveReportReader::new(one);
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
-        let columns = Columns::new(one);
+        let columns = Columns::new(one, kept_max);
         let rare = || {
             let watched = losses.raw_ids().chain(truth.raw_id());
             watched
@@ -167,27 +164,11 @@ impl TimelineReader {
             sources,
             columns,
             commands,
-            cycle: SeriesWriter::default(),
-            syncs_seconds: SeriesWriter::default(),
+            cycle: SeriesWriter::keeping(kept_max),
+            syncs_seconds: SeriesWriter::keeping(kept_max),
             cycles_due: 0,
             is_over: false,
         })
-    }
-
-    /// Keeps at most `rows` rows in memory.
-    fn keep(&mut self, rows: usize) {
-        self.cycle.keep(rows);
-        self.syncs_seconds.keep(rows);
-        self.columns.keep(rows);
-        self.commands.keep(rows);
-    }
-
-    /// Reserves room for the rows of this many frames.
-    fn reserve(&mut self, frames: usize) {
-        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
-        let rows = cycles.min(frames);
-        self.cycle.reserve(rows);
-        self.columns.reserve(rows);
     }
 
     /// Takes every frame of the bus in order.
@@ -528,7 +509,7 @@ mod tests {
             let mut enabled = database.builder("drive_tpdo1").unwrap();
             enabled.set(&expected[2].handle, 55.0);
             let sync = CanFrame::new(SYNC_COB_ID, &[]);
-            let mut reader = TimelineReader::new(&plan.shared, one).unwrap();
+            let mut reader = TimelineReader::new(&plan.shared, one, KEPT_MAX).unwrap();
             let mut pieces = Vec::new();
             let mut micros = 0;
             for (kind, byte, length) in [(8, 0, 0), (0, 0, 0)].into_iter().chain(steps) {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use platform::clock::sleep;
 use platform::scheduling;
+use platform::series::KEPT_MAX;
 use re_sdk::log::ChunkBatcherConfig;
 use re_sdk::sink::SinkFlushError;
 use re_sdk::{RecordingStream, RecordingStreamBuilder};
@@ -86,7 +87,7 @@ fn follow(
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let mut shown = Vec::new();
     for (output, control_loop) in outputs.iter_mut().zip(&plan.loops) {
-        let reader = TimelineReader::new(&plan.shared, control_loop)?;
+        let reader = TimelineReader::new(&plan.shared, control_loop, KEPT_MAX)?;
         let recording = Recording::begin(output, control_loop, Known::SoFar)?;
         shown.push((reader, recording));
     }
