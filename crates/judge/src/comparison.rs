@@ -13,7 +13,7 @@ use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
 use recording::timeline::{Series, Timeline};
 use recording::work::Pass;
-use shared::{Shared, SignalDeviation, outside};
+use shared::{Shared, deviation, outside};
 
 pub use difference::{Comparison, MetricDifference, SignalDifference};
 pub use shared::reach;
@@ -38,7 +38,7 @@ pub fn compare_runs(
     // The loops of a run share its cycles.
     let (one, other) = (&a[0], &b[0]);
     let shared = Shared::of(one, other);
-    let mut remarks = shared.remarks(one, other);
+    let mut remarks = Vec::from_iter(shared.remark(one, other));
     if one.period_seconds != other.period_seconds {
         remarks.push(format!(
             "the cycles differ: {} s and {} s, so nothing can be compared",
@@ -121,15 +121,15 @@ fn signal(
     let reach = reach(tolerances.time_seconds, shared.period_seconds) + later;
     let (one, other) = (outside(&a, &b, reach), outside(&b, &a, reach));
     let differences = one.iter().zip(&other).map(|(one, other)| one.max(other));
-    let deviation = SignalDeviation::of(&a, &b, shared.period_seconds);
+    let (rms, lag_seconds) = deviation(&a, &b, shared.period_seconds).unzip();
     let mut difference = SignalDifference {
         name: format!("{prefix}{name}"),
         unit: unit.to_owned(),
         tolerance: tolerance.is_finite().then_some(tolerance),
         largest: None,
         largest_at_seconds: None,
-        rms: deviation.as_ref().map(|deviation| deviation.rms),
-        lag_seconds: deviation.map(|deviation| deviation.lag_seconds),
+        rms,
+        lag_seconds,
         diverges_at_seconds: None,
         beyond_percent: 0.0,
     };

@@ -217,21 +217,17 @@ impl<'a> Evidence<'a> {
         control_loop: &'a ControlLoop,
         circumstances: &'a Circumstances,
     ) -> Self {
-        let trial = &control_loop.trial;
-        let period = trial.run.bus.sync_period();
-        let feedback = names::message(&control_loop.nodes.drive.name, TPDO1);
-        let silence = silence_seconds_max(&feedback, period, &control_loop.database);
         Self {
             timeline,
             control_loop,
-            trial,
+            trial: &control_loop.trial,
             circumstances,
             contours: &[],
             loops: &[],
             attribution: Rc::new(Attribution::new(timeline, control_loop, circumstances)),
             left_out: None,
             position: timeline.position(),
-            silence_seconds_max: silence,
+            silence_seconds_max: drive_silence_seconds_max(control_loop, TPDO1),
         }
     }
 
@@ -569,6 +565,12 @@ impl<'a> Evidence<'a> {
             unavailable.unwrap_or_else(|| format!("{path} never was on the bus").into())
         })
     }
+}
+
+/// Returns the longest time between two messages of a kind that the drive of a loop sends.
+pub(crate) fn drive_silence_seconds_max(one: &ControlLoop, service: &str) -> f64 {
+    let message = names::message(&one.nodes.drive.name, service);
+    silence_seconds_max(&message, one.trial.run.bus.sync_period(), &one.database)
 }
 
 /// Returns the rows of a window without its end; `before` counts the rows before a time.

@@ -4,7 +4,6 @@
 use canopen::cia402::State;
 use dbc::names;
 use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS, Timeline};
-use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
 use scenario::Trial;
 use scenario::events::Window;
@@ -12,7 +11,7 @@ use scenario::expect::Emergency;
 
 use crate::attribution::faults::span;
 use crate::disturbances::recovery;
-use crate::evidence::{Absence, Evidence, Known, Measurement, largest};
+use crate::evidence::{Absence, Evidence, Known, Measurement, drive_silence_seconds_max, largest};
 
 /// Time without current that counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
@@ -82,10 +81,7 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
 }
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
-    let period = evidence.trial.run.bus.sync_period();
-    let control_loop = evidence.control_loop;
-    let message = names::message(&control_loop.nodes.drive.name, names::TRUTH);
-    silence_seconds_max(&message, period, &control_loop.database)
+    drive_silence_seconds_max(evidence.control_loop, names::TRUTH)
 }
 
 fn truth_silence(silence: Window) -> Absence {

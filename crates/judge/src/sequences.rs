@@ -2,6 +2,8 @@
 
 use std::iter;
 
+use recording::events::Event;
+use recording::occurrences::Occurrence;
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::Trial;
@@ -86,10 +88,19 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
     let (found, nearest) = match event {
         Expected {
             emcy: Some(text), ..
-        } => (emergency(evidence, text, is_next), String::new()),
+        } => {
+            let wanted = text.parse::<Emergency>();
+            let is_wanted = |one: &Emergency| wanted.as_ref() == Ok(one);
+            let found = first(&evidence.timeline.emergencies, is_wanted, is_next);
+            (found, String::new())
+        }
         Expected {
             text: Some(text), ..
-        } => (event_with(evidence, text, is_next), String::new()),
+        } => {
+            let has_text = |event: &Event| event.text.contains(text.as_str());
+            let found = first(&evidence.timeline.events, has_text, is_next);
+            (found, String::new())
+        }
         Expected {
             signal: Some(name), ..
         } => reached(evidence.trace(name)?, event, rest, is_next),
@@ -107,21 +118,15 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
     }
 }
 
-fn emergency(evidence: &Evidence<'_>, text: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
-    let wanted: Emergency = text.parse().ok()?;
-    let emergencies = evidence.timeline.emergencies.iter();
-    let mut times = emergencies
-        .filter(|one| *one.what == wanted)
-        .map(|one| one.time_seconds);
-    times.find(|time| is_next(*time))
-}
-
-fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
-    let events = evidence.timeline.events.iter();
-    let mut times = events
-        .filter(|event| event.text.contains(part))
-        .map(|event| event.time_seconds);
-    times.find(|time| is_next(*time))
+/// Returns the time of the first wanted occurrence.
+fn first<T>(
+    occurrences: &[Occurrence<T>],
+    is_wanted: impl Fn(&T) -> bool,
+    is_next: impl Fn(f64) -> bool,
+) -> Option<f64> {
+    let mut wanted = occurrences.iter().filter(|one| is_wanted(one));
+    let found = wanted.find(|one| is_next(one.time_seconds))?;
+    Some(found.time_seconds)
 }
 
 /// Returns the time at which a signal gets within its limits for long enough, or a text on how near it came.

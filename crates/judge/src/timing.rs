@@ -4,7 +4,7 @@ use std::ops::Add;
 use std::time::Duration;
 
 use dbc::SignalMissing;
-use plan::Plan;
+use plan::{Plan, each_once};
 use recording::frames::Frames;
 use recording::latency::{Host, NodeReport, Quantiles, latencies};
 use recording::stalls::Stall;
@@ -20,7 +20,7 @@ const CLOCK_STEP_MAX: Duration = Duration::from_millis(1);
 const STALLS_PERCENT_MAX: f64 = 0.1;
 
 /// Timing of a run, as `verdict.json` holds it. A verdict in virtual time has none.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Timing {
     /// Report of the controller's loop; `None` if the controller is external.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -45,6 +45,20 @@ impl Timing {
     /// # Errors
     /// The database lacks a signal.
     pub fn new(frames: &Frames, plan: &Plan, host: Host) -> Result<Self, SignalMissing> {
+        let of_host = Self {
+            distrust: distrust(&host, plan.duration()),
+            controller: host.controller,
+            plant_emulator: host.plant_emulator,
+            ..Self::default()
+        };
+        of_host.again(frames, plan)
+    }
+
+    /// Returns the timing of the same run, read from its recording again. The host's observations are kept.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub fn again(self, frames: &Frames, plan: &Plan) -> Result<Self, SignalMissing> {
         let mut worst = [Quantiles::default(); 3];
         for one in &plan.loops {
             let quantiles =
@@ -54,28 +68,10 @@ impl Timing {
         }
         let [sync_to_position, position_to_command, round_trip] = worst;
         Ok(Self {
-            distrust: distrust(&host, plan.duration()),
             sync_to_position_microseconds: sync_to_position,
             position_to_command_microseconds: position_to_command,
             round_trip_microseconds: round_trip,
-            controller: host.controller,
-            plant_emulator: host.plant_emulator,
-        })
-    }
-
-    /// Returns the timing of the same run, read from its recording again. The host's observations are kept.
-    ///
-    /// # Errors
-    /// The database lacks a signal.
-    pub fn again(self, frames: &Frames, plan: &Plan) -> Result<Self, SignalMissing> {
-        let host = Host {
-            controller: self.controller,
-            plant_emulator: self.plant_emulator,
-            ..Host::default()
-        };
-        Ok(Self {
-            distrust: self.distrust,
-            ..Self::new(frames, plan, host)?
+            ..self
         })
     }
 
@@ -157,17 +153,9 @@ impl Timing {
 
 /// Returns the reasons why the timing of a run of this duration is not trusted.
 fn distrust(host: &Host, duration: Duration) -> Vec<String> {
-    let mut reasons: Vec<String> = Vec::new();
     let reports = [&host.controller, &host.plant_emulator];
-    for refusal in reports
-        .into_iter()
-        .flatten()
-        .flat_map(|report| &report.refused)
-    {
-        if !reasons.contains(refusal) {
-            reasons.push(refusal.clone());
-        }
-    }
+    let refused = reports.into_iter().flatten().flat_map(|one| &one.refused);
+    let mut reasons = each_once(refused.cloned());
     if host.wall_clock_step > CLOCK_STEP_MAX {
         let milliseconds = 1e3 * host.wall_clock_step.as_secs_f64();
         let step = format!("the wall clock was stepped by {milliseconds:.1} ms during the run");

@@ -7,7 +7,7 @@ use std::time::Duration;
 use dbc::SignalMissing;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use hdrhistogram::Histogram;
-use plan::ControlLoop;
+use plan::{ControlLoop, each_once};
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
@@ -101,12 +101,6 @@ impl NodeReport {
     /// Merges the reports of two nodes: the sums of their counts, and the worse lateness.
     #[must_use]
     pub fn beside(self, other: Self) -> Self {
-        let new = Vec::from_iter(
-            other
-                .refused
-                .into_iter()
-                .filter(|reason| !self.refused.contains(reason)),
-        );
         let lateness = self.wake_up_lateness_microseconds;
         Self {
             ticks: self.ticks + other.ticks,
@@ -115,7 +109,7 @@ impl NodeReport {
             frames_dropped: self.frames_dropped + other.frames_dropped,
             frames_delayed: self.frames_delayed + other.frames_delayed,
             late_answers: self.late_answers + other.late_answers,
-            refused: self.refused.into_iter().chain(new).collect(),
+            refused: each_once(self.refused.into_iter().chain(other.refused)),
             sent: self.sent.into_iter().chain(other.sent).collect(),
             late: self.late.into_iter().chain(other.late).collect(),
         }

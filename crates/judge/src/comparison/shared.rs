@@ -45,20 +45,19 @@ impl Shared {
         [values_at(&self.rows, 0, a), values_at(&self.rows, 1, b)]
     }
 
-    pub(super) fn remarks(&self, a: &Timeline, b: &Timeline) -> Vec<String> {
+    pub(super) fn remark(&self, a: &Timeline, b: &Timeline) -> Option<String> {
         let percent =
             100.0 * self.rows.len() as f64 / a.cycle.len().max(b.cycle.len()).max(1) as f64;
-        if percent >= SHARED_PERCENT_MIN {
-            return Vec::new();
-        }
-        vec![format!(
-            "the runs share {} cycles only: A has {} and ends at {:.3} s, B has {} and ends at {:.3} s",
-            self.rows.len(),
-            a.cycle.len(),
-            a.end_seconds(),
-            b.cycle.len(),
-            b.end_seconds()
-        )]
+        (percent < SHARED_PERCENT_MIN).then(|| {
+            format!(
+                "the runs share {} cycles only: A has {} and ends at {:.3} s, B has {} and ends at {:.3} s",
+                self.rows.len(),
+                a.cycle.len(),
+                a.end_seconds(),
+                b.cycle.len(),
+                b.end_seconds()
+            )
+        })
     }
 }
 
@@ -81,48 +80,41 @@ fn values_at(rows: &Series<[u64; 2]>, side: usize, values: &Series<f64>) -> Seri
     values.at(places).collect()
 }
 
-/// Deviation of two signals, cycle by cycle, without tolerance of time.
-pub(super) struct SignalDeviation {
-    pub(super) rms: f64,
-    /// Time by which B comes later: the shift with the least root mean square.
-    pub(super) lag_seconds: f64,
-}
-
-impl SignalDeviation {
-    /// Compares values at the shared cycles; returns `None` if no cycle has both.
-    pub(super) fn of(a: &Series<f64>, b: &Series<f64>, period_seconds: f64) -> Option<Self> {
-        let straight = mean_squares(a, b, 0, 1)[0]?;
-        let reach = libm::round(LAG_SECONDS_MAX / period_seconds).clamp(0.0, LAG_ROWS_MAX);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "clamped"
-        )]
-        let reach = reach as usize;
-        let stride = a.len() / LAG_SAMPLES_MAX + 1;
-        let later = mean_squares(a, b, reach, stride);
-        let earlier = mean_squares(b, a, reach, stride);
-        // A shift must reduce the difference clearly, or noise would look like a lag.
-        let mut least = (later[0]? * LAG_GAIN, 0.0);
-        let shifts = (0_u32..).map(f64::from);
-        let earlier = Vec::from_iter(shifts.clone().zip(earlier).skip(1))
-            .into_iter()
-            .rev()
-            .map(|(rows, found)| (-rows, found));
-        // The shifts go from the earliest to the latest. The first of equal ones counts.
-        for (shift, found) in earlier.chain(shifts.zip(later)) {
-            if let Some(found) = found.filter(|found| straight > 0.0 && *found < least.0) {
-                least = (found, shift);
-            }
+/// Compares two signals at the shared cycles, without tolerance of time. Returns the root mean square of their differences, and the
+/// seconds by which B comes later: the shift with the least root mean square. `None` if no cycle has both.
+pub(super) fn deviation(
+    a: &Series<f64>,
+    b: &Series<f64>,
+    period_seconds: f64,
+) -> Option<(f64, f64)> {
+    let straight = mean_squares(a, b, 0, 1)[0]?;
+    let reach = libm::round(LAG_SECONDS_MAX / period_seconds).clamp(0.0, LAG_ROWS_MAX);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped"
+    )]
+    let reach = reach as usize;
+    let stride = a.len() / LAG_SAMPLES_MAX + 1;
+    let later = mean_squares(a, b, reach, stride);
+    let earlier = mean_squares(b, a, reach, stride);
+    // A shift must reduce the difference clearly, or noise would look like a lag.
+    let mut least = (later[0]? * LAG_GAIN, 0.0);
+    let shifts = (0_u32..).map(f64::from);
+    let earlier = Vec::from_iter(shifts.clone().zip(earlier).skip(1))
+        .into_iter()
+        .rev()
+        .map(|(rows, found)| (-rows, found));
+    // The shifts go from the earliest to the latest. The first of equal ones counts.
+    for (shift, found) in earlier.chain(shifts.zip(later)) {
+        if let Some(found) = found.filter(|found| straight > 0.0 && *found < least.0) {
+            least = (found, shift);
         }
-        // The best shift may lie beyond the last one that was tried: then it is unknown.
-        let is_inside = least.1.abs() < reach as f64;
-        let shift = if is_inside { least.1 } else { 0.0 };
-        Some(Self {
-            rms: libm::sqrt(straight),
-            lag_seconds: shift * period_seconds,
-        })
     }
+    // The best shift may lie beyond the last one that was tried: then it is unknown.
+    let is_inside = least.1.abs() < reach as f64;
+    let shift = if is_inside { least.1 } else { 0.0 };
+    Some((libm::sqrt(straight), shift * period_seconds))
 }
 
 /// Returns the mean squares of the differences if `others` are taken 0, 1, … up to `rows_max` rows later, from every `stride`-th
@@ -233,27 +225,18 @@ mod tests {
             let rows = (0..1000_u32).map(|row| 0.01 * (f64::from(row) - delay));
             rows.map(libm::sin).collect()
         };
-        let of = |delay, period| SignalDeviation::of(&course(0.0), &course(delay), period).unwrap();
-        let late = of(20.0, 0.01);
-        assert!(
-            (late.lag_seconds - 0.2).abs() < 1e-9,
-            "{}",
-            late.lag_seconds
-        );
-        assert!((of(-20.0, 0.01).lag_seconds + 0.2).abs() < 1e-9);
+        let of = |delay, period| deviation(&course(0.0), &course(delay), period).unwrap();
+        let (_, lag_seconds) = of(20.0, 0.01);
+        assert!((lag_seconds - 0.2).abs() < 1e-9, "{lag_seconds}");
+        assert!((of(-20.0, 0.01).1 + 0.2).abs() < 1e-9);
         // Half a second is the end of the search: the lag may be longer.
-        let too_late = of(60.0, 0.01);
-        assert_eq!(too_late.lag_seconds, 0.0, "{}", too_late.rms);
-        let same = of(0.0, 0.01);
-        assert_eq!((same.rms, same.lag_seconds), (0.0, 0.0));
-        let apart = SignalDeviation::of(
-            &series(&[1.0, 2.0, f64::NAN]),
-            &series(&[1.5, 2.5, 9.0]),
-            1.0,
-        )
-        .unwrap();
-        assert!((apart.rms - 0.5).abs() < 1e-12);
-        assert!(SignalDeviation::of(&series(&[f64::NAN]), &series(&[1.0]), 1.0).is_none());
+        let (rms, lag_seconds) = of(60.0, 0.01);
+        assert_eq!(lag_seconds, 0.0, "{rms}");
+        assert_eq!(of(0.0, 0.01), (0.0, 0.0));
+        let apart = [&[1.0, 2.0, f64::NAN], &[1.5, 2.5, 9.0]].map(|values| series(values));
+        let (rms, _) = deviation(&apart[0], &apart[1], 1.0).unwrap();
+        assert!((rms - 0.5).abs() < 1e-12);
+        assert!(deviation(&series(&[f64::NAN]), &series(&[1.0]), 1.0).is_none());
     }
 
     #[test]
