@@ -145,8 +145,8 @@ fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
 
 /// Returns the time with which a loss begins; a loss without a time comes first.
 fn seconds(loss: &str) -> f64 {
-    let first = loss.split(' ').next().unwrap_or_default();
-    first.parse().unwrap_or(f64::NEG_INFINITY)
+    let time = loss.split_once(" s ").map(|(time, _)| time.parse());
+    time.and_then(Result::ok).unwrap_or(f64::NEG_INFINITY)
 }
 
 #[cfg(test)]
@@ -223,6 +223,20 @@ mod tests {
         assert_eq!(reason.as_deref(), Some("y: because"));
         let reason = joined(two(Fail, Fail), &[]).reason;
         assert_eq!(reason.as_deref(), Some("because"));
+    }
+
+    #[test]
+    fn losses_are_in_the_order_of_time_behind_those_without_a_time() {
+        let mut loops = two(Outcome::Pass, Outcome::Pass);
+        let losses = [
+            "3 CAN FD frames on the bus",
+            "1.500 s lost",
+            "-0.500 s lost",
+        ];
+        loops[0].1.losses = losses[..2].iter().map(ToString::to_string).collect();
+        loops[1].1.losses = losses.map(str::to_owned).into();
+        let expected = [losses[0], losses[2], losses[1]];
+        assert_eq!(joined(loops, &[]).losses, expected);
     }
 
     #[test]
