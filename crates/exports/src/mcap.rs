@@ -59,22 +59,21 @@ fn write_messages(
     let mut topics = topics(&mut file, frames, database)?;
     let raw = file.topic(FRAMES_TOPIC, "can_msgs/msg/Frame", schema::FRAME)?;
     let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
+    let events = events.iter();
     let mut events = events
-        .iter()
-        .map(|event| (at(event.time_seconds, zero), &**event));
-    let mut next = events.next();
+        .map(|event| (at(event.time_seconds, zero), &**event))
+        .peekable();
     for stamped in frames.iter() {
-        while let Some((time, event)) = next.filter(|(time, _)| *time <= stamped.time) {
-            file.message(log, time, &log_message(time, event))?;
-            next = events.next();
+        while let Some((time, event)) = events.next_if(|(time, _)| *time <= stamped.time) {
+            file.message(log, time, log_message(time, event).bytes())?;
         }
-        file.message(raw, stamped.time, &frame_message(&stamped))?;
+        file.message(raw, stamped.time, frame_message(&stamped).bytes())?;
         if let Some(topic) = topics.get_mut(&stamped.frame.raw_id()) {
             file.message(topic.id, stamped.time, topic.decode(&stamped))?;
         }
     }
-    for (time, event) in next.into_iter().chain(events) {
-        file.message(log, time, &log_message(time, event))?;
+    for (time, event) in events {
+        file.message(log, time, log_message(time, event).bytes())?;
     }
     file.writer.finish()?;
     Ok(())
@@ -195,7 +194,7 @@ fn at(time_seconds: f64, zero: Duration) -> Duration {
 }
 
 /// Serialises a `can_msgs/msg/Frame`.
-fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
+fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Cdr {
     let mut cdr = Cdr::new();
     cdr.push_time(*time);
     cdr.push_text(FRAME_ID);
@@ -207,11 +206,11 @@ fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
     for byte in frame.buffer() {
         cdr.push_u8(byte);
     }
-    cdr.into_bytes()
+    cdr
 }
 
 /// Serialises an `rcl_interfaces/msg/Log`.
-fn log_message(time: Duration, event: &Event) -> Vec<u8> {
+fn log_message(time: Duration, event: &Event) -> Cdr {
     let mut cdr = Cdr::new();
     cdr.push_time(time);
     cdr.push_u8(match event.level {
@@ -225,7 +224,7 @@ fn log_message(time: Duration, event: &Event) -> Vec<u8> {
     cdr.push_text("");
     cdr.push_text("");
     cdr.push_u32(0);
-    cdr.into_bytes()
+    cdr
 }
 
 #[cfg(test)]

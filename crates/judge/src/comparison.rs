@@ -126,12 +126,9 @@ fn signal(
         name: format!("{prefix}{name}"),
         unit: unit.to_owned(),
         tolerance: tolerance.is_finite().then_some(tolerance),
-        largest: None,
-        largest_at_seconds: None,
         rms,
         lag_seconds,
-        diverges_at_seconds: None,
-        beyond_percent: 0.0,
+        ..SignalDifference::default()
     };
     difference.judge(differences.zip(&shared.time_seconds), tolerance);
     difference

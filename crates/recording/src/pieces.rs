@@ -41,8 +41,6 @@ pub(crate) struct PieceReader<R> {
     /// Text of the latest piece, if it is held, with the position up to which it was taken.
     held: Cursor<Vec<u8>>,
     pass: Pass,
-    /// Place in the file up to which progress was reported.
-    gone_to: u64,
 }
 
 enum State<R> {
@@ -59,16 +57,7 @@ impl<R: Read + Seek> PieceReader<R> {
             state: State::Between(BufReader::with_capacity(BUFFER_BYTES, input)),
             held: Cursor::default(),
             pass: Pass::new(bytes),
-            gone_to: 0,
         }
-    }
-
-    /// Reports progress up to this place in the file.
-    fn go_to(&mut self, place: u64) {
-        let bytes = place.saturating_sub(self.gone_to);
-        self.pass
-            .advance(usize::try_from(bytes).unwrap_or(usize::MAX));
-        self.gone_to = place;
     }
 
     /// Goes to the next whole piece; returns `false` at the end of the file.
@@ -90,7 +79,7 @@ impl<R: Read + Seek> PieceReader<R> {
         }
         match checked {
             Ok(true) => {
-                self.go_to(end);
+                self.pass.reach(end);
                 self.held = Cursor::new(text);
                 self.state = State::Between(input);
             }
@@ -99,7 +88,7 @@ impl<R: Read + Seek> PieceReader<R> {
                 self.state = State::Within(Decoder::with_buffer(input)?.single_frame());
             }
             Err(reason) => {
-                self.go_to(end);
+                self.pass.reach(end);
                 self.state = State::Between(input);
                 let damaged = Damaged {
                     begin,
@@ -130,7 +119,7 @@ impl<R: Read + Seek> Read for PieceReader<R> {
                 State::Within(mut piece) => match piece.read(bytes)? {
                     0 => self.state = State::Between(piece.finish()),
                     read => {
-                        self.go_to(piece.get_mut().stream_position()?);
+                        self.pass.reach(piece.get_mut().stream_position()?);
                         self.state = State::Within(piece);
                         return Ok(read);
                     }
@@ -258,7 +247,7 @@ mod tests {
         let mut pieces = PieceReader::new(Cursor::new(&compressed), compressed.len() as u64);
         let mut half = vec![0; text.len() / 2];
         pieces.read_exact(&mut half).unwrap();
-        let gone = pieces.gone_to as f64 / compressed.len() as f64;
+        let gone = pieces.pass.done as f64 / compressed.len() as f64;
         assert!((0.3..0.7).contains(&gone), "{gone}");
         assert_eq!(read(&compressed), (text, 0));
     }

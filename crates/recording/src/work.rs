@@ -18,7 +18,7 @@ pub fn parts_done() -> u64 {
 #[derive(Debug)]
 pub struct Pass {
     length: u64,
-    done: u64,
+    pub(crate) done: u64,
     parts: u64,
 }
 
@@ -34,7 +34,12 @@ impl Pass {
 
     /// Adds steps that are done.
     pub fn advance(&mut self, steps: usize) {
-        self.done += u64::try_from(steps).unwrap_or(0);
+        self.reach(self.done + u64::try_from(steps).unwrap_or(0));
+    }
+
+    /// Sets how many steps are done, if these are more than before.
+    pub(crate) fn reach(&mut self, steps: u64) {
+        self.done = self.done.max(steps);
         let parts =
             u128::from(PARTS) * u128::from(self.done.min(self.length)) / u128::from(self.length);
         let parts = u64::try_from(parts).unwrap_or(PARTS);

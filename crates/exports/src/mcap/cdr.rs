@@ -26,10 +26,6 @@ impl Cdr {
         &self.bytes
     }
 
-    pub(super) fn into_bytes(self) -> Vec<u8> {
-        self.bytes
-    }
-
     pub(super) fn push_u8(&mut self, value: u8) {
         self.bytes.push(value);
     }
@@ -78,6 +74,6 @@ mod tests {
             0, 1, 0, 0, 1, 0, 0, 0, 3, 0, 0, 0, b'a', b'b', 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
             0xF0, 0x3F,
         ];
-        assert_eq!(cdr.into_bytes(), expected);
+        assert_eq!(cdr.bytes(), expected);
     }
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 /// Difference of a signal between two runs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SignalDifference {
     /// Name of the signal.
     pub name: String,
