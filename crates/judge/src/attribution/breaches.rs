@@ -7,7 +7,7 @@ use recording::timeline::{Timeline, cycle_start_seconds};
 use scenario::node::Part;
 
 /// Duty of a node towards the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Duty {
     /// A SYNC one period after the last.
     Sync,
@@ -22,9 +22,6 @@ pub(crate) enum Duty {
 }
 
 impl Duty {
-    /// Duties in each cycle.
-    pub(super) const CYCLIC: [Self; 4] = [Self::Sync, Self::Position, Self::Command, Self::Nmt];
-
     /// Returns the node that has the duty.
     pub(crate) fn node(self) -> Part {
         match self {

@@ -7,6 +7,8 @@ pub(crate) mod faults;
 pub(crate) mod limits;
 pub(crate) mod stalls;
 
+use std::collections::BTreeMap;
+
 use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::stalls::{Stall, What, Who};
@@ -104,8 +106,9 @@ impl<'a> Attribution<'a> {
     /// that the host of a virtual machine took from a running thread.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
         let is_by_canrig = |duty: &Duty| !duty.is_of_external(self.control_loop);
-        let cyclic = Duty::CYCLIC.into_iter().filter(is_by_canrig);
-        let by_canrig: usize = cyclic.map(|duty| self.cycles.breaches_by(duty).0).sum();
+        let breaches = self.cycles.by_nodes.iter();
+        let by_canrig = breaches.filter(|(duty, _)| is_by_canrig(duty));
+        let by_canrig: usize = by_canrig.map(|(_, (count, _))| count).sum();
         let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
         let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
@@ -296,8 +299,8 @@ pub(crate) struct Totals {
     by_host: usize,
     /// Stalls that explain breaches. A stall that explains several in a row is listed once.
     pub(crate) stalls: Vec<Stretch>,
-    /// Breaches of the nodes by the duty that was not done first: duty, number, and time of the first.
-    by_nodes: Vec<(Duty, usize, f64)>,
+    /// Breaches of the nodes by the duty that was not done first: number, and time of the first.
+    by_nodes: BTreeMap<Duty, (usize, f64)>,
     /// Last breaches without interruption.
     latest: Option<Stay>,
 }
@@ -352,11 +355,8 @@ impl Totals {
                 }
             }
             Cause::Node(duty) => {
-                let mut known = self.by_nodes.iter_mut();
-                match known.find(|(known, ..)| *known == duty) {
-                    Some((_, count, _)) => *count += 1,
-                    None => self.by_nodes.push((duty, 1, breach.from_seconds)),
-                }
+                let known = self.by_nodes.entry(duty);
+                known.or_insert((0, breach.from_seconds)).0 += 1;
             }
         }
     }
@@ -383,28 +383,19 @@ impl Totals {
         self.share_percent(self.by_host)
     }
 
-    /// Returns the number of breaches of a duty by its node, with the time of the first.
-    fn breaches_by(&self, duty: Duty) -> (usize, f64) {
-        let mut known = self.by_nodes.iter().filter(|(known, ..)| *known == duty);
-        known
-            .next()
-            .map_or((0, 0.0), |(_, count, first)| (*count, *first))
-    }
-
     /// Returns the duties that nodes broke too often for a limit: each with its share of the cycles and the time of the first
     /// breach. Each frame that the recorder lost may have been one of theirs.
     pub(crate) fn too_many(&self, percent_max: f64, frames_lost: u64) -> Vec<(Duty, f64, f64)> {
         let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
-        let all: usize = self.by_nodes.iter().map(|(_, count, _)| count).sum();
+        let all: usize = self.by_nodes.values().map(|(count, _)| count).sum();
         let sure = all.saturating_sub(lost);
         if sure == 0 || self.share_percent(sure) <= percent_max {
             return Vec::new();
         }
-        let shares = Duty::CYCLIC.into_iter().filter_map(|duty| {
-            let (count, first) = self.breaches_by(duty);
-            (count > 0).then(|| (duty, self.share_percent(count), first))
-        });
-        shares.collect()
+        let shares = self.by_nodes.iter();
+        shares
+            .map(|(duty, (count, first))| (*duty, self.share_percent(*count), *first))
+            .collect()
     }
 
     /// Returns the breaches that last to the last cycle or beyond it.
