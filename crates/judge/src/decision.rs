@@ -202,15 +202,15 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
 fn decide_broken(
     end: &EarlyEnd,
     broke_off: Option<&BrokeOff>,
-    foreign: Option<(String, NamedCause)>,
+    foreign: Option<NamedCause>,
     metrics: &mut [Metric],
 ) -> Decision {
     if let Some(reason) = overload(metrics) {
         return (Outcome::Fail, Some(format!("{reason}; {end}")), None);
     }
-    if let Some((reason, cause)) = foreign {
+    if let Some(cause) = foreign {
         metrics.iter_mut().for_each(leave_open);
-        let reason = format!("{reason}; {end}");
+        let reason = format!("{}; {end}", cause.description);
         return (Outcome::Inconclusive, Some(reason), Some(cause));
     }
     let Some(broke_off) = broke_off else {
@@ -259,8 +259,9 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
         return (Outcome::Fail, Some(reason), None);
     }
     // With a foreign source of frames, the run does not show how the nodes under test behave.
-    if let Some((reason, cause)) = two_sources(evidence) {
-        return (Outcome::Inconclusive, Some(reason), Some(cause));
+    if let Some(cause) = two_sources(evidence) {
+        let reason = Some(cause.description.clone());
+        return (Outcome::Inconclusive, reason, Some(cause));
     }
     let unrecorded = &evidence.circumstances.unrecorded;
     // Frames that are missing in the log may have been on the bus.

@@ -41,18 +41,17 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
 }
 
 /// Returns the reason why the outcome is open if a foreign source sent frames of the run's nodes.
-pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
     let circumstances = evidence.circumstances;
     let found = evidence.timeline.sources.found(&circumstances.sent);
     let first = found.first()?;
     let sources = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
-    let cause = NamedCause {
+    Some(NamedCause {
         node: "foreign".to_owned(),
         duty: first.duty.to_owned(),
         at_seconds: Some(rounded(first.first_seconds)),
         description: format!("a second master: {sources}"),
-    };
-    Some((cause.description.clone(), cause))
+    })
 }
 
 /// The reason of a verdict on a recording with missing frames.

@@ -24,18 +24,14 @@ pub fn judge_timing(
     let mut metrics = timing.metrics(expect.map_or(&without, |expect| &expect.timing));
     let missed_percent = missed_commands_percent(verdict);
     for metric in &mut metrics {
-        let named = expect.and_then(|expect| expect.requirements.get(&metric.name));
-        metric.requirements = named.cloned().unwrap_or_default();
         if metric.passed == Some(true)
             && is_to_command(metric)
             && let Some(why) = why_not_met(metric, missed_percent)
         {
-            let requirements = std::mem::take(&mut metric.requirements);
-            *metric = Metric {
-                requirements,
-                ..Metric::new(metric.name.clone(), Err(why), metric.limit)
-            };
+            *metric = Metric::new(metric.name.clone(), Err(why), metric.limit);
         }
+        let named = expect.and_then(|expect| expect.requirements.get(&metric.name));
+        metric.requirements = named.cloned().unwrap_or_default();
         let is_missed = metric.passed == Some(false);
         if !timing.distrust.is_empty() || is_missed && !stalls.is_empty() {
             leave_open(metric);

@@ -85,8 +85,15 @@ fn parse_line(line: &str) -> Result<(&str, Option<Stamped>), &'static str> {
     };
     let stamp = stamp
         .strip_prefix('(')
-        .and_then(|stamp| stamp.strip_suffix(')')?.split_once('.'));
-    let (seconds, micros) = stamp.ok_or("no time stamp")?;
+        .and_then(|stamp| stamp.strip_suffix(')'));
+    let time = parse_time(stamp.ok_or("no time stamp")?)?;
+    let frame = parse_frame(frame)?;
+    Ok((interface, frame.map(|frame| Stamped::new(time, frame))))
+}
+
+/// Parses a time in seconds, with six digits behind the point.
+pub(crate) fn parse_time(text: &str) -> Result<Duration, &'static str> {
+    let (seconds, micros) = text.split_once('.').ok_or("no time stamp")?;
     if seconds.len() > SECONDS_DIGITS_MAX {
         return Err("seconds have more than ten digits");
     }
@@ -95,9 +102,7 @@ fn parse_line(line: &str) -> Result<(&str, Option<Stamped>), &'static str> {
     }
     let seconds = seconds.parse().map_err(|_| "seconds are no number")?;
     let micros: u32 = micros.parse().map_err(|_| "microseconds are no number")?;
-    let time = Duration::new(seconds, micros * 1000);
-    let frame = parse_frame(frame)?;
-    Ok((interface, frame.map(|frame| Stamped::new(time, frame))))
+    Ok(Duration::new(seconds, micros * 1000))
 }
 
 /// Parses a frame; returns `None` for one of CAN FD.

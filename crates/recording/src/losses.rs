@@ -38,23 +38,6 @@ struct Watched {
     last: Option<Duration>,
 }
 
-impl Watched {
-    fn new(
-        what: String,
-        heartbeat_sender: Option<Part>,
-        period: Duration,
-        periods_max: u32,
-    ) -> Self {
-        Self {
-            what,
-            heartbeat_sender,
-            period,
-            limit: periods_max * period,
-            last: None,
-        }
-    }
-}
-
 /// Losses of a run.
 #[derive(Default)]
 pub(crate) struct Losses {
@@ -87,21 +70,27 @@ impl LossReader {
             (drives(names::TPDO1), format!("position from {drive}")),
             (drives(names::TPDO2), String::new()),
         ]
-        .into_iter()
-        .filter_map(|(message, what)| {
-            let watched = Watched::new(what, None, sync_period, PERIODS_MAX);
-            Some((message?.raw_id, watched))
-        });
-        let heartbeats = nodes.all().filter_map(|node| {
+        .map(|(message, what)| Some((message?.raw_id, what, None, sync_period, PERIODS_MAX)));
+        let heartbeats = nodes.all().map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let what = format!("heartbeat from {}", node.in_sentence());
             let sender = Some(node.part).filter(|part| *part != Part::Io);
-            let watched = Watched::new(what, sender, period, HEARTBEATS_MAX);
-            Some((message.raw_id, watched))
+            Some((message.raw_id, what, sender, period, HEARTBEATS_MAX))
+        });
+        let watched = cyclic.into_iter().chain(heartbeats).flatten();
+        let watched = watched.map(|(raw_id, what, heartbeat_sender, period, periods_max)| {
+            let watched = Watched {
+                what,
+                heartbeat_sender,
+                period,
+                limit: periods_max * period,
+                last: None,
+            };
+            (raw_id, watched)
         });
         Self {
-            watched: cyclic.chain(heartbeats).collect(),
+            watched: watched.collect(),
             end: Duration::from_secs_f64(one.trial.run.duration_seconds),
             losses: Losses::default(),
         }

@@ -6,6 +6,7 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
+use crate::log::parse_time;
 use crate::run_folder::{file, read_rows};
 
 const HEADER: &str = "from_seconds,until_seconds,who,what";
@@ -134,19 +135,11 @@ pub fn read_stalls(folder: &Path) -> io::Result<Vec<Stall>> {
 /// Returns the stall in a row of the file.
 fn stall([from, until, who, what]: [&str; 4]) -> Option<Stall> {
     Some(Stall {
-        from: seconds(from)?,
-        until: seconds(until)?,
+        from: parse_time(from).ok()?,
+        until: parse_time(until).ok()?,
         who: Who::ALL.into_iter().find(|known| known.name() == who)?,
         what: (What::ALL.into_iter()).find(|known| known.label() == what)?,
     })
-}
-
-fn seconds(text: &str) -> Option<Duration> {
-    let (seconds, micros) = text
-        .split_once('.')
-        .filter(|(_, micros)| micros.len() == 6)?;
-    let micros: u32 = micros.parse().ok()?;
-    Some(Duration::new(seconds.parse().ok()?, micros * 1000))
 }
 
 #[cfg(test)]
