@@ -4,7 +4,8 @@ use canopen::cia402::State;
 use dbc::names::{self, CURRENT};
 use recording::drive_reports::watch;
 use recording::ending::{EarlyEnd, EndedBy};
-use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::node::Part;
 
@@ -28,15 +29,14 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     if end.by == EndedBy::User || timeline.zero_seconds.is_none() {
         return None;
     }
-    let sampled = timeline
+    let always = Window::new(0.0, f64::INFINITY);
+    let latest = |values| evidence.values(values, always).last();
+    let words = timeline
         .column(names::STATUSWORD)
-        .map(|column| &column.values)
-        .and_then(|values| latest(evidence, values));
+        .map(|column| &column.values);
     let reports = &timeline.drive_reports;
-    let (state_at, word) = later(sampled, reports.statuswords.last())?;
-    let sampled = timeline
-        .current()
-        .and_then(|values| latest(evidence, values));
+    let (state_at, word) = later(words.and_then(latest), reports.statuswords.last())?;
+    let sampled = timeline.current().and_then(latest);
     let current = later(sampled, reports.currents_amperes.last());
     let (current_at, flowing) = current.unwrap_or((state_at, 0.0));
     let is_enabled = state(word) == Some(State::OperationEnabled);
@@ -80,13 +80,6 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
         format!("{drive}: no report before its watches have passed ({watch:.3} s)")
     };
     Some(Metric::not_judged(DRIVE_OFF, remark, OFF))
-}
-
-/// Returns the latest value of the cycles, with its time.
-fn latest(evidence: &Evidence<'_>, values: &Series<f64>) -> Option<(f64, f64)> {
-    let times = &evidence.timeline.time_seconds;
-    let rows = times.iter().zip(values);
-    rows.filter(|(_, value)| !value.is_nan()).last()
 }
 
 fn later(sampled: Option<(f64, f64)>, reported: Option<&(f64, f64)>) -> Option<(f64, f64)> {

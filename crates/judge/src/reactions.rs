@@ -3,7 +3,7 @@
 
 use canopen::cia402::State;
 use dbc::names;
-use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS, Timeline};
+use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS};
 use recording::truth::PlantTruth;
 use scenario::Trial;
 use scenario::events::Window;
@@ -284,7 +284,7 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     let from = last.time_seconds - END_SECONDS;
     let mut lately = before_end.filter(|truth| truth.time_seconds >= from);
     !lately.any(|truth| is_heated(&truth))
-        && !is_enabled_since(timeline, end.min(last.time_seconds) - END_SECONDS)
+        && !is_enabled_since(evidence, end.min(last.time_seconds) - END_SECONDS)
         && !io_node_drives_current(evidence)
 }
 
@@ -304,15 +304,11 @@ fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
 }
 
 /// Returns whether the drive reports Operation enabled in its last message after a time.
-fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
-    let Some(column) = timeline.column(names::STATUSWORD) else {
-        return false;
-    };
-    let times = &timeline.time_seconds;
-    let first = times.partition_point(|time| time < from_seconds);
-    let words = column.values.range(first..times.len());
-    let last = words.filter(|word| !word.is_nan()).last();
-    last.is_some_and(|word| state(word) == Some(State::OperationEnabled))
+fn is_enabled_since(evidence: &Evidence<'_>, from_seconds: f64) -> bool {
+    let column = evidence.timeline.column(names::STATUSWORD);
+    let since = Window::new(from_seconds, f64::INFINITY);
+    let last = column.and_then(|column| evidence.values(&column.values, since).last());
+    last.is_some_and(|(_, word)| state(word) == Some(State::OperationEnabled))
 }
 
 /// Returns the state of a statusword.
