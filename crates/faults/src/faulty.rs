@@ -22,6 +22,16 @@ enum Condition {
     Dead(Output),
 }
 
+/// Effects of all faults on a node at a time.
+#[derive(Default)]
+struct Effects {
+    crash: Option<Output>,
+    is_hanging: bool,
+    delay: Duration,
+    drift: f64,
+    loses_heartbeat: bool,
+}
+
 /// Function that puts a node in its state after power-on.
 type Renew<N> = Box<dyn FnMut(&mut N) + Send>;
 
@@ -109,14 +119,20 @@ impl<N: Node> Faulty<N> {
         let before = self.scenario_time(self.followed);
         let time = self.scenario_time(Some(now));
         self.followed = Some(now);
-        self.clock.set_rate(now, self.drift_at(time));
+        let effects = self.effects(time);
+        self.clock.set_rate(now, effects.drift);
         let has_restarted = self.plan.faults.iter().any(|fault| {
             let is_new = before.is_none_or(|before| before < fault.from);
             fault.kind == FaultKind::Restart
                 && is_new
                 && time.is_some_and(|time| time >= fault.from)
         });
-        let condition = self.condition_at(now, time);
+        let condition = match effects.crash {
+            _ if now < self.plan.late_boot => Condition::Dead(Output::Zero),
+            Some(output) => Condition::Dead(output),
+            None if effects.is_hanging => Condition::Hanging,
+            None => Condition::Working,
+        };
         let was = std::mem::replace(&mut self.condition, condition);
         match (was, condition) {
             (Condition::Dead(_), Condition::Dead(_)) => {}
@@ -150,34 +166,21 @@ impl<N: Node> Faulty<N> {
         now?.checked_sub(self.scenario.zero()?)
     }
 
-    fn active(&self, time: Option<Duration>) -> impl Iterator<Item = FaultKind> {
-        let faults = self.plan.faults.iter();
-        let acts = move |fault: &&PlannedFault| time.is_some_and(|time| fault.acts_at(time));
-        faults.filter(acts).map(|fault| fault.kind)
-    }
-
-    fn condition_at(&self, now: Duration, time: Option<Duration>) -> Condition {
-        if now < self.plan.late_boot {
-            return Condition::Dead(Output::Zero);
+    /// Returns what the faults do to the node at a scenario time.
+    fn effects(&self, time: Option<Duration>) -> Effects {
+        let mut effects = Effects::default();
+        let acts = |fault: &&PlannedFault| time.is_some_and(|time| fault.acts_at(time));
+        for fault in self.plan.faults.iter().filter(acts) {
+            match fault.kind {
+                FaultKind::Crash(output) => effects.crash = effects.crash.or(Some(output)),
+                FaultKind::Hang => effects.is_hanging = true,
+                FaultKind::Slow(delay) => effects.delay += delay,
+                FaultKind::Drift(rate) => effects.drift += rate,
+                FaultKind::LostHeartbeat => effects.loses_heartbeat = true,
+                FaultKind::Restart => {}
+            }
         }
-        let dead = self.active(time).find_map(|kind| match kind {
-            FaultKind::Crash(output) => Some(Condition::Dead(output)),
-            _ => None,
-        });
-        let is_hanging = || self.active(time).any(|kind| kind == FaultKind::Hang);
-        match dead {
-            Some(dead) => dead,
-            None if is_hanging() => Condition::Hanging,
-            None => Condition::Working,
-        }
-    }
-
-    fn drift_at(&self, time: Option<Duration>) -> f64 {
-        let rates = self.active(time).map(|kind| match kind {
-            FaultKind::Drift(rate) => rate,
-            _ => 0.0,
-        });
-        rates.sum()
+        effects
     }
 
     /// Returns the next time at which a fault of the plan begins or ends.
@@ -199,22 +202,14 @@ impl<N: Node> Faulty<N> {
 
     /// Collects the frames that the node sends.
     fn collect(&mut self) {
-        let time = self.scenario_time(Some(self.now));
-        let slow = self.active(time).map(|kind| match kind {
-            FaultKind::Slow(delay) => delay,
-            _ => Duration::ZERO,
-        });
-        let delay: Duration = slow.sum();
-        let loses_heartbeat = self
-            .active(time)
-            .any(|kind| kind == FaultKind::LostHeartbeat);
+        let effects = self.effects(self.scenario_time(Some(self.now)));
         let heartbeat = 0x700 + u16::from(self.plan.number);
         while let Some(frame) = self.node.next_frame() {
-            if loses_heartbeat && frame.standard_id() == Some(heartbeat) {
+            if effects.loses_heartbeat && frame.standard_id() == Some(heartbeat) {
                 continue;
             }
             self.scenario.on_frame(self.now, &frame);
-            self.outbox.push_back((self.now + delay, frame));
+            self.outbox.push_back((self.now + effects.delay, frame));
         }
     }
 
