@@ -85,48 +85,42 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         rest.from_seconds - TIME_TOLERANCE_SECONDS
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
-    let (found, nearest) = match event {
+    let found = match event {
         Expected {
             emcy: Some(text), ..
         } => {
             let wanted = text.parse::<Emergency>();
             let is_wanted = |one: &Emergency| wanted.as_ref() == Ok(one);
-            let found = first(&evidence.timeline.emergencies, is_wanted, is_next);
-            (found, String::new())
+            first(&evidence.timeline.emergencies, is_wanted, is_next)
         }
         Expected {
             text: Some(text), ..
         } => {
             let has_text = |event: &Event| event.text.contains(text.as_str());
-            let found = first(&evidence.timeline.events, has_text, is_next);
-            (found, String::new())
+            first(&evidence.timeline.events, has_text, is_next)
         }
         Expected {
             signal: Some(name), ..
         } => reached(evidence.trace(name)?, event, rest, is_next),
         _ => return Err("nothing is expected".into()),
     };
-    match found {
-        Some(at_seconds) => {
-            let since = (at_seconds - rest.from_seconds).max(0.0);
-            Ok(Known::at(1e3 * since, at_seconds))
-        }
-        None => {
-            let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
-            Err(Absence::unseen(reason, rest))
-        }
-    }
+    let at_seconds = found.map_err(|nearest| {
+        let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
+        Absence::unseen(reason, rest)
+    })?;
+    let since = (at_seconds - rest.from_seconds).max(0.0);
+    Ok(Known::at(1e3 * since, at_seconds))
 }
 
-/// Returns the time of the first wanted occurrence.
+/// Returns the time of the first wanted occurrence; without one, of which nothing more is known, an empty text.
 fn first<T>(
     occurrences: &[Occurrence<T>],
     is_wanted: impl Fn(&T) -> bool,
     is_next: impl Fn(f64) -> bool,
-) -> Option<f64> {
+) -> Result<f64, String> {
     let mut wanted = occurrences.iter().filter(|one| is_wanted(one));
-    let found = wanted.find(|one| is_next(one.time_seconds))?;
-    Some(found.time_seconds)
+    let found = wanted.find(|one| is_next(one.time_seconds));
+    found.map(|one| one.time_seconds).ok_or_else(String::new)
 }
 
 /// Returns the time at which a signal gets within its limits for long enough, or a text on how near it came.
@@ -135,14 +129,14 @@ fn reached(
     event: &Expected,
     rest: Window,
     is_next: impl Fn(f64) -> bool,
-) -> (Option<f64>, String) {
+) -> Result<f64, String> {
     let samples = samples_in(&trace.samples, rest);
     let stays = || stays(&samples, trace.silence_seconds_max, event);
     let long = event.for_milliseconds.unwrap_or(0.0) / 1e3;
     let is_reached = |stay: &Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
     match stays().find(is_reached) {
-        Some(stay) => (Some(stay.begins_seconds), String::new()),
-        None => (None, nearest_text(&samples, stays(), event)),
+        Some(stay) => Ok(stay.begins_seconds),
+        None => Err(nearest_text(&samples, stays(), event)),
     }
 }
 
