@@ -98,8 +98,6 @@ pub struct TimelineReader {
     drive_reports: DriveReportReader,
     /// Messages that make events. They include those of other loops, but of most frames only a state is read.
     eventful: Identifiers,
-    /// Messages from which losses, the truth, the io nodes and the drive's reports are read.
-    rare: Identifiers,
     /// Messages from which everything but events is read. On a rig with several loops, most frames are those of others.
     read_ids: Identifiers,
     traces: TraceReader,
@@ -131,19 +129,14 @@ impl TimelineReader {
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
         let columns = Columns::new(one, kept_max);
-        let rare = || {
-            let watched = losses.raw_ids().chain(truth.raw_id());
-            watched
-                .chain([drive_reports.raw_id])
-                .chain(io_nodes.raw_ids())
-        };
         let cyclic = traces.raw_ids().chain(columns.raw_ids());
         let read_ids = cyclic
             .chain(sources.raw_ids())
-            .chain([SYNC_COB_ID.into()])
-            .chain(rare())
+            .chain(losses.raw_ids())
+            .chain(truth.raw_id())
+            .chain(io_nodes.raw_ids())
+            .chain([SYNC_COB_ID.into(), drive_reports.raw_id])
             .collect();
-        let rare = rare().collect();
         Ok(Self {
             loop_name: one.name().to_owned(),
             passing: Passing::new(one)?,
@@ -154,7 +147,6 @@ impl TimelineReader {
             end_cycle: cycles(end, period),
             eventful: events.raw_ids().collect(),
             read_ids,
-            rare,
             events,
             losses,
             truth,
@@ -188,9 +180,15 @@ impl TimelineReader {
         let frame = &stamped.frame;
         let Passed { time, is_sync } = passed;
         self.sources.on_frame(stamped.time, time, frame);
-        if self.rare.has(id) {
-            self.on_rare_frame(stamped, time);
+        // A node that was heard before the scenario is missed from its start on.
+        self.losses.on_frame(frame, time.unwrap_or_default());
+        if Some(id) == self.truth.raw_id() {
+            self.truth.on_frame(stamped);
         }
+        if let Some(time) = time.filter(|_| id == self.drive_reports.raw_id) {
+            self.drive_reports.on_frame(time, frame);
+        }
+        self.io_nodes.on_frame(frame);
         let is_late = time.is_some_and(|time| self.is_late(time));
         // Frames after the last cycle, with which the nodes stop, are no part of it.
         if time.is_none_or(|time| time < self.end) && !self.is_over {
@@ -215,22 +213,6 @@ impl TimelineReader {
     /// Returns whether a frame comes after the end of the latest cycle and before the SYNC of another.
     fn is_late(&self, time: Duration) -> bool {
         time.saturating_sub(self.latest_sync) > self.late_after
-    }
-
-    /// Takes a frame for the readers that read few frames: most frames are cyclic and not for them.
-    fn on_rare_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
-        // A node that was heard before the scenario is missed from its start on.
-        self.losses
-            .on_frame(&stamped.frame, time.unwrap_or_default());
-        if Some(stamped.frame.raw_id()) == self.truth.raw_id() {
-            self.truth.on_frame(stamped);
-        }
-        if stamped.frame.raw_id() == self.drive_reports.raw_id
-            && let Some(time) = time
-        {
-            self.drive_reports.on_frame(time, &stamped.frame);
-        }
-        self.io_nodes.on_frame(&stamped.frame);
     }
 
     /// Returns the start of the latest cycle.
