@@ -147,22 +147,24 @@ impl EventReader {
         }
     }
 
-    /// Returns the identifiers of the messages that make events; errors of the bus make some, too.
-    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.signals.raw_ids()
+    /// Takes the events that the reader of another loop on the same bus has read: all loops see the same.
+    pub(crate) fn take_over(&mut self, other: &Self) {
+        self.events = other.events.clone();
+        self.emergencies = other.emergencies.clone();
     }
 
-    /// Takes a frame of a message that makes events, or an error of the bus; returns whether it made one. The readers of several
-    /// loops on one bus give the same answer, even if one of them was not asked since the latest event.
-    pub(crate) fn on_frame(&mut self, stamped: &Stamped) -> bool {
+    /// Takes each frame of the bus.
+    #[inline]
+    pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
         if let Some(message) = error_frames::read(&stamped.frame) {
-            return self.on_error_frame(stamped.time, message);
+            self.on_error_frame(stamped.time, message);
+            return;
         }
         let signal = self.signals.get_mut(stamped.frame.raw_id());
         let Some((signal, (value, label))) =
             signal.and_then(|signal| signal.read(stamped).map(|read| (signal, read)))
         else {
-            return false;
+            return;
         };
         let at_seconds = stamped.time.as_secs_f64();
         let node = &signal.node;
@@ -188,17 +190,16 @@ impl EventReader {
             }
         };
         self.events.add(at_seconds, Event::new(level, &text));
-        true
     }
 
     /// Takes the report of a CAN driver. An error that it may report with each frame makes an event only when it begins.
-    fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) -> bool {
+    fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) {
         let node = name_or_bench(message.node, &self.node_names);
         let text = format!("{node}: {}", message.text);
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time.saturating_sub(before) < BUS_ERROR_PAUSE);
         if goes_on && !message.is_state {
-            return false;
+            return;
         }
         let level = if message.is_good {
             Level::Info
@@ -207,7 +208,6 @@ impl EventReader {
         };
         self.events
             .add(time.as_secs_f64(), Event::new(level, &text));
-        true
     }
 
     /// Takes the emergencies since the last call; the scenario began at `zero`, on the recording's clock.

@@ -53,7 +53,6 @@ pub fn decode(
 
 /// Gives each frame to its readers. The common properties of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
-    let eventful = Readers::new(readers.iter().map(|reader| &reader.eventful));
     let read_ids = Readers::new(readers.iter().map(|reader| &reader.read_ids));
     let is_like = |place: &usize| readers[*place].passing.is_like(&readers[0].passing);
     let (like, unlike): (Vec<_>, Vec<_>) = (1..readers.len()).partition(is_like);
@@ -63,20 +62,18 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
         for place in &unlike {
             readers[*place].passing.on_frame(stamped);
         }
+        readers[0].events.on_frame(stamped);
         let id = stamped.frame.raw_id();
-        if let [first, others @ ..] = eventful.of(id)
-            && readers[*first].events.on_frame(stamped)
-        {
-            for place in others {
-                readers[*place].events.on_frame(stamped);
-            }
-        }
         for place in read_ids.of(id) {
             readers[*place].on_read_frame(id, stamped, passed);
         }
     }
     for place in like {
         readers[place].passing = readers[0].passing.clone();
+    }
+    if let [first, others @ ..] = readers {
+        let others = others.iter_mut();
+        others.for_each(|other| other.events.take_over(&first.events));
     }
 }
 
@@ -96,8 +93,6 @@ pub struct TimelineReader {
     truth: TruthReader,
     io_nodes: IoReader,
     drive_reports: DriveReportReader,
-    /// Messages that make events. They include those of other loops, but of most frames only a state is read.
-    eventful: Identifiers,
     /// Messages from which everything but events is read. On a rig with several loops, most frames are those of others.
     read_ids: Identifiers,
     traces: TraceReader,
@@ -145,7 +140,6 @@ impl TimelineReader {
             end,
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
-            eventful: events.raw_ids().collect(),
             read_ids,
             events,
             losses,
@@ -166,10 +160,8 @@ impl TimelineReader {
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
         let passed = self.passing.on_frame(stamped);
+        self.events.on_frame(stamped);
         let id = stamped.frame.raw_id();
-        if self.eventful.has(id) {
-            self.events.on_frame(stamped);
-        }
         if self.read_ids.has(id) {
             self.on_read_frame(id, stamped, passed);
         }
