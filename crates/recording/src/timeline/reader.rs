@@ -196,7 +196,7 @@ impl TimelineReader {
             }
             self.begin_cycle(cycles(time, self.period));
         }
-        if let Some(time) = time.filter(|time| *time < self.end && !self.traces.is_empty()) {
+        if let Some(time) = time.filter(|time| *time < self.end) {
             let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
             self.traces.on_frame(frame, time, cycle_seconds);
         }
