@@ -5,33 +5,6 @@ use std::collections::BTreeMap;
 /// Number of identifiers of 11 bits.
 const STANDARD: usize = 0x800;
 
-/// Set of identifiers. It always contains the identifiers of more than 11 bits, with those of error frames.
-#[derive(Clone, Debug)]
-pub(crate) struct Identifiers([u64; STANDARD / 64]);
-
-impl Identifiers {
-    #[inline]
-    pub(crate) fn has(&self, raw_id: u32) -> bool {
-        let id = raw_id as usize;
-        self.0
-            .get(id / 64)
-            .is_none_or(|bits| bits >> (id % 64) & 1 == 1)
-    }
-}
-
-impl FromIterator<u32> for Identifiers {
-    fn from_iter<T: IntoIterator<Item = u32>>(raw_ids: T) -> Self {
-        let mut all = [0; STANDARD / 64];
-        for raw_id in raw_ids {
-            let id = raw_id as usize;
-            if let Some(bits) = all.get_mut(id / 64) {
-                *bits |= 1 << (id % 64);
-            }
-        }
-        Self(all)
-    }
-}
-
 /// Index of several readers by frame. Each reader is named by its place.
 pub(crate) struct Readers {
     /// Readers by identifier of 11 bits.
@@ -42,12 +15,17 @@ pub(crate) struct Readers {
 
 impl Readers {
     /// Makes the index from the identifiers that each of them reads.
-    pub(crate) fn new<'a>(read: impl IntoIterator<Item = &'a Identifiers>) -> Self {
+    pub(crate) fn new<R: Iterator<Item = u32>>(read: impl IntoIterator<Item = R>) -> Self {
         let mut standard = vec![Vec::new(); STANDARD];
         let mut all = Vec::new();
-        for (place, ids) in read.into_iter().enumerate() {
-            let read = (0..).zip(&mut standard).filter(|(id, _)| ids.has(*id));
-            read.for_each(|(_, readers)| readers.push(place));
+        for (place, raw_ids) in read.into_iter().enumerate() {
+            for raw_id in raw_ids {
+                if let Some(readers) = standard.get_mut(raw_id as usize)
+                    && readers.last() != Some(&place)
+                {
+                    readers.push(place);
+                }
+            }
             all.push(place);
         }
         Self { standard, all }
@@ -110,17 +88,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_put_in_and_what_is_longer_is_in_it() {
-        let ids = Identifiers::from_iter([0x000, 0x190]);
-        let has = [0x000, 0x190, 0x191, 0x7FF, 0x800, 0x2000_0004].map(|id| ids.has(id));
-        assert_eq!(has, [true, true, false, false, true, true]);
-    }
-
-    #[test]
     fn a_frame_is_for_those_who_read_it() {
-        let sets = [vec![0x000, 0x190], vec![0x7FF, 0x190, 0x8000_0190], vec![]]
-            .map(Identifiers::from_iter);
-        let readers = Readers::new(&sets);
+        let [first, second] = [vec![0x000, 0x190, 0x000], vec![0x7FF, 0x190, 0x8000_0190]];
+        let read = [first, second, Vec::new()].map(Vec::into_iter);
+        let readers = Readers::new(read);
         assert_eq!(readers.of(0x000), [0]);
         assert_eq!(readers.of(0x190), [0, 1]);
         assert_eq!(readers.of(0x7FF), [1]);

@@ -16,7 +16,7 @@ use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
-use crate::identifiers::{Identifiers, Readers};
+use crate::identifiers::Readers;
 use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
@@ -53,7 +53,7 @@ pub fn decode(
 
 /// Gives each frame to its readers. The common properties of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
-    let read_ids = Readers::new(readers.iter().map(|reader| &reader.read_ids));
+    let read_by = Readers::new(readers.iter().map(TimelineReader::raw_ids));
     let is_like = |place: &usize| readers[*place].passing.is_like(&readers[0].passing);
     let (like, unlike): (Vec<_>, Vec<_>) = (1..readers.len()).partition(is_like);
     for stamped in frames {
@@ -64,7 +64,7 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
         }
         readers[0].events.on_frame(stamped);
         let id = stamped.frame.raw_id();
-        for place in read_ids.of(id) {
+        for place in read_by.of(id) {
             readers[*place].on_read_frame(id, stamped, passed);
         }
     }
@@ -93,8 +93,6 @@ pub struct TimelineReader {
     truth: TruthReader,
     io_nodes: IoReader,
     drive_reports: DriveReportReader,
-    /// Messages from which everything but events is read. On a rig with several loops, most frames are those of others.
-    read_ids: Identifiers,
     traces: TraceReader,
     sources: SourceReader,
     columns: Columns,
@@ -124,14 +122,6 @@ impl TimelineReader {
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
         let columns = Columns::new(one, kept_max);
-        let cyclic = traces.raw_ids().chain(columns.raw_ids());
-        let read_ids = cyclic
-            .chain(sources.raw_ids())
-            .chain(losses.raw_ids())
-            .chain(truth.raw_id())
-            .chain(io_nodes.raw_ids())
-            .chain([SYNC_COB_ID.into(), drive_reports.raw_id])
-            .collect();
         Ok(Self {
             loop_name: one.name().to_owned(),
             passing: Passing::new(one)?,
@@ -140,7 +130,6 @@ impl TimelineReader {
             end,
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
-            read_ids,
             events,
             losses,
             truth,
@@ -157,14 +146,23 @@ impl TimelineReader {
         })
     }
 
+    /// Returns the identifiers of the messages from which everything but events is read. On a rig with several loops, most frames
+    /// are those of others.
+    fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        let cyclic = self.traces.raw_ids().chain(self.columns.raw_ids());
+        cyclic
+            .chain(self.sources.raw_ids())
+            .chain(self.losses.raw_ids())
+            .chain(self.truth.raw_id())
+            .chain(self.io_nodes.raw_ids())
+            .chain([SYNC_COB_ID.into(), self.drive_reports.raw_id])
+    }
+
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
         let passed = self.passing.on_frame(stamped);
         self.events.on_frame(stamped);
-        let id = stamped.frame.raw_id();
-        if self.read_ids.has(id) {
-            self.on_read_frame(id, stamped, passed);
-        }
+        self.on_read_frame(stamped.frame.raw_id(), stamped, passed);
     }
 
     /// Takes a frame of a message that is read in each cycle, or watched.
