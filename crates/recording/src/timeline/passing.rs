@@ -23,7 +23,8 @@ pub(super) struct Passing {
     highest: Duration,
     /// Scenario time of the last frame before the scenario's end.
     pub(super) latest: Duration,
-    end: Duration,
+    /// End of the scenario.
+    pub(super) end: Duration,
     /// Bus load from the first SYNC to the end of the judged time.
     pub(super) traffic: Traffic,
     judged_end: Duration,
@@ -37,15 +38,6 @@ pub(super) struct Traffic {
     latest: Duration,
     sync_interval_max: Option<Duration>,
     bits: u64,
-}
-
-/// Place of a frame in scenario time.
-#[derive(Clone, Copy)]
-pub(super) struct Passed {
-    /// Scenario time; `None` before its beginning.
-    pub(super) time: Option<Duration>,
-    /// Whether it is a SYNC of the scenario.
-    pub(super) is_sync: bool,
 }
 
 impl Passing {
@@ -69,9 +61,10 @@ impl Passing {
         self.judged_end == other.judged_end
     }
 
+    /// Takes each frame of the bus; returns its scenario time, `None` before the scenario began.
     #[inline]
-    pub(super) fn on_frame(&mut self, stamped: &Stamped) -> Passed {
-        let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
+    pub(super) fn on_frame(&mut self, stamped: &Stamped) -> Option<Duration> {
+        self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);
         self.first_frame.get_or_insert(stamped.time);
         self.highest = self.highest.max(stamped.time);
@@ -83,7 +76,7 @@ impl Passing {
         if time.is_none_or(|time| time < self.judged_end) {
             self.traffic.on_frame(stamped);
         }
-        Passed { time, is_sync }
+        time
     }
 }
 

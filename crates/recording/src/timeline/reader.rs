@@ -13,7 +13,7 @@ use scenario::Trial;
 use super::columns::Columns;
 use super::commands::CommandReader;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
-use super::passing::{Passed, Passing};
+use super::passing::Passing;
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
 use crate::identifiers::Readers;
@@ -58,14 +58,14 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
     let (like, unlike): (Vec<_>, Vec<_>) = (1..readers.len()).partition(is_like);
     for stamped in frames {
         let stamped = stamped.borrow();
-        let passed = readers[0].passing.on_frame(stamped);
+        let time = readers[0].passing.on_frame(stamped);
         for place in &unlike {
             readers[*place].passing.on_frame(stamped);
         }
         readers[0].events.on_frame(stamped);
         let id = stamped.frame.raw_id();
         for place in read_by.of(id) {
-            readers[*place].on_read_frame(id, stamped, passed);
+            readers[*place].on_read_frame(id, stamped, time);
         }
     }
     for place in like {
@@ -84,7 +84,6 @@ pub struct TimelineReader {
     period: Duration,
     /// Time after a SYNC from which a frame does not belong to its cycle.
     late_after: Duration,
-    end: Duration,
     /// Scenario time of the latest SYNC.
     latest_sync: Duration,
     end_cycle: u64,
@@ -112,7 +111,7 @@ impl TimelineReader {
     pub fn new(shared: &Shared, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         let trial = &one.trial;
         let period = trial.run.bus.sync_period();
-        let end = Duration::from_secs_f64(trial.run.duration_seconds);
+        let passing = Passing::new(one)?;
         let losses = LossReader::new(one);
         let commands = CommandReader::new(one, period, kept_max)?;
         let events = EventReader::new(&one.database, NodeNames::new(shared, one));
@@ -124,12 +123,11 @@ impl TimelineReader {
         let columns = Columns::new(one, kept_max);
         Ok(Self {
             loop_name: one.name().to_owned(),
-            passing: Passing::new(one)?,
+            end_cycle: cycles(passing.end, period),
+            passing,
             period,
             late_after: period + period / 2,
-            end,
             latest_sync: Duration::ZERO,
-            end_cycle: cycles(end, period),
             events,
             losses,
             truth,
@@ -160,15 +158,14 @@ impl TimelineReader {
 
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
-        let passed = self.passing.on_frame(stamped);
+        let time = self.passing.on_frame(stamped);
         self.events.on_frame(stamped);
-        self.on_read_frame(stamped.frame.raw_id(), stamped, passed);
+        self.on_read_frame(stamped.frame.raw_id(), stamped, time);
     }
 
     /// Takes a frame of a message that is read in each cycle, or watched.
-    fn on_read_frame(&mut self, id: u32, stamped: &Stamped, passed: Passed) {
+    fn on_read_frame(&mut self, id: u32, stamped: &Stamped, time: Option<Duration>) {
         let frame = &stamped.frame;
-        let Passed { time, is_sync } = passed;
         self.sources.on_frame(stamped.time, time, frame);
         // A node that was heard before the scenario is missed from its start on.
         self.losses.on_frame(frame, time.unwrap_or_default());
@@ -179,9 +176,10 @@ impl TimelineReader {
             self.drive_reports.on_frame(time, frame);
         }
         self.io_nodes.on_frame(frame);
+        let is_sync = frame.standard_id() == Some(SYNC_COB_ID);
         let is_late = time.is_some_and(|time| self.is_late(time));
         // Frames after the last cycle, with which the nodes stop, are no part of it.
-        if time.is_none_or(|time| time < self.end) && !self.is_over {
+        if time.is_none_or(|time| time < self.passing.end) && !self.is_over {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
                 self.commands.on_frame(frame, time, is_late);
@@ -189,12 +187,12 @@ impl TimelineReader {
         }
         if let Some(time) = time.filter(|_| is_sync) {
             self.latest_sync = time;
-            if time < self.end {
+            if time < self.passing.end {
                 self.syncs_seconds.push(time.as_secs_f64());
             }
             self.begin_cycle(cycles(time, self.period));
         }
-        if let Some(time) = time.filter(|time| *time < self.end) {
+        if let Some(time) = time.filter(|time| *time < self.passing.end) {
             let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
             self.traces.on_frame(frame, time, cycle_seconds);
         }
@@ -218,7 +216,7 @@ impl TimelineReader {
         // If the duration is no multiple of the period, a cycle may begin that is not the scenario's.
         let begin = u32::try_from(number).unwrap_or(u32::MAX);
         let begin = self.period.saturating_mul(begin);
-        self.is_over |= number >= self.end_cycle && begin < self.end;
+        self.is_over |= number >= self.end_cycle && begin < self.passing.end;
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
             self.commands.begin_cycle(number);
