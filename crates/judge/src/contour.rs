@@ -6,7 +6,7 @@ use recording::timeline::Timeline;
 use scenario::contour::Contour;
 use scenario::events::Window;
 
-use crate::evidence::{Absence, Evidence, Known, Measurement, checked};
+use crate::evidence::{Absence, Evidence, Known, checked};
 use crate::metric::Metric;
 
 /// Time before and after a sample within which the nearest point of the path is searched for.
@@ -40,37 +40,33 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     let ends = axes.iter().map(|axis| axis.trial.judged_end_seconds());
     let end_seconds = ends.fold(f64::INFINITY, f64::min);
     let window = window(contour, end_seconds);
-    let unseen = axes.iter().find_map(|axis| {
-        let absence = axis.seen(window).err()?;
-        Some((axis, absence.of(axis.control_loop.name())))
+    let is_unseen = |axis: &&Evidence<'_>| axis.seen(window).is_err();
+    let axis = axes.iter().find(is_unseen).unwrap_or(first);
+    let values = values(contour, axes, end_seconds);
+    let rows = contour.rows().into_iter().enumerate();
+    let rows = rows.filter_map(|(place, (name, limit))| {
+        let value = values.clone().map(|values| values[place]);
+        let mut row = axis.row(&name, limit, value)?;
+        row.requirements.clone_from(&contour.requirements);
+        Some(row)
     });
-    let (axis, values) = match unseen {
-        _ if window.from_seconds >= window.until_seconds => {
-            (first, none("the window begins behind what is judged"))
-        }
-        Some((axis, absence)) => (axis, none(absence)),
-        None => (first, values(contour, axes, end_seconds)),
-    };
-    let rows = contour
-        .rows()
-        .into_iter()
-        .zip(values)
-        .filter_map(|((name, limit), value)| {
-            let mut row = axis.row(&name, limit, value)?;
-            row.requirements.clone_from(&contour.requirements);
-            Some(row)
-        });
     rows.collect()
 }
 
-/// Returns the reason why there are no values.
-fn none(absence: impl Into<Absence>) -> [Measurement; 2] {
-    let absence = absence.into();
-    [Err(absence.clone()), Err(absence)]
-}
-
 /// Returns the longest distance and the RMS of the distances.
-fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Measurement; 2] {
+fn values(
+    contour: &Contour,
+    axes: &[Evidence<'_>],
+    end_seconds: f64,
+) -> Result<[Known; 2], Absence> {
+    let window = window(contour, end_seconds);
+    if window.from_seconds >= window.until_seconds {
+        return Err("the window begins behind what is judged".into());
+    }
+    for axis in axes {
+        let seen = axis.seen(window).map(drop);
+        seen.map_err(|absence| absence.of(axis.control_loop.name()))?;
+    }
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let is_left_out = |time: f64| axes.iter().any(|axis| axis.leaves_out(time, time));
     let errors =
@@ -82,16 +78,15 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Measur
         count += 1.0;
     }
     if count > 0.0 {
-        let [longest, rms] = [longest, f64::sqrt(squares / count)].map(checked);
-        let window = window(contour, end_seconds);
         let is_cut =
             |axis: &&Evidence<'_>| axis.leaves_out(window.from_seconds, window.until_seconds);
         let cut = axes.iter().find(is_cut).unwrap_or(&axes[0]);
-        [cut.of_largest(window, longest), rms.map(Known::from)]
+        let longest = cut.of_largest(window, checked(longest))?;
+        Ok([longest, checked(f64::sqrt(squares / count))?.into()])
     } else if axes.iter().all(Evidence::has_all) {
-        none("no sample of all axes in the window")
+        Err("no sample of all axes in the window".into())
     } else {
-        none(Absence::left_out())
+        Err(Absence::left_out())
     }
 }
 
