@@ -108,16 +108,10 @@ pub fn write_signals(
         return Ok(());
     };
     let signals = timeline::signals(timelines);
-    let time = ("time_seconds", &timeline.time_seconds);
-    let signals = signals
-        .iter()
-        .map(|signal| (signal.name.as_str(), signal.values));
-    let numbers: Vec<(&str, &Series<f64>)> = [time].into_iter().chain(signals).collect();
-    let names = numbers.iter().map(|(name, _)| (*name, ColumnKind::Number));
-    let names: Vec<(&str, ColumnKind)> = [("cycle", ColumnKind::Count)]
-        .into_iter()
-        .chain(names)
-        .collect();
+    let mut numbers = vec![("time_seconds", &timeline.time_seconds)];
+    numbers.extend(signals.iter().map(|one| (one.name.as_str(), one.values)));
+    let mut names = vec![("cycle", ColumnKind::Count)];
+    names.extend(numbers.iter().map(|(name, _)| (*name, ColumnKind::Number)));
     let mut table = ParquetTable::new(output, "signals", &names)?;
     let rows = timeline.cycle.len();
     let mut pass = Pass::new(rows as u64);
