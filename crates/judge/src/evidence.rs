@@ -397,18 +397,18 @@ impl<'a> Evidence<'a> {
         window: Window,
         seconds_max: f64,
     ) -> Option<Window> {
-        let silences = silences(times_seconds, window, seconds_max);
-        let left_out = |silence: &Window| match &self.left_out {
-            None => 0.0,
-            Some(left_out) => left_out
-                .times
-                .seconds_in(silence.from_seconds, silence.until_seconds),
-        };
-        let mut silences = silences.filter(|silence| {
-            let seconds = silence.until_seconds - silence.from_seconds - left_out(silence);
-            seconds > seconds_max + TIME_TOLERANCE_SECONDS
-        });
-        silences.next()
+        let longest = seconds_max + TIME_TOLERANCE_SECONDS;
+        let mut from = window.from_seconds;
+        let mut untils = times_seconds.chain([window.until_seconds]);
+        untils.find_map(|until| {
+            let silence = Window::new(std::mem::replace(&mut from, until), until);
+            let seconds = until - silence.from_seconds;
+            let left_out = self.left_out.as_ref().filter(|_| seconds > longest);
+            let explained = left_out.map_or(0.0, |left_out| {
+                left_out.times.seconds_in(silence.from_seconds, until)
+            });
+            (seconds - explained > longest).then_some(silence)
+        })
     }
 
     /// Returns the evidence with the true position; `None` if the plant and the sensor that the loop follows have no faults, or
@@ -584,22 +584,6 @@ fn rows(window: Window, before: impl Fn(f64) -> usize) -> Range<usize> {
 pub(crate) fn samples_in(samples: &Series<SignalSample>, window: Window) -> Series<SignalSample> {
     let before = |limit| samples.partition_point(|sample| sample.time_seconds < limit);
     samples.part(rows(window, before))
-}
-
-/// Returns the stretches of a window without a sample that are longer than allowed.
-pub(crate) fn silences(
-    times_seconds: impl Iterator<Item = f64>,
-    window: Window,
-    seconds_max: f64,
-) -> impl Iterator<Item = Window> {
-    let mut from_seconds = window.from_seconds;
-    let times = times_seconds.chain([window.until_seconds]);
-    times.filter_map(move |until_seconds| {
-        let silence = Window::new(from_seconds, until_seconds);
-        from_seconds = until_seconds;
-        let seconds = silence.until_seconds - silence.from_seconds;
-        (seconds > seconds_max + TIME_TOLERANCE_SECONDS).then_some(silence)
-    })
 }
 
 /// Returns the largest value over all steps or disturbances, of which there is at least one. An error counts as worse than any
