@@ -8,11 +8,11 @@ use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::Trial;
 use scenario::events::Window;
-use scenario::expect::{Emergency, Expected, Limit, Sequence};
+use scenario::expect::{Emergency, Expected, Limit, Sequence, at_most};
 
 use crate::evidence::{Absence, Evidence, Known, Measurement, samples_in};
 use crate::metric::{Metric, rounded};
-use crate::signals::{at_most, nearest};
+use crate::signals::nearest;
 
 /// Returns a row for each event of each sequence.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {

@@ -4,7 +4,7 @@ use recording::timeline::Series;
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::Trial;
 use scenario::events::Window;
-use scenario::expect::{Course, Demand, Limit, SignalCheck};
+use scenario::expect::{Course, Demand, Limit, SignalCheck, at_most};
 
 use crate::evidence::{Absence, Evidence, Known, Measurement, margin, samples_in};
 use crate::metric::{Metric, rounded};
@@ -45,14 +45,6 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
             (check.row_name(&demand), demand_limit(&demand, window))
         })
     })
-}
-
-/// Returns an upper limit.
-pub(crate) fn at_most(max: f64) -> Limit {
-    Limit {
-        min: None,
-        max: Some(max),
-    }
 }
 
 /// Measures a signal. An arrival is left out as a whole if stalls explain a piece before it; for other demands each sample is.

@@ -173,7 +173,8 @@ fn expected(form: Form, value: toml::Value) -> Result<Expectation, toml::de::Err
     Ok(Expectation { limit, texts })
 }
 
-fn at_most(max: f64) -> Limit {
+/// Returns an upper limit.
+pub fn at_most(max: f64) -> Limit {
     let max = Some(max);
     Limit { min: None, max }
 }
