@@ -59,12 +59,12 @@ fn write_messages(
     let mut topics = topics(&mut file, frames, database)?;
     let raw = file.topic(FRAMES_TOPIC, "can_msgs/msg/Frame", schema::FRAME)?;
     let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
-    let events = events.iter();
-    let mut events = events
-        .map(|event| (at(event.time_seconds, zero), &**event))
-        .peekable();
+    let timed = events
+        .iter()
+        .map(|event| (at(event.time_seconds, zero), &**event));
+    let mut rest = timed.peekable();
     for stamped in frames.iter() {
-        while let Some((time, event)) = events.next_if(|(time, _)| *time <= stamped.time) {
+        while let Some((time, event)) = rest.next_if(|(time, _)| *time <= stamped.time) {
             file.message(log, time, log_message(time, event).bytes())?;
         }
         file.message(raw, stamped.time, frame_message(&stamped).bytes())?;
@@ -72,7 +72,7 @@ fn write_messages(
             file.message(topic.id, stamped.time, topic.decode(&stamped))?;
         }
     }
-    for (time, event) in events {
+    for (time, event) in rest {
         file.message(log, time, log_message(time, event).bytes())?;
     }
     file.writer.finish()?;

@@ -43,8 +43,8 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     let is_unseen = |axis: &&Evidence<'_>| axis.seen(window).is_err();
     let axis = axes.iter().find(is_unseen).unwrap_or(first);
     let values = values(contour, axes, end_seconds);
-    let rows = contour.rows().into_iter().enumerate();
-    let rows = rows.filter_map(|(place, (name, limit))| {
+    let named = contour.rows().into_iter().enumerate();
+    let rows = named.filter_map(|(place, (name, limit))| {
         let value = values.clone().map(|values| values[place]);
         let mut row = axis.row(&name, limit, value)?;
         row.requirements.clone_from(&contour.requirements);
@@ -81,8 +81,8 @@ fn values(
         let is_cut =
             |axis: &&Evidence<'_>| axis.leaves_out(window.from_seconds, window.until_seconds);
         let cut = axes.iter().find(is_cut).unwrap_or(&axes[0]);
-        let longest = cut.of_largest(window, checked(longest))?;
-        Ok([longest, checked(f64::sqrt(squares / count))?.into()])
+        let rms = checked(f64::sqrt(squares / count))?;
+        Ok([cut.of_largest(window, checked(longest))?, rms.into()])
     } else if axes.iter().all(Evidence::has_all) {
         Err("no sample of all axes in the window".into())
     } else {

@@ -345,14 +345,14 @@ impl<'a> Evidence<'a> {
 
     /// Returns the largest value of a window. If a part of the window is left out, it is at least that of the rest.
     pub(crate) fn of_largest(&self, window: Window, largest: MetricValue) -> Measurement {
-        let largest = largest?;
-        Ok(
-            if self.leaves_out(window.from_seconds, window.until_seconds) {
-                Known::at_least(largest)
+        let is_cut = self.leaves_out(window.from_seconds, window.until_seconds);
+        largest.map(|value| {
+            if is_cut {
+                Known::at_least(value)
             } else {
-                largest.into()
-            },
-        )
+                value.into()
+            }
+        })
     }
 
     /// Returns the stall that explains an end of the run by a node: one that covers half of the time in which the node was at

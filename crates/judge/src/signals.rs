@@ -55,9 +55,9 @@ fn measure(
     demand: &Demand<'_>,
     limit: Limit,
 ) -> Measurement {
-    let samples = samples_in(&trace.samples, window);
+    let all = samples_in(&trace.samples, window);
     if let Demand::Reaches(wanted) = demand {
-        let arrival = arrival(trace, &samples, window, *wanted);
+        let arrival = arrival(trace, &all, window, *wanted);
         let arrived_at = arrival.as_ref().ok().and_then(|known| known.at_seconds);
         let until = arrived_at.unwrap_or(window.until_seconds);
         return if evidence.leaves_out(window.from_seconds, until) {
@@ -66,14 +66,14 @@ fn measure(
             arrival
         };
     }
-    if samples.is_empty() {
+    if all.is_empty() {
         return Err(unseen(trace, window));
     }
     let is_kept = |one: &SignalSample| !evidence.leaves_out(one.time_seconds, one.time_seconds);
     let samples = if evidence.has_all() {
-        samples
+        all
     } else {
-        samples.iter().filter(is_kept).collect()
+        all.iter().filter(is_kept).collect()
     };
     if samples.is_empty() {
         return Err(Absence::left_out());

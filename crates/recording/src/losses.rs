@@ -78,8 +78,8 @@ impl LossReader {
             let sender = Some(node.part).filter(|part| *part != Part::Io);
             Some((message.raw_id, what, sender, period, HEARTBEATS_MAX))
         });
-        let watched = cyclic.into_iter().chain(heartbeats).flatten();
-        let watched = watched.map(|(raw_id, what, heartbeat_sender, period, periods_max)| {
+        let messages = cyclic.into_iter().chain(heartbeats).flatten();
+        let watched = messages.map(|(raw_id, what, heartbeat_sender, period, periods_max)| {
             let watched = Watched {
                 what,
                 heartbeat_sender,

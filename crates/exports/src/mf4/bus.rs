@@ -110,8 +110,8 @@ pub(super) fn write_records(
 /// Appends the time, and a frame that is made of its parts.
 fn channels(file: &mut Mf4File, name: &str) -> u64 {
     let names = PARTS.map(|(part, ..)| format!("{name}.{part}"));
-    let parts = PARTS.iter().zip(&names);
-    let parts = parts.map(|(&(_, data_type, byte, bit, bits), name)| Channel {
+    let named = PARTS.iter().zip(&names);
+    let parts = named.map(|(&(_, data_type, byte, bit, bits), name)| Channel {
         name,
         data_type,
         byte,

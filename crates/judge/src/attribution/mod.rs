@@ -106,9 +106,9 @@ impl<'a> Attribution<'a> {
     /// that the host of a virtual machine took from a running thread.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
         let is_by_canrig = |duty: &Duty| !duty.is_of_external(self.control_loop);
-        let breaches = self.cycles.by_nodes.iter();
-        let by_canrig = breaches.filter(|(duty, _)| is_by_canrig(duty));
-        let by_canrig: usize = by_canrig.map(|(_, (count, _))| count).sum();
+        let by_nodes = self.cycles.by_nodes.iter();
+        let breaches = by_nodes.filter(|(duty, _)| is_by_canrig(duty));
+        let by_canrig: usize = breaches.map(|(_, (count, _))| count).sum();
         let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
         let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
