@@ -16,7 +16,7 @@ use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
-use crate::wiring::Wiring;
+use crate::wiring::{LedBy, Wiring};
 
 /// Key of the law of all loops.
 pub(super) const ALL: &str = "all";
@@ -107,12 +107,12 @@ impl<'text> Selector<'_, 'text> {
 
     /// Checks whether a loop represents a drive that the law of another loop leads.
     pub(super) fn is_led(&self, name: &str) -> bool {
-        self.leader_of(name).is_some()
+        self.led_by(name).is_some()
     }
 
-    /// Returns the loop whose law leads the drive that this loop represents, if it is another one.
-    fn leader_of(&self, name: &str) -> Option<&str> {
-        self.rig.loops.get(name)?.led_by.as_deref()
+    /// Returns the law of another loop that leads the drive which this loop represents.
+    fn led_by(&self, name: &str) -> Option<LedBy> {
+        self.rig.loops.get(name)?.led_by
     }
 
     fn loop_tables(&self, name: &str) -> Result<LoopTables<'text>, Problem> {
@@ -245,9 +245,14 @@ impl<'text> Selector<'_, 'text> {
         }
         let node = table.get(NODE).and_then(|node| node.get_ref().as_str());
         let disturbed = node.and_then(|node| self.rig.drive_disturbed(node, &output));
-        let is_its = |drive: &str| match self.leader_of(drive) {
-            Some(leader) => leader == name,
-            None => drive == self.rig.drive_of_loop(name),
+        let leader = self.rig.drive_of_loop(name);
+        let is_its = |drive: &str| match self.led_by(drive) {
+            Some(led) => self
+                .rig
+                .node
+                .get(leader)
+                .is_some_and(|node| node.node_id == led.first),
+            None => drive == leader,
         };
         // The first loop reports a node without such an output.
         let mut with_law = self.rig.loops.keys().filter(|name| !self.is_led(name));
