@@ -26,7 +26,7 @@ use std::io;
 use std::path::PathBuf;
 
 use crate::bus::BusAddress;
-use crate::program::Listener;
+use crate::listener::Listener;
 use crate::recorder::{self, Recorder};
 use crate::scheduling;
 use crate::stop::StoppedThread;
@@ -74,7 +74,7 @@ impl Hub {
 
     fn start_in(directories: &[PathBuf]) -> Result<(Self, Recorder), HubError> {
         let listener = place::listen(directories)?;
-        let socket = listener.socket.try_clone()?;
+        let socket = listener.socket()?;
         let (ring, recorder) = recorder::ring();
         let thread = StoppedThread::start("hub", |stop| {
             let switch = Switch::new(socket, stop, ring)?;

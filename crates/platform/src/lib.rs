@@ -16,6 +16,7 @@ pub mod hub;
 pub mod keeper;
 mod kernel_format;
 pub mod link;
+pub mod listener;
 pub mod lockstep;
 pub mod memory;
 mod netlink;

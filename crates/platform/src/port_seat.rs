@@ -4,7 +4,8 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::program::{Listener, Order, PORTS_VARIABLE, Program, START_PATIENCE};
+use crate::listener::Listener;
+use crate::program::{Order, PORTS_VARIABLE, Program, START_PATIENCE};
 use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, read_answer, read_hello, write_numbers, write_welcome,
 };

@@ -1,10 +1,8 @@
 //! External programs at a seat: start, messages, end.
 
-use std::fs::{self, Permissions};
 use std::io;
 use std::ops::Range;
 use std::os::fd::{AsFd, OwnedFd};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
@@ -12,15 +10,12 @@ use std::time::Duration;
 use rustix::event::PollFlags;
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
-use rustix::net::sockopt::socket_peercred;
-use rustix::net::{
-    SendFlags, SocketAddrUnix, SocketFlags, accept_with, bind, connect, listen, send,
-};
-use rustix::process::{Signal, getuid, kill_process_group};
-use tempfile::TempDir;
+use rustix::net::{SendFlags, SocketAddrUnix, SocketFlags, connect, send};
+use rustix::process::{Signal, kill_process_group};
 
 use crate::bus::seqpacket;
 use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
+use crate::listener::Listener;
 use crate::process::{myself, suspension};
 use crate::scheduling::pass_on_fifo;
 use crate::seat::{
@@ -344,55 +339,10 @@ impl Seat {
     }
 }
 
-/// Seat that waits for its program: a socket in a folder that no other user can enter.
-#[derive(Debug)]
-pub struct Listener {
-    pub(crate) socket: OwnedFd,
-    folder: TempDir,
-}
-
-impl Listener {
-    /// Opens a seat in the system's folder for temporary files.
-    ///
-    /// # Errors
-    /// If the system refuses.
-    pub fn open() -> io::Result<Self> {
-        Self::open_in(&std::env::temp_dir(), "canrig-seat-", 1)
-    }
-
-    /// Opens a seat in a folder, as one whose name begins like this. Only so many programs may wait to be accepted.
-    ///
-    /// # Errors
-    /// If the system refuses.
-    pub fn open_in(place: &Path, prefix: &str, waiting_max: i32) -> io::Result<Self> {
-        let folder = tempfile::Builder::new()
-            .prefix(prefix)
-            .permissions(Permissions::from_mode(0o700))
-            .tempdir_in(place)?;
-        let socket = seqpacket(SocketFlags::NONBLOCK)?;
-        let listener = Self { socket, folder };
-        bind(&listener.socket, &SocketAddrUnix::new(listener.path())?)?;
-        // No other user can pass the folder meanwhile.
-        fs::set_permissions(listener.path(), Permissions::from_mode(0o600))?;
-        listen(&listener.socket, waiting_max)?;
-        Ok(listener)
-    }
-
-    /// Returns the path of the socket.
-    pub fn path(&self) -> PathBuf {
-        self.folder.path().join("socket")
-    }
-
-    /// Waits for a program of the same user; `None` if none comes in time.
-    ///
-    /// # Errors
-    /// If the system refuses.
-    pub fn accept(&self, patience: Duration) -> io::Result<Option<OwnedFd>> {
-        if !wait_ready(self.socket.as_fd(), PollFlags::IN, patience)? {
-            return Ok(None);
-        }
-        let channel = accept_with(&self.socket, SocketFlags::CLOEXEC)?;
-        let is_ours = socket_peercred(&channel)?.uid == getuid();
-        Ok(is_ours.then_some(channel))
-    }
+/// Opens a seat in the system's folder for temporary files.
+///
+/// # Errors
+/// If the system refuses.
+pub fn open_seat() -> io::Result<Listener> {
+    Listener::open_in(&std::env::temp_dir(), "canrig-seat-", 1)
 }

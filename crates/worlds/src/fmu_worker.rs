@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use fmu::{Configuration, Fault, FmuError, Instance, Unpacked};
+use platform::listener::Listener;
 use platform::port_seat::{CLOSED, NotReady, PortSeat};
-use platform::program::{Listener, START_PATIENCE, Seat};
+use platform::program::{START_PATIENCE, Seat};
 use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
 
 use crate::law_worker::{Loaded, command, told};

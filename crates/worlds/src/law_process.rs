@@ -13,8 +13,9 @@ use controller::process_law::{self, Player, Window};
 use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
+use platform::listener::Listener;
 use platform::port_seat::{CLOSED, NotReady, PortSeat};
-use platform::program::{Listener, START_PATIENCE};
+use platform::program::{START_PATIENCE, open_seat};
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
 use scenario::process_law::{Plays, ProcessLaw};
@@ -92,7 +93,7 @@ impl LawPlace {
         // Where a kill leaves the seat, it goes with the unpacked files.
         let listener = match &unpacked {
             Some(unpacked) => Listener::open_in(unpacked.folder(), "s-", 1),
-            None => Listener::open(),
+            None => open_seat(),
         };
         let seat = listener
             .and_then(|listener| {

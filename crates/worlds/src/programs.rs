@@ -8,11 +8,12 @@ use std::time::Duration;
 use can::{CanFrame, Filter, Node as CanNode, Progress};
 use faults::{FaultPlan, Faulty};
 use platform::clock::Clock;
+use platform::listener::Listener;
 use platform::lockstep::{
     ANSWER_PATIENCE, Answer, Failure, Local, LockstepError, Participant, Remote, Setting,
 };
 use platform::program::{
-    BUS_VARIABLE, END_PATIENCE, Listener, ORDERLY, Order, Program, START_PATIENCE,
+    BUS_VARIABLE, END_PATIENCE, ORDERLY, Order, Program, START_PATIENCE, open_seat,
 };
 use scenario::node::{Node, Part};
 use tempfile::NamedTempFile;
@@ -139,7 +140,7 @@ impl ProgramOrder {
     fn seat(&self, now: Duration, announce: &dyn Fn(&str)) -> Result<ProgramNode, WorldError> {
         let name = self.name();
         let refused = |error| WorldError::spawn(name)(error);
-        let listener = Listener::open().map_err(refused)?;
+        let listener = open_seat().map_err(refused)?;
         let bus = format!("lockstep:{}", listener.path().display());
         let (channel, program) = if self.command.is_some() {
             let mut started = self

@@ -13,8 +13,8 @@ use rustix::process::{Pid, getppid, test_kill_process};
 use super::HubError;
 use crate::bus::seqpacket;
 use crate::clock::{Clock, sleep};
+use crate::listener::Listener;
 use crate::process::stat;
-use crate::program::Listener;
 
 /// Prefix of a directory's name, `canrig-bus-<process>-<letters>`.
 const PREFIX: &str = "canrig-bus-";
