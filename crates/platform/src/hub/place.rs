@@ -53,12 +53,22 @@ pub(super) fn listen(parents: &[PathBuf]) -> Result<Listener, HubError> {
         }
     }
     let (tried, source) = refused;
-    let advice = match Errno::from_io_error(&source) {
-        Some(Errno::NAMETOOLONG) => "a shorter directory",
-        _ => "one that you may write to",
+    let advice = match source.kind() {
+        io::ErrorKind::InvalidFilename => {
+            "; set XDG_RUNTIME_DIR or TMPDIR to a directory with a shorter name"
+        }
+        io::ErrorKind::NotADirectory
+        | io::ErrorKind::NotFound
+        | io::ErrorKind::PermissionDenied
+        | io::ErrorKind::QuotaExceeded
+        | io::ErrorKind::ReadOnlyFilesystem
+        | io::ErrorKind::StorageFull => {
+            "; set XDG_RUNTIME_DIR or TMPDIR to a directory that you may write to"
+        }
+        _ => "",
     };
     Err(HubError(format!(
-        "no directory for the bus's socket could be made in {}: {source}; set XDG_RUNTIME_DIR or TMPDIR to {advice}",
+        "no socket for the bus could be made in {}: {source}{advice}",
         tried.display()
     )))
 }
@@ -89,11 +99,12 @@ fn is_served(socket: &Path) -> bool {
     owner(socket).is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
 }
 
-/// Removes from `parent` the sockets and directories of hubs whose process is gone. A hub that is about to listen has a process.
+/// Removes from `parent` the sockets and directories of hubs whose process is gone. A hub that is about to listen has a process;
+/// one that listens may have its process in another PID namespace.
 fn remove_leftovers(parent: &Path) {
     let is_gone = |process| test_kill_process(process) == Err(Errno::SRCH);
     for socket in sockets_in(parent) {
-        if owner(&socket).is_some_and(is_gone) {
+        if owner(&socket).is_some_and(is_gone) && nobody_listens(&socket) {
             remove(&socket);
         }
     }
@@ -188,5 +199,34 @@ mod tests {
         drop(listener);
         assert_eq!(running_in(&parents), Vec::<PathBuf>::new());
         fs::remove_dir_all(parent).unwrap();
+    }
+
+    /// Another container that shares the directory has processes of its own.
+    #[test]
+    fn a_leftover_is_removed_only_if_nobody_listens() {
+        let parent = tempfile::tempdir().unwrap();
+        let directory = parent.path().join("canrig-bus-2147483647-x");
+        fs::create_dir(&directory).unwrap();
+        let path = directory.join(SOCKET);
+        let socket = seqpacket(SocketFlags::NONBLOCK).unwrap();
+        rustix::net::bind(&socket, &SocketAddrUnix::new(&path).unwrap()).unwrap();
+        rustix::net::listen(&socket, WAITING_MAX).unwrap();
+        remove_leftovers(parent.path());
+        assert!(path.exists());
+        drop(socket);
+        remove_leftovers(parent.path());
+        assert!(!directory.exists());
+    }
+
+    #[test]
+    fn advice_is_given_where_another_directory_helps() {
+        let refusal = |parent: PathBuf| listen(&[parent]).unwrap_err().to_string();
+        let parent = tempfile::tempdir().unwrap();
+        let missing = refusal(parent.path().join("missing"));
+        assert!(missing.ends_with("that you may write to"), "{missing}");
+        let long = parent.path().join("long".repeat(25));
+        fs::create_dir(&long).unwrap();
+        let too_long = refusal(long);
+        assert!(too_long.ends_with("with a shorter name"), "{too_long}");
     }
 }
