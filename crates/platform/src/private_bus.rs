@@ -41,8 +41,9 @@ pub const HELPER: &str = "private-bus";
 /// Longest time that the helper may take.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Sockets that the helper opens for the bench.
-const SOCKETS: usize = 2;
+/// Number of sockets that the helper opens for the bench: the recorder takes one, the bench's own node one, and the last is for
+/// the requests to the drives after a run that broke off.
+const SOCKETS: usize = 3;
 
 /// Reason why there is no private bus.
 #[derive(Debug, thiserror::Error)]
@@ -89,7 +90,7 @@ impl PrivateBus {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()?;
-        // Its end of the channel.
+        // It holds the helper's end of the channel, whose close shows the end of the helper.
         drop(command);
         let mut bus = Self {
             channel: ours,
@@ -130,7 +131,11 @@ impl PrivateBus {
 
     fn socket(&mut self) -> Result<CanSocket, BusError> {
         let socket = self.sockets.pop();
-        socket.ok_or_else(|| BusError::no_interface(INTERFACE))
+        socket.ok_or_else(|| {
+            BusError(format!(
+                "the bench has taken all {SOCKETS} sockets of its private bus"
+            ))
+        })
     }
 }
 
@@ -274,4 +279,29 @@ fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
     }
     let text = String::from_utf8_lossy(&text[..received.bytes]);
     Ok((text.trim().to_owned(), sockets))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn recorder_bench_and_requests_have_a_socket_each_and_no_other_has_one() {
+        let (ours, theirs) = channel().unwrap();
+        let made = Vec::from_iter((0..SOCKETS).map(|_| channel().unwrap().0.into()));
+        send(&theirs, "", &made).unwrap();
+        let (_, sockets) = receive(&ours).unwrap();
+        let mut bus = PrivateBus {
+            channel: ours,
+            helper: Helper(Command::new("true").spawn().unwrap()),
+            sockets: sockets.into_iter().map(CanSocket::from).collect(),
+        };
+        for user in ["recorder", "bench", "requests to the drives"] {
+            assert!(bus.socket().is_ok(), "{user}");
+        }
+        let error = bus.socket().unwrap_err().to_string();
+        assert!(error.ends_with("sockets of its private bus"), "{error}");
+    }
 }
