@@ -2,11 +2,13 @@
 #![expect(unsafe_code, reason = "what happens between fork and exec")]
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd, OwnedFd, RawFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
+use rustix::net::SocketType;
+use rustix::net::sockopt::socket_type;
 use rustix::process::{
     Pid, Resource, Signal, getpid, getppid, getrlimit, kill_process,
     set_parent_process_death_signal, setsid,
@@ -15,7 +17,8 @@ use rustix::process::{
 use crate::stop::OF_TERMINAL;
 
 /// Returns a command that starts this program again, as a child that does not outlive us:
-/// - its standard input is a pipe from us, whose end stops it ([`crate::stop::StopSignal::from_parent`]);
+/// - its standard input is a pipe from us, or a channel that the caller puts in its place; the end of either stops it
+///   ([`crate::stop::StopSignal::from_parent`]);
 /// - the signals of its terminal ([`OF_TERMINAL`]) do not end it; that is our task;
 /// - SIGTERM comes when the *thread* that spawned it ends (`PR_SET_PDEATHSIG`), so spawn from a thread that lives as
 ///   long as the run. It arms an alarm that ends even a child that hangs.
@@ -131,18 +134,26 @@ pub fn is_crash(signal: i32) -> bool {
 /// Returns the side channel that the parent gave this process in place of a standard input.
 ///
 /// # Errors
-/// If the system refuses.
+/// If there is none, or the system refuses.
 pub fn channel_from_parent() -> io::Result<OwnedFd> {
-    io::stdin().as_fd().try_clone_to_owned()
+    side_channel(io::stdin().as_fd())
+}
+
+fn side_channel(input: BorrowedFd<'_>) -> io::Result<OwnedFd> {
+    if socket_type(input) != Ok(SocketType::SEQPACKET) {
+        return Err(io::Error::other("standard input is no side channel"));
+    }
+    input.try_clone_to_owned()
 }
 
 #[cfg(test)]
 mod tests {
-    use std::io::{BufRead, BufReader};
+    use std::fs::File;
     use std::os::unix::process::ExitStatusExt;
     use std::process::{Child, ExitStatus};
     use std::time::Duration;
 
+    use rustix::event::PollFlags;
     use rustix::net::{RecvFlags, recv};
     use rustix::process::{Pid, kill_process};
 
@@ -150,6 +161,7 @@ mod tests {
     use crate::clock::Clock;
     use crate::lockstep::channel;
     use crate::stop::StopSignal;
+    use crate::wait::wait_ready;
 
     const SOON: Duration = Duration::from_secs(10);
     const CHILD: &str = "PLATFORM_TEST_CHILD";
@@ -176,8 +188,16 @@ mod tests {
         command.args(["--exact", "process::tests::child", "--ignored"]);
         command.env(CHILD, kind).stdin(input).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        assert!(output.lines().any(|line| line.unwrap().ends_with("up")));
+        let output = child.stdout.take().unwrap();
+        let mut said = Vec::new();
+        while !said.ends_with(b"up\n") {
+            let is_ready = wait_ready(output.as_fd(), PollFlags::IN, SOON).unwrap();
+            assert!(is_ready, "the child did not come up");
+            let mut part = [0; 256];
+            let length = rustix::io::read(&output, &mut part).unwrap();
+            assert_ne!(length, 0, "the child ended");
+            said.extend_from_slice(&part[..length]);
+        }
         child
     }
 
@@ -199,6 +219,14 @@ mod tests {
             }
             crate::clock::sleep(Duration::from_millis(1));
         }
+    }
+
+    #[test]
+    fn only_a_channel_is_taken_for_one() {
+        let (_ours, theirs) = channel().unwrap();
+        assert!(side_channel(theirs.as_fd()).is_ok());
+        let refused = side_channel(File::open("/dev/null").unwrap().as_fd()).unwrap_err();
+        assert_eq!(refused.to_string(), "standard input is no side channel");
     }
 
     #[test]
