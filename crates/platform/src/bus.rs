@@ -137,7 +137,7 @@ impl BusError {
 }
 
 /// Longest path of a socket in bytes: `sun_path` less its final zero.
-pub const PATH_BYTES_MAX: usize = 107;
+pub(crate) const PATH_BYTES_MAX: usize = 107;
 
 /// Makes a socket for whole messages between processes. It closes on `exec`.
 pub(crate) fn seqpacket(flags: SocketFlags) -> Result<OwnedFd, Errno> {

@@ -157,7 +157,7 @@ fn prepare(socket: &CanFdSocket) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Reads frames into the ring until the stop event, or until the interface is gone.
+/// Reads frames into the ring until the other end of the pipe `stop` closes, or until the interface is gone.
 fn listen(socket: &CanFdSocket, stop: &OwnedFd, ring: &mut Ring) {
     let mut stamps = Stamps {
         clock: ring.clock,

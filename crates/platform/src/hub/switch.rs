@@ -57,7 +57,8 @@ impl Switch {
         })
     }
 
-    /// Serves the clients until the stop event. One packet per client and round, so that no client starves the others.
+    /// Serves the clients until the other end of the pipe `stop` closes. One packet per client and round, so that no client
+    /// starves the others.
     pub(super) fn run(mut self) {
         let mut events = [MaybeUninit::uninit(); CLIENTS_MAX + 2];
         loop {
@@ -172,7 +173,7 @@ impl Client {
     }
 }
 
-/// Receives one packet, and returns its length, of which a longer one than fits is known; `None` if there is none.
+/// Receives one packet and returns its length, which exceeds the buffer's if the packet does; `None` if there is none.
 ///
 /// # Errors
 /// If the client has left.

@@ -33,7 +33,7 @@ pub enum FollowError {
     Wire {
         /// Frame that the coordinator announced.
         announced: CanFrame,
-        /// What came in its place.
+        /// Frame or silence in its place.
         found: String,
     },
     /// The wire failed.
@@ -54,7 +54,7 @@ pub enum FollowError {
 ///
 /// # Errors
 /// If the coordinator is gone or breaks the protocol, if the wire does not carry the announced frames, or if the node fails or
-/// cannot be stepped. The coordinator receives the last two; for the others it sees the channel close.
+/// cannot be stepped. The coordinator receives the last two; for the others it sees the channel close when the process ends.
 pub fn follow(
     node: &mut dyn Node,
     channel: OwnedFd,
