@@ -74,11 +74,10 @@ impl NodeProcess {
         folder: &RunFolder,
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
-    ) -> Result<Self, WorldError> {
-        let refused = |source| WorldError::spawn(name)(source);
+    ) -> io::Result<Self> {
         let log = folder.path().join(format!("{name}.log"));
-        let output = File::create(&log).map_err(refused)?;
-        let mut command = process::myself().map_err(refused)?;
+        let output = File::create(&log)?;
+        let mut command = process::myself()?;
         let is_controller = name == plan.controller().name;
         let role = match name {
             _ if is_controller => &["controller"][..],
@@ -101,7 +100,7 @@ impl NodeProcess {
             command.arg("--lockstep").stdin(side_channel);
         }
         command.stdout(Stdio::piped()).stderr(output);
-        let mut child = command.spawn().map_err(refused)?;
+        let mut child = command.spawn()?;
         Ok(Self::new(Process::Own(OwnProcess {
             name: name.to_owned(),
             lifeline: child.stdin.take(),
@@ -112,15 +111,14 @@ impl NodeProcess {
     }
 
     /// Starts the program of a node on a bus, in real time.
-    pub(super) fn start(order: ProgramOrder, bus: &BusAddress) -> Result<Self, WorldError> {
+    pub(super) fn start(order: ProgramOrder, bus: &BusAddress) -> io::Result<Self> {
         let started = match bus {
             BusAddress::Private(_) => Err(io::Error::other(
                 "a program cannot join a private bus: play with --bus embedded, or on a CAN interface",
             )),
             bus => order.start(bus.to_string(), "real", None),
         };
-        let started = started.map_err(WorldError::spawn(order.name()))?;
-        Ok(Self::new(Process::Program(Box::new(order), started)))
+        Ok(Self::new(Process::Program(Box::new(order), started?)))
     }
 
     /// Starts another process in place of one that a fault has killed.
@@ -130,10 +128,11 @@ impl NodeProcess {
         folder: &RunFolder,
         bus: &BusAddress,
     ) -> Result<Self, WorldError> {
-        match &self.process {
+        let started = match &self.process {
             Process::Own(node) => Self::spawn(&node.name, plan, folder, Some(bus), None),
             Process::Program(order, _) => Self::start(ProgramOrder::clone(order), bus),
-        }
+        };
+        started.map_err(WorldError::control(self.name(), "started again"))
     }
 
     /// Returns the name of its node.
@@ -154,23 +153,30 @@ impl NodeProcess {
 
     /// Kills, suspends or resumes the process as a fault of the scenario, unless one has killed it.
     pub(super) fn play_fault(&mut self, action: ProcessAction) -> Result<(), WorldError> {
-        if self.is_killed_by_fault {
-            return Ok(());
+        if !self.is_killed_by_fault {
+            let signalled = self.signal(action);
+            signalled.map_err(WorldError::control(self.name(), "signalled"))?;
+            self.is_killed_by_fault = action == ProcessAction::Kill;
         }
-        self.is_killed_by_fault = action == ProcessAction::Kill;
-        let is_suspended = action == ProcessAction::Suspend;
-        let played = match &mut self.process {
-            Process::Own(node) if self.is_killed_by_fault => node.kill(),
-            Process::Own(node) => process::suspend(node.child.id(), is_suspended),
-            Process::Program(_, started) => {
-                match action {
-                    ProcessAction::Kill => started.program.kill(),
-                    _ => started.program.suspend(is_suspended),
-                }
-                Ok(())
+        Ok(())
+    }
+
+    fn signal(&mut self, action: ProcessAction) -> io::Result<()> {
+        match (&mut self.process, action) {
+            (Process::Own(node), ProcessAction::Kill) => node.kill()?,
+            (Process::Own(node), ProcessAction::Suspend) => {
+                process::suspend(node.child.id(), true)?
             }
-        };
-        played.map_err(WorldError::spawn(self.name()))
+            (Process::Own(node), ProcessAction::Resume) => {
+                process::suspend(node.child.id(), false)?
+            }
+            (Process::Program(_, started), ProcessAction::Kill) => started.program.kill(),
+            (Process::Program(_, started), ProcessAction::Suspend) => started.program.suspend(true),
+            (Process::Program(_, started), ProcessAction::Resume) => started.program.suspend(false),
+            // A start makes another process: see `again`.
+            (_, ProcessAction::Start) => {}
+        }
+        Ok(())
     }
 
     /// Returns the error for a process that has ended before the request to stop. A process that a fault killed has not ended
@@ -180,7 +186,7 @@ impl NodeProcess {
             _ if self.is_killed_by_fault => None,
             Process::Own(node) => match node.child.try_wait() {
                 Ok(status) => Some(node.failure(status?, EARLY)),
-                Err(source) => Some(WorldError::spawn(&node.name)(source)),
+                Err(source) => Some(WorldError::control(&node.name, "awaited")(source)),
             },
             Process::Program(order, started) => started.early_end(order.name()),
         }
@@ -270,7 +276,7 @@ impl OwnProcess {
                 ended => break ended,
             }
         };
-        match ended.map_err(WorldError::spawn(&self.name))? {
+        match ended.map_err(WorldError::control(&self.name, "awaited"))? {
             Some(status) if status.success() => {
                 if fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0) {
                     // A remaining empty file does no harm.

@@ -55,6 +55,16 @@ pub enum WorldError {
         /// Error of the system, if that refused something.
         source: Option<io::Error>,
     },
+    /// The system refuses an action on a process in the middle of a run, or at its end.
+    #[error("the {name} cannot be {action}: {source}")]
+    Control {
+        /// Name of the process.
+        name: String,
+        /// Action, such as "awaited".
+        action: &'static str,
+        /// Error of the system.
+        source: io::Error,
+    },
     /// A process ended before its time, or badly.
     #[error("the {name} {how}{log}")]
     Process {
@@ -113,12 +123,22 @@ pub enum WorldError {
 }
 
 impl WorldError {
-    /// Returns a function for `map_err` that makes the error of a process or a thread that cannot be started.
-    pub(crate) fn spawn(name: &str) -> impl FnOnce(io::Error) -> Self {
+    /// Returns a function for `map_err` that makes the error of a process or a thread that cannot be started before the run.
+    pub(crate) fn spawn(name: &str) -> impl FnOnce(io::Error) -> Self + use<> {
         let name = name.to_owned();
         move |source| Self::CannotBegin {
             what: format!("the {name} cannot be started: {source}"),
             source: Some(source),
+        }
+    }
+
+    /// Returns a function for `map_err` that makes the error of an action on a process after the run has begun.
+    pub(crate) fn control(name: &str, action: &'static str) -> impl FnOnce(io::Error) -> Self {
+        let name = name.to_owned();
+        move |source| Self::Control {
+            name,
+            action,
+            source,
         }
     }
 

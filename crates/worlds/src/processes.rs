@@ -99,8 +99,8 @@ fn play(
     let mut channels = Vec::new();
     for name in names::played(plan) {
         let (ours, theirs) = channel().map_err(WorldError::spawn(name))?;
-        let process = NodeProcess::spawn(name, plan, folder, address.as_ref(), Some(theirs))?;
-        processes.push(process);
+        let process = NodeProcess::spawn(name, plan, folder, address.as_ref(), Some(theirs));
+        processes.push(process.map_err(WorldError::spawn(name))?);
         channels.push((name, ours));
     }
     let mut processes = Processes::new(processes, plan);

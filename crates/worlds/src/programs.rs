@@ -139,7 +139,13 @@ impl ProgramOrder {
     /// If it does not come, or speaks another protocol.
     fn seat(&self, now: Duration, announce: &dyn Fn(&str)) -> Result<ProgramNode, WorldError> {
         let name = self.name();
-        let refused = |error| WorldError::spawn(name)(error);
+        let refused = |error| {
+            if now.is_zero() {
+                WorldError::spawn(name)(error)
+            } else {
+                WorldError::control(name, "started again")(error)
+            }
+        };
         let listener = open_seat().map_err(refused)?;
         let bus = format!("lockstep:{}", listener.path().display());
         let (channel, program) = if self.command.is_some() {

@@ -145,12 +145,16 @@ fn start_nodes(
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
     let address = connection.address();
-    let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(address), None);
+    let spawn = |name| {
+        let spawned = NodeProcess::spawn(name, plan, folder, Some(address), None);
+        spawned.map_err(WorldError::spawn(name))
+    };
     let spawned = names::played(plan).into_iter().map(spawn);
     let mut processes = spawned.collect::<Result<Vec<_>, _>>()?;
     for order in ProgramOrder::all(plan, Some(folder.path()), None) {
         if order.is_started() {
-            processes.push(NodeProcess::start(order, address)?);
+            let refused = WorldError::spawn(order.name());
+            processes.push(NodeProcess::start(order, address).map_err(refused)?);
         }
     }
     Ok(Processes::new(processes, plan))
