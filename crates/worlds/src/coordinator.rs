@@ -107,8 +107,15 @@ struct InFlight {
     sender: Option<usize>,
     start: Duration,
     end: Duration,
-    /// Number of bits that it takes; `None` if an error ended it, so that its sender tries again.
-    occupied_bits: Option<u32>,
+    fate: Fate,
+}
+
+/// Fate of a frame on the bus.
+enum Fate {
+    /// It passes whole, and takes this number of bits.
+    Whole { occupied_bits: u32 },
+    /// An error ends it, so its sender tries again.
+    Disturbed,
 }
 
 /// Participants, the bus between them, and the time.
@@ -292,7 +299,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             sender: Some(sender),
             start: self.now,
             end,
-            occupied_bits: None,
+            fate: Fate::Disturbed,
         });
     }
 
@@ -303,14 +310,14 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             sender,
             start: self.now,
             end,
-            occupied_bits: Some(occupied_bits),
+            fate: Fate::Whole { occupied_bits },
         });
     }
 
     /// Ends a transmission: the others receive the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
         let (now, frame) = (self.now, &passed.frame);
-        if let Some(occupied_bits) = passed.occupied_bits {
+        if let Fate::Whole { occupied_bits } = passed.fate {
             self.wire.put(now, frame, occupied_bits)?;
             if let Some(faults) = &mut self.faults {
                 faults.observe(now, frame);
@@ -337,7 +344,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         let (now, start) = (self.now, passed.start);
         let free_at = self.bus.free_at();
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
-        let is_disturbed = passed.occupied_bits.is_none();
+        let is_disturbed = matches!(passed.fate, Fate::Disturbed);
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let number = faults.node_number(index);
             let state = &mut faults.states[index];
