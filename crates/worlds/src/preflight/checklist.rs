@@ -25,28 +25,38 @@ pub struct Check {
 }
 
 impl Check {
-    pub(super) fn new(name: &'static str, (outcome, found): Found) -> Self {
+    pub(super) fn new(name: &'static str, found: Found) -> Self {
         Self {
             name,
-            outcome,
-            found,
+            outcome: found.outcome,
+            found: found.text,
         }
     }
 }
 
 /// Outcome of a check with its finding.
-pub(super) type Found = (CheckOutcome, String);
+pub(super) struct Found {
+    pub(super) outcome: CheckOutcome,
+    text: String,
+}
+
+impl Found {
+    fn new(outcome: CheckOutcome, text: impl Into<String>) -> Self {
+        let text = text.into();
+        Self { outcome, text }
+    }
+}
 
 pub(super) fn passed(found: impl Into<String>) -> Found {
-    (CheckOutcome::Passed, found.into())
+    Found::new(CheckOutcome::Passed, found)
 }
 
 pub(super) fn failed(found: impl Into<String>) -> Found {
-    (CheckOutcome::Failed, found.into())
+    Found::new(CheckOutcome::Failed, found)
 }
 
 pub(super) fn open(found: impl Into<String>) -> Found {
-    (CheckOutcome::Open, found.into())
+    Found::new(CheckOutcome::Open, found)
 }
 
 /// Writes a line such as `✓ bit rate       1000 kbit/s`.

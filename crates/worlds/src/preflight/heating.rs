@@ -169,7 +169,7 @@ impl<'a> Heating<'a> {
         for (name, found) in found {
             let missing = |text| failed(reason.clone().unwrap_or(text));
             let found = found.unwrap_or_else(missing);
-            let is_failed = found.0 == CheckOutcome::Failed;
+            let is_failed = found.outcome == CheckOutcome::Failed;
             checks.push(Check::new(name, found));
             if is_failed {
                 return checks;

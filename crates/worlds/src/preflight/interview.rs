@@ -104,7 +104,7 @@ impl<'a> Interview<'a> {
         let found = Vec::from_iter(nodes.iter().map(named)).join(", ");
         checks.push(Check::new("nodes", passed(format!("found: {found}"))));
         let identity = self.identity()?;
-        let is_the_drive = identity.0 == CheckOutcome::Passed;
+        let is_the_drive = identity.outcome == CheckOutcome::Passed;
         checks.push(Check::new("identity", identity));
         if is_the_drive {
             checks.push(Check::new("objects", self.objects()?));
