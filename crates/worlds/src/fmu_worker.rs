@@ -45,7 +45,7 @@ impl RemoteFmu {
         outputs: &mut [f64],
     ) -> Result<Self, FmuError> {
         let file = unpacked.file.clone();
-        let command = command(SUBCOMMAND, &unpacked.folder().to_string_lossy(), None);
+        let command = command(SUBCOMMAND, &[unpacked.folder()]);
         // Where a kill leaves the seat, it goes with the unpacked files.
         let started = Listener::open_in(unpacked.folder(), "s-", 1).and_then(|listener| {
             let command = command.map_err(io::Error::other)?;

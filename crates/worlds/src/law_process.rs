@@ -70,10 +70,10 @@ impl LawPlace {
         let mut unpacked = None;
         let words = match &part.plays {
             Plays::Command(words) => words.clone(),
-            Plays::Library(file) => command(SUBCOMMAND, file, None)?,
+            Plays::Library(file) => command(SUBCOMMAND, &[Path::new(file)])?,
             Plays::Fmu(file) => {
                 let files = unpacked.insert(fmu_plant::unpacked(file)?);
-                command(SUBCOMMAND, file, Some(files.folder()))?
+                command(SUBCOMMAND, &[Path::new(file), files.folder()])?
             }
         };
         let clock = if self.is_real_time { "real" } else { "virtual" };

@@ -21,19 +21,15 @@ pub(crate) const SUBCOMMAND: &str = "law-worker";
 /// Path of this program, as a process knows itself.
 const MYSELF: &str = "/proc/self/exe";
 
-/// Returns the command of a worker that loads a shared library, or an FMU whose files are in a folder. It runs in another folder.
+/// Returns the command of a worker that loads a law or a plant from these paths. It runs in another folder.
 ///
 /// # Errors
 /// If this process's folder does not exist any more.
-pub(crate) fn command(
-    subcommand: &str,
-    file: &str,
-    folder: Option<&Path>,
-) -> Result<Vec<String>, String> {
+pub(crate) fn command(subcommand: &str, paths: &[&Path]) -> Result<Vec<String>, String> {
     let mut command = [MYSELF, subcommand].map(str::to_owned).to_vec();
-    for path in [Path::new(file)].into_iter().chain(folder) {
-        let path = absolute(path).map_err(|error| format!("{}: {error}", path.display()))?;
-        command.push(path.to_string_lossy().into_owned());
+    for path in paths {
+        let whole = absolute(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        command.push(whole.to_string_lossy().into_owned());
     }
     Ok(command)
 }

@@ -10,7 +10,7 @@ use plan::ControlLoop;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
 
-/// Part of the bench's node that switches the current of a drive off that is not the emulator.
+/// Part of the bench's node that switches off the current of a drive that is not the emulator.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
     /// Name of the drive, for messages.
