@@ -42,7 +42,6 @@ pub(super) fn experiments() -> Vec<Experiment> {
 /// Returns the step in the other direction.
 fn down() -> Trial {
     let mut scenario = bases::step();
-    scenario.run_mut().name = "25 mm down from a warm hold".to_owned();
     let reference = &mut scenario.reference;
     reference.hold[0].position = 35.0;
     reference.step[0].position = 10.0;
@@ -107,8 +106,6 @@ fn cooled_by(convection: f64, conduction: Option<f64>) -> Trial {
     }
     if conduction.is_some() || convection != CONVECTIONS[0] {
         trial.expect = Expect::default();
-        let element = conduction.map_or("", |_| ", without the thermoelectric element");
-        trial.run_mut().name = format!("25 mm down in air of {convection} W/(m² K){element}");
     }
     trial.plant = PlantModel::from_sma(wire);
     trial

@@ -68,8 +68,6 @@ pub(super) const SWING_SECONDS: f64 = 5.0;
 pub enum Keep {
     /// No further data.
     Verdict,
-    /// How far the position swings at the end.
-    Swings,
     /// The signals in a span of time.
     Signals(Window),
     /// The signals of the whole run, and its positions for identification.
@@ -198,7 +196,6 @@ impl ComparedLaw {
         };
         if self != Self::SlidingMode {
             scenario.expect = Expect::default();
-            scenario.run_mut().name += &format!(", {}", self.name());
         }
         scenario
     }
@@ -214,10 +211,12 @@ impl ComparedLaw {
 }
 
 impl PlannedRun {
-    /// Makes a run of a scenario without a change.
-    pub fn new(label: impl Into<String>, scenario: Trial, keep: Keep) -> Self {
+    /// Makes a run of a scenario, whose name gets the label.
+    pub fn new(label: impl Into<String>, mut scenario: Trial, keep: Keep) -> Self {
+        let label = label.into();
+        scenario.run_mut().name += &format!(", {label}");
         Self {
-            label: label.into(),
+            label,
             scenario,
             keep,
         }
@@ -234,12 +233,11 @@ impl PlannedRun {
     pub fn with_twin(base: &Trial, keep: Keep) -> Vec<Self> {
         let mut runs = Self::for_laws(base, &ComparedLaw::ALL, keep);
         let law = ComparedLaw::SlidingMode;
-        let mut twin = Trial {
+        let twin = Trial {
             plant: bases::twin(),
             expect: Expect::default(),
             ..law.plays(base)
         };
-        twin.run_mut().name = format!("{}, another plant", base.run.name);
         runs.push(Self::new(law.on_twin(), twin, keep));
         runs
     }
@@ -247,7 +245,7 @@ impl PlannedRun {
     /// Keeps the data of a recording that the experiment needs.
     pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
         let window = match self.keep {
-            Keep::Verdict | Keep::Swings => None,
+            Keep::Verdict => None,
             Keep::Signals(window) => Some(window),
             Keep::IdentificationData => Some(Window::new(0.0, self.scenario.run.duration_seconds)),
         };
@@ -259,13 +257,12 @@ impl PlannedRun {
         };
         let timeline = played.only_timeline();
         let signals = window.zip(timeline);
-        let swinging = timeline.filter(|_| self.keep == Keep::Swings);
         Kept {
             label: self.label.clone(),
             scenario: self.scenario.clone(),
             verdict: played.verdict.clone(),
             signals: signals.map_or_else(Signals::default, Signals::new),
-            swings_millimetres: swinging
+            swings_millimetres: timeline
                 .and_then(|one| swings_millimetres(&one.time_seconds, one.position())),
             measurement,
         }

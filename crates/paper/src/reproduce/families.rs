@@ -9,66 +9,38 @@ use crate::identify::data::sensor_step_millimetres;
 const PERIODS_MIN: f64 = 10.0;
 
 /// Changes the last sine of the scenario to another frequency, for ten periods.
-pub fn at_frequency(base: &Trial, hertz: f64) -> Trial {
-    let mut scenario = base.clone();
-    scenario.run_mut().name = format!("sine of {hertz} Hz");
+pub fn set_frequency(scenario: &mut Trial, hertz: f64) {
     if let Some(sine) = scenario.reference.sine.last_mut() {
         sine.period_seconds = 1.0 / hertz;
         scenario.run_mut().duration_seconds = sine.from_seconds + PERIODS_MIN / hertz;
     }
-    scenario
-}
-
-/// Changes the time between two SYNCs.
-pub fn with_cycle(base: &Trial, milliseconds: f64) -> Trial {
-    let mut scenario = base.clone();
-    scenario.run_mut().name += &format!(", cycle of {milliseconds} ms");
-    scenario.run_mut().bus.sync_period_milliseconds = milliseconds;
-    scenario
 }
 
 /// Changes the converter of the position sensor. Its resolution is in the sensor's data sheet, so the observer knows it
 /// too.
-pub fn with_resolution(base: &Trial, bits: u32) -> Trial {
-    let mut scenario = base.clone();
-    scenario.run_mut().name += &format!(", {bits} bit");
+pub fn set_resolution(scenario: &mut Trial, bits: u32) {
     let sensor = &mut scenario.sensor;
     sensor.resolution_bits = bits;
     let step = sensor_step_millimetres(sensor);
     if let Some(law) = &mut scenario.controller.sliding_mode {
         law.observer.sensor_step_millimetres = step;
     }
-    scenario
 }
 
 /// Adds normal noise to the position sensor, in steps of its converter.
-pub fn with_noise(base: &Trial, steps: f64) -> Trial {
-    let mut scenario = base.clone();
-    scenario.run_mut().name += &format!(", noise of {steps} steps");
+pub fn set_noise(scenario: &mut Trial, steps: f64) {
     let sensor = &mut scenario.sensor;
     sensor.noise_rms = steps * sensor_step_millimetres(sensor);
-    scenario
-}
-
-/// Changes the jerk at the start of a move of `sliding_mode`.
-pub fn with_launch_jerk(base: &Trial, jerk_metres_per_second_cubed: f64) -> Trial {
-    let mut scenario = base.clone();
-    scenario.run_mut().name += &format!(", launch with {jerk_metres_per_second_cubed} m/s³");
-    if let Some(law) = &mut scenario.controller.sliding_mode {
-        law.reference_launch_jerk_metres_per_second_cubed = jerk_metres_per_second_cubed;
-    }
-    scenario
 }
 
 /// Appends `times` repetitions of the last two ramps of the current.
-pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
-    let mut scenario = base.clone();
+pub fn repeat_loops(scenario: &mut Trial, times: usize) {
     let Some(open_loop) = &mut scenario.controller.open_loop else {
-        return scenario;
+        return;
     };
     let ramps = &mut open_loop.ramp;
     let [.., first, second] = &ramps[..] else {
-        return scenario;
+        return;
     };
     let turns = [first.clone(), second.clone()];
     let period = second.until_seconds - first.from_seconds;
@@ -82,7 +54,6 @@ pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
     }
     let added_seconds = times as f64 * period;
     scenario.run_mut().duration_seconds += added_seconds;
-    scenario
 }
 
 #[cfg(test)]
@@ -92,7 +63,8 @@ mod tests {
 
     #[test]
     fn the_frequency_changes_period_and_length() {
-        let scenario = at_frequency(&bases::bandwidth(), 0.1);
+        let mut scenario = bases::bandwidth();
+        set_frequency(&mut scenario, 0.1);
         assert_eq!(scenario.run.duration_seconds, 105.0);
         let window = scenario.judged_sines()[0].window;
         assert!(
@@ -103,8 +75,8 @@ mod tests {
 
     #[test]
     fn loops_follow_each_other() {
-        let base = bases::hysteresis();
-        let scenario = with_loops_repeated(&base, 3);
+        let mut scenario = bases::hysteresis();
+        repeat_loops(&mut scenario, 3);
         let ramps = &scenario.controller.open_loop.as_ref().unwrap().ramp;
         assert_eq!(ramps.len(), 10);
         assert!(
@@ -117,7 +89,8 @@ mod tests {
 
     #[test]
     fn the_observer_knows_the_resolution() {
-        let scenario = with_resolution(&bases::step(), 12);
+        let mut scenario = bases::step();
+        set_resolution(&mut scenario, 12);
         let step = scenario
             .controller
             .sliding_mode

@@ -8,7 +8,7 @@ use super::bases;
 use super::experiment::{
     Effort, Evaluation, Experiment, Keep, Kept, PlannedRun, Signals, currents, plot_over,
 };
-use super::families::{with_loops_repeated, with_noise};
+use super::families::{repeat_loops, set_noise};
 use super::quantity::{Quantity, at_least, at_most, within};
 use crate::identify::data::IdentificationData;
 use crate::identify::fit::Fit;
@@ -40,7 +40,8 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 }
 
 fn hysteresis() -> Experiment {
-    let scenario = with_loops_repeated(&bases::hysteresis(), LOOPS_MORE);
+    let mut scenario = bases::hysteresis();
+    repeat_loops(&mut scenario, LOOPS_MORE);
     let whole = Keep::Signals(Window::new(0.0, scenario.run.duration_seconds));
     Experiment {
         id: "hysteresis",
@@ -170,11 +171,9 @@ fn identification(effort: Effort) -> Experiment {
         PlannedRun::new(RICH, excitation.clone(), Keep::IdentificationData),
     ];
     if effort == Effort::Full {
-        runs.push(PlannedRun::new(
-            NOISY,
-            with_noise(&excitation, 1.0),
-            Keep::IdentificationData,
-        ));
+        let mut noisy = excitation;
+        set_noise(&mut noisy, 1.0);
+        runs.push(PlannedRun::new(NOISY, noisy, Keep::IdentificationData));
     }
     Experiment {
         id: "identification",

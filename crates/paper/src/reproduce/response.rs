@@ -10,7 +10,7 @@ use super::experiment::{
     ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, PlannedRun, band, currents, plot_over,
     positions, with_runs,
 };
-use super::families::at_frequency;
+use super::families::set_frequency;
 use super::quantity::{Paper, Quantity, at_least};
 use judge::CUT_OFF_GAIN;
 use report::plot::{Colour, Patch, Plot, Shape};
@@ -143,7 +143,8 @@ fn bandwidth(effort: Effort) -> Experiment {
         let frequencies = FREQUENCIES_HERTZ.into_iter().skip(first).step_by(every);
         let base = law.plays(&base);
         frequencies.map(move |hertz| {
-            let mut scenario = at_frequency(&base, hertz);
+            let mut scenario = base.clone();
+            set_frequency(&mut scenario, hertz);
             // The limits of the file apply to its own frequency.
             scenario.expect = Expect::default();
             PlannedRun::new(law.name(), scenario, Keep::Verdict)
@@ -317,7 +318,6 @@ fn fan() -> Experiment {
                 ..Sma::default()
             });
             trial.expect = Expect::default();
-            trial.run_mut().name += &format!(", {label}");
         }
         PlannedRun::new(label, trial, window(&open))
     }));
@@ -427,9 +427,11 @@ mod tests {
                 Metric::new(GAIN, gain, None),
                 Metric::new(OFFSET, Ok(offset), None),
             ];
+            let mut scenario = bases::bandwidth();
+            set_frequency(&mut scenario, hertz);
             Kept {
                 label: "pid".to_owned(),
-                scenario: at_frequency(&bases::bandwidth(), hertz),
+                scenario,
                 verdict,
                 signals: Signals::default(),
                 swings_millimetres: None,

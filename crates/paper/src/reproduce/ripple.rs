@@ -14,7 +14,6 @@ const RIPPLE_AMPERES: f64 = 0.02;
 pub(super) fn experiment() -> Experiment {
     let runs = HEIGHTS_MILLIMETRES.into_iter().flat_map(|height| {
         let mut scenario = bases::step();
-        scenario.run_mut().name = format!("hold of {height} mm");
         scenario.reference.hold[0].position = height;
         scenario.reference.step.clear();
         scenario.expect =

@@ -80,7 +80,7 @@ fn plants(effort: Effort) -> Experiment {
             if let Some(controller) = &controller {
                 trial.controller = controller.clone();
             }
-            PlannedRun::new(contestant.label(), trial, Keep::Swings)
+            PlannedRun::new(contestant.label(), trial, Keep::Verdict)
         });
         played.collect::<Vec<_>>()
     };

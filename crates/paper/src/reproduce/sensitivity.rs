@@ -1,5 +1,7 @@
 //! Experiments on the sensitivity of the closed loop to cycle time, resolution and noise, and the price of a faster launch.
 
+use std::fmt::Display;
+
 use scenario::Trial;
 use scenario::controller::SlidingModePaper;
 use scenario::expect::Expect;
@@ -8,7 +10,7 @@ use super::bases;
 use super::experiment::{
     ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, plot_over,
 };
-use super::families::{with_cycle, with_launch_jerk, with_noise, with_resolution};
+use super::families::{set_noise, set_resolution};
 use report::plot::Shape;
 use report::terminal::significant;
 
@@ -66,19 +68,16 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
             title: "Sensitivity to the cycle time",
             text: "The step of Fig. 11 and the sine of Fig. 12 (b) with other times between two SYNCs. The laws know the cycle and nothing \
                    else. At 0.5 ms the frames fill the bus of 1 Mbit/s nearly, and those cycles in which the controller explains itself are missed.",
-            runs: on_rigs(
-                CYCLES_MILLISECONDS.into_iter().take(count),
-                |base, cycle| (format!("{cycle} ms"), with_cycle(base, cycle)),
-            ),
+            runs: on_rigs(&CYCLES_MILLISECONDS[..count], "ms", |scenario, cycle| {
+                scenario.run_mut().bus.sync_period_milliseconds = cycle;
+            }),
             evaluate: |runs| table(&RIG_COLUMNS, RIG_BASES.len(), runs),
         },
         Experiment {
             id: "resolution",
             title: "Sensitivity to the resolution of the position sensor",
             text: "The same with other converters. The observer knows the resolution, which is in a data sheet.",
-            runs: on_rigs(RESOLUTIONS_BITS.into_iter().take(count), |base, bits| {
-                (format!("{bits} bit"), with_resolution(base, bits))
-            }),
+            runs: on_rigs(&RESOLUTIONS_BITS[..count], "bit", set_resolution),
             evaluate: |runs| table(&RIG_COLUMNS, RIG_BASES.len(), runs),
         },
         Experiment {
@@ -86,9 +85,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
             title: "Sensitivity to noise of the position sensor",
             text: "The same with normal noise before the 10-bit conversion, its standard deviation in steps of the converter (59 µm). The laws \
                    do not know of it.",
-            runs: on_rigs(NOISES_STEPS.into_iter().take(count), |base, steps| {
-                (format!("{steps} steps"), with_noise(base, steps))
-            }),
+            runs: on_rigs(&NOISES_STEPS[..count], "steps", set_noise),
             evaluate: |runs| table(&RIG_COLUMNS, RIG_BASES.len(), runs),
         },
         Experiment {
@@ -114,16 +111,19 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 }
 
 /// Returns step and sine under each law, for each setting of the rig.
-fn on_rigs<T: Copy>(
-    settings: impl Iterator<Item = T>,
-    set: impl Fn(&Trial, T) -> (String, Trial),
+fn on_rigs<T: Copy + Display>(
+    settings: &[T],
+    unit: &str,
+    set: fn(&mut Trial, T),
 ) -> Vec<PlannedRun> {
     let mut runs = Vec::new();
     for setting in settings {
         for law in RIG_LAWS {
             for base in RIG_BASES {
-                let (label, scenario) = set(&law.plays(&base()), setting);
-                runs.push(reported(format!("{label}, {}", law.name()), scenario));
+                let mut scenario = law.plays(&base());
+                set(&mut scenario, *setting);
+                let label = format!("{setting} {unit}, {}", law.name());
+                runs.push(reported(label, scenario));
             }
         }
     }
@@ -132,7 +132,13 @@ fn on_rigs<T: Copy>(
 
 fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
     let launch = |jerk: f64| {
-        LAUNCH_BASES.map(|base| reported(format!("{jerk} m/s³"), with_launch_jerk(&base(), jerk)))
+        LAUNCH_BASES.map(|base| {
+            let mut scenario = base();
+            if let Some(law) = &mut scenario.controller.sliding_mode {
+                law.reference_launch_jerk_metres_per_second_cubed = jerk;
+            }
+            reported(format!("{jerk} m/s³"), scenario)
+        })
     };
     jerks.flat_map(launch).collect()
 }
@@ -141,7 +147,6 @@ fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
 fn filters(poles: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
     let step = |label: String, change: &dyn Fn(&mut SlidingModePaper)| {
         let mut trial = ComparedLaw::SlidingModePaper.plays(&bases::step());
-        trial.run_mut().name += &format!(", {label}");
         if let Some(law) = &mut trial.controller.sliding_mode_paper {
             change(law);
         }
