@@ -11,7 +11,7 @@ use paper::identify::optimiser;
 use paper::identify::parameter::{self, Parameter};
 use paper::identify::report;
 use paper::identify::search::{self, Detour, Solution};
-use paper::identify::start::{self, Start};
+use paper::identify::start;
 use paper::identify::statistics::FitStatistics;
 use scenario::plant::Sma;
 use tempfile::TempDir;
@@ -138,7 +138,7 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
 fn noise_of_one_step_leaves_the_six_on_target() {
     let measurements = [Recording::of(&(excitation_text() + NOISE_OF_ONE_STEP)).measurement()];
     let fit = fit(&measurements, SIX).coarse();
-    let found = search_from(&fit, &Start::Section3.plant().unwrap());
+    let found = search_from(&fit, &start::section_3());
     assert_on_target(&fit, &found.statistics.values(), 0.08);
     assert!(found.is_confirmed(&fit), "{:?}", found.disagreement());
     assert!(
@@ -231,7 +231,7 @@ fn a_ramp_still_determines_some_parameters_when_the_others_are_known() {
     let measurements =
         [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).measurement()];
     let fit = fit(&measurements, "austenite_start_celsius,Af");
-    let found = search_from(&fit, &Start::Section3.plant().unwrap());
+    let found = search_from(&fit, &start::section_3());
     assert_on_target(&fit, &found.statistics.values(), 0.0);
     assert!(found.is_confirmed(&fit));
 }
@@ -240,7 +240,7 @@ fn a_ramp_still_determines_some_parameters_when_the_others_are_known() {
 fn a_truth_with_the_full_law_shows_as_a_model_error() {
     let text = excitation_text() + "\n[plant.wire.mechanics]\nstress_strain = \"full\"\n";
     let measurements = [Recording::of(&text).measurement()];
-    let start = Start::Section3.plant().unwrap();
+    let start = start::section_3();
     let wrong = fit(&measurements, SIX).coarse();
     let found = search_from(&wrong, &start);
     assert!(
@@ -445,7 +445,7 @@ fn a_round_that_goes_nowhere_keeps_what_was_found() {
     let recording = Recording::of(&step_text(0.7, 4.0));
     let measurements = [recording.measurement()];
     let fit = fit(&measurements, "C,As,Af");
-    let start = fit.values_in(&Start::Section3.plant().unwrap());
+    let start = fit.values_in(&start::section_3());
     assert!(!start::lifts(&fit, &start));
     let kept = optimiser::sequential_quadratic_programming(&fit, &start, &|_, _| {}).unwrap();
     assert_eq!(kept.values, start);
@@ -460,7 +460,7 @@ fn a_start_that_never_lifts_is_reported_and_replaced() {
                 current_amperes = 0.0\n";
     let measurements = [Recording::of(text).measurement()];
     let fit = fit(&measurements, "C,As,Af");
-    let start = Start::Section3.plant().unwrap();
+    let start = start::section_3();
     assert!(!start::lifts(&fit, &fit.values_in(&start)));
     let found = search_from(&fit, &start);
     assert_eq!(found.descent.detour.as_ref().unwrap().0, Detour::NeverLifts);

@@ -1,6 +1,5 @@
 //! `canrig identify`: makes a folder with plant, scenario, report and pictures from recordings.
 
-use crate::identify::start::Start;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -15,7 +14,7 @@ use super::parameter::{self, Parameter};
 use super::picture;
 use super::played::{PLANT, text_on_shipped_rig};
 use super::report;
-use super::search::{self, SearchError, Solution};
+use super::search::{self, Solution};
 use super::start;
 use super::statistics::FitStatistics;
 use recording::run_folder::{RunFolder, file};
@@ -59,7 +58,7 @@ pub struct IdentifyArgs {
     pub parameters: String,
     /// The start values: `section3` (the paper's a-priori values), `nominal`, or a file with a table [plant.NAME]
     #[arg(long, value_name = "START", default_value = "section3")]
-    pub start: Start,
+    pub start: PathBuf,
     /// The values of the other parameters: `nominal`, `scenario` (the recording's plant), or a file with a table [plant.NAME]
     #[arg(long, value_name = "PLANT", default_value = "nominal")]
     pub known: PathBuf,
@@ -85,10 +84,7 @@ pub fn identify(args: &IdentifyArgs) -> Exit {
 fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
     let parameters =
         parameter::parse_list(&args.parameters).map_err(|error| Exit::Usage.because(error))?;
-    let start = args
-        .start
-        .plant()
-        .map_err(|error| Exit::Usage.because(error))?;
+    let start = start::plant(&args.start).map_err(|error| Exit::Usage.because(error))?;
     let measurements = load(args)?;
     let (known, notes) = known(args, &measurements)?;
     let fit = Fit::new(&measurements, parameters, known);
@@ -101,10 +97,7 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
     };
     let found = search::search(&fit, &fit.values_in(&start), &progress);
     drop(activity);
-    let found = found.map_err(|error| match error {
-        SearchError::Start(_) => Exit::Usage.because(error),
-        _ => Exit::Inconclusive.because(error),
-    })?;
+    let found = found?;
     let folder =
         write(args, &fit, &found, &notes).map_err(|error| Exit::BenchFailed.because(error))?;
     let exit = exit(&fit, &found);

@@ -4,6 +4,7 @@ use super::fit::Fit;
 use super::optimiser::{self, OnIteration, Optimum};
 use super::start;
 use super::statistics::{FitStatistics, sensor_metres_rms};
+use runner::exit::{Exit, Failure};
 
 /// Ratio of the residual to the sensor's from which a second attempt from another start is made.
 const POOR_MISFIT: f64 = 3.0;
@@ -16,25 +17,14 @@ const LOST: f64 = 1.01;
 /// Decrease of the sum of squares from which the search continues from the second optimum, as a part of one sample's.
 const LOWER_SAMPLES: f64 = 0.1;
 
-/// Reason why a search has no result.
-#[derive(Debug, thiserror::Error)]
-pub enum SearchError {
-    /// The start values are not admissible.
-    #[error("the start values are not admissible: {0}")]
-    Start(String),
-    /// No plant within the bounds lifts the load.
-    #[error(
-        "no plant within the bounds lifts the load under the recorded current, though it was lifted; are the known parameters right?"
-    )]
-    NeverLifts,
-    /// Parameters without any effect.
-    #[error("the simulated position does not depend on {0} in these recordings")]
-    NoEffect(String),
-    /// The optimum has no derivatives.
-    #[error(
-        "the search ended at values beside which the plant cannot be simulated ({0}); begin elsewhere with `--start`"
-    )]
-    NoDerivatives(String),
+fn not_admissible(reason: &str) -> Failure {
+    Exit::Usage.because(format!("the start values are not admissible: {reason}"))
+}
+
+fn never_lifts() -> Failure {
+    Exit::Inconclusive.because(
+        "no plant within the bounds lifts the load under the recorded current, though it was lifted; are the known parameters right?",
+    )
 }
 
 /// Reason why the search began at other values than the start values, or at both.
@@ -121,7 +111,7 @@ pub fn search(
     fit: &Fit<'_>,
     start: &[f64],
     progress: OnIteration<'_>,
-) -> Result<Solution, SearchError> {
+) -> Result<Solution, Failure> {
     let mut descent = descend(fit, start, progress)?;
     let origin = descent.detour.as_ref().map_or(start, |(_, origin)| origin);
     let mut checks = Vec::from_iter(second_opinion(
@@ -181,18 +171,18 @@ pub fn descend(
     fit: &Fit<'_>,
     start: &[f64],
     progress: OnIteration<'_>,
-) -> Result<Descent, SearchError> {
+) -> Result<Descent, Failure> {
     check_start(fit, start)?;
     if !start::lifts(fit, start) {
         let origin = start::scan(fit)
             .filter(|origin| start::lifts(fit, origin))
-            .ok_or(SearchError::NeverLifts)?;
-        let optimum = descend_from(fit, &origin, progress).ok_or(SearchError::NeverLifts)?;
+            .ok_or_else(never_lifts)?;
+        let optimum = descend_from(fit, &origin, progress).ok_or_else(never_lifts)?;
         let detour = Some((Detour::NeverLifts, origin));
         return Ok(Descent { detour, optimum });
     }
     let optimum = descend_from(fit, start, progress)
-        .ok_or_else(|| SearchError::Start("the plant cannot be simulated with them".to_owned()))?;
+        .ok_or_else(|| not_admissible("the plant cannot be simulated with them"))?;
     if (is_poor(fit, &optimum) || !optimum.has_converged)
         && let Some(origin) = start::scan(fit)
         && let Some(second) = descend_from(fit, &origin, progress)
@@ -210,10 +200,13 @@ pub fn descend(
 }
 
 /// Returns the reason why an optimum has no statistics.
-fn without_statistics(fit: &Fit<'_>, values: &[f64]) -> SearchError {
+fn without_statistics(fit: &Fit<'_>, values: &[f64]) -> Failure {
     let symbols = fit.symbols();
     let Some(columns) = fit.jacobian(values) else {
-        return SearchError::NoDerivatives(symbols.join(", "));
+        let symbols = symbols.join(", ");
+        return Exit::Inconclusive.because(format!(
+            "the search ended at values beside which the plant cannot be simulated ({symbols}); begin elsewhere with `--start`"
+        ));
     };
     let without: Vec<_> = symbols
         .into_iter()
@@ -221,7 +214,10 @@ fn without_statistics(fit: &Fit<'_>, values: &[f64]) -> SearchError {
         .filter(|(_, column)| column.iter().all(|part| *part == 0.0))
         .map(|(symbol, _)| symbol)
         .collect();
-    SearchError::NoEffect(without.join(", "))
+    let without = without.join(", ");
+    Exit::Inconclusive.because(format!(
+        "the simulated position does not depend on {without} in these recordings"
+    ))
 }
 
 fn is_poor(fit: &Fit<'_>, optimum: &Optimum) -> bool {
@@ -263,19 +259,19 @@ fn opinion_from_scan(fit: &Fit<'_>) -> Option<Check> {
     )
 }
 
-fn check_start(fit: &Fit<'_>, start: &[f64]) -> Result<(), SearchError> {
+fn check_start(fit: &Fit<'_>, start: &[f64]) -> Result<(), Failure> {
     for (parameter, value) in fit.parameters.iter().zip(start) {
         let (lower, upper) = (parameter.lower, parameter.upper);
         if !(lower..=upper).contains(value) {
             let symbol = parameter.symbol;
-            let message = format!("{symbol} is {value}, outside its bounds {lower} to {upper}");
-            return Err(SearchError::Start(message));
+            let reason = format!("{symbol} is {value}, outside its bounds {lower} to {upper}");
+            return Err(not_admissible(&reason));
         }
     }
     if fit.is_ordered(start) {
         Ok(())
     } else {
-        let message = "As must be below Af and Mf below Ms, by 1 °C at least".to_owned();
-        Err(SearchError::Start(message))
+        let reason = "As must be below Af and Mf below Ms, by 1 °C at least";
+        Err(not_admissible(reason))
     }
 }

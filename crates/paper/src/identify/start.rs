@@ -1,7 +1,6 @@
 //! Start values of the search.
 
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::Path;
 
 use scenario::plant::Sma;
 
@@ -26,17 +25,6 @@ const SECTION_3: [(&str, f64); 6] = [
     ("Mf", 42.0),
 ];
 
-/// Source of the start values.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Start {
-    /// The paper's a-priori values, with nominal ones for the other parameters.
-    Section3,
-    /// The values of the nominal plant, which are the paper's identified values.
-    Nominal,
-    /// The plant of a file.
-    File(PathBuf),
-}
-
 /// Reads the plant of a file from its table `[plant.NAME]`, as in a scenario; other tables are ignored.
 ///
 /// # Errors
@@ -51,38 +39,28 @@ pub fn read_plant(path: &Path) -> Result<Sma, String> {
         .ok_or_else(|| fault("it has no table [plant.NAME]"))
 }
 
-impl FromStr for Start {
-    type Err = std::convert::Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(match text {
-            "section3" => Self::Section3,
-            "nominal" => Self::Nominal,
-            path => Self::File(path.into()),
-        })
+/// Returns the plant with the start values: those of `section3`, those of the `nominal` plant, which are the paper's identified
+/// values, or those of a file.
+///
+/// # Errors
+/// The file cannot be used.
+pub fn plant(start: &Path) -> Result<Sma, String> {
+    match start.to_str() {
+        Some("section3") => Ok(section_3()),
+        Some("nominal") => Ok(Sma::default()),
+        _ => read_plant(start),
     }
 }
 
-impl Start {
-    /// Returns the plant with the start values.
-    ///
-    /// # Errors
-    /// The file cannot be used.
-    pub fn plant(&self) -> Result<Sma, String> {
-        let mut plant = Sma::default();
-        match self {
-            Self::Nominal => {}
-            Self::File(path) => return read_plant(path),
-            Self::Section3 => {
-                for (symbol, value) in SECTION_3 {
-                    if let Some(parameter) = find(symbol) {
-                        parameter.set(&mut plant, value);
-                    }
-                }
-            }
+/// Returns the plant with the paper's a-priori values, and nominal ones for the other parameters.
+pub fn section_3() -> Sma {
+    let mut plant = Sma::default();
+    for (symbol, value) in SECTION_3 {
+        if let Some(parameter) = find(symbol) {
+            parameter.set(&mut plant, value);
         }
-        Ok(plant)
     }
+    plant
 }
 
 /// Returns whether the load of the simulated plant leaves its stop. If it does not, all derivatives are zero and show
@@ -148,7 +126,7 @@ mod tests {
 
     #[test]
     fn section_3_is_the_papers() {
-        let plant = Start::Section3.plant().unwrap();
+        let plant = section_3();
         assert_eq!(plant.heat.conduction_watts_per_metre_kelvin, 0.4);
         assert_eq!(plant.phase.martensite_finish_celsius, 42.0);
         assert_eq!(plant.mechanics, Sma::default().mechanics);

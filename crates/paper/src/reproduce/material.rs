@@ -15,7 +15,7 @@ use crate::identify::fit::Fit;
 use crate::identify::parameter::{self, Parameter};
 use crate::identify::residual_test::ResidualTest;
 use crate::identify::search;
-use crate::identify::start::Start;
+use crate::identify::start::section_3;
 use crate::identify::statistics::FitStatistics;
 use report::plot::{Colour, Plot, Shape};
 
@@ -238,17 +238,10 @@ fn fit(measurement: &IdentificationData) -> Fit<'_> {
     )
 }
 
-/// Returns the start values from the paper's Sec. 3.
-fn a_priori(fit: &Fit<'_>) -> Result<Vec<f64>, String> {
-    let plant = Start::Section3.plant().map_err(|error| error.to_string())?;
-    Ok(fit.values_in(&plant))
-}
-
 fn search(run: &Kept) -> Result<FitStatistics, String> {
     let fit = fit(run.measurement.as_ref()?);
-    let found =
-        search::search(&fit, &a_priori(&fit)?, &|_, _| {}).map_err(|error| error.to_string())?;
-    Ok(found.statistics)
+    let found = search::search(&fit, &fit.values_in(&section_3()), &|_, _| {});
+    Ok(found.map_err(|failure| failure.reason)?.statistics)
 }
 
 /// Returns the identified values with the true ones of the recording, and the quality of the fit.
@@ -297,7 +290,7 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Plot<'static>> {
         let millimetres =
             |metres: &[f64]| -> Vec<f64> { metres.iter().map(|metres| metres * 1e3).collect() };
         let simulated = |values: &[f64]| Some(millimetres(&fit.simulated_metres(values)?));
-        let start = simulated(&a_priori(&fit).ok()?)?;
+        let start = simulated(&fit.values_in(&section_3()))?;
         let measured = millimetres(&measurement.positions_metres);
         let found = simulated(values)?;
         let times = &measurement.times_seconds;
