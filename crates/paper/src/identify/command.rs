@@ -7,10 +7,11 @@ use dbc::Database;
 use scenario::controller::NominalModel;
 use scenario::plant::Sma;
 use serde::Serialize;
+use toml::Table;
 
 use super::data::IdentificationData;
 use super::fit::Fit;
-use super::parameter::{self, Parameter};
+use super::parameter;
 use super::picture;
 use super::played::{PLANT, text_on_shipped_rig};
 use super::report;
@@ -184,26 +185,20 @@ fn known(
 /// Returns a note if the scenario's plant is not nominal. The difference may be knowledge about the rig, or the truth
 /// that identification must not use.
 fn differences(plant: &Sma) -> Option<String> {
-    let nominal = Sma::default();
-    let mut names: Vec<&str> = parameter::ALL
-        .iter()
-        .filter(|parameter: &&Parameter| parameter.get(plant) != parameter.get(&nominal))
-        .map(|parameter| parameter.path)
-        .collect();
-    let not_in_model = [
-        (
-            "heat.latent_heat_joules_per_kilogram",
-            plant.heat.latent_heat_joules_per_kilogram
-                != nominal.heat.latent_heat_joules_per_kilogram,
-        ),
-        ("kinetics", plant.kinetics != nominal.kinetics),
-        (
-            "mechanics.stress_strain",
-            plant.mechanics.stress_strain != nominal.mechanics.stress_strain,
-        ),
-    ];
-    let differing = not_in_model.into_iter().filter(|(_, differs)| *differs);
-    names.extend(differing.map(|(name, _)| name));
+    let [given, nominal] = [plant, &Sma::default()]
+        .map(|plant| Table::try_from(plant).expect("a plant is written in scenarios"));
+    let mut names = Vec::new();
+    for (section, value) in &given {
+        let nominal = &nominal[section];
+        match value.as_table() {
+            Some(keys) => {
+                let differing = keys.iter().filter(|(key, value)| nominal[*key] != **value);
+                names.extend(differing.map(|(key, _)| format!("{section}.{key}")));
+            }
+            None if value != nominal => names.push(section.clone()),
+            None => {}
+        }
+    }
     (!names.is_empty()).then(|| {
         format!(
             "The scenario's plant is not nominal in {}. This was not used; `--known scenario` uses it.",
