@@ -198,6 +198,19 @@ fn take<J, R>(
     Some((job, done))
 }
 
+/// Does some work, which ends early when its watch is interrupted.
+///
+/// # Errors
+/// The user stopped it.
+pub fn watched<T>(work: impl FnOnce(&Watch) -> T) -> Result<T, Interrupted> {
+    let watch = Watch::default();
+    let done = observed(|| watch.interrupt(), || {}, || work(&watch));
+    if watch.is_interrupted() {
+        return Err(Interrupted);
+    }
+    Ok(done)
+}
+
 /// Returns the plan of a scenario of one drive.
 pub fn one_loop_plan(scenario: Trial) -> Plan {
     Plan::new(scenario, catalogue())

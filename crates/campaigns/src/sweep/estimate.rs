@@ -7,9 +7,9 @@ use recording::capture::Watch;
 use runner::console::print;
 use runner::exit::{Exit, Failure};
 use runner::machine::{Stopwatch, memory_bytes_max};
-use runner::observer::observed;
 
 use super::cases::Cases;
+use crate::campaign::{Interrupted, watched};
 use crate::error::interrupted;
 
 /// Largest number of runs in the probe, spread over all cases.
@@ -47,26 +47,24 @@ impl Estimate {
     pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, Failure> {
         let runs = cases.runs();
         let probes = runs.min(PROBES_MAX);
-        let watch = Watch::default();
         let stopwatch = Stopwatch::start();
         let (mut probed, mut bytes) = (0, 0);
-        let work = || {
+        let work = |watch: &Watch| {
             for number in 0..probes {
                 // The case is in the middle of one of as many stretches of equal length.
                 let case = (2 * number + 1) * runs / (2 * probes) + 1;
-                let row = cases.row_of(case.min(runs), &watch)?;
-                if watch.is_interrupted() {
-                    return Err(interrupted(0, runs));
-                }
+                let row = cases.row_of(case.min(runs), watch)?;
                 probed += 1;
                 bytes += serde_json::to_string(&row).map_or(0, |text| text.len());
-                if stopwatch.elapsed() >= PROBE {
+                if stopwatch.elapsed() >= PROBE || watch.is_interrupted() {
                     break;
                 }
             }
             Ok(())
         };
-        observed(|| watch.interrupt(), || {}, work)?;
+        let ended: Result<(), Failure> =
+            watched(work).map_err(|Interrupted| interrupted(0, runs))?;
+        ended?;
         let (count, bytes) = (probed as f64, bytes as f64);
         Ok(Self {
             runs,

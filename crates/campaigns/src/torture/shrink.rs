@@ -6,10 +6,8 @@ use toml::{Table, Value};
 
 use super::draw::DrawnFault;
 use super::invariants::{BrokenInvariant, violation};
-use crate::campaign::{Interrupted, NoResult, caught, play_one};
+use crate::campaign::{Interrupted, NoResult, caught, play_one, watched};
 use crate::sweep::sweep_cases::case_name;
-use recording::capture::Watch;
-use runner::observer::observed;
 use worlds::catalogue::catalogue;
 
 /// Invariant of a run that the program could not bring to a verdict.
@@ -96,12 +94,7 @@ impl<'a> TortureCase<'a> {
         let Ok(plan) = self.plan() else {
             return Ok(None);
         };
-        let watch = Watch::default();
-        let play = || caught(|| play_one(0, &plan, &watch, violation));
-        let played = observed(|| watch.interrupt(), || {}, play);
-        if watch.is_interrupted() {
-            return Err(Interrupted);
-        }
+        let played = watched(|watch| caught(|| play_one(0, &plan, watch, violation)))?;
         let panic = |reason: NoResult| BrokenInvariant {
             invariant: PANIC,
             text: reason.to_string(),

@@ -2,18 +2,17 @@
 
 use clap::Args;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
 use super::experiment::{Effort, Experiment, ExperimentResult, Kept};
 use super::quantity::Quantity;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
-use campaigns::campaign::{Campaign, Interrupted, one_loop_plan};
+use campaigns::campaign::{Campaign, Interrupted, one_loop_plan, watched};
+use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Bar, failed, print, print_text};
 use runner::exit::Exit;
-use runner::observer::observed;
 use runner::run::RUNS;
 
 /// Name of the file with all numbers.
@@ -76,24 +75,21 @@ fn results(effort: Effort, is_shown: bool) -> Result<Vec<ExperimentResult>, Exit
     let mut kept = kept
         .map_err(|fault| failed(Exit::Internal, fault))?
         .into_iter();
-    let (activity, is_interrupted) = (Bar::spinner(is_shown), AtomicBool::new(false));
+    let activity = Bar::spinner(is_shown);
     let evaluate = |experiment: Experiment| {
-        if is_interrupted.load(Ordering::Relaxed) {
-            return Err(Exit::Interrupted);
-        }
         activity.say(experiment.title);
         let runs: Vec<Kept> = kept.by_ref().take(experiment.runs.len()).collect();
-        Ok(ExperimentResult {
+        ExperimentResult {
             evaluation: (experiment.evaluate)(&runs),
             experiment,
-        })
+        }
     };
-    let mut results = experiments.into_iter().map(evaluate);
-    observed(
-        || is_interrupted.store(true, Ordering::Relaxed),
-        || {},
-        || results.by_ref().collect(),
-    )
+    let evaluate_all = |watch: &Watch| {
+        let wanted = experiments.into_iter();
+        let wanted = wanted.take_while(|_| !watch.is_interrupted());
+        wanted.map(evaluate).collect()
+    };
+    watched(evaluate_all).map_err(|Interrupted| Exit::Interrupted)
 }
 
 /// Results for other programs.
