@@ -26,29 +26,12 @@ pub enum Cells {
     Text(Vec<Option<String>>),
 }
 
-/// Type of a column.
-#[derive(Clone, Copy)]
-pub enum ColumnKind {
-    /// Whole numbers, in every row.
-    Count,
-    /// Whole numbers.
-    Whole,
-    /// Numbers.
-    Number,
-    /// Text.
-    Text,
-}
-
 /// Table that is written row group by row group.
 pub struct ParquetTable<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> ParquetTable<W> {
-    /// Makes a table with columns and no rows.
-    pub fn new(
-        output: W,
-        name: &str,
-        columns: &[(&str, ColumnKind)],
-    ) -> Result<Self, ParquetError> {
+    /// Makes a table with the names and types of these columns, and no rows.
+    pub fn new(output: W, name: &str, columns: &[(&str, Cells)]) -> Result<Self, ParquetError> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("canrig ", env!("CARGO_PKG_VERSION")).to_owned())
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
@@ -110,9 +93,10 @@ pub fn write_signals(
     let signals = timeline::signals(timelines);
     let mut numbers = vec![("time_seconds", &timeline.time_seconds)];
     numbers.extend(signals.iter().map(|one| (one.name.as_str(), one.values)));
-    let mut names = vec![("cycle", ColumnKind::Count)];
-    names.extend(numbers.iter().map(|(name, _)| (*name, ColumnKind::Number)));
-    let mut table = ParquetTable::new(output, "signals", &names)?;
+    let mut columns = vec![("cycle", Cells::Count(Series::default()))];
+    let no_number = || Cells::Number(Series::default());
+    columns.extend(numbers.iter().map(|(name, _)| (*name, no_number())));
+    let mut table = ParquetTable::new(output, "signals", &columns)?;
     let rows = timeline.cycle.len();
     let mut pass = Pass::new(rows as u64);
     for begin in (0..rows.max(1)).step_by(GROUP_ROWS) {
@@ -127,14 +111,14 @@ pub fn write_signals(
     table.finish().map(drop)
 }
 
-fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, ParquetError> {
-    let fields = columns.iter().map(|(name, kind)| {
+fn schema(name: &str, columns: &[(&str, Cells)]) -> Result<TypePtr, ParquetError> {
+    let fields = columns.iter().map(|(name, cells)| {
         let text = Some(LogicalType::String);
-        let (physical, logical, repetition) = match kind {
-            ColumnKind::Count => (Physical::INT64, None, Repetition::REQUIRED),
-            ColumnKind::Whole => (Physical::INT64, None, Repetition::OPTIONAL),
-            ColumnKind::Number => (Physical::DOUBLE, None, Repetition::OPTIONAL),
-            ColumnKind::Text => (Physical::BYTE_ARRAY, text, Repetition::OPTIONAL),
+        let (physical, logical, repetition) = match cells {
+            Cells::Count(_) => (Physical::INT64, None, Repetition::REQUIRED),
+            Cells::Whole(_) => (Physical::INT64, None, Repetition::OPTIONAL),
+            Cells::Number(_) => (Physical::DOUBLE, None, Repetition::OPTIONAL),
+            Cells::Text(_) => (Physical::BYTE_ARRAY, text, Repetition::OPTIONAL),
         };
         Type::primitive_type_builder(name, physical)
             .with_repetition(repetition)

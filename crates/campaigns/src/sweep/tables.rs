@@ -1,4 +1,4 @@
-//! The rows as tables for other programs: CSV, written row by row, and Parquet, written group by group.
+//! The rows as tables for other programs: CSV and Parquet, written group by group.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -6,14 +6,14 @@ use std::io::{self, BufWriter, Write};
 use super::cases::Cases;
 use super::row::SweepRow;
 use super::store::Rows;
-use exports::parquet::{Cells, ColumnKind, ParquetTable};
+use exports::parquet::{Cells, ParquetTable};
 use recording::cell::inert;
 
 /// Names of the tables.
 pub(super) const CSV: &str = "runs.csv";
 pub(super) const PARQUET: &str = "runs.parquet";
 
-/// Number of rows in memory while the Parquet table is written.
+/// Number of rows in memory while a table is written.
 const GROUP_ROWS: usize = 10_000;
 
 /// Content of the tables.
@@ -25,108 +25,93 @@ pub(super) struct Tables<'a> {
 }
 
 impl Tables<'_> {
-    /// Returns the columns and their kinds.
-    fn columns(&self) -> Vec<(&str, ColumnKind)> {
-        let number = |name| (name, ColumnKind::Number);
-        let text = |name| (name, ColumnKind::Text);
-        let mut columns = vec![("case", ColumnKind::Count), text("id")];
-        columns.extend(self.cases.keys().into_iter().filter(is_no_seed).map(number));
-        columns.push(("seed", ColumnKind::Whole));
-        columns.extend(["verdict", "missed_limits", "reason"].map(text));
-        columns.extend(self.metrics.iter().map(String::as_str).map(number));
+    /// Returns the columns of some rows, by their names.
+    fn columns(&self, rows: &[SweepRow]) -> Vec<(&str, Cells)> {
+        let text =
+            |cell: fn(&SweepRow) -> Option<String>| Cells::Text(rows.iter().map(cell).collect());
+        let whole = |number: u64| i64::try_from(number).ok();
+        let cases = rows.iter().map(|row| row.case as u64);
+        let seeds = rows.iter().map(|row| row.seed.and_then(whole));
+        let values = rows.iter().map(|row| self.cases.values(row.case));
+        let values = Vec::from_iter(values);
+        let mut columns = vec![
+            ("case", Cells::Count(cases.collect())),
+            ("id", text(|row| Some(row.id.clone()))),
+        ];
+        for (place, key) in self.cases.keys().into_iter().enumerate() {
+            // The seed has a column in every table.
+            if key != "seed" {
+                let column = values.iter().map(|values| values[place]);
+                columns.push((key, Cells::Number(column.collect())));
+            }
+        }
+        columns.extend([
+            ("seed", Cells::Whole(seeds.collect())),
+            ("verdict", text(|row| Some(row.ended.word().to_owned()))),
+            ("missed_limits", text(missed)),
+            ("reason", text(|row| row.reason.clone())),
+        ]);
+        columns.extend(self.metrics.iter().map(|name| {
+            let values = rows.iter().map(|row| row.metric(name).unwrap_or(f64::NAN));
+            (name.as_str(), Cells::Number(values.collect()))
+        }));
         columns
     }
 
-    /// Returns the keys' values in a row.
-    fn values(&self, case: usize) -> impl Iterator<Item = f64> {
-        let values = self.cases.keys().into_iter().zip(self.cases.values(case));
-        values
-            .filter(|(key, _)| is_no_seed(key))
-            .map(|(_, value)| value)
-    }
-
-    fn rows(&self) -> io::Result<impl Iterator<Item = io::Result<SweepRow>>> {
-        let rows = self.rows.iter().map_err(io::Error::other)?;
-        Ok(rows.map(|row| row.map_err(io::Error::other)))
+    /// Passes on all rows, some at a time.
+    fn in_groups(&self, mut write: impl FnMut(&[SweepRow]) -> io::Result<()>) -> io::Result<()> {
+        let mut rows = self.rows.iter().map_err(io::Error::other)?;
+        loop {
+            let group = rows.by_ref().take(GROUP_ROWS);
+            let group: Vec<SweepRow> = group.collect::<Result<_, _>>().map_err(io::Error::other)?;
+            if group.is_empty() {
+                return Ok(());
+            }
+            write(&group)?;
+        }
     }
 
     pub(super) fn write_csv(&self, output: &mut BufWriter<File>) -> io::Result<()> {
         let mut table = csv::Writer::from_writer(output);
-        table.write_record(
-            self.columns()
-                .iter()
-                .map(|(name, _)| inert(name).into_owned()),
-        )?;
-        for row in self.rows()? {
-            table.write_record(self.cells(&row?))?;
-        }
+        let columns = self.columns(&[]);
+        table.write_record(columns.iter().map(|(name, _)| inert(name).into_owned()))?;
+        self.in_groups(|rows| {
+            let columns = self.columns(rows);
+            for row in 0..rows.len() {
+                table.write_record(columns.iter().map(|(_, cells)| csv_cell(cells, row)))?;
+            }
+            Ok(())
+        })?;
         table.flush()
     }
 
-    fn cells(&self, row: &SweepRow) -> Vec<String> {
-        let mut cells = vec![row.case.to_string(), inert(&row.id).into_owned()];
-        cells.extend(self.values(row.case).map(|value| value.to_string()));
-        cells.push(row.seed.map_or_else(String::new, |seed| seed.to_string()));
-        cells.push(row.ended.word().to_owned());
-        cells.push(inert(&missed(row).unwrap_or_default()).into_owned());
-        cells.push(inert(row.reason.as_deref().unwrap_or_default()).into_owned());
-        let metrics = self.metrics.iter().map(|name| row.metric(name));
-        cells
-            .extend(metrics.map(|value| value.map_or_else(String::new, |value| value.to_string())));
-        cells
-    }
-
     pub(super) fn write_parquet(&self, output: &mut BufWriter<File>) -> io::Result<()> {
-        let mut table = ParquetTable::new(output, "runs", &self.columns())?;
-        let mut rows = self.rows()?;
-        loop {
-            let group: Vec<SweepRow> = rows.by_ref().take(GROUP_ROWS).collect::<io::Result<_>>()?;
-            if group.is_empty() {
-                break;
-            }
-            table.write(self.group(&group))?;
-        }
+        let mut table = ParquetTable::new(output, "runs", &self.columns(&[]))?;
+        self.in_groups(|rows| {
+            let columns = self.columns(rows).into_iter();
+            Ok(table.write(columns.map(|(_, cells)| cells))?)
+        })?;
         table.finish()?.flush()
     }
+}
 
-    /// Returns the columns of some rows.
-    fn group(&self, rows: &[SweepRow]) -> Vec<Cells> {
-        let whole = |number: u64| i64::try_from(number).ok();
-        let text =
-            |cell: fn(&SweepRow) -> Option<String>| Cells::Text(rows.iter().map(cell).collect());
-        let cases = rows.iter().map(|row| row.case as u64);
-        let mut columns = vec![
-            Cells::Count(cases.collect()),
-            text(|row| Some(row.id.clone())),
-        ];
-        let values: Vec<Vec<f64>> = rows
-            .iter()
-            .map(|row| self.values(row.case).collect())
-            .collect();
-        let keys = self.cases.keys().into_iter().filter(is_no_seed).count();
-        let column = |place: usize| values.iter().map(|values| values[place]).collect();
-        columns.extend((0..keys).map(|place| Cells::Number(column(place))));
-        let seeds = rows.iter().map(|row| row.seed.and_then(whole));
-        columns.push(Cells::Whole(seeds.collect()));
-        columns.push(text(|row| Some(row.ended.word().to_owned())));
-        columns.push(text(missed));
-        columns.push(text(|row| row.reason.clone()));
-        columns.extend(self.metrics.iter().map(|name| {
-            let values = rows.iter().map(|row| row.metric(name).unwrap_or(f64::NAN));
-            Cells::Number(values.collect())
-        }));
-        columns
-    }
+/// Returns a cell of a column for CSV; empty if it has no value.
+fn csv_cell(cells: &Cells, row: usize) -> String {
+    let text = match cells {
+        Cells::Count(cells) => cells.get(row).map(|number| number.to_string()),
+        Cells::Whole(cells) => cells[row].map(|number| number.to_string()),
+        Cells::Number(cells) => {
+            let number = cells.get(row).filter(|number| !number.is_nan());
+            number.map(|number| number.to_string())
+        }
+        Cells::Text(cells) => cells[row].as_deref().map(|text| inert(text).into_owned()),
+    };
+    text.unwrap_or_default()
 }
 
 /// Returns the limits that a case missed, in one cell.
 fn missed(row: &SweepRow) -> Option<String> {
     (!row.missed.is_empty()).then(|| row.missed.join("; "))
-}
-
-/// Returns whether a key is not the seed, which has a column in every table.
-fn is_no_seed(key: &&str) -> bool {
-    *key != "seed"
 }
 
 #[cfg(test)]
@@ -165,8 +150,9 @@ mod tests {
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
             (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
             let mut written = csv::Writer::from_writer(Vec::new());
-            written.write_record(tables.columns().iter().map(|(name, _)| inert(name).into_owned())).unwrap();
-            written.write_record(tables.cells(&row)).unwrap();
+            let columns = tables.columns(&[row]);
+            written.write_record(columns.iter().map(|(name, _)| inert(name).into_owned())).unwrap();
+            written.write_record(columns.iter().map(|(_, cells)| csv_cell(cells, 0))).unwrap();
             let bytes = written.into_inner().unwrap();
             let mut read = csv::ReaderBuilder::new().has_headers(false).from_reader(&bytes[..]);
             let read: Vec<csv::StringRecord> = read.records().map(Result::unwrap).collect();
@@ -236,8 +222,8 @@ mod tests {
             assert_eq!(record[1], cases.case(case).id);
         }
 
-        let columns = tables.group(&rows);
-        let [Cells::Number(holds), Cells::Number(loads)] = &columns[2..4] else {
+        let columns = tables.columns(&rows);
+        let [(_, Cells::Number(holds)), (_, Cells::Number(loads))] = &columns[2..4] else {
             panic!("the third and the fourth column are keys")
         };
         for (case, cells) in (1..).zip(holds.iter().zip(loads)) {
