@@ -135,7 +135,7 @@ impl SharedCampaign<'_> {
         let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
         let mut command = vec![
             path(PROGRAM),
-            self.cases.kind().to_owned(),
+            self.cases.facts().kind.to_owned(),
             path(file::SCENARIO),
         ];
         command.extend(self.arguments.iter().cloned());
@@ -146,7 +146,7 @@ impl SharedCampaign<'_> {
             path(PARTS),
         ]);
         // The number of the round keeps engines from taking this job for the one before.
-        let name = format!("canrig-{}-{}", self.cases.id(), record.rounds + 1);
+        let name = format!("canrig-{}-{}", self.cases.facts().id, record.rounds + 1);
         Job {
             name,
             logs: folder.join(LOGS),

@@ -146,7 +146,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Fa
             program: campaign.header.identity.program.clone(),
             engine,
             parts: match parts {
-                Some(parts) => parts.min(campaign.cases.runs()),
+                Some(parts) => parts.min(campaign.cases.facts().runs),
                 None => probed_parts(args, campaign)?,
             },
             limits: limits(Limits::default()),
@@ -204,7 +204,7 @@ fn play(
     record: &mut Record,
 ) -> Result<(), Failure> {
     let mut counter = RowCounter(campaign.rows(record.parts)?);
-    let bar = Bar::parts(campaign.cases.runs(), counter.rows(), !args.quiet);
+    let bar = Bar::parts(campaign.cases.facts().runs, counter.rows(), !args.quiet);
     let engine = record.engine.engine();
     let mut begun = 0;
     loop {
@@ -286,7 +286,7 @@ fn print_missing(
         };
         let number = *number;
         let shard = Shard { number, of };
-        let (rows, of) = (part.len(), shard.cases(campaign.cases.runs()).len());
+        let (rows, of) = (part.len(), shard.cases(campaign.cases.facts().runs).len());
         bar.print(&format!(
             "part {shard}: {why}; {rows} of {of} runs are done"
         ));

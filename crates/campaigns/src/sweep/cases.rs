@@ -11,33 +11,44 @@ use super::row::SweepRow;
 use super::store::Rows;
 use crate::campaign::{NoResult, caught};
 
-/// Cases of a sweep or of torture. Any of them may be played on any machine, in any order.
-pub(crate) trait Cases: Sync {
+/// Facts of a campaign, which are the same for all of its cases.
+pub(crate) struct Facts {
     /// Kind of the campaign, "sweep" or "torture", from which its folders have their names.
-    fn kind(&self) -> &'static str;
+    pub(crate) kind: &'static str,
+    /// Plan of the scenario, with which the cases share the meaning of their frames.
+    pub(crate) plan: Plan,
+    /// Hash of everything that decides the cases, and of the version of the program.
+    pub(crate) id: String,
+    /// Seed of the drawn values.
+    pub(crate) seed: u64,
+    /// Number of cases, which are numbered from 1.
+    pub(crate) runs: usize,
+    /// Keys that vary, with descriptions of how they do.
+    pub(crate) variations: Vec<(String, String)>,
+    /// Limits by which the runs are judged.
+    pub(crate) limits: Vec<(String, Limit)>,
+    /// Criterion of the runs in place of the limits of the scenario, in sentences.
+    pub(crate) criterion: Option<&'static str>,
+    /// Files, by name and text, that a folder of the campaign has in addition to the scenario.
+    pub(crate) files: Vec<(&'static str, String)>,
+}
 
-    /// Plan of the scenario.
-    fn plan(&self) -> &Plan;
-
-    /// Name of the scenario.
-    fn name(&self) -> &str {
-        &self.plan().shared.run.name
+impl Facts {
+    /// Returns the name of the scenario.
+    pub(crate) fn name(&self) -> &str {
+        &self.plan.shared.run.name
     }
 
-    /// Hash of everything that decides the cases, and of the version of the program.
-    fn id(&self) -> &str;
+    /// Returns the keys that vary.
+    pub(crate) fn keys(&self) -> Vec<&str> {
+        self.variations.iter().map(|(key, _)| &**key).collect()
+    }
+}
 
-    /// Seed of the drawn values.
-    fn seed(&self) -> u64;
-
-    /// Number of cases, which are numbered from 1.
-    fn runs(&self) -> usize;
-
-    /// Keys that vary.
-    fn keys(&self) -> Vec<&str>;
-
-    /// Keys with descriptions of how they vary.
-    fn variations(&self) -> Vec<(String, String)>;
+/// Cases of a sweep or of torture. Any of them may be played on any machine, in any order.
+pub(crate) trait Cases: Sync {
+    /// Facts of the campaign.
+    fn facts(&self) -> &Facts;
 
     /// Values of the keys in a case.
     fn values(&self, number: usize) -> Vec<f64>;
@@ -74,24 +85,9 @@ pub(crate) trait Cases: Sync {
         }
     }
 
-    /// Limits by which the runs are judged.
-    fn limits(&self) -> Vec<(String, Limit)> {
-        judge::limits(self.plan())
-    }
-
-    /// Criterion of the runs in place of the limits of the scenario, in sentences.
-    fn criterion(&self) -> Option<&'static str> {
-        None
-    }
-
-    /// Files, by name and text, that a folder of the campaign has in addition to the scenario.
-    fn files(&self) -> Vec<(&'static str, String)> {
-        Vec::new()
-    }
-
     /// Keys and values of a case, as a text; `write` writes a value.
     fn values_text(&self, number: usize, write: fn(f64) -> String) -> String {
-        let values = self.keys().into_iter().zip(self.values(number));
+        let values = self.facts().keys().into_iter().zip(self.values(number));
         let texts = values.map(|(key, value)| format!("{key} = {}", write(value)));
         texts.collect::<Vec<_>>().join(", ")
     }

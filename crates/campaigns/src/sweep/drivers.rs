@@ -68,7 +68,7 @@ struct Worst {
 
 impl<'a> Sampler<'a> {
     pub(super) fn new(cases: &'a dyn Cases, limits: &'a BTreeMap<String, Limit>) -> Self {
-        let runs = cases.runs();
+        let runs = cases.facts().runs;
         Self {
             cases,
             limits,
@@ -125,7 +125,7 @@ impl<'a> Sampler<'a> {
     }
 
     fn driven_by(&self, name: &str) -> Option<Driven> {
-        let keys = self.cases.keys();
+        let keys = self.cases.facts().keys();
         let is_limited = self.limits.contains_key(name);
         let value = |one: &Sampled| match one.values.get(name) {
             None if !is_limited => Some(0.0),

@@ -45,7 +45,7 @@ pub(crate) struct Estimate {
 impl Estimate {
     /// Plays some of the cases, one at a time, and discards the results.
     pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, Failure> {
-        let runs = cases.runs();
+        let runs = cases.facts().runs;
         let probes = runs.min(PROBES_MAX);
         let stopwatch = Stopwatch::start();
         let (mut probed, mut bytes) = (0, 0);

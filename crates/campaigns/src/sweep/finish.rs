@@ -47,7 +47,7 @@ pub(crate) fn finish(
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
     remove_others(folder, &summary.failing)?;
     if !summary.failing.is_empty() {
-        write_tables(folder, cases.plan(), FAILING)?;
+        write_tables(folder, &cases.facts().plan, FAILING)?;
     }
     for failing in &summary.failing {
         let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));
@@ -102,8 +102,8 @@ fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
     format!(
         "# Case {} of the {} \"{}\": {}\n# {}: {}\n\n",
         failing.case,
-        cases.kind(),
-        one_line(cases.name()),
+        cases.facts().kind,
+        one_line(cases.facts().name()),
         cases.values_text(failing.case, |value| value.to_string()),
         failing.ended.word(),
         one_line(&failing.why),

@@ -166,7 +166,7 @@ mod tests {
         let part = open_folder(folder, cases, shard).unwrap();
         let header = Header::new(cases).unwrap();
         let mut writer = Writer::begin(part.path(), &header).unwrap();
-        for case in shard.cases(cases.runs()) {
+        for case in shard.cases(cases.facts().runs) {
             writer.append(&row(case)).unwrap();
         }
         part.path().to_owned()
@@ -200,7 +200,7 @@ mod tests {
 
     /// Returns a row with an invariant that half of the mixes with a certain fault break.
     fn row_of_torture(cases: &TortureCases, case: usize) -> SweepRow {
-        let keys = cases.keys();
+        let keys = cases.facts().keys();
         let stuck = keys.iter().position(|key| *key == "sensor.stuck").unwrap();
         let is_broken = cases.values(case)[stuck] > 0.0 && case.is_multiple_of(2);
         SweepRow {
@@ -223,7 +223,7 @@ mod tests {
     /// Merges a campaign of a million runs with made-up rows, prints its time and memory, and returns its page.
     fn merged(cases: &dyn Cases, row: &dyn Fn(usize) -> SweepRow) -> String {
         const PARTS: usize = 40;
-        assert_eq!(cases.runs(), RUNS);
+        assert_eq!(cases.facts().runs, RUNS);
         let folder = tempfile::tempdir().unwrap();
         let watch = Stopwatch::start();
         let part = |number| {

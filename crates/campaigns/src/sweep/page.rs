@@ -53,7 +53,7 @@ pub(super) fn to_text(summary: &Summary<'_>) -> Text {
         table.add(name.into_iter().chain(numbers).chain([limit, missed]));
     }
     let mut text = Text::default();
-    text.line(format!("\n{}", summary.cases.name()));
+    text.line(format!("\n{}", summary.cases.facts().name()));
     // Torture has no metrics; its results are broken invariants.
     if !summary.spreads.is_empty() {
         text.table(&table);
@@ -64,14 +64,14 @@ pub(super) fn to_text(summary: &Summary<'_>) -> Text {
 
 /// Returns the page of a campaign.
 pub(super) fn to_html(summary: &Summary<'_>, identity: &Identity) -> String {
-    let (worst, cases) = (summary.worst(), summary.cases);
+    let (worst, facts) = (summary.worst(), summary.cases.facts());
     let body = html! {
-        h1 { (cases.name()) }
-        p { span.outcome.(class(worst)) { (outcome_text(worst)) } " " (page::sentence(&format!("{} of {}", cases.kind(), counts(summary)))) }
-        @if let Some(criterion) = cases.criterion() { p { (criterion) } }
-        @if summary.runs != cases.runs() { p { "This is a part of " (cases.runs()) " runs." } }
+        h1 { (facts.name()) }
+        p { span.outcome.(class(worst)) { (outcome_text(worst)) } " " (page::sentence(&format!("{} of {}", facts.kind, counts(summary)))) }
+        @if let Some(criterion) = facts.criterion { p { (criterion) } }
+        @if summary.runs != facts.runs { p { "This is a part of " (facts.runs) " runs." } }
         h2 { "Parameters" }
-        (parameters(&cases.variations()))
+        (parameters(&facts.variations))
         @if !summary.spreads.is_empty() {
             h2 { "Results" }
             (metrics(&summary.spreads))
@@ -86,12 +86,12 @@ pub(super) fn to_html(summary: &Summary<'_>, identity: &Identity) -> String {
         h2 { "Versions" }
         dl.facts.versions {
             div { dt { "program" } dd { "canrig " (env!("CARGO_PKG_VERSION")) } }
-            div { dt { "seed" } dd { (cases.seed()) } }
+            div { dt { "seed" } dd { (facts.seed) } }
             (page::identity(identity))
         }
         (page::undated())
     };
-    page::page(cases.name(), &body)
+    page::page(facts.name(), &body)
 }
 
 fn parameters(keys: &[(String, String)]) -> Markup {

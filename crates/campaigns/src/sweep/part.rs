@@ -9,7 +9,7 @@ use std::str::FromStr;
 use clap::Args;
 use serde_json::json;
 
-use super::cases::Cases;
+use super::cases::{Cases, Facts};
 use super::finish::{Shown, finish};
 use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
@@ -226,14 +226,14 @@ impl PartPlay<'_> {
     /// Prints the progress for another program.
     fn report(&self, event: &str, cases: &dyn Cases, done: usize, folder: &RunFolder) {
         if let Some(lines) = self.lines {
-            let (of, folder) = (self.shard.cases(cases.runs()).len(), folder.path());
+            let (of, folder) = (self.shard.cases(cases.facts().runs).len(), folder.path());
             let folder = folder.to_string_lossy();
             lines.print(&json!({"event": event, "done": done, "of": of, "folder": folder}));
         }
     }
 
     fn announce(&self, cases: &dyn Cases, rows: &Rows, threads: usize) {
-        let runs = cases.runs();
+        let runs = cases.facts().runs;
         let mut text = match self.shard {
             Shard::WHOLE => format!("{runs} runs"),
             part => format!("{} of {runs} runs (part {part})", part.cases(runs).len()),
@@ -252,11 +252,11 @@ impl PartPlay<'_> {
         folder: &RunFolder,
         rows: &mut Rows,
     ) -> Result<Writer, Failure> {
-        let files = Uncopied::new(cases.plan())?;
+        let files = Uncopied::new(&cases.facts().plan)?;
         rows.print_damaged();
         let mut writer = rows.writer()?;
         PlayRecord::now(self.overrides).write(folder)?;
-        let all = self.shard.cases(cases.runs());
+        let all = self.shard.cases(cases.facts().runs);
         let (of, mut done) = (all.len(), rows.len());
         let left = all.filter(|case| !rows.has(*case));
         let bar = Bar::runs(Some(of), done, campaign.is_shown);
@@ -287,26 +287,28 @@ pub(crate) fn open_folder(
     cases: &dyn Cases,
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
-    let folder = RunFolder::lasting(parent, cases.name(), &folder_id(cases, shard))?;
-    for (name, text) in cases.files() {
+    let facts = cases.facts();
+    let folder = RunFolder::lasting(parent, facts.name(), &folder_id(facts, shard))?;
+    for (name, text) in &facts.files {
         folder.ensure(name, text.as_bytes())?;
     }
-    write_scenario(&folder, cases.plan())?;
+    write_scenario(&folder, &facts.plan)?;
     Ok(folder)
 }
 
 /// Returns the path of that folder, which need not exist yet.
 pub(crate) fn folder_path(parent: &Path, cases: &dyn Cases, shard: Shard) -> PathBuf {
-    RunFolder::lasting_path(parent, cases.name(), &folder_id(cases, shard))
+    let facts = cases.facts();
+    RunFolder::lasting_path(parent, facts.name(), &folder_id(facts, shard))
 }
 
 /// Returns the end of that folder's name.
-fn folder_id(cases: &dyn Cases, shard: Shard) -> String {
+fn folder_id(facts: &Facts, shard: Shard) -> String {
     let part = match shard {
         Shard::WHOLE => String::new(),
         Shard { number, of } => format!("-{number}-of-{of}"),
     };
-    format!("{}-{}{part}", cases.kind(), cases.id())
+    format!("{}-{}{part}", facts.kind, facts.id)
 }
 
 #[cfg(test)]

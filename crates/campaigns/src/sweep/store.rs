@@ -69,7 +69,7 @@ fn foreign(path: &Path, found: &str) -> Failure {
 pub(crate) struct Header {
     /// Version of the program.
     pub(crate) version: String,
-    /// The campaign, as [`Cases::id`] names it.
+    /// The campaign, as the id of its facts names it.
     sweep: String,
     /// Cases of the whole campaign.
     pub(crate) runs: usize,
@@ -86,11 +86,12 @@ impl Header {
     /// # Errors
     /// The program's file cannot be read.
     pub(crate) fn new(cases: &dyn Cases) -> Result<Self, NoIdentity> {
+        let facts = cases.facts();
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            sweep: cases.id().to_owned(),
-            runs: cases.runs(),
-            identity: identity(cases.plan())?,
+            sweep: facts.id.clone(),
+            runs: facts.runs,
+            identity: identity(&facts.plan)?,
             node: machine::name(),
             process: std::process::id(),
         })

@@ -94,10 +94,8 @@ fn missed(row: &SweepRow, limits: &BTreeMap<String, Limit>) -> String {
 impl<'a> Summary<'a> {
     /// Summarizes the rows of all cases.
     pub(super) fn read(cases: &'a dyn Cases, rows: &Rows) -> Result<Self, Failure> {
-        let limits = cases.limits();
-        let limited = limits.iter().map(|(name, _)| name.clone());
-        let limited = Vec::from_iter(limited);
-        let limits = BTreeMap::from_iter(limits);
+        let limited = &cases.facts().limits;
+        let limits = BTreeMap::from_iter(limited.iter().cloned());
         let mut sampler = Sampler::new(cases, &limits);
         let mut summary = Self {
             cases,
@@ -117,7 +115,7 @@ impl<'a> Summary<'a> {
             add_new(&mut metrics, row.metrics.iter().map(|(name, _)| name));
             summary.add(row, &limits);
         }
-        add_new(&mut metrics, &limited);
+        add_new(&mut metrics, limited.iter().map(|(name, _)| name));
         summary.driven = sampler.driven();
         summary.spreads = spreads(&metrics, summary.runs, &limits, &missed, rows)?;
         Ok(summary)

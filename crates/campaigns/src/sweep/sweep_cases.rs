@@ -9,7 +9,7 @@ use scenario::sweep::{Distribution, List, LogUniform, Sweep, Uniform};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
-use super::cases::Cases;
+use super::cases::{Cases, Facts};
 use super::row::{Ended, SweepRow};
 use crate::campaign::{NoResult, play_one};
 use plan::Plan;
@@ -27,14 +27,11 @@ const HASH_BYTES: usize = 8;
 
 /// Sweep: a scenario and the keys that vary in it.
 pub struct SweepCases {
+    facts: Facts,
     document: Table,
     axes: Vec<List>,
     sweep: Sweep,
     draws: usize,
-    runs: usize,
-    id: String,
-    /// Plan of the scenario, with which the cases share the meaning of their frames.
-    base: Plan,
 }
 
 /// Case of a sweep.
@@ -61,17 +58,31 @@ impl SweepCases {
         };
         let mut document: Table = shared.text.parse().expect("the loader has read it");
         document.remove("sweep");
+        let axes = sweep.axes();
+        let listed = axes
+            .iter()
+            .map(|axis| (axis.key.clone(), values_text(&axis.values)));
+        let drawn = sweep
+            .distributions()
+            .map(|one| (one.key().to_owned(), distribution_text(one)));
+        let text = format!("{}{}", env!("CARGO_PKG_VERSION"), shared.text);
         Ok(Self {
-            base: plan.clone(),
+            facts: Facts {
+                kind: "sweep",
+                id: id(&text, &shared.tables),
+                seed: sweep.seed,
+                runs: usize::try_from(sweep.runs()).unwrap_or(usize::MAX),
+                // Keys of the grid, then those that are drawn.
+                variations: listed.chain(drawn).collect(),
+                limits: judge::limits(plan),
+                criterion: None,
+                files: Vec::new(),
+                plan: plan.clone(),
+            },
             document,
-            id: id(
-                &format!("{}{}", env!("CARGO_PKG_VERSION"), shared.text),
-                &shared.tables,
-            ),
-            axes: sweep.axes(),
+            axes,
             sweep: sweep.clone(),
             draws: sweep.draws.unwrap_or(1) as usize,
-            runs: usize::try_from(sweep.runs()).unwrap_or(usize::MAX),
         })
     }
 
@@ -110,17 +121,17 @@ impl SweepCases {
     /// Never: the loader has checked the keys.
     pub fn case(&self, number: usize) -> SweepCase<'_> {
         let mut document = self.document.clone();
-        for (key, value) in self.keys().into_iter().zip(self.values(number)) {
+        for (key, value) in self.facts.keys().into_iter().zip(self.values(number)) {
             set(&mut document, key, self.written(key, value)).expect("a key of the scenario");
         }
-        let shared = &self.base.shared;
+        let shared = &self.facts.plan.shared;
         let id = id(&document.to_string(), &shared.tables);
         let name = case_name(&shared.run.name, &format!("case {number}"));
         document.insert("name".to_owned(), name.into());
         SweepCase {
             id,
             text: document.to_string(),
-            base: &self.base,
+            base: &self.facts.plan,
         }
     }
 
@@ -139,41 +150,8 @@ impl SweepCases {
 }
 
 impl Cases for SweepCases {
-    fn kind(&self) -> &'static str {
-        "sweep"
-    }
-
-    fn plan(&self) -> &Plan {
-        &self.base
-    }
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn seed(&self) -> u64 {
-        self.sweep.seed
-    }
-
-    fn runs(&self) -> usize {
-        self.runs
-    }
-
-    /// Keys of the grid, then those that are drawn.
-    fn keys(&self) -> Vec<&str> {
-        self.sweep.keys().collect()
-    }
-
-    fn variations(&self) -> Vec<(String, String)> {
-        let axes = self
-            .axes
-            .iter()
-            .map(|axis| (axis.key.clone(), values_text(&axis.values)));
-        let drawn = self
-            .sweep
-            .distributions()
-            .map(|one| (one.key().to_owned(), distribution_text(one)));
-        axes.chain(drawn).collect()
+    fn facts(&self) -> &Facts {
+        &self.facts
     }
 
     fn values(&self, number: usize) -> Vec<f64> {
@@ -196,7 +174,7 @@ impl Cases for SweepCases {
     }
 
     fn options(&self, number: usize) -> Option<String> {
-        let values = self.keys().into_iter().zip(self.values(number));
+        let values = self.facts.keys().into_iter().zip(self.values(number));
         Some(String::from_iter(
             values.map(|(key, value)| format!(" --set '{key}={value}'")),
         ))
@@ -313,7 +291,7 @@ mod tests {
     #[test]
     fn every_point_of_the_grid_meets_the_same_draws() {
         let cases = cases(GRID);
-        assert_eq!(cases.runs(), 12);
+        assert_eq!(cases.facts.runs, 12);
         let all: Vec<Vec<f64>> = (1..=12).map(|number| cases.values(number)).collect();
         let points: Vec<[f64; 2]> = all.iter().step_by(2).map(|one| [one[0], one[1]]).collect();
         let expected = [
@@ -358,7 +336,7 @@ mod tests {
         let (cases, more) = (cases(GRID), cases(&more));
         assert_eq!(cases.values(4)[..], more.values(4)[..3]);
         assert_ne!(cases.case(4).id, more.case(4).id);
-        assert_ne!(cases.id(), more.id());
+        assert_ne!(cases.facts.id, more.facts.id);
         let twice = ["seed = 0\n", "# the default\n"]
             .map(|line| super::tests::cases(&format!("{line}{GRID}")));
         assert_eq!(twice[0].case(4).id, twice[1].case(4).id);

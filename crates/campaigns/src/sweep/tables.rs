@@ -38,7 +38,7 @@ impl Tables<'_> {
             ("case", Cells::Count(cases.collect())),
             ("id", text(|row| Some(row.id.clone()))),
         ];
-        for (place, key) in self.cases.keys().into_iter().enumerate() {
+        for (place, key) in self.cases.facts().keys().into_iter().enumerate() {
             // The seed has a column in every table.
             if key != "seed" {
                 let column = values.iter().map(|values| values[place]);

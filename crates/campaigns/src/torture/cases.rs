@@ -10,7 +10,6 @@ use recording::capture::Watch;
 use recording::run_folder::file_in;
 use runner::exit::Failure;
 use runner::recorded::unreadable;
-use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
 use super::command::{broken_in, shrink_all};
@@ -18,13 +17,16 @@ use super::draw::{self, DrawnFault, Nodes};
 use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{PANIC, TortureCase};
 use crate::campaign::{NoResult, play_one};
-use crate::sweep::cases::Cases;
+use crate::sweep::cases::{Cases, Facts};
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::Rows;
 use crate::sweep::sweep_cases::id;
 
 /// Name of the file with the draws; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
+/// Criterion of the runs, for the page.
+const CRITERION: &str = "The limits of the scenario are left out: each run is held against invariants, such as that no current flows once \
+    the SYNC is missing for longer than the drive waits for it.";
 /// Largest file that is read.
 const BYTES_MAX: u64 = 1 << 20;
 
@@ -54,10 +56,7 @@ fn runs(text: &str) -> Result<usize, String> {
 
 /// Random mixes of faults in a scenario.
 pub(crate) struct TortureCases {
-    plan: Plan,
-    draws: Draws,
-    id: String,
-    keys: Vec<String>,
+    facts: Facts,
 }
 
 impl TortureCases {
@@ -70,12 +69,20 @@ impl TortureCases {
             draws.runs,
             plan.shared.text
         );
-        Self {
+        let counted = |kind| (kind, "the number of such faults in a mix".to_owned());
+        let written = serde_json::to_string(&draws).expect("plain data") + "\n";
+        let facts = Facts {
+            kind: "torture",
             id: id(&text, &plan.shared.tables),
-            keys: draw::kinds(&Nodes(plan)),
+            seed: draws.seed,
+            runs: draws.runs,
+            variations: draw::kinds(&Nodes(plan)).into_iter().map(counted).collect(),
+            limits: Vec::new(),
+            criterion: Some(CRITERION),
+            files: vec![(FILE, written)],
             plan: plan.clone(),
-            draws,
-        }
+        };
+        Self { facts }
     }
 
     /// Reads the cases of a part's folder; `None` if it is not one of torture.
@@ -94,17 +101,17 @@ impl TortureCases {
     /// Returns the scenario with the mix of a case, numbered from 1.
     pub(super) fn case(&self, number: usize) -> TortureCase<'_> {
         let mut stream = self.stream(number);
-        let faults = draw::mix(&mut stream, &Nodes(&self.plan));
-        TortureCase::new(&self.plan, faults, stream.bits())
+        let faults = draw::mix(&mut stream, &Nodes(&self.facts.plan));
+        TortureCase::new(&self.facts.plan, faults, stream.bits())
     }
 
     /// Returns the stream of a case, which follows from the seed and the number alone.
     fn stream(&self, number: usize) -> Stream {
-        Stream::named(self.draws.seed, &format!("torture.{}", number - 1))
+        Stream::named(self.facts.seed, &format!("torture.{}", number - 1))
     }
 
     fn row(&self, number: usize, seed: Option<u64>, broken: Option<BrokenInvariant>) -> SweepRow {
-        let id = id(&self.text(number), &self.plan.shared.tables);
+        let id = id(&self.text(number), &self.facts.plan.shared.tables);
         let ended = match &broken {
             Some(_) => Ended::Fail,
             None => Ended::Pass,
@@ -124,58 +131,24 @@ impl TortureCases {
 }
 
 impl Cases for TortureCases {
-    fn kind(&self) -> &'static str {
-        "torture"
-    }
-
-    fn criterion(&self) -> Option<&'static str> {
-        Some(
-            "The limits of the scenario are left out: each run is held against invariants, such as that no current flows once \
-             the SYNC is missing for longer than the drive waits for it.",
-        )
-    }
-
-    fn plan(&self) -> &Plan {
-        &self.plan
-    }
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn seed(&self) -> u64 {
-        self.draws.seed
-    }
-
-    fn runs(&self) -> usize {
-        self.draws.runs
-    }
-
-    fn keys(&self) -> Vec<&str> {
-        self.keys.iter().map(String::as_str).collect()
-    }
-
-    fn variations(&self) -> Vec<(String, String)> {
-        let variation = "the number of such faults in a mix";
-        let keys = self.keys.iter();
-        keys.map(|key| (key.clone(), variation.to_owned()))
-            .collect()
+    fn facts(&self) -> &Facts {
+        &self.facts
     }
 
     fn values(&self, number: usize) -> Vec<f64> {
-        let mix = draw::mix(&mut self.stream(number), &Nodes(&self.plan));
-        let count = |key: &String| {
-            let is_it = |fault: &&DrawnFault| key == &format!("{}.{}", fault.group, fault.kind);
+        let mix = draw::mix(&mut self.stream(number), &Nodes(&self.facts.plan));
+        let count = |key: &str| {
+            let is_it = |fault: &&DrawnFault| key == format!("{}.{}", fault.group, fault.kind);
             mix.iter().filter(is_it).count() as f64
         };
-        self.keys.iter().map(count).collect()
+        self.facts.keys().into_iter().map(count).collect()
     }
 
     fn values_text(&self, number: usize, _: fn(f64) -> String) -> String {
-        let values = self.keys.iter().zip(self.values(number));
+        let values = self.facts.keys().into_iter().zip(self.values(number));
         let drawn = values.filter_map(|(key, count)| match count {
             0.0 => None,
-            1.0 => Some(key.clone()),
+            1.0 => Some(key.to_owned()),
             _ => Some(format!("{count} × {key}")),
         });
         drawn.collect::<Vec<_>>().join(", ")
@@ -201,16 +174,6 @@ impl Cases for TortureCases {
             text: reason,
         };
         self.row(number, None, Some(broken))
-    }
-
-    /// Returns no limits: those of the scenario are left out.
-    fn limits(&self) -> Vec<(String, Limit)> {
-        Vec::new()
-    }
-
-    fn files(&self) -> Vec<(&'static str, String)> {
-        let draws = serde_json::to_string(&self.draws).expect("plain data");
-        vec![(FILE, draws + "\n")]
     }
 }
 
