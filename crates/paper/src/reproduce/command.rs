@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::experiment::{Effort, Experiment, ExperimentResult, Kept};
+use super::experiment::{Experiment, ExperimentResult, Kept};
 use super::quantity::Quantity;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, Interrupted, one_loop_plan, watched};
@@ -20,14 +20,15 @@ const NUMBERS: &str = "reproduction.json";
 /// Seed that names the folder; each experiment has its own seeds.
 const SEED: u64 = 0;
 
-/// Returns every experiment, in the order of the page.
-pub fn experiments(effort: Effort) -> Vec<Experiment> {
-    let mut experiments = material::experiments(effort);
+/// Returns every experiment, in the order of the page; `is_reduced` ones have fewer plants, frequencies and settings, as a check
+/// that all of it works.
+pub fn experiments(is_reduced: bool) -> Vec<Experiment> {
+    let mut experiments = material::experiments(is_reduced);
     experiments.extend(cooling::experiments());
-    experiments.extend(response::experiments(effort));
+    experiments.extend(response::experiments(is_reduced));
     experiments.push(ripple::experiment());
-    experiments.extend(robustness::experiments(effort));
-    experiments.extend(sensitivity::experiments(effort));
+    experiments.extend(robustness::experiments(is_reduced));
+    experiments.extend(sensitivity::experiments(is_reduced));
     experiments
 }
 
@@ -50,22 +51,17 @@ pub struct ReproduceArgs {
 
 /// Executes the command.
 pub fn reproduce(args: &ReproduceArgs) -> Exit {
-    let effort = if args.reduced {
-        Effort::Reduced
-    } else {
-        Effort::Full
-    };
-    let results = match results(effort, !args.json && !args.quiet) {
+    let results = match results(args.reduced, !args.json && !args.quiet) {
         Ok(results) => results,
         Err(exit) => return exit,
     };
-    report(args, effort, &results).unwrap_or_else(|error| failed(Exit::BenchFailed, error))
+    report(args, &results).unwrap_or_else(|error| failed(Exit::BenchFailed, error))
 }
 
 /// Plays the runs of all experiments at once, gives them to their experiments, and evaluates these; the identification takes some
 /// seconds.
-fn results(effort: Effort, is_shown: bool) -> Result<Vec<ExperimentResult>, Exit> {
-    let experiments = experiments(effort);
+fn results(is_reduced: bool, is_shown: bool) -> Result<Vec<ExperimentResult>, Exit> {
+    let experiments = experiments(is_reduced);
     let runs = Vec::from_iter(experiments.iter().flat_map(|experiment| &experiment.runs));
     let plans = runs.iter().map(|run| one_loop_plan(run.scenario.clone()));
     let kept = Campaign::on_all_cores(is_shown)
@@ -111,7 +107,7 @@ struct ExperimentNumbers<'a> {
     numbers: &'a [Quantity],
 }
 
-fn json(effort: Effort, results: &[ExperimentResult]) -> String {
+fn json(is_reduced: bool, results: &[ExperimentResult]) -> String {
     let experiments = results.iter().map(|result| ExperimentNumbers {
         id: result.experiment.id,
         title: result.experiment.title,
@@ -122,7 +118,7 @@ fn json(effort: Effort, results: &[ExperimentResult]) -> String {
     let numbers = ReproductionNumbers {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
-        is_reduced: effort == Effort::Reduced,
+        is_reduced,
         passed: results.iter().all(ExperimentResult::holds),
         experiments: experiments.collect(),
     };
@@ -130,19 +126,13 @@ fn json(effort: Effort, results: &[ExperimentResult]) -> String {
 }
 
 /// Writes the folder and prints the numbers. Returns the exit code, which says whether every target is met.
-fn report(
-    args: &ReproduceArgs,
-    effort: Effort,
-    results: &[ExperimentResult],
-) -> Result<Exit, WriteError> {
-    let name = match effort {
-        Effort::Full => "reproduction",
-        Effort::Reduced => "reproduction reduced",
-    };
-    let numbers = json(effort, results);
-    let folder = RunFolder::create(&args.output, name, SEED, &numbers)?;
+fn report(args: &ReproduceArgs, results: &[ExperimentResult]) -> Result<Exit, WriteError> {
+    let extent = if args.reduced { " reduced" } else { "" };
+    let name = format!("reproduction{extent}");
+    let numbers = json(args.reduced, results);
+    let folder = RunFolder::create(&args.output, &name, SEED, &numbers)?;
     folder.write(NUMBERS, numbers.as_bytes())?;
-    let page = page::to_html(effort, results);
+    let page = page::to_html(args.reduced, results);
     folder.write(file::REPORT, page.as_bytes())?;
     let holds = results.iter().all(ExperimentResult::holds);
     if args.json {

@@ -17,25 +17,6 @@ use judge::verdict::{Metric, Verdict};
 use recording::timeline::{Series, Timeline};
 use report::plot::{Colour, Patch, Plot, Shape};
 
-/// Extent of a reproduction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effort {
-    /// Everything.
-    Full,
-    /// Every experiment, with fewer plants, frequencies and settings, as a check that all of it works.
-    Reduced,
-}
-
-impl Effort {
-    /// Returns the number of things to play.
-    pub fn count(self, full: usize, reduced: usize) -> usize {
-        match self {
-            Self::Full => full,
-            Self::Reduced => reduced,
-        }
-    }
-}
-
 /// An experiment: data, and the function that evaluates its runs.
 pub struct Experiment {
     /// Name of the experiment for other programs.

@@ -6,7 +6,7 @@ use scenario::plant::{Mechanics, Sma, StressStrain};
 
 use super::bases;
 use super::experiment::{
-    Effort, Evaluation, Experiment, Keep, Kept, PlannedRun, Signals, currents, plot_over,
+    Evaluation, Experiment, Keep, Kept, PlannedRun, Signals, currents, plot_over,
 };
 use super::families::{repeat_loops, set_noise};
 use super::quantity::{Quantity, at_least, at_most, within};
@@ -35,8 +35,8 @@ const IDENTIFIED: [(&str, &str); 6] = [
 ];
 
 /// Returns the experiments of this file, in the order of the paper's figures.
-pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
-    vec![hysteresis(), martensite(), identification(effort)]
+pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
+    vec![hysteresis(), martensite(), identification(is_reduced)]
 }
 
 fn hysteresis() -> Experiment {
@@ -164,13 +164,13 @@ fn stresses() -> Evaluation {
     }
 }
 
-fn identification(effort: Effort) -> Experiment {
+fn identification(is_reduced: bool) -> Experiment {
     let excitation = bases::identify_excitation();
     let mut runs = vec![
         PlannedRun::new("ramp", bases::ramp(), Keep::IdentificationData),
         PlannedRun::new(RICH, excitation.clone(), Keep::IdentificationData),
     ];
-    if effort == Effort::Full {
+    if !is_reduced {
         let mut noisy = excitation;
         set_noise(&mut noisy, 1.0);
         runs.push(PlannedRun::new(NOISY, noisy, Keep::IdentificationData));

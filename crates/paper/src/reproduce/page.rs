@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::experiment::{Effort, ExperimentResult, NumberTable};
+use super::experiment::{ExperimentResult, NumberTable};
 use super::quantity::{Model, Quantity};
 use judge::verdict::Outcome;
 use report::page;
@@ -18,7 +18,7 @@ const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on 
     stands our law on another plant, drawn at random, of which it knows nothing.";
 
 /// Returns the page.
-pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
+pub(crate) fn to_html(is_reduced: bool, results: &[ExperimentResult]) -> String {
     let numbers = results.iter().flat_map(|one| &one.evaluation.numbers);
     let passed = Vec::from_iter(numbers.filter_map(|number| number.metric.passed));
     let judged = passed.len();
@@ -37,7 +37,7 @@ pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
         h1 { (title) }
         p { (page::badge(outcome)) }
         p.soft { (PREAMBLE) }
-        @if effort == Effort::Reduced { p.unsure { "Reduced: fewer plants, frequencies and settings." } }
+        @if is_reduced { p.unsure { "Reduced: fewer plants, frequencies and settings." } }
         dl.facts {
             div { dt { "experiments" } dd { (results.len()) } }
             div { dt { "runs" } dd { (runs) } }

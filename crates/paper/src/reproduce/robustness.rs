@@ -6,8 +6,7 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, band,
-    plot_over,
+    ComparedLaw, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, band, plot_over,
 };
 use super::quantity::{Quantity, at_most};
 use super::response::steps;
@@ -57,17 +56,13 @@ impl Contestant {
 }
 
 /// Returns the experiments of this file.
-pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
-    vec![plants(effort), other_truth()]
+pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
+    vec![plants(is_reduced), other_truth()]
 }
 
-fn plants(effort: Effort) -> Experiment {
-    let plants: Vec<Trial> = unknown_plants(effort.count(PLANTS, PLANTS_REDUCED))
-        .map(|plant| Trial {
-            expect: Expect::default(),
-            ..plant
-        })
-        .collect();
+fn plants(is_reduced: bool) -> Experiment {
+    let count = if is_reduced { PLANTS_REDUCED } else { PLANTS };
+    let plants = Vec::from_iter(unknown_plants(count));
     let contestant_runs = |contestant: Contestant| {
         let controller = contestant.is_tuned.then(bases::pid_over_plants);
         let decided_seconds = match contestant.law {
@@ -97,12 +92,15 @@ fn plants(effort: Effort) -> Experiment {
     }
 }
 
-/// Returns the first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
+/// Returns the first cases of `scenarios/sweeps/plants.toml` without limits: as many plants as are drawn there, without noise.
 fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
     let cases = bases::plants();
     (1..=count).map(move |number| {
         let plan = cases.case(number).plan().expect("a test makes every plant");
-        bases::only(&plan).clone()
+        Trial {
+            expect: Expect::default(),
+            ..bases::only(&plan).clone()
+        }
     })
 }
 

@@ -8,7 +8,7 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, plot_over,
+    ComparedLaw, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, plot_over,
 };
 use super::families::{set_noise, set_resolution};
 use report::plot::Shape;
@@ -60,8 +60,8 @@ const FILTER_COLUMNS: [TableColumn; 2] = [
 ];
 
 /// Returns the experiments of this file.
-pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
-    let count = effort.count(4, 2);
+pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
+    let count = if is_reduced { 2 } else { 4 };
     vec![
         Experiment {
             id: "cycle_time",
