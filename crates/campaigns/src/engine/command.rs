@@ -93,7 +93,6 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
         Some(runs) => {
             let words = ["--runs", &runs.to_string(), "--seed", &seed.to_string()];
             let arguments = words.map(str::to_owned).into();
-            let runs = runs as usize;
             let torture = TortureCases::new(plan, Draws { runs, seed });
             (Box::new(torture), arguments)
         }

@@ -112,21 +112,12 @@ fn command_line(words: &[String]) -> String {
 
 /// Writes numbers with runs of neighbours as ranges: 1-3,7.
 fn ranges(numbers: &[usize]) -> String {
-    let mut ranges: Vec<(usize, usize)> = Vec::new();
-    for number in numbers {
-        match ranges.last_mut() {
-            Some((_, last)) if *last + 1 == *number => *last = *number,
-            _ => ranges.push((*number, *number)),
-        }
-    }
-    let word = |(first, last): (usize, usize)| {
-        if first == last {
-            first.to_string()
-        } else {
-            format!("{first}-{last}")
-        }
-    };
-    ranges.into_iter().map(word).collect::<Vec<_>>().join(",")
+    let ranges = numbers.chunk_by(|one, next| one + 1 == *next);
+    let words = ranges.map(|range| match range {
+        [first, .., last] => format!("{first}-{last}"),
+        one => one.iter().map(usize::to_string).collect(),
+    });
+    words.collect::<Vec<_>>().join(",")
 }
 
 #[cfg(test)]

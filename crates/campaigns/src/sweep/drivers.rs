@@ -205,19 +205,13 @@ fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_unstable_by(|one, other| values[*one].total_cmp(&values[*other]));
     let mut ranks = vec![0.0; values.len()];
-    let mut rest = order.as_slice();
     let mut before = 0;
-    while let [first, ..] = rest {
-        let equal = rest
-            .iter()
-            .take_while(|place| values[**place] == values[*first]);
-        let count = equal.count().max(1);
-        let rank = before as f64 + (count as f64 - 1.0) / 2.0;
-        for place in &rest[..count] {
+    for equal in order.chunk_by(|one, next| values[*one] == values[*next]) {
+        let rank = before as f64 + (equal.len() as f64 - 1.0) / 2.0;
+        for place in equal {
             ranks[*place] = rank;
         }
-        before += count;
-        rest = &rest[count..];
+        before += equal.len();
     }
     ranks
 }

@@ -265,7 +265,7 @@ mod tests {
         let plan =
             Plan::parse_beside(&Beside::new(Path::new("s.toml")), text, catalogue()).unwrap();
         let draws = Draws {
-            runs: RUNS,
+            runs: u32::try_from(RUNS).unwrap(),
             seed: 1,
         };
         let cases = TortureCases::new(&plan, draws);

@@ -39,19 +39,11 @@ pub(crate) fn is_torture(folder: &Path) -> bool {
 #[derive(Args, Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub struct Draws {
     /// Number of random combinations of faults
-    #[arg(long, value_name = "COUNT", default_value_t = 1000, value_parser = runs)]
-    pub(crate) runs: usize,
+    #[arg(long, value_name = "COUNT", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) runs: u32,
     /// Seed of the random combinations
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub(crate) seed: u64,
-}
-
-fn runs(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(0) => Err("it must be at least 1".to_owned()),
-        Ok(runs) => Ok(runs),
-        Err(error) => Err(format!("{error}")),
-    }
 }
 
 /// Random mixes of faults in a scenario.
@@ -75,7 +67,7 @@ impl TortureCases {
             kind: "torture",
             id: id(&text, &plan.shared.tables),
             seed: draws.seed,
-            runs: draws.runs,
+            runs: draws.runs as usize,
             variations: draw::kinds(&Nodes(plan)).into_iter().map(counted).collect(),
             limits: Vec::new(),
             criterion: Some(CRITERION),

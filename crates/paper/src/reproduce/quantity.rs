@@ -1,6 +1,6 @@
 //! A number with the paper's value and its target.
 
-use scenario::expect::Limit;
+use scenario::expect::{self, Limit};
 use serde::Serialize;
 
 use judge::verdict::{Metric, Outcome, Verdict};
@@ -111,10 +111,7 @@ impl Quantity {
 
 /// Returns an upper limit.
 pub fn at_most(max: f64) -> Option<Limit> {
-    Some(Limit {
-        min: None,
-        max: Some(max),
-    })
+    Some(expect::at_most(max))
 }
 
 /// Returns a lower limit.

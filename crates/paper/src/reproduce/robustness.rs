@@ -30,29 +30,13 @@ const TARGETS: [f64; 2] = [0.21, 2.5];
 /// Number of the worst plants that are named.
 const WORST: usize = 3;
 
-/// A law on the unknown plants.
-#[derive(Clone, Copy)]
-struct Contestant {
-    law: ComparedLaw,
-    /// Whether it is tuned over plants. The shipped PID is tuned on one.
-    is_tuned: bool,
-}
+/// Label of the PID that is tuned over plants. The shipped one is tuned on a single plant.
+const TUNED: &str = "pid, tuned over plants";
 
-impl Contestant {
-    /// Returns the laws that are compared.
-    fn all() -> impl Iterator<Item = Self> {
-        let shipped = ComparedLaw::ALL.into_iter().map(|law| (law, false));
-        let all = shipped.chain([(ComparedLaw::Pid, true)]);
-        all.map(|(law, is_tuned)| Self { law, is_tuned })
-    }
-
-    fn label(self) -> &'static str {
-        if self.is_tuned {
-            "pid, tuned over plants"
-        } else {
-            self.law.name()
-        }
-    }
+/// Returns the laws that are compared on the unknown plants, each with its label.
+fn contestants() -> impl Iterator<Item = (ComparedLaw, &'static str)> {
+    let shipped = ComparedLaw::ALL.map(|law| (law, law.name()));
+    shipped.into_iter().chain([(ComparedLaw::Pid, TUNED)])
 }
 
 /// Returns the experiments of this file.
@@ -63,19 +47,19 @@ pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
 fn plants(is_reduced: bool) -> Experiment {
     let count = if is_reduced { PLANTS_REDUCED } else { PLANTS };
     let plants = Vec::from_iter(unknown_plants(count));
-    let contestant_runs = |contestant: Contestant| {
-        let controller = contestant.is_tuned.then(bases::pid_over_plants);
-        let decided_seconds = match contestant.law {
+    let contestant_runs = |(law, label): (ComparedLaw, &'static str)| {
+        let controller = (label == TUNED).then(bases::pid_over_plants);
+        let decided_seconds = match law {
             ComparedLaw::Pid => DECIDED_SECONDS_PID,
             _ => DECIDED_SECONDS,
         };
         let played = plants.iter().map(move |plant| {
-            let mut trial = contestant.law.plays(plant);
+            let mut trial = law.plays(plant);
             trial.run_mut().duration_seconds = HOLD_SECONDS + decided_seconds;
             if let Some(controller) = &controller {
                 trial.controller = controller.clone();
             }
-            PlannedRun::new(contestant.label(), trial, Keep::Verdict)
+            PlannedRun::new(label, trial, Keep::Verdict)
         });
         played.collect::<Vec<_>>()
     };
@@ -87,7 +71,7 @@ fn plants(is_reduced: bool) -> Experiment {
                loop hunts if its position swings by more than 0.25 mm in the last 5 s, and by 0.9 of the 5 s before at least: else it comes to \
                rest. The shipped PID is tuned on one plant; the other one over plants (scenarios/sweeps/pid.toml). The paper says in one \
                sentence that its controller is robust.",
-        runs: Contestant::all().flat_map(contestant_runs).collect(),
+        runs: contestants().flat_map(contestant_runs).collect(),
         evaluate: distributions,
     }
 }
@@ -107,8 +91,7 @@ fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
 fn distributions(runs: &[Kept]) -> Evaluation {
     let mut evaluation = Evaluation::default();
     let mut rows = Vec::new();
-    for contestant in Contestant::all() {
-        let (law, label) = (contestant.law, contestant.label());
+    for (law, label) in contestants() {
         let kept: Vec<&Kept> = runs.iter().filter(|run| run.label == label).collect();
         let sorted = |name: &str| {
             let mut values: Vec<f64> = kept
@@ -147,7 +130,7 @@ fn distributions(runs: &[Kept]) -> Evaluation {
                 .chain(spread(&peaks, 1))
                 .collect(),
         );
-        if !contestant.is_tuned {
+        if label != TUNED {
             evaluation.figures.extend([
                 distribution(law, "settling time (s)", &times, time_max),
                 distribution(law, "overshoot (%)", &peaks, peak_max),
