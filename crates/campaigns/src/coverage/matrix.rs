@@ -77,22 +77,21 @@ impl RequirementTest {
         let mut worst_first = results.to_vec();
         worst_first.sort_by_key(|(_, one)| Reverse(one.outcome));
         let (play, worst) = worst_first[0];
-        let (mut rows, mut measured) = (Vec::new(), BTreeMap::new());
+        let mut rows = Vec::new();
         for row in results.iter().filter_map(|(_, one)| one.row.as_ref()) {
             if !rows.contains(row) {
                 rows.push(row.clone());
             }
         }
-        for (_, one) in &worst_first {
-            if let (Some(row), Some(values)) = (&one.row, &one.measured) {
-                measured.entry(row.clone()).or_insert(values.clone());
-            }
-        }
+        // The worst one is last, and so replaces the others.
+        let values = worst_first.iter().rev();
+        let measured =
+            values.filter_map(|(_, one)| Some((one.row.clone()?, one.measured.clone()?)));
         Self {
             scenario: scenario.to_owned(),
             outcome: worst.outcome,
             rows,
-            measured,
+            measured: measured.collect(),
             run: play.folder.clone(),
             plays,
             version: play.version.clone(),

@@ -65,18 +65,19 @@ impl Play {
     fn read_run(folder: &Path) -> Result<Self, RecordedError> {
         require_run(folder)?;
         let (plan, verdict) = read_played(folder, catalogue())?;
-        let verdict = verdict.as_ref();
-        let is_untimed =
-            verdict.is_some_and(|verdict| is_decided(verdict.outcome) && verdict.timing.is_none());
+        let version = verdict.as_ref().map(|verdict| verdict.version.clone());
+        // Without a verdict the run is incomplete.
+        let verdict = verdict.unwrap_or_default();
+        let is_untimed = is_decided(verdict.outcome) && verdict.timing.is_none();
         let untimed = untimed(&plan, is_untimed);
         let test = |row: Option<String>| {
             let outcome = match &row {
                 Some(row) if untimed.contains(row) => Outcome::Inconclusive,
-                row => verdict_outcome(row.as_deref(), verdict),
+                row => verdict_outcome(row.as_deref(), &verdict),
             };
-            let metrics = verdict.iter().flat_map(|verdict| &verdict.metrics);
-            let mut row_metrics = metrics.filter(|metric| row.as_ref() == Some(&metric.name));
-            let measured = row_metrics.next().map(|metric| {
+            let mut metrics = verdict.metrics.iter();
+            let metric = metrics.find(|metric| row.as_ref() == Some(&metric.name));
+            let measured = metric.map(|metric| {
                 let limit = terminal::limit(&metric.name, metric.limit);
                 (terminal::measured(metric), limit)
             });
@@ -87,10 +88,10 @@ impl Play {
                 case: None,
             }
         };
-        let external = verdict.map_or(&[][..], |verdict| &verdict.external);
-        let kind = external.iter().map(|node| format!("external {node}"));
+        let external = verdict.external.iter();
+        let kind = external.map(|node| format!("external {node}"));
         Ok(Self {
-            version: verdict.map(|verdict| verdict.version.clone()),
+            version,
             sweep_runs: None,
             tested: tested(&plan, test),
             ..Self::named(folder, &plan, kind.collect())?
@@ -233,10 +234,7 @@ fn is_decided(outcome: Outcome) -> bool {
 }
 
 /// Returns the outcome of a row, or of the whole run, according to a verdict.
-fn verdict_outcome(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
-    let Some(verdict) = verdict else {
-        return Outcome::Incomplete;
-    };
+fn verdict_outcome(row: Option<&str>, verdict: &Verdict) -> Outcome {
     let Some(row) = row.filter(|_| is_decided(verdict.outcome)) else {
         return verdict.outcome;
     };
@@ -294,7 +292,7 @@ mod tests {
             // A sweep's row says the same.
             let run = SweepRow::from_verdict(1, "1f", &verdict);
             let in_sweep = outcome_in(&run, row.map(str::to_owned).as_ref(), &[]);
-            let in_run = verdict_outcome(row, Some(&verdict));
+            let in_run = verdict_outcome(row, &verdict);
             assert!(in_sweep == in_run || row == Some("gone"));
             in_run
         };
@@ -304,7 +302,8 @@ mod tests {
         assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
         assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
         assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);
-        assert_eq!(verdict_outcome(Some("met"), None), Outcome::Incomplete);
+        let none = Verdict::default();
+        assert_eq!(verdict_outcome(Some("met"), &none), Outcome::Incomplete);
     }
 
     #[test]

@@ -12,7 +12,6 @@ use crate::error::run;
 use plan::Plan;
 use runner::console::print_error;
 use runner::exit::{Exit, Failure};
-use runner::lines::EventLines;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
 use worlds::law_process::started_by;
@@ -49,18 +48,15 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, Failure> {
         let submit = args.scenario.display().to_string();
         return Estimate::print(&cases, args.part.threads, &submit);
     }
-    let lines = args.events.then_some(EventLines);
     let part = PartPlay {
-        output: &args.output,
+        args: &args.part,
         shard: args.part.shard()?,
-        is_for_engine: args.part.for_engine,
-        threads: args.part.threads,
+        output: &args.output,
         shown: if args.events {
-            Shown::Nothing
+            Shown::Events
         } else {
             Shown::unless(args.quiet)
         },
-        lines: lines.as_ref(),
         overrides: &args.values.all(),
     };
     part.play(&cases).map(|(exit, _)| exit)

@@ -18,8 +18,8 @@ use runner::exit::{Exit, Failure};
 pub(crate) enum Shown {
     All,
     Failures,
-    /// Another program reads the output.
-    Nothing,
+    /// Lines of JSON for another program.
+    Events,
 }
 
 impl Shown {
@@ -37,10 +37,10 @@ pub(crate) fn finish(
     shown: Shown,
 ) -> Result<Exit, Failure> {
     let summary = Summary::read(cases, rows)?;
-    let metrics = summary.metrics();
+    let metrics = summary.spreads.iter().map(|spread| spread.name.clone());
     let tables = Tables {
         cases,
-        metrics: &metrics,
+        metrics: &Vec::from_iter(metrics),
         rows,
     };
     folder.write_with(tables::CSV, |output| tables.write_csv(output))?;

@@ -139,7 +139,7 @@ mod tests {
         let odd = part("a", 1, "a");
         let parts = [odd.clone(), part("b", 2, "b"), odd, part("c", 1, "c")];
         let output = folder.path().join("merged");
-        let merge = |parts: &[PathBuf]| merge_parts(parts, &cases, &output, Shown::Nothing);
+        let merge = |parts: &[PathBuf]| merge_parts(parts, &cases, &output, Shown::Events);
         let error = merge(&parts[1..2]).unwrap_err();
         assert_eq!(error.exit, Exit::CannotStart);
         assert!(

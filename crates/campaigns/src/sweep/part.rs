@@ -173,14 +173,10 @@ fn slurm_shard(
 
 /// Parameters of a part's play.
 pub(crate) struct PartPlay<'a> {
-    pub(crate) output: &'a Path,
+    pub(crate) args: &'a PartArgs,
     pub(crate) shard: Shard,
-    /// Whether tables and page are left to `merge`.
-    pub(crate) is_for_engine: bool,
-    /// Number of runs at a time; without it one for each core.
-    pub(crate) threads: Option<u16>,
+    pub(crate) output: &'a Path,
     pub(crate) shown: Shown,
-    pub(crate) lines: Option<&'a EventLines>,
     /// Values of the command line, which the scenario already has.
     pub(crate) overrides: &'a [Override],
 }
@@ -195,7 +191,7 @@ impl PartPlay<'_> {
             rows.require_unwritten()?;
         }
         let mut campaign = Campaign::on_all_cores(self.shown == Shown::All);
-        campaign.threads = self.threads.map_or(campaign.threads, usize::from);
+        campaign.threads = self.args.threads.map_or(campaign.threads, usize::from);
         if self.shown == Shown::All {
             self.announce(cases, &rows, campaign.threads);
         }
@@ -206,7 +202,7 @@ impl PartPlay<'_> {
         } else {
             Some(self.play_rest(campaign, cases, &folder, &mut rows)?)
         };
-        let exit = if self.is_for_engine {
+        let exit = if self.args.for_engine {
             Exit::Pass
         } else {
             finish(&folder, cases, &rows, self.shown)?
@@ -220,15 +216,15 @@ impl PartPlay<'_> {
 
     /// Returns whether this process alone plays a whole campaign.
     pub(crate) fn is_whole(&self) -> bool {
-        self.shard == Shard::WHOLE && !self.is_for_engine
+        self.shard == Shard::WHOLE && !self.args.for_engine
     }
 
     /// Prints the progress for another program.
     fn report(&self, event: &str, cases: &dyn Cases, done: usize, folder: &RunFolder) {
-        if let Some(lines) = self.lines {
+        if self.shown == Shown::Events {
             let (of, folder) = (self.shard.cases(cases.facts().runs).len(), folder.path());
             let folder = folder.to_string_lossy();
-            lines.print(&json!({"event": event, "done": done, "of": of, "folder": folder}));
+            EventLines.print(&json!({"event": event, "done": done, "of": of, "folder": folder}));
         }
     }
 

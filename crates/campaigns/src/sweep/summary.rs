@@ -30,7 +30,7 @@ pub(super) struct Summary<'a> {
     pub runs: usize,
     /// Number of cases for each way to end.
     pub ended: BTreeMap<Ended, usize>,
-    /// Distribution of each metric.
+    /// Distribution of each metric that any case has, or that has a limit.
     pub spreads: Vec<MetricSpread>,
     /// Sensitivity of each metric with a limit, or of each broken invariant.
     pub driven: Vec<Driven>,
@@ -133,14 +133,6 @@ impl<'a> Summary<'a> {
                 id: row.id,
             });
         }
-    }
-
-    /// Returns the metrics that any case has, or that have a limit.
-    pub(super) fn metrics(&self) -> Vec<String> {
-        self.spreads
-            .iter()
-            .map(|spread| spread.name.clone())
-            .collect()
     }
 
     /// Returns the command that plays a case alone, in the folder of the campaign; `None` if none does.

@@ -67,12 +67,10 @@ fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
         return Estimate::print(&cases, args.part.threads, &submit);
     }
     let part = PartPlay {
-        output: &args.output,
+        args: &args.part,
         shard: args.part.shard()?,
-        is_for_engine: args.part.for_engine,
-        threads: args.part.threads,
+        output: &args.output,
         shown: Shown::unless(args.quiet),
-        lines: None,
         overrides: &[],
     };
     let (exit, rows) = part.play(&cases)?;
