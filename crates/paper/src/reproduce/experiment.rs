@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use scenario::Trial;
-use scenario::controller::{Controller, NominalModel};
+use scenario::controller::NominalModel;
 use scenario::events::Window;
 use scenario::expect::Expect;
 use scenario::plant::{Kinetics, Sma, StressStrain};
@@ -162,19 +162,12 @@ impl ComparedLaw {
         format!("{}, another plant", self.name())
     }
 
-    /// Returns the law with its shipped gains: an empty table in a scenario.
-    fn controller(self) -> Controller {
-        let text = format!("[{}]", self.name());
-        toml::from_str(&text).expect("a law that ships")
-    }
-
-    /// Returns the scenario under this law. The limits are meant for `sliding_mode`; those of other laws are only
-    /// reported.
+    /// Returns the scenario under this law with its shipped gains. The limits are meant for `sliding_mode`; those of other laws
+    /// are only reported.
     pub fn plays(self, base: &Trial) -> Trial {
-        let mut scenario = Trial {
-            controller: self.controller(),
-            ..base.clone()
-        };
+        let mut scenario = base.clone();
+        let shipped = format!("[{}]", self.name());
+        scenario.controller = toml::from_str(&shipped).expect("a law that ships");
         if self != Self::SlidingMode {
             scenario.expect = Expect::default();
         }
@@ -204,15 +197,14 @@ impl PlannedRun {
     }
 
     /// Returns one run for each law.
-    pub fn for_laws(base: &Trial, laws: &[ComparedLaw], keep: Keep) -> Vec<Self> {
-        let run = |law: &ComparedLaw| Self::new(law.name(), law.plays(base), keep);
-        laws.iter().map(run).collect()
+    pub fn for_laws(base: &Trial, keep: Keep) -> Vec<Self> {
+        let run = |law: ComparedLaw| Self::new(law.name(), law.plays(base), keep);
+        ComparedLaw::ALL.map(run).into()
     }
 
-    /// Returns the runs of [`PlannedRun::for_laws`] for all laws, and one of `sliding_mode` on another plant, without
-    /// limits.
+    /// Returns the runs of [`PlannedRun::for_laws`], and one of `sliding_mode` on another plant, without limits.
     pub fn with_twin(base: &Trial, keep: Keep) -> Vec<Self> {
-        let mut runs = Self::for_laws(base, &ComparedLaw::ALL, keep);
+        let mut runs = Self::for_laws(base, keep);
         let law = ComparedLaw::SlidingMode;
         let twin = Trial {
             plant: bases::twin(),

@@ -214,7 +214,7 @@ fn p95(sorted: &[f64]) -> Result<f64, String> {
 
 fn other_truth() -> Experiment {
     let keep = Keep::Signals(Window::new(9.9, 12.0));
-    let mut runs = PlannedRun::for_laws(&bases::step_other_truth(), &ComparedLaw::ALL, keep);
+    let mut runs = PlannedRun::for_laws(&bases::step_other_truth(), keep);
     let nominal = Trial {
         expect: Expect::default(),
         ..bases::step()
