@@ -10,6 +10,7 @@ use jiff::Timestamp;
 use platform::clock::Clock;
 use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use scenario::Override;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Failure;
@@ -74,16 +75,24 @@ impl PlayRecord {
     /// # Errors
     /// The file cannot be read, or is damaged.
     pub fn read(folder: &Path) -> Result<Option<Self>, Failure> {
-        let read = || {
-            let text = scenario::read_text(&file_in(folder, file::PLAYED)?, BYTES_MAX)?;
-            serde_json::from_str(&text)
-                .map_err(|error| io::Error::other(format!("it is damaged: {error}")))
-        };
-        match read() {
-            Ok(record) => Ok(Some(record)),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(unreadable(folder.join(file::PLAYED))(error)),
-        }
+        read_json(folder, file::PLAYED)
+    }
+}
+
+/// Reads a file of JSON in a folder that may be foreign; `None` if it is not there.
+///
+/// # Errors
+/// The file cannot be read, or is damaged.
+pub fn read_json<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Option<T>, Failure> {
+    let read = || {
+        let text = scenario::read_text(&file_in(folder, name)?, BYTES_MAX)?;
+        serde_json::from_str(&text)
+            .map_err(|error| io::Error::other(format!("it is damaged: {error}")))
+    };
+    match read() {
+        Ok(record) => Ok(Some(record)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(unreadable(folder.join(name))(error)),
     }
 }
 

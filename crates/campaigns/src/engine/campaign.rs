@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::exit::Failure;
-use runner::play_record::PlayRecord;
+use runner::play_record::{PlayRecord, read_json};
 use scenario::Override;
 use serde::{Deserialize, Serialize};
 
@@ -25,9 +25,7 @@ use crate::sweep::store::{Header, Rows};
 /// Folder of the engine's files, in the folder of the campaign.
 const ENGINE: &str = file::ENGINE;
 /// Record of the job.
-pub(super) const RECORD: &str = "engine/campaign.json";
-/// Largest record that is read.
-const RECORD_BYTES_MAX: u64 = 16 << 20;
+const RECORD: &str = "engine/campaign.json";
 /// Copy of this program.
 const PROGRAM: &str = "engine/canrig";
 /// Folder of the tasks' output.
@@ -102,11 +100,8 @@ impl SharedCampaign<'_> {
     }
 
     /// Reads the record; `None` if no job was submitted.
-    pub(super) fn record(&self) -> Result<Option<Record>, io::Error> {
-        match scenario::read_text(&self.path().join(RECORD), RECORD_BYTES_MAX) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            text => Ok(Some(serde_json::from_str(&text?)?)),
-        }
+    pub(super) fn record(&self) -> Result<Option<Record>, Failure> {
+        read_json(&self.path(), RECORD)
     }
 
     pub(super) fn keep(&self, record: &Record) -> Result<(), WriteError> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::campaign::{RECORD, Record, SharedCampaign, Submitted};
+use super::campaign::{Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, wait};
 use super::{EngineKind, Limits};
 use crate::error::run;
@@ -15,7 +15,7 @@ use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::merge::merge_parts;
 use crate::sweep::shard::SHARDS_MAX;
-use crate::sweep::store::{Header, read_error};
+use crate::sweep::store::Header;
 use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
 use plan::Plan;
@@ -123,7 +123,7 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
 /// Returns the record of the campaign, changed as the command line says.
 fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Failure> {
     let path = campaign.path();
-    let known = campaign.record().map_err(read_error(&path.join(RECORD)))?;
+    let known = campaign.record()?;
     let refused = |reason: String| Err(Exit::CannotStart.because(reason));
     let limits = |known: Limits| Limits {
         minutes: args.task_minutes.or(known.minutes),

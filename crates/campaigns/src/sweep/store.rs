@@ -42,7 +42,7 @@ fn broken(reason: impl ToString) -> Failure {
     Exit::BenchFailed.because(reason)
 }
 
-pub(crate) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> Failure {
+fn read_error(path: &Path) -> impl FnOnce(io::Error) -> Failure {
     move |error| broken(format!("{} cannot be read: {error}", path.display()))
 }
 

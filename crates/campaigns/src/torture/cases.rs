@@ -1,15 +1,13 @@
 //! Cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
 
-use std::io;
 use std::path::Path;
 
 use clap::Args;
 use faults::Stream;
 use plan::Plan;
 use recording::capture::Watch;
-use recording::run_folder::file_in;
 use runner::exit::Failure;
-use runner::recorded::unreadable;
+use runner::play_record::read_json;
 use serde::{Deserialize, Serialize};
 
 use super::command::{broken_in, shrink_all};
@@ -27,8 +25,6 @@ const FILE: &str = "torture.json";
 /// Criterion of the runs, for the page.
 const CRITERION: &str = "The limits of the scenario are left out: each run is held against invariants, such as that no current flows once \
     the SYNC is missing for longer than the drive waits for it.";
-/// Largest file that is read.
-const BYTES_MAX: u64 = 1 << 20;
 
 /// Returns whether a folder is one of torture.
 pub(crate) fn is_torture(folder: &Path) -> bool {
@@ -79,15 +75,8 @@ impl TortureCases {
 
     /// Reads the cases of a part's folder; `None` if it is not one of torture.
     pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Option<Self>, Failure> {
-        let text = file_in(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
-        let text = match text {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            text => text,
-        };
-        let draws = text
-            .and_then(|text| Ok(serde_json::from_str(&text)?))
-            .map_err(unreadable(folder.join(FILE)))?;
-        Ok(Some(Self::new(plan, draws)))
+        let draws = read_json(folder, FILE)?;
+        Ok(draws.map(|draws| Self::new(plan, draws)))
     }
 
     /// Returns the scenario with the mix of a case, numbered from 1.
