@@ -60,6 +60,7 @@ impl ClockedPlant {
     /// stays.
     #[inline]
     pub(crate) fn advance_to(&mut self, now: Duration) {
+        debug_assert!(!self.parts.is_empty(), "another drive holds the plants");
         let elapsed = now.saturating_sub(self.time);
         if elapsed.is_zero() {
             return;

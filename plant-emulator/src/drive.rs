@@ -51,7 +51,8 @@ pub struct Drive {
     sensor: PositionSensor,
     amplifier: Amplifier,
     protection: ThermalProtection,
-    /// The plant with its inputs, while this drive holds it; else empty.
+    /// The plant with its inputs and the time, while this drive holds it; else empty, and its time is 0. So a drive is advanced,
+    /// disturbed and given a current only while it holds the plant.
     pub(crate) plant: ClockedPlant,
     /// Ports of the plant for amplifier and sensor.
     wires: Wires,

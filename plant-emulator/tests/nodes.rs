@@ -544,4 +544,6 @@ fn a_manager_that_was_never_heard_is_lost_too() {
     }
     assert!((80..=100).contains(&heated), "{heated} cycles");
     assert_eq!(manager.current_amperes(), 0.0);
+    assert_eq!(manager.last(0x090).expect("an EMCY")[..2], [0x30, 0x81]);
+    assert_eq!(manager.last(0x710), Some(&[0x7F][..]), "Pre-operational");
 }

@@ -107,12 +107,11 @@ impl<'s, 't> Reader<'s, 't> {
     /// Checks that each object in the lists of supported objects is described.
     fn check_object_lists(&mut self) -> Result<(), EdsError> {
         let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
-        for item in lists
-            .iter()
-            .filter_map(|list| self.sections.get(*list))
-            .flat_map(Section::items)
-            .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
-        {
+        let sections = lists.iter().filter_map(|list| self.sections.get(*list));
+        let is_number = |item: &&Item<'_>| item.key.bytes().all(|letter| letter.is_ascii_digit());
+        let mut items = Vec::from_iter(sections.flat_map(Section::items).filter(is_number));
+        items.sort_by_key(|item| item.line);
+        for item in items {
             let index = item.integer(self.node_id)?;
             if !self.sections.contains_key(&format!("{index:04x}")) {
                 let reason = format!("there is no section [{index:04X}]");

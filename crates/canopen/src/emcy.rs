@@ -109,11 +109,17 @@ impl EmergencyMessage {
     }
 }
 
+/// Condition that lasts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Condition {
+    code: ErrorCode,
+    source: u16,
+}
+
 /// EMCY producer of a node.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Emcy {
-    /// Conditions that last, each with its source.
-    active: Vec<(ErrorCode, u16)>,
+    active: Vec<Condition>,
     queue: VecDeque<[u8; 8]>,
     cob_id: Option<u16>,
     inhibit_time: Duration,
@@ -180,7 +186,7 @@ impl Emcy {
         if self.is_active(code, source) || self.active.len() >= ACTIVE_MAX {
             return;
         }
-        self.active.push((code, source));
+        self.active.push(Condition { code, source });
         record(dictionary, code, manufacturer);
         self.announce(dictionary, code, manufacturer);
     }
@@ -194,7 +200,7 @@ impl Emcy {
         source: u16,
     ) {
         let mut active = self.active.iter();
-        let Some(place) = active.position(|active| *active == (code, source)) else {
+        let Some(place) = active.position(|active| *active == Condition { code, source }) else {
             return;
         };
         self.active.swap_remove(place);
@@ -207,7 +213,7 @@ impl Emcy {
     /// Checks whether a condition is active.
     #[inline]
     pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
-        self.active.contains(&(code, source))
+        self.active.contains(&Condition { code, source })
     }
 
     /// Returns the next message, once the inhibit time has passed.
@@ -235,7 +241,8 @@ impl Emcy {
         code: ErrorCode,
         manufacturer: [u8; 5],
     ) {
-        let bits = self.active.iter().map(|(code, _)| code.register_bits());
+        let active = self.active.iter();
+        let bits = active.map(|condition| condition.code.register_bits());
         let register = bits.fold(0, |all, bits| all | bits);
         set(dictionary, ERROR_REGISTER, 0, u32::from(register));
         if self.queue.len() >= QUEUE_LENGTH {

@@ -101,7 +101,7 @@ pub(crate) enum Watch {
     Normal,
     /// The node is back after a loss.
     Recovered,
-    /// The node booted although it had been alive: its former activity is over.
+    /// The node booted although it was alive: its former activity is over.
     Rebooted,
 }
 
@@ -110,12 +110,14 @@ pub(crate) enum Watch {
 struct Monitor {
     node_id: NodeId,
     time: Duration,
-    /// Deadline from the first heartbeat on, until the loss.
+    /// Deadline of the next heartbeat, until the loss.
     deadline: Option<Duration>,
+    /// Whether a heartbeat began the present watch; else the node is only expected.
+    is_alive: bool,
     is_lost: bool,
 }
 
-/// Consumer of other nodes' heartbeats. The watch over a node begins with its first heartbeat (CiA 301).
+/// Consumer of other nodes' heartbeats. The watch over a node begins with its first heartbeat (CiA 301), or when it is expected.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeartbeatConsumer {
     monitors: Vec<Option<Monitor>>,
@@ -130,7 +132,7 @@ impl HeartbeatConsumer {
         self.monitors.extend(entries);
     }
 
-    /// Reads one entry again after a write. If the node had been heard, its new time counts from `now`. The node that the entry
+    /// Reads one entry again after a write. If its node is under watch, the new time counts from `now`. The node that the entry
     /// watched before is returned, so that its loss can be ended.
     pub(crate) fn configure(
         &mut self,
@@ -145,7 +147,7 @@ impl HeartbeatConsumer {
         if let (Some(old), Some(new)) = (old, slot.as_mut())
             && old.node_id == new.node_id
         {
-            new.is_lost = old.is_lost;
+            (new.is_lost, new.is_alive) = (old.is_lost, old.is_alive);
             new.deadline = old.deadline.map(|_| now + new.time);
             return None;
         }
@@ -158,10 +160,18 @@ impl HeartbeatConsumer {
         monitors.any(|monitor| monitor.node_id == node_id)
     }
 
-    /// Begins the watch over the nodes that are not watched yet, as if they had been heard.
+    /// Begins the watch over the nodes that are not under watch, before their first heartbeat. A boot-up ends it again.
     pub(crate) fn expect(&mut self, now: Duration) {
         for monitor in self.monitors.iter_mut().flatten() {
             monitor.deadline.get_or_insert(now + monitor.time);
+        }
+    }
+
+    /// Ends the watch over the nodes that were expected and not heard.
+    pub(crate) fn forget_expected(&mut self) {
+        let monitors = self.monitors.iter_mut().flatten();
+        for monitor in monitors.filter(|monitor| !monitor.is_alive) {
+            monitor.deadline = None;
         }
     }
 
@@ -177,7 +187,8 @@ impl HeartbeatConsumer {
             return Watch::Normal;
         };
         if state == NmtState::Initialising {
-            let was_alive = monitor.deadline.take().is_some();
+            monitor.deadline = None;
+            let was_alive = std::mem::take(&mut monitor.is_alive);
             monitor.is_lost |= was_alive;
             return if was_alive {
                 Watch::Rebooted
@@ -186,6 +197,7 @@ impl HeartbeatConsumer {
             };
         }
         monitor.deadline = Some(now + monitor.time);
+        monitor.is_alive = true;
         if std::mem::take(&mut monitor.is_lost) {
             Watch::Recovered
         } else {
@@ -200,6 +212,7 @@ impl HeartbeatConsumer {
             |monitor: &&mut Monitor| monitor.deadline.is_some_and(|deadline| now >= deadline);
         let monitor = monitors.find(is_overdue)?;
         monitor.deadline = None;
+        monitor.is_alive = false;
         monitor.is_lost = true;
         Some(monitor.node_id)
     }
@@ -225,6 +238,7 @@ fn monitor(dictionary: &ObjectDictionary, sub_index: u8) -> Option<Monitor> {
         node_id,
         time,
         deadline: None,
+        is_alive: false,
         is_lost: false,
     })
 }

@@ -426,7 +426,8 @@ impl ObjectDictionary {
     }
 
     /// Returns the objects of a PDO like another one of this dictionary, whose parameters and mapping are at `like`. It has the
-    /// same parameters at `at`, with an identifier and mapped objects of its own.
+    /// same parameters at `at`, with an identifier and mapped objects of its own; the names of its entries are those of the copied
+    /// PDO.
     pub fn pdo_like(
         &self,
         like: [u16; 2],

@@ -76,7 +76,7 @@ impl Services {
             dropped_frames: 0,
             dictionary,
         };
-        services.reset(0x0000..=0xFFFF);
+        services.restart();
         Ok(services)
     }
 
@@ -203,7 +203,7 @@ impl Services {
     }
 
     /// Begins the watch over all nodes of 0x1016 now, also over those that were never heard: CiA 301 begins it with the first
-    /// heartbeat of each.
+    /// heartbeat of each. The watch over a node that stays unheard ends when this node leaves Operational.
     pub fn expect_heartbeats(&mut self) {
         self.monitors.expect(self.now);
     }
@@ -292,6 +292,11 @@ impl Services {
     /// Restores the defaults of a range of indices, and the state of all services after power-on.
     pub(crate) fn reset(&mut self, indices: std::ops::RangeInclusive<u16>) {
         self.dictionary.restore_defaults(indices);
+        self.restart();
+    }
+
+    /// Gives all services the state after power-on, with the dictionary's present values.
+    fn restart(&mut self) {
         let dictionary = &self.dictionary;
         self.sync.reset(dictionary);
         self.monitors.reset(dictionary);
@@ -314,6 +319,7 @@ impl Services {
         if was_operational {
             self.rpdos.iter_mut().for_each(Rpdo::stop);
             self.tpdos.iter_mut().for_each(Tpdo::stop);
+            self.monitors.forget_expected();
         }
         if state == NmtState::Operational {
             let now = self.now;

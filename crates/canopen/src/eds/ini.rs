@@ -54,7 +54,7 @@ impl<'t> Section<'t> {
         item.filter(|item| !item.value.is_empty())
     }
 
-    /// Returns all items, sorted by key.
+    /// Returns all items, sorted by key as text.
     pub(super) fn items(&self) -> impl Iterator<Item = &Item<'t>> {
         self.items.values()
     }

@@ -195,6 +195,54 @@ fn a_watched_node_that_boots_is_lost() {
     assert_eq!(losses(&mut bench), [Heard::Recovery(loss(1))]);
 }
 
+/// Makes a device in Operational that expects node 1 within 50 ms.
+fn expecting() -> Bench {
+    let mut bench = Bench::operational();
+    bench.write(0x1016, 1, &consumer_time(1, 50)).unwrap();
+    bench.device.services.expect_heartbeats();
+    bench.heard();
+    bench
+}
+
+#[test]
+fn a_node_that_is_expected_and_stays_silent_is_lost() {
+    let mut bench = expecting();
+    let sent = bench.pass(milliseconds(200));
+    assert_eq!(sent, [(50.0, "090#3081110100000000".to_owned())]);
+    assert_eq!(losses(&mut bench), [Heard::Loss(loss(1))]);
+    assert_eq!(bench.send(0x701, &[5]), ["090#0000003081010000"]);
+    assert_eq!(losses(&mut bench), [Heard::Recovery(loss(1))]);
+}
+
+#[test]
+fn a_node_that_is_expected_and_heard_is_watched_as_any_other() {
+    let mut bench = expecting();
+    bench.pass(milliseconds(40));
+    assert!(bench.send(0x701, &[5]).is_empty());
+    assert!(bench.pass(milliseconds(40)).is_empty());
+    assert!(losses(&mut bench).is_empty());
+    bench.send(0x701, &[0]);
+    assert_eq!(losses(&mut bench), [Heard::Loss(loss(1))]);
+}
+
+#[test]
+fn the_boot_up_of_a_node_that_is_expected_is_no_loss_and_ends_the_watch() {
+    let mut bench = expecting();
+    assert!(bench.send(0x701, &[0]).is_empty());
+    assert!(bench.pass(milliseconds(200)).is_empty());
+    assert!(losses(&mut bench).is_empty());
+}
+
+#[test]
+fn outside_operational_only_nodes_that_were_heard_are_watched() {
+    let mut bench = expecting();
+    bench.write(0x1016, 2, &consumer_time(2, 50)).unwrap();
+    bench.send(0x702, &[5]);
+    bench.send(0, &[128, ID]);
+    bench.pass(milliseconds(200));
+    assert_eq!(losses(&mut bench), [Heard::Loss(loss(2))]);
+}
+
 #[test]
 fn a_manager_sees_boot_ups_and_states_of_all_nodes() {
     let mut bench = Bench::new();
