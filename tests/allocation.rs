@@ -6,7 +6,7 @@ use std::fs;
 use std::time::Duration;
 
 use can::{CanFrame, Node};
-use controller::{Controller, ControllerNode};
+use controller::{ControllerNode, controller_node};
 use plant_emulator::{PlantEmulator, catalogue};
 use platform::counting_allocator::allocations;
 use scenario::{Trial, without_colours};
@@ -59,7 +59,7 @@ impl World {
         let scenario = Trial::load(&path).unwrap();
         let view = scenario.controller_view();
         Self {
-            controller: Counted::new(Controller::node(&view).unwrap()),
+            controller: Counted::new(controller_node(&view).unwrap()),
             rig: Counted::new(catalogue::emulator(&scenario).unwrap()),
             now: Duration::ZERO,
             // The bus itself must not allocate.

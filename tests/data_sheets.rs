@@ -58,7 +58,7 @@ impl Sheet {
         let node: Box<dyn Node> = match self.node_id {
             0x01 => {
                 let view = scenario.controller_view();
-                Box::new(controller::Controller::node(&view).unwrap())
+                Box::new(controller::controller_node(&view).unwrap())
             }
             _ => Box::new(catalogue::emulator(&scenario).unwrap()),
         };

@@ -30,4 +30,4 @@ mod test_rig;
 mod turns;
 
 pub use error::ControllerError;
-pub use node::{Controller, ControllerNode};
+pub use node::{ControllerNode, Leader, controller_node, controller_node_of_loops};

@@ -123,8 +123,14 @@ impl Program<'_> {
     }
 }
 
-/// Whether the drive is configured, or the reason why it cannot be.
-pub(crate) type Outcome = Result<bool, String>;
+/// Progress of a bring-up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Progress {
+    /// Answers of the drive are awaited.
+    Busy,
+    /// The drive is configured.
+    Configured,
+}
 
 /// The program of SDO transfers that configures the drive.
 #[derive(Debug)]
@@ -186,7 +192,7 @@ impl BringUp {
     }
 
     /// Begins the program; returns as [`BringUp::advance`].
-    pub(crate) fn begin(&mut self, services: &mut Services) -> Outcome {
+    pub(crate) fn begin(&mut self, services: &mut Services) -> Result<Progress, String> {
         self.client.reset();
         (self.next, self.differs) = (0, false);
         self.advance(services)
@@ -209,17 +215,17 @@ impl BringUp {
         self.client.next_deadline()
     }
 
-    /// Continues the program as far as the answers allow. Returns whether it is done.
+    /// Continues the program as far as the answers allow.
     ///
     /// # Errors
     /// The drive is another one, or does not accept its configuration.
-    pub(crate) fn advance(&mut self, services: &mut Services) -> Outcome {
+    pub(crate) fn advance(&mut self, services: &mut Services) -> Result<Progress, String> {
         if let Some(result) = self.client.take_result() {
             self.on_result(result)?;
         }
         while !self.client.is_busy() {
             let Some(step) = self.steps.get(self.next) else {
-                return Ok(true);
+                return Ok(Progress::Configured);
             };
             match step.action {
                 Action::NewGroup => self.differs = false,
@@ -228,12 +234,12 @@ impl BringUp {
                     let started = step.start(&mut self.client, services.now());
                     started.map_err(|error| error.to_string())?;
                     self.drain(services);
-                    return Ok(false);
+                    return Ok(Progress::Busy);
                 }
             }
             self.next += 1;
         }
-        Ok(false)
+        Ok(Progress::Busy)
     }
 
     /// Checks the answer to the present step.

@@ -36,41 +36,41 @@ pub use drive::ENABLE_TIME;
 use drive::LedDrive;
 use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
-pub use sequence::Controller;
+pub use sequence::Leader;
 use sequence::{CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY, watch_entry};
 
 /// The controller as a node.
-pub type ControllerNode = Device<Controller>;
+pub type ControllerNode = Device<Leader>;
 
-impl Controller {
-    /// Makes a controller from the part of a scenario that it may know.
-    ///
-    /// # Errors
-    /// The scenario selects no law, or an EDS does not fit.
-    pub fn node(view: &ControllerView) -> Result<ControllerNode, ControllerError> {
-        Self::node_of_loops([(view, None)], &no_player)
-    }
+/// Makes a controller from the part of a scenario that it may know.
+///
+/// # Errors
+/// The scenario selects no law, or an EDS does not fit.
+pub fn controller_node(view: &ControllerView) -> Result<ControllerNode, ControllerError> {
+    controller_node_of_loops([(view, None)], &no_player)
+}
 
-    /// Works as [`Controller::node`], for several loops with their drives: emulated ones, or real ones with their EDS,
-    /// whose limits the controller obeys. `start` starts the processes that play laws.
-    ///
-    /// # Errors
-    /// As [`Controller::node`].
-    pub fn node_of_loops<'a>(
-        loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a str)>)>,
-        start: StartPlayer<'_>,
-    ) -> Result<ControllerNode, ControllerError> {
-        let mut plans = Vec::new();
-        let mut io_nodes = Vec::new();
-        for (view, real_drive) in loops {
-            plans.push(LoopPlan::new(view, real_drive)?);
-            for io in &view.wiring.nodes.io {
-                io_nodes.push(node_id(io.id)?);
-            }
+/// Works as [`controller_node`], for several loops with their drives: emulated ones, or real ones with their EDS, whose
+/// limits the controller obeys. `start` starts the processes that play laws.
+///
+/// # Errors
+/// As [`controller_node`].
+pub fn controller_node_of_loops<'a>(
+    loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a str)>)>,
+    start: StartPlayer<'_>,
+) -> Result<ControllerNode, ControllerError> {
+    let mut plans = Vec::new();
+    let mut io_nodes = Vec::new();
+    for (view, real_drive) in loops {
+        plans.push(LoopPlan::new(view, real_drive)?);
+        for io in &view.wiring.nodes.io {
+            io_nodes.push(node_id(io.id)?);
         }
-        Self::leading(plans, io_nodes, start)
     }
+    Leader::leading(plans, io_nodes, start)
+}
 
+impl Leader {
     fn leading(
         plans: Vec<LoopPlan<'_>>,
         io_nodes: Vec<NodeId>,
@@ -125,7 +125,7 @@ impl Controller {
                 missing: 0,
             }
         });
-        let controller = Controller {
+        let leader = Self {
             loops: loops.collect(),
             laws,
             io_nodes,
@@ -134,7 +134,7 @@ impl Controller {
             phase: Phase::Off,
             failure: None,
         };
-        Ok(Device::new(own_id, dictionary, controller)?)
+        Ok(Device::new(own_id, dictionary, leader)?)
     }
 }
 

@@ -52,13 +52,21 @@ pub struct State {
 /// Derivatives of position, velocity, fraction and temperature with respect to time; the unknown heating is constant.
 type Rate = [f64; 4];
 
-/// Direction of the phase transformation, chosen by the sign of `dT/dt`.
+/// Direction of the phase transformation, chosen by the sign of `dT/dt`. Arrays with a value for each branch are in this
+/// order.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Branch {
     /// Martensite to austenite.
-    Heating,
+    Heating = 0,
     /// Austenite to martensite.
-    Cooling,
+    Cooling = 1,
+}
+
+/// `a` and `b` of Eq. (10) for a branch.
+#[derive(Clone, Copy, Debug)]
+struct Transformation {
+    steepness: f64,
+    centre_celsius: f64,
 }
 
 /// `dξ/dT` along a branch and its derivatives.
@@ -142,7 +150,7 @@ pub struct LocalModel<'a> {
     mechanical_jerk: f64,
     /// Derivative of the acceleration with respect to `ξ`.
     acceleration_by_fraction: f64,
-    /// `dξ/dT` in 1/K on either branch.
+    /// `dξ/dT` in 1/K, by [`Branch`].
     per_kelvin: [f64; 2],
 }
 
@@ -188,8 +196,8 @@ pub struct NominalModel {
     resistance: f64,
     loss: f64,
     rest_temperature: f64,
-    /// `a` and `b` of Eq. (10) on either branch.
-    transformations: [(f64, f64); 2],
+    /// By [`Branch`].
+    transformations: [Transformation; 2],
     austenite_stiffness: f64,
     elongation: f64,
     ratio: f64,
@@ -276,7 +284,8 @@ impl NominalModel {
 
     /// Returns `aA` and `aM` of Eq. (2) in 1/K.
     pub(crate) fn steepnesses(&self) -> [f64; 2] {
-        self.transformations.map(|(steepness, _)| steepness)
+        self.transformations
+            .map(|transformation| transformation.steepness)
     }
 
     /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).
@@ -318,7 +327,7 @@ impl NominalModel {
     #[inline]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
         let fraction = state.martensite_fraction;
-        let (a, _) = self.transformations[branch as usize];
+        let a = self.transformations[branch as usize].steepness;
         let martensite = 1.0 / (1.0 + self.exponential(branch, state.temperature_celsius));
         let austenite = 1.0 - martensite;
         match branch {
@@ -367,14 +376,14 @@ impl NominalModel {
     pub fn temperature_on(&self, curve: &BranchCurve, martensite_fraction: f64) -> f64 {
         let share =
             ((martensite_fraction - curve.floor) / curve.span).clamp(SHARE_MIN, 1.0 - SHARE_MIN);
-        let (steepness, centre) = self.transformations[curve.branch as usize];
-        libm::log(1.0 / share - 1.0) / steepness + centre
+        let transformation = self.transformations[curve.branch as usize];
+        libm::log(1.0 / share - 1.0) / transformation.steepness + transformation.centre_celsius
     }
 
     /// Returns `exp(a (T − b))` of Eq. (2).
     fn exponential(&self, branch: Branch, temperature_celsius: f64) -> f64 {
-        let (steepness, centre) = self.transformations[branch as usize];
-        libm::exp(steepness * (temperature_celsius - centre))
+        let transformation = self.transformations[branch as usize];
+        libm::exp(transformation.steepness * (temperature_celsius - transformation.centre_celsius))
     }
 
     /// Returns the stiffness of the wire in N/m, Eq. (9).
@@ -522,10 +531,12 @@ impl NominalModel {
     }
 }
 
-/// Returns `a` and `b` of Eq. (10) for a branch between two temperatures.
-fn transformation(cold_celsius: f64, hot_celsius: f64) -> (f64, f64) {
-    let steepness = TRANSFORMATION_STEEPNESS / (hot_celsius - cold_celsius);
-    (steepness, (cold_celsius + hot_celsius) / 2.0)
+/// Returns the constants of a branch between two temperatures.
+fn transformation(cold_celsius: f64, hot_celsius: f64) -> Transformation {
+    Transformation {
+        steepness: TRANSFORMATION_STEEPNESS / (hot_celsius - cold_celsius),
+        centre_celsius: (cold_celsius + hot_celsius) / 2.0,
+    }
 }
 
 fn moved(state: &State, rate: &Rate, seconds: f64) -> State {

@@ -6,7 +6,7 @@ use std::fmt;
 use std::time::Duration;
 
 use scenario::controller::Controller;
-use scenario::law_ports::{self, LawWires, WrongPort};
+use scenario::law_ports::{self, WrongPort};
 use scenario::port::{Port, Ports};
 use scenario::process_law::{PlayedPort, Plays, ProcessLaw};
 use scenario::wiring::{LoopFacts, Wiring};
@@ -103,13 +103,14 @@ impl Part {
             outputs: outputs.chain(terms).collect(),
         };
         let loops = wiring.led_loops();
-        // Ports without a meaning have no range; they are refused where they are wired.
-        let wires = LawWires::for_all_loops(&ports, &loops).unwrap_or_default();
-        let commands = wires.outputs.iter().filter(|output| output.is_command);
-        let ranges = commands.map(|output| {
-            let CurrentRange { min, max, .. } = loops[output.index].current;
-            [min / output.factor, max / output.factor]
-        });
+        // A process is told one range for each of `writes`. A port without a meaning is refused where it is wired.
+        let range = |port: &PlayedPort| {
+            let writing = law_ports::writing(&output(port, wiring), &loops).ok()?;
+            let CurrentRange { min, max, .. } = loops[writing.index].current;
+            let is_command = writing.is_command;
+            is_command.then_some([min / writing.factor, max / writing.factor])
+        };
+        let ranges = law.writes.iter().map(|port| range(port).unwrap_or(ANY));
         let name = |port: &PlayedPort| name_in_loop(&port.signal, wiring).to_owned();
         let named = |ports: &[PlayedPort]| ports.iter().map(name).collect();
         let all = [&law.reads, &law.writes, &law.terms].into_iter().flatten();
@@ -263,7 +264,8 @@ mod tests {
         let (part, wrong) = written(Command::Voltage, "voltage_volts");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
         assert_eq!(part.ranges, [[-2.0, 4.0]]);
-        let (_, wrong) = written(Command::Voltage, "current_amperes");
+        let (part, wrong) = written(Command::Voltage, "current_amperes");
+        assert_eq!(part.ranges, [ANY], "one for each of `writes`");
         let wrong = wrong.unwrap();
         assert_eq!(wrong.path, "controller.program.writes.0");
         assert!(

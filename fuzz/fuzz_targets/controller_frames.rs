@@ -5,12 +5,12 @@ use std::time::Duration;
 
 use can::{Node, Progress};
 use canrig_fuzz::{Journey, SCENARIO};
-use controller::Controller;
+use controller::controller_node;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let mut journey = Journey::new(
-        Controller::node(&SCENARIO.controller_view()).expect("the controller is valid"),
+        controller_node(&SCENARIO.controller_view()).expect("the controller is valid"),
     );
     journey.travel(bytes);
     journey.node.on_stop(journey.now);

@@ -1,7 +1,7 @@
 //! Any text as scenario or rig file: refused, or read, and nodes made of it or refused.
 #![no_main]
 
-use controller::Controller;
+use controller::controller_node;
 use libfuzzer_sys::fuzz_target;
 use plant_emulator::catalogue;
 use scenario::rig::drive::DriveLayout;
@@ -22,5 +22,5 @@ fuzz_target!(|text: &str| {
         return;
     };
     let _ = catalogue::emulator(&scenario);
-    let _ = Controller::node(&scenario.controller_view());
+    let _ = controller_node(&scenario.controller_view());
 });

@@ -11,10 +11,10 @@ use canopen::{Application, CommunicationLoss, Services};
 
 use super::drive::LedDrive;
 use super::phase::{Cycle, DrivePhase, Phase};
-use super::sequence::Controller;
+use super::sequence::Leader;
 use crate::cause::Cause;
 
-impl Application for Controller {
+impl Application for Leader {
     /// Returns the filters for NMT, SYNC and EMCY, the TPDO1 of each drive, SDO, and heartbeats. They exclude the
     /// emulator's truth (TPDO2).
     fn filters(&self) -> Vec<Filter> {
@@ -203,7 +203,7 @@ impl Application for Controller {
     }
 }
 
-impl Controller {
+impl Leader {
     /// Handles the position of a drive. It lets a law step if the position is the last one of the cycle for it.
     fn on_position(&mut self, services: &mut Services, place: usize, number: u64, position: f64) {
         let loops = self.loops.iter_mut().enumerate();

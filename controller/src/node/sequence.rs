@@ -11,7 +11,7 @@ use super::drive::LedDrive;
 use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
 use crate::cause::Cause;
-use crate::manager::Outcome;
+use crate::manager::Progress;
 
 /// Number of SYNCs that carry the command 0 to the drives before NMT stop.
 const SYNCS_TO_STOP: u8 = 2;
@@ -23,9 +23,9 @@ pub(super) const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 /// Mask of the milliseconds in an entry of it; without them its node is not watched.
 const WATCH_TIME: u32 = 0xFFFF;
 
-/// The application of the controller's device.
+/// The application of the controller's device: it leads the drives by laws.
 #[derive(Debug)]
-pub struct Controller {
+pub struct Leader {
     pub(super) loops: Vec<ControlLoop>,
     /// The law of each loop, or one that leads all loops.
     pub(super) laws: Vec<LeadingLaw>,
@@ -38,7 +38,7 @@ pub struct Controller {
     pub(super) failure: Option<String>,
 }
 
-impl Controller {
+impl Leader {
     pub(super) fn drives(&self) -> impl Iterator<Item = &LedDrive> {
         self.loops.iter().map(|one| &one.drive)
     }
@@ -103,10 +103,15 @@ impl Controller {
         self.on_outcome(services, place, outcome);
     }
 
-    pub(super) fn on_outcome(&mut self, services: &mut Services, place: usize, outcome: Outcome) {
+    pub(super) fn on_outcome(
+        &mut self,
+        services: &mut Services,
+        place: usize,
+        outcome: Result<Progress, String>,
+    ) {
         let drive = &mut self.loops[place].drive;
         match outcome {
-            Ok(true) if drive.phase == DrivePhase::Configuring => {
+            Ok(Progress::Configured) if drive.phase == DrivePhase::Configuring => {
                 drive.phase = DrivePhase::Configured;
                 if self.drives().all(LedDrive::is_configured) {
                     self.start(services);

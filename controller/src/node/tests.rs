@@ -136,7 +136,7 @@ const OPEN_LOOP: &str = "[[controller.open_loop.step]]\nat_seconds = 0.0\ncurren
     [[controller.open_loop.step]]\nat_seconds = 0.01\ncurrent_amperes = 0.5\n";
 
 fn controller(tables: &str) -> ControllerNode {
-    Controller::node(&view(tables)).unwrap()
+    controller_node(&view(tables)).unwrap()
 }
 
 fn view(tables: &str) -> ControllerView {
@@ -412,6 +412,7 @@ fn each_sync_brings_one_command_and_every_tenth_the_terms() {
     bus.run_for(Duration::from_secs(1));
     let syncs = bus.frames(0x080, from);
     assert_eq!(syncs.len(), 1000);
+    assert_eq!(bus.frames(0x190, from).len(), 1000);
     assert_eq!(bus.frames(0x210, from).len(), 1000);
     for (id, count) in [(0x181, 100), (0x281, 100), (0x381, 0), (0x481, 0)] {
         assert_eq!(bus.frames(id, from).len(), count, "{id:#x}");
@@ -807,7 +808,7 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let io = io.map(|id| RigNode::new("module", id, Part::Io));
     view.wiring.nodes.io = io.into_iter().collect();
     let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
-    bus.controller = Controller::node_of_loops(loops, &no_player).unwrap();
+    bus.controller = controller_node_of_loops(loops, &no_player).unwrap();
     let node = NodeId::new(node_id).unwrap();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;
     bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());

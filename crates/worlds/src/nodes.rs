@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use ::faults::{FaultKind, Faulty};
 use can::Node;
-use controller::{Controller, ControllerNode};
+use controller::{ControllerNode, controller_node_of_loops};
 use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
 use scenario::ControllerView;
@@ -65,7 +65,7 @@ pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<Controller
         let real = real_drive.as_deref();
         (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
     });
-    Controller::node_of_loops(loops, &|part| laws.start(part))
+    controller_node_of_loops(loops, &|part| laws.start(part))
         .map_err(|error| WorldError::set_up(&laws.controller, &error))
 }
 

@@ -47,7 +47,7 @@ fn running() -> (Bus, Arc<Mutex<Asked>>) {
         let failure = None;
         Ok(Box::new(Fake { asked, failure }))
     };
-    bus.controller = Controller::node_of_loops([(&view(PLAYED), None)], &start).unwrap();
+    bus.controller = controller_node_of_loops([(&view(PLAYED), None)], &start).unwrap();
     bus.run_until_running();
     bus.run_for(50 * MILLISECOND + MILLISECOND / 2);
     assert!(bus.drive().application().is_heating());
