@@ -6,7 +6,6 @@
 use crate::custom::is_name;
 use crate::nearest::meant_or_known;
 use crate::port::{Measurand, Port, Ports, Unit, conversion};
-use crate::rig::nodes::LOOPS_MAX;
 use crate::wiring::LoopFacts;
 
 const AMPERES: &str = "amperes";
@@ -152,7 +151,13 @@ impl LawWires {
 
 /// Returns the place in the loop of the drive that an output commands; `None` if the output is a term.
 fn commanded_drive(output: &str) -> Option<usize> {
-    (0..LOOPS_MAX).find(|place| loop_output(*place) == output)
+    match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
+        "" => Some(0),
+        number => {
+            let place = number.strip_suffix('_')?.parse::<usize>().ok()?;
+            place.checked_sub(1).filter(|place| *place > 0)
+        }
+    }
 }
 
 fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
@@ -530,6 +535,14 @@ mod tests {
         assert_eq!(written, [current(0), current(1), term(1.0), term(1.0)]);
         let names = one_loop_terms(&ports).map(|(name, _)| name);
         assert_eq!(Vec::from_iter(names), ["reference_millimetres", "gain"]);
+    }
+
+    #[test]
+    fn a_command_to_a_drive_that_no_loop_has_is_no_term() {
+        let outputs = ["current_amperes", "current_9_amperes", "current_02_amperes"];
+        assert_eq!(outputs.map(commanded_drive), [Some(0), Some(8), Some(1)]);
+        let terms = ["current_1_amperes", "current_x_amperes", "current"];
+        assert_eq!(terms.map(commanded_drive), [None; 3]);
     }
 
     #[test]

@@ -140,14 +140,16 @@ impl<'text> Reader<'_, 'text> {
             return Err(self.document.problem(path, "for which node?", label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        let label = match nodes.get(name).map(|node| (node.kind, node)) {
-            None if name == BENCH && kind.group == Group::Bus => {
+        let Some(node) = nodes.get(name) else {
+            if name == BENCH && kind.group == Group::Bus {
                 return Ok(Some(Node::new(name, 0, Part::Bench)));
             }
-            None => return Err(self.unknown(path, [key, name], nodes.keys())),
-            Some((Part::Io, _)) => "an io node; faults happen to drives and the controller",
-            Some((Part::Controller, _)) if is_drive_fault => "no drive",
-            Some((_, node)) => return Ok(Some(found(name, node))),
+            return Err(self.unknown(path, [key, name], nodes.keys()));
+        };
+        let label = match node.kind {
+            Part::Io => "an io node; faults happen to drives and the controller",
+            Part::Controller if is_drive_fault => "no drive",
+            _ => return Ok(Some(found(name, node))),
         };
         let message = format!("{} cannot happen to `{name}`", kind.heading());
         Err(self

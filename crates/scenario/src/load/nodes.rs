@@ -17,7 +17,7 @@ use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::node::Part;
-use crate::rig::nodes::{LOOPS_MAX, NODES_MAX, Rig, RigNode};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, Rig, RigNode};
 use crate::rig::{ObjectAddress, RealDrive};
 use crate::schema;
 use crate::table;
@@ -44,6 +44,15 @@ const EXTERNAL_KEYS: [&str; 8] = [
 ];
 const CURRENT_PORT: &str = "current_amperes";
 const POSITION_PORT: &str = "position_metres";
+
+/// Returns an input of a plant on which an output of an io node may act, as an example.
+fn an_input(output: &str) -> &'static str {
+    match output {
+        FAN_OUTPUT => "convection_factor",
+        LOAD_OUTPUT => "added_load_kilograms",
+        _ => "PORT",
+    }
+}
 
 impl Rig {
     /// Checks whether a text is meant as a rig file.
@@ -100,9 +109,9 @@ impl Rig {
     }
 }
 
-/// Makes the error of a rig file.
+/// Makes the error of a rig file. Problems of one place and label are one problem, even if their messages differ: these
+/// name the node, and each drive that takes a wrong default has the problem.
 pub(super) fn fail(file_name: &str, mut problems: Vec<Problem>) -> ScenarioError {
-    // Each drive that takes a wrong default has the same problem.
     let mut said = BTreeSet::new();
     problems.retain(|problem| said.insert(problem.place_and_label()));
     ScenarioError::new(KIND, file_name, problems)
@@ -400,8 +409,8 @@ impl Check<'_> {
                 ("sensor.port".to_owned(), port, POSITION_PORT)
             });
             let outputs = node.outputs.iter().flat_map(|outputs| &outputs.0);
-            let outputs =
-                outputs.map(|(output, port)| (format!("outputs.{output}"), Some(port), "PORT"));
+            let outputs = outputs
+                .map(|(output, port)| (format!("outputs.{output}"), Some(port), an_input(output)));
             for (key, port, wanted) in amplifier.chain(sensor).chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
