@@ -1,13 +1,13 @@
 //! The classical Runge-Kutta method of fourth order, and the division of time into its steps.
 
-/// Calls `step` with the start and the length of each of the equal steps into which a duration is divided. They are at
-/// most `longest_seconds` long, but for an excess: the share of such a step by which all of them together may be longer.
+/// Calls `step` with the length of each of the equal steps into which a duration is divided. They are at most
+/// `longest_seconds` long, but for an excess: the share of such a step by which all of them together may be longer.
 #[inline]
 pub(crate) fn in_equal_steps(
     duration_seconds: f64,
     longest_seconds: f64,
     excess: f64,
-    mut step: impl FnMut(f64, f64),
+    mut step: impl FnMut(f64),
 ) {
     if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
         return;
@@ -16,7 +16,7 @@ pub(crate) fn in_equal_steps(
     let step_seconds = duration_seconds / steps;
     let mut index = 0.0;
     while index < steps {
-        step(index * step_seconds, step_seconds);
+        step(step_seconds);
         index += 1.0;
     }
 }

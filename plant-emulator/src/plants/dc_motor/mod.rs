@@ -48,7 +48,7 @@ impl DcMotor {
 
     /// Advances the time under constant inputs, in equal steps of at most [`STEP_SECONDS_MAX`].
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        let step = |_, step_seconds| {
+        let step = |step_seconds| {
             self.heat.step(step_seconds, inputs);
             self.motion.step(step_seconds, inputs, self.condition);
         };

@@ -14,8 +14,6 @@ pub use validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check};
 pub use wire::stress_pascals;
 use wire::{Load, Mechanics};
 
-use std::borrow::Borrow;
-
 use scenario::plant::SMA_ACTUATOR;
 
 use crate::integrator::{in_equal_steps, runge_kutta_4_from};
@@ -93,15 +91,9 @@ impl Actuator {
     /// excess.
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
         let acting = self.acting(inputs);
-        self.advance_under(duration_seconds, |_, _| &acting);
-    }
-
-    /// Works as [`Actuator::advance`], with inputs that are a continuous function of the seconds since the call. If
-    /// they jump, the caller must divide the time into two calls.
-    pub fn advance_varying(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
-        self.advance_under(duration_seconds, |actuator, time| {
-            actuator.acting(&inputs(time))
-        });
+        let longest_seconds = self.step_seconds_max;
+        let step = |step_seconds| self.step(step_seconds, &acting);
+        in_equal_steps(duration_seconds, longest_seconds, STEP_EXCESS, step);
     }
 
     fn acting(&self, inputs: &Inputs) -> Acting {
@@ -114,60 +106,21 @@ impl Actuator {
         }
     }
 
-    /// Advances under terms that may be constant, or computed for each instant.
-    fn advance_under<A: Borrow<Acting>>(
-        &mut self,
-        duration_seconds: f64,
-        acting: impl Fn(&Self, f64) -> A,
-    ) {
-        let longest_seconds = self.step_seconds_max;
-        let step = |start, step_seconds| {
-            self.step(step_seconds, |actuator, time| {
-                acting(actuator, start + time)
-            });
-        };
-        in_equal_steps(duration_seconds, longest_seconds, STEP_EXCESS, step);
-    }
-
-    /// Takes one step. The branch follows the sign of `dT/dt` at its start. If varying inputs change the sign inside,
-    /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then approaches its equilibrium
-    /// monotonically.
-    fn step<A: Borrow<Acting>>(&mut self, duration_seconds: f64, acting: impl Fn(&Self, f64) -> A) {
-        let rate_before = self.rate_kelvin_per_second(&self.state, acting(self, 0.0).borrow());
-        self.follow(rate_before);
-        let end = self.integrated(duration_seconds, |time| acting(self, time));
-        let acting_after = acting(self, duration_seconds);
-        let rate_after = self.rate_kelvin_per_second(&end, acting_after.borrow());
-        if rate_before * rate_after >= 0.0 {
-            self.state = end;
-            return;
-        }
-        let turn = duration_seconds * rate_before / (rate_before - rate_after);
-        self.state = self.integrated(turn, |time| acting(self, time));
-        self.follow(rate_after);
-        self.state = self.integrated(duration_seconds - turn, |time| acting(self, turn + time));
-    }
-
-    /// Takes the branch for the sign of `dT/dt`. At a turn the fraction is continuous except for the last bits.
-    fn follow(&mut self, rate_kelvin_per_second: f64) {
+    /// Takes one step. The branch follows the sign of `dT/dt`, which constant inputs never change: Eq. (1) approaches its
+    /// equilibrium monotonically. At a turn the fraction is continuous except for the last bits.
+    fn step(&mut self, duration_seconds: f64, acting: &Acting) {
         let temperature = self.state.temperature_celsius;
-        if self.phase.follow(rate_kelvin_per_second, temperature) {
+        let rate = self
+            .heat
+            .rate_kelvin_per_second(temperature, &acting.heating);
+        if self.phase.follow(rate, temperature) {
             self.state.martensite_fraction = self.phase.martensite_fraction(temperature);
         }
-    }
-
-    /// Returns `dT/dt` without latent heat, which changes neither its sign nor its zeros.
-    fn rate_kelvin_per_second(&self, state: &State, acting: &Acting) -> f64 {
-        self.heat
-            .rate_kelvin_per_second(state.temperature_celsius, &acting.heating)
+        self.state = self.integrated(duration_seconds, acting);
     }
 
     /// Returns the state one step later on the present branch.
-    fn integrated<A: Borrow<Acting>>(
-        &self,
-        duration_seconds: f64,
-        acting: impl Fn(f64) -> A,
-    ) -> State {
+    fn integrated(&self, duration_seconds: f64, acting: &Acting) -> State {
         match self.phase.endless() {
             Some(curve) => self.integrated_on(duration_seconds, acting, |celsius| {
                 curve.martensite_fraction(celsius)
@@ -181,10 +134,10 @@ impl Actuator {
     /// Returns the state one step later with this `ξ` over the temperature. An impact on the stop is inelastic
     /// (PAPER E6).
     #[inline]
-    fn integrated_on<A: Borrow<Acting>>(
+    fn integrated_on(
         &self,
         duration_seconds: f64,
-        acting: impl Fn(f64) -> A,
+        acting: &Acting,
         martensite_fraction: impl Fn(f64) -> f64,
     ) -> State {
         let state = [
@@ -193,13 +146,13 @@ impl Actuator {
             self.state.velocity_metres_per_second,
         ];
         let fraction = self.state.martensite_fraction;
-        let at_start = self.derivative(&state, fraction, acting(0.0).borrow());
+        let at_start = self.derivative(&state, fraction, acting);
         let [temperature_celsius, position, velocity] =
-            runge_kutta_4_from(state, at_start, duration_seconds, |time, state| {
-                self.derivative(state, martensite_fraction(state[0]), acting(time).borrow())
+            runge_kutta_4_from(state, at_start, duration_seconds, |_, state| {
+                self.derivative(state, martensite_fraction(state[0]), acting)
             });
         let is_beyond = position < 0.0;
-        let is_stopped = is_beyond || acting(0.0).borrow().condition.is_pulley_jammed;
+        let is_stopped = is_beyond || acting.condition.is_pulley_jammed;
         State {
             temperature_celsius,
             position_metres: if is_beyond { 0.0 } else { position },

@@ -294,7 +294,7 @@ impl Plant for SmaPair {
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
         let acting = self.acting(inputs);
-        let step = |_, step_seconds| self.advance(step_seconds, &acting);
+        let step = |step_seconds| self.advance(step_seconds, &acting);
         in_equal_steps(duration_seconds, STEP_SECONDS_MAX, STEP_EXCESS, step);
     }
 
