@@ -44,7 +44,7 @@ impl Sheet {
         .map(|(node_id, text)| Self {
             text,
             node_id,
-            dictionary: eds::parse(text, node_id).unwrap().dictionary,
+            dictionary: eds::parse(text, node_id).unwrap(),
         })
     }
 

@@ -315,7 +315,7 @@ fn each_node_has_an_eds() {
     for (name, node_id) in [("controller", 1), ("x", 0x10), ("y", 0x12)] {
         let text = fs::read_to_string(sheets.join(format!("{name}.eds"))).unwrap();
         assert!(text.contains(&format!("\nNodeID=0x{node_id:02X}\nNodeName={name}\n")));
-        let objects = canopen::eds::parse(&text, node_id).unwrap().dictionary;
+        let objects = canopen::eds::parse(&text, node_id).unwrap();
         let pace = (name != "controller").then_some(5);
         assert_eq!(
             objects.unsigned(0x1801, 2).filter(|_| name != "controller"),

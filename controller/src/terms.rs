@@ -187,7 +187,7 @@ mod tests {
         let terms = ports
             .iter()
             .map(|port| described(&port.name, port, &Measurand::default()));
-        let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
+        let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap();
         let mut dictionary = ObjectDictionary::new();
         let terms = Vec::from_iter(terms);
         declare(

@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(controller_sheet(&[0x10, 0x11]), CONTROLLER_EDS);
         let clients = |servers: &[u8]| {
             let text = controller_sheet(servers);
-            let dictionary = eds::parse(&text, 1).unwrap().dictionary;
+            let dictionary = eds::parse(&text, 1).unwrap();
             let value = |index, sub_index| dictionary.unsigned(index, sub_index);
             let found = CLIENTS.map_while(|index| {
                 Some([1, 2, 3].map(|sub_index| value(index, sub_index)))
@@ -297,7 +297,7 @@ mod tests {
             output(3, "tilt_degrees", -3),
         ];
         let text = with_outputs(DISTURBANCE_EDS, outputs);
-        let beside = eds::parse(&text, 0x11).unwrap().dictionary;
+        let beside = eds::parse(&text, 0x11).unwrap();
         let values = |index: u16| {
             [1, 2, 3, 4].map(|sub_index| {
                 let handle = beside.find(index, sub_index).unwrap();
@@ -312,7 +312,7 @@ mod tests {
         assert_eq!(beside.unsigned(0x1600, 3), Some(0x6411_0310));
 
         let text = with_outputs(DISTURBANCE_EDS, vec![output(0, "valve_percent", 7)]);
-        let alone = eds::parse(&text, 0x11).unwrap().dictionary;
+        let alone = eds::parse(&text, 0x11).unwrap();
         let handle = alone.find(0x6411, 1).unwrap();
         assert_eq!(alone.entry(handle).name, "valve_percent");
         assert_eq!(alone.entry(handle).as_integer(), 7);

@@ -57,7 +57,7 @@ static SHIPPED: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTre
 /// # Errors
 /// As [`eds::parse`].
 pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
-    let parse = || Ok(eds::parse(text, node_id)?.dictionary);
+    let parse = || eds::parse(text, node_id);
     let sheets = [CONTROLLER_EDS, DRIVE_EDS, DISTURBANCE_EDS];
     let Some(place) = sheets.iter().position(|sheet| *sheet == text) else {
         return parse();

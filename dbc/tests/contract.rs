@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 
 use canopen::ObjectDictionary;
-use canopen::eds::{self, Eds};
+use canopen::eds;
 use canopen::object_dictionary::{Access, DataType, Entry};
 use dbc::{ByteOrder, CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Kind, Message, Signal};
 
@@ -141,7 +141,7 @@ struct Pdo {
     mapped: Vec<(u16, u8, u8)>,
 }
 
-fn node(name: &str) -> Eds {
+fn node(name: &str) -> ObjectDictionary {
     let (_, id, text) = NODES.into_iter().find(|node| node.0 == name).unwrap();
     eds::parse(text, id).unwrap()
 }
@@ -290,7 +290,7 @@ fn cycle_time_milliseconds(transmission_type: i128, sync_period_microseconds: i1
 fn every_pdo_is_laid_out_as_its_default_mapping_says() {
     let database = Database::shipped();
     for (name, _, _) in NODES {
-        let dictionary = node(name).dictionary;
+        let dictionary = node(name);
         for pdo in pdos(name, &dictionary) {
             let message = database.message(&pdo.message).unwrap();
             assert_eq!(message.raw_id, pdo.cob_id, "{}", pdo.message);
@@ -336,7 +336,7 @@ fn the_frames_are_those_of_the_nodes_and_no_others() {
         (0x000, "nmt_command".to_owned(), 2),
         (0x6B0, "drive_truth".to_owned(), 8),
     ]);
-    let controller = node("controller").dictionary;
+    let controller = node("controller");
     assert_eq!(
         integer(&controller, 0x1005, 0) >> 30 & 1,
         1,
@@ -344,7 +344,7 @@ fn the_frames_are_those_of_the_nodes_and_no_others() {
     );
     expected.insert((identifier(&controller, 0x1005, 0), "sync".to_owned(), 1));
     for (name, id, _) in NODES {
-        let dictionary = node(name).dictionary;
+        let dictionary = node(name);
         assert_eq!(
             identifier(&dictionary, 0x1005, 0),
             identifier(&controller, 0x1005, 0)
@@ -414,7 +414,7 @@ fn cycle_times_of_sync_and_heartbeats_are_those_of_the_eds() {
         |message: &str| i128::from(database.message(message).unwrap().cycle_time_milliseconds);
     assert_eq!(cycle_time("sync") * 1000, SYNC_PERIOD_MICROSECONDS);
     for (name, _, _) in NODES {
-        let period = integer(&node(name).dictionary, 0x1017, 0);
+        let period = integer(&node(name), 0x1017, 0);
         assert_eq!(cycle_time(&format!("{name}_heartbeat")), period, "{name}");
     }
 }
@@ -422,7 +422,7 @@ fn cycle_times_of_sync_and_heartbeats_are_those_of_the_eds() {
 #[test]
 fn the_sync_counter_counts_to_its_overflow_which_all_transmission_types_divide() {
     let database = Database::shipped();
-    let overflow = integer(&node("controller").dictionary, 0x1019, 0);
+    let overflow = integer(&node("controller"), 0x1019, 0);
     let range = database
         .definition("sync.sync_counter")
         .unwrap()
@@ -431,7 +431,7 @@ fn the_sync_counter_counts_to_its_overflow_which_all_transmission_types_divide()
         .unwrap();
     assert_eq!((range.minimum, range.maximum), (1.0, overflow as f64));
     for (name, _, _) in NODES {
-        for pdo in pdos(name, &node(name).dictionary) {
+        for pdo in pdos(name, &node(name)) {
             let is_synchronous = pdo.transmission_type <= 240;
             assert!(
                 !is_synchronous || overflow % pdo.transmission_type == 0,
@@ -444,9 +444,9 @@ fn the_sync_counter_counts_to_its_overflow_which_all_transmission_types_divide()
 
 #[test]
 fn the_controller_talks_to_the_server_channels_of_its_slaves() {
-    let controller = node("controller").dictionary;
+    let controller = node("controller");
     for (client, name, id) in [(0x1280, "drive", 0x10), (0x1281, "disturbance", 0x11)] {
-        let slave = node(name).dictionary;
+        let slave = node(name);
         assert_eq!(
             identifier(&controller, client, 1),
             identifier(&slave, 0x1200, 1)
@@ -467,7 +467,7 @@ fn the_controller_talks_to_the_server_channels_of_its_slaves() {
 #[test]
 fn each_eds_agrees_with_itself() {
     for (name, _, _) in NODES {
-        let dictionary = node(name).dictionary;
+        let dictionary = node(name);
         let number = |key| device_number(name, key);
         let identity = ["VendorNumber", "ProductNumber", "RevisionNumber"].map(number);
         let object = [1, 2, 3].map(|sub_index| integer(&dictionary, 0x1018, sub_index));
@@ -491,7 +491,7 @@ fn each_eds_agrees_with_itself() {
 
 #[test]
 fn device_types_and_ratings_are_those_of_the_profiles() {
-    let drive = node("drive").dictionary;
+    let drive = node("drive");
     assert_eq!(
         integer(&drive, 0x1000, 0),
         0x0002_0192,
@@ -515,7 +515,7 @@ fn device_types_and_ratings_are_those_of_the_profiles() {
             "permille of the rated current"
         );
     }
-    let disturbance = node("disturbance").dictionary;
+    let disturbance = node("disturbance");
     assert_eq!(
         integer(&disturbance, 0x1000, 0),
         0x0108_0191,

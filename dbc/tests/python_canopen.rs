@@ -33,9 +33,7 @@ fn frame(text: &str) -> CanFrame {
 
 #[test]
 fn device_answers_python_canopen_as_recorded() {
-    let mut dictionary = canopen::eds::parse(dbc::DRIVE_EDS, 0x10)
-        .unwrap()
-        .dictionary;
+    let mut dictionary = canopen::eds::parse(dbc::DRIVE_EDS, 0x10).unwrap();
     // Statusword and martensite fraction had these defaults at the time of the recording.
     for (index, default) in [(0x6041, 0_u16), (0x2102, 50_000)] {
         let handle = dictionary.find(index, 0).unwrap();

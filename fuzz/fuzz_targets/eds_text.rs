@@ -13,11 +13,11 @@ impl Application for Passive {}
 
 fuzz_target!(|input: (u8, &str)| {
     let (number, text) = input;
-    let Ok(eds) = eds::parse(text, number) else {
+    let Ok(dictionary) = eds::parse(text, number) else {
         return;
     };
     let node_id = NodeId::new(number).expect("other numbers are refused");
-    if let Ok(device) = Device::new(node_id, eds.dictionary, Passive) {
+    if let Ok(device) = Device::new(node_id, dictionary, Passive) {
         Journey::new(device).pass(Duration::from_millis(5));
     }
 });

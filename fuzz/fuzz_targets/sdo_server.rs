@@ -16,8 +16,8 @@ struct Passive;
 impl Application for Passive {}
 
 fuzz_target!(|bytes: &[u8]| {
-    let eds = eds::parse(EDS, ID.get()).expect("the EDS is valid");
-    let device = Device::new(ID, eds.dictionary, Passive).expect("it has no PDO");
+    let dictionary = eds::parse(EDS, ID.get()).expect("the EDS is valid");
+    let device = Device::new(ID, dictionary, Passive).expect("it has no PDO");
     let mut journey = Journey::new(device);
     for payload in bytes.chunks(8).take(2000) {
         // The object of any length and the heartbeat's time are the interesting ones.

@@ -150,9 +150,7 @@ fn view(tables: &str) -> ControllerView {
 }
 
 fn drive(node_id: NodeId) -> Device<TestDrive> {
-    let dictionary = eds::parse(dbc::DRIVE_EDS, node_id.get())
-        .unwrap()
-        .dictionary;
+    let dictionary = eds::parse(dbc::DRIVE_EDS, node_id.get()).unwrap();
     Device::new(node_id, dictionary, TestDrive::default()).unwrap()
 }
 
@@ -160,9 +158,7 @@ fn drive(node_id: NodeId) -> Device<TestDrive> {
 const DISTURBANCE: NodeId = NodeId::new(0x11).unwrap();
 
 fn module() -> Device<Module> {
-    let dictionary = eds::parse(dbc::DISTURBANCE_EDS, DISTURBANCE.get())
-        .unwrap()
-        .dictionary;
+    let dictionary = eds::parse(dbc::DISTURBANCE_EDS, DISTURBANCE.get()).unwrap();
     Device::new(DISTURBANCE, dictionary, Module).unwrap()
 }
 
@@ -429,7 +425,7 @@ fn a_mapping_that_differs_is_written_by_the_full_procedure() {
         .replace("0x60410010", "swapped")
         .replace("0x60640020", "0x60410010")
         .replace("swapped", "0x60640020");
-    let dictionary = eds::parse(&text, DRIVE.get()).unwrap().dictionary;
+    let dictionary = eds::parse(&text, DRIVE.get()).unwrap();
     bus.drive = Some(Device::new(DRIVE, dictionary, TestDrive::default()).unwrap());
     bus.run_until_running();
     let is_pdo = |(index, ..): &(u16, u8, u32)| (0x1400..0x1C00).contains(index);
@@ -460,7 +456,7 @@ fn an_abort_names_object_value_and_reason() {
 fn another_device_is_not_driven() {
     let mut bus = Bus::new(OPEN_LOOP);
     let text = dbc::DRIVE_EDS.replace("DefaultValue=0x00020192", "DefaultValue=0x00020191");
-    let dictionary = eds::parse(&text, DRIVE.get()).unwrap().dictionary;
+    let dictionary = eds::parse(&text, DRIVE.get()).unwrap();
     bus.drive = Some(Device::new(DRIVE, dictionary, TestDrive::default()).unwrap());
     bus.fails_with(
         "the node is not the drive of the EDS: Device type (0x1000:00) is 0x00020191 instead of 0x00020192",
@@ -810,7 +806,7 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
     bus.controller = controller_node_of_loops(loops, &no_player).unwrap();
     let node = NodeId::new(node_id).unwrap();
-    let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;
+    let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap();
     bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());
     bus
 }

@@ -29,27 +29,18 @@ impl EdsError {
     }
 }
 
-/// An EDS or DCF, read for one node-ID.
-#[derive(Clone, Debug)]
-pub struct Eds {
-    /// The objects, holding their defaults.
-    pub dictionary: ObjectDictionary,
-    /// Errors that leave no doubt about a value that a PDO or the device's state needs.
-    pub warnings: Vec<EdsError>,
-}
-
-/// Reads the text of an EDS or DCF for the node `node_id`.
+/// Reads the objects in the text of an EDS or DCF for the node `node_id`; they hold their defaults.
 ///
 /// A trailing comment starts with a semicolon after a blank. Numbers may be decimal, hexadecimal (`0x`), octal (leading
 /// 0) and contain `$NODEID`. A number without default is 0. `ParameterValue` (DCF) takes the place of `DefaultValue`.
-/// Sections that describe no value are passed over. Bought devices' data sheets are rarely free of errors, so some are
-/// only warnings: an object that is listed but not described, an ARRAY or RECORD without sub-objects, a data type that
+/// Sections that describe no value are passed over. Bought devices' data sheets are rarely free of errors, so some do
+/// no harm: an object that is listed but not described, an ARRAY or RECORD without sub-objects, a data type that
 /// is no basic one of CiA 301 (read as DOMAIN), and a default of an OCTET_STRING or DOMAIN that is no hexadecimal bytes
 /// (read as empty).
 ///
 /// # Errors
 /// The first thing that is wrong, with its line.
-pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
+pub fn parse(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
     if !(1..=127).contains(&node_id) {
         let reason = format!("node-ID {node_id} is outside 1 to 127");
         return Err(EdsError(reason));
@@ -64,9 +55,7 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
         node_id,
         sections: &sections,
         dictionary: ObjectDictionary::new(),
-        warnings: Vec::new(),
     };
-    reader.check_object_lists()?;
     for (name, section) in &sections {
         let Some((index, part)) = index_and_part(name) else {
             continue;
@@ -78,10 +67,7 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
             return Err(section.error(format!("there is no section [{index:04X}]")));
         }
     }
-    Ok(Eds {
-        dictionary: reader.dictionary,
-        warnings: reader.warnings,
-    })
+    Ok(reader.dictionary)
 }
 
 /// Splits the name of a section that describes an object: `1018`, `1018sub1`, `1018name` or `1018value`.
@@ -100,27 +86,9 @@ struct Reader<'s, 't> {
     node_id: u8,
     sections: &'s Sections<'t>,
     dictionary: ObjectDictionary,
-    warnings: Vec<EdsError>,
 }
 
 impl<'s, 't> Reader<'s, 't> {
-    /// Checks that each object in the lists of supported objects is described.
-    fn check_object_lists(&mut self) -> Result<(), EdsError> {
-        let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
-        let sections = lists.iter().filter_map(|list| self.sections.get(*list));
-        let is_number = |item: &&Item<'_>| item.key.bytes().all(|letter| letter.is_ascii_digit());
-        let mut items = Vec::from_iter(sections.flat_map(Section::items).filter(is_number));
-        items.sort_by_key(|item| item.line);
-        for item in items {
-            let index = item.integer(self.node_id)?;
-            if !self.sections.contains_key(&format!("{index:04x}")) {
-                let reason = format!("there is no section [{index:04X}]");
-                self.warnings.push(item.error(reason));
-            }
-        }
-        Ok(())
-    }
-
     /// Returns the sections `[1018sub1]` of an object.
     fn subs(&self, index: u16) -> Result<Subs<'s, 't>, EdsError> {
         let prefix = format!("{index:04x}sub");
@@ -165,12 +133,9 @@ impl<'s, 't> Reader<'s, 't> {
         main: &Section<'_>,
         subs: &Subs<'_, '_>,
     ) -> Result<(), EdsError> {
-        match integer_at(main, "compactsubobj", self.node_id, 254_u8)?.unwrap_or(0) {
-            0 if subs.is_empty() => {
-                self.warnings.push(main.error("there are no sub-objects"));
-            }
-            0 => {}
-            count => self.compact_sub_objects(index, count, main)?,
+        let count = integer_at(main, "compactsubobj", self.node_id, 254_u8)?.unwrap_or(0);
+        if count > 0 {
+            self.compact_sub_objects(index, count, main)?;
         }
         for (&sub_index, section) in subs {
             self.described(index, sub_index, section)?;
@@ -227,12 +192,7 @@ impl<'s, 't> Reader<'s, 't> {
     }
 
     /// Reads the section of one value.
-    fn entry(
-        &mut self,
-        index: u16,
-        sub_index: u8,
-        section: &Section<'_>,
-    ) -> Result<Entry, EdsError> {
+    fn entry(&self, index: u16, sub_index: u8, section: &Section<'_>) -> Result<Entry, EdsError> {
         let is_domain = integer_at(section, "objecttype", self.node_id, u8::MAX)? == Some(2);
         let data_type = match section.get("datatype") {
             None if is_domain => DataType::Domain,
@@ -278,21 +238,16 @@ impl<'s, 't> Reader<'s, 't> {
     }
 
     /// Reads `DataType`.
-    fn data_type(&mut self, item: &Item<'_>) -> Result<DataType, EdsError> {
+    fn data_type(&self, item: &Item<'_>) -> Result<DataType, EdsError> {
         let number = item.integer(self.node_id)?;
         let known = u32::try_from(number).ok().and_then(DataType::from_number);
-        Ok(known.unwrap_or_else(|| {
-            let reason = "the data type is unknown, read as DOMAIN";
-            self.warnings.push(item.error(reason));
-            DataType::Domain
-        }))
+        Ok(known.unwrap_or(DataType::Domain))
     }
 
     /// Reads a default; a default of plain bytes may be unreadable.
-    fn default(&mut self, data_type: DataType, item: &Item<'_>) -> Result<Vec<u8>, EdsError> {
+    fn default(&self, data_type: DataType, item: &Item<'_>) -> Result<Vec<u8>, EdsError> {
         match self.encode(data_type, item) {
-            Err(error) if matches!(data_type, DataType::OctetString | DataType::Domain) => {
-                self.warnings.push(error);
+            Err(_) if matches!(data_type, DataType::OctetString | DataType::Domain) => {
                 Ok(Vec::new())
             }
             result => result,
@@ -384,7 +339,7 @@ mod tests {
 
     fn value(body: &str) -> Vec<u8> {
         let eds = parse(&object(body), 0x10).unwrap();
-        eds.dictionary.entries()[0].value().to_vec()
+        eds.entries()[0].value().to_vec()
     }
 
     fn message(text: &str) -> String {
@@ -440,7 +395,6 @@ mod tests {
         ];
         let eds = parse(SAMPLE, 0x10).unwrap();
         let found: Vec<_> = eds
-            .dictionary
             .entries()
             .iter()
             .map(|entry| {
@@ -464,8 +418,8 @@ mod tests {
     fn reals_strings_and_octets_agree_with_python_canopen() {
         let eds = parse(SAMPLE, 0x10).unwrap();
         let value = |index| {
-            let handle = eds.dictionary.find(index, 0).unwrap();
-            eds.dictionary.entry(handle).value()
+            let handle = eds.find(index, 0).unwrap();
+            eds.entry(handle).value()
         };
         assert_eq!(value(0x2101), 1.5_f32.to_le_bytes());
         assert_eq!(value(0x2102), (-0.0025_f64).to_le_bytes());
@@ -494,7 +448,7 @@ mod tests {
         let text =
             object("DataType=7\nParameterValue=$NODEID+1\nLowLimit=$NODEID\nHighLimit=$NODEID+2");
         let eds = parse(&text, 0x10).unwrap();
-        let entry = &eds.dictionary.entries()[0];
+        let entry = &eds.entries()[0];
         assert_eq!(entry.as_integer(), 0x11);
         assert_eq!(
             (entry.low_limit, entry.high_limit),
@@ -528,8 +482,8 @@ mod tests {
         let text = "\u{feff}[1018]\r\nPARAMETERNAME=a\r\nobjecttype=9\r\n[1018SUB0]\r\nparameterNAME = b \r\n\
                     DATATYPE=5\r\naccesstype=RO\r\ndefaultvalue = 3\r\n";
         let eds = parse(text, 1).unwrap();
-        assert_eq!(eds.dictionary.integer(0x1018, 0), Some(3));
-        assert_eq!(eds.dictionary.entries()[0].name, "b");
+        assert_eq!(eds.integer(0x1018, 0), Some(3));
+        assert_eq!(eds.entries()[0].name, "b");
     }
 
     #[test]
@@ -537,16 +491,16 @@ mod tests {
         let text = "[1003]\nParameterName=Errors\nObjectType=8\nDataType=7\nAccessType=ro\nCompactSubObj=2\n\
                     [1003sub0]\nParameterName=Count\nDataType=5\nAccessType=rw\nDefaultValue=0\n";
         let eds = parse(text, 1).unwrap();
-        assert_eq!(eds.dictionary.entries().len(), 3);
-        assert_eq!(eds.dictionary.integer(0x1003, 0), Some(0));
-        assert!(eds.dictionary.entries()[0].access.is_writable());
+        assert_eq!(eds.entries().len(), 3);
+        assert_eq!(eds.integer(0x1003, 0), Some(0));
+        assert!(eds.entries()[0].access.is_writable());
     }
 
     #[test]
     fn limits_of_reals_order_like_the_reals() {
         let text = object("DataType=8\nLowLimit=-1.5\nHighLimit=2e3");
         let eds = parse(&text, 1).unwrap();
-        let check = |value: f32| eds.dictionary.entries()[0].check(&value.to_le_bytes());
+        let check = |value: f32| eds.entries()[0].check(&value.to_le_bytes());
         for inside in [-1.5, -0.1, -0.0, 0.0, 1999.0, 2000.0] {
             assert_eq!(check(inside), Ok(()), "{inside}");
         }
@@ -633,26 +587,17 @@ mod tests {
     }
 
     #[test]
-    fn errors_that_do_no_harm_are_warnings() {
+    fn errors_that_do_no_harm_are_passed_over() {
         let text = object("DataType=0x40\nDefaultValue=@A\nLowLimit=x");
         let text = format!("[OptionalObjects]\n1=0x1F51\n{text}\n[2001]\nObjectType=9");
-        let eds = parse(&text, 1).unwrap();
-        let warnings: Vec<_> = eds.warnings.iter().map(EdsError::to_string).collect();
+        let dictionary = parse(&text, 1).unwrap();
+        let [entry] = dictionary.entries() else {
+            panic!("neither 0x1F51 nor 0x2001 has a value");
+        };
         assert_eq!(
-            warnings,
-            [
-                "line 2: [OptionalObjects] 1=0x1F51: there is no section [1F51]",
-                "line 7: [2000] DataType=0x40: the data type is unknown, read as DOMAIN",
-                "line 8: [2000] DefaultValue=@A: expected pairs of hexadecimal digits",
-                "line 11: [2001] there are no sub-objects",
-            ]
+            (entry.index, entry.data_type, entry.value()),
+            (0x2000, DataType::Domain, &[][..])
         );
-        let entry = &eds.dictionary.entries()[0];
-        assert_eq!(
-            (entry.data_type, entry.value()),
-            (DataType::Domain, &[][..])
-        );
-        assert_eq!(parse(SAMPLE, 1).unwrap().warnings, []);
     }
 
     #[test]

@@ -111,13 +111,13 @@ impl DataSheet {
         node_id: u8,
         text: &str,
     ) -> Result<Self, DataSheetError> {
-        let eds = eds::parse(text, node_id);
-        let eds = eds.map_err(|error| DataSheetError(format!("{name}: {error}")))?;
+        let dictionary = eds::parse(text, node_id);
+        let dictionary = dictionary.map_err(|error| DataSheetError(format!("{name}: {error}")))?;
         Ok(Self {
             name,
             node_name: node_name.to_owned(),
             node_id,
-            dictionary: eds.dictionary,
+            dictionary,
         })
     }
 

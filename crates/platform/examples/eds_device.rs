@@ -22,8 +22,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         None => node_id.parse()?,
     };
     let node_id = NodeId::new(node_id).ok_or("a node-ID is 1 to 127")?;
-    let eds = eds::parse(&std::fs::read_to_string(path)?, node_id.get())?;
-    let mut device = Device::new(node_id, eds.dictionary, Passive)?;
+    let dictionary = eds::parse(&std::fs::read_to_string(path)?, node_id.get())?;
+    let mut device = Device::new(node_id, dictionary, Passive)?;
     let mut bus = platform::open(&address.parse()?, &device.filters())?;
     let stop = StopSignal::from_parent()?;
     platform::real_time::run(&mut device, &mut *bus, &stop)?;

@@ -54,11 +54,6 @@ impl<'t> Section<'t> {
         item.filter(|item| !item.value.is_empty())
     }
 
-    /// Returns all items, sorted by key as text.
-    pub(super) fn items(&self) -> impl Iterator<Item = &Item<'t>> {
-        self.items.values()
-    }
-
     /// Makes an error about the section as a whole.
     pub(super) fn error(&self, reason: impl Display) -> EdsError {
         self.error_at(self.line, reason)

@@ -391,7 +391,7 @@ mod tests {
     const DRIVE_EDS: &str = include_str!("../../../../dbc/drive.eds");
 
     fn objects(eds: &str, node_id: u8) -> ObjectDictionary {
-        eds::parse(eds, node_id).unwrap().dictionary
+        eds::parse(eds, node_id).unwrap()
     }
 
     fn emulated() -> DriveLayout {

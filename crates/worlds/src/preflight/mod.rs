@@ -233,8 +233,7 @@ impl Session<'_> {
         one: &ControlLoop,
     ) -> Result<Result<Vec<Check>, BrokenOff>, WorldError> {
         let dictionary = eds::parse(&drive.eds, drive.layout.node_id.get())
-            .map_err(|error| cannot_be_made(&error))?
-            .dictionary;
+            .map_err(|error| cannot_be_made(&error))?;
         let io = one
             .nodes
             .io
