@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::{fmt, io};
 
-use scenario::custom::Parameters;
+use scenario::custom::{Parameters, TooLow};
 pub use scenario::fault::Faults;
 pub use scenario::port::{Port, Ports};
 
@@ -157,7 +157,7 @@ pub enum InvalidPlant {
     #[error("{name} is {what}")]
     Parameter {
         /// Name of the parameter in the scenario.
-        name: &'static str,
+        name: String,
         /// Value of the parameter, and requirement on it.
         what: String,
     },
@@ -176,11 +176,17 @@ pub enum InvalidPlant {
 
 impl InvalidPlant {
     /// Returns the parameter that is the cause, if it is one.
-    pub fn parameter(&self) -> Option<&'static str> {
+    pub fn parameter(&self) -> Option<&str> {
         match self {
             Self::Parameter { name, .. } => Some(name),
             Self::Machine { .. } | Self::Other(_) => None,
         }
+    }
+}
+
+impl From<TooLow> for InvalidPlant {
+    fn from(TooLow { name, what }: TooLow) -> Self {
+        Self::Parameter { name, what }
     }
 }
 
@@ -190,22 +196,6 @@ impl InvalidPlant {
 /// It is not.
 pub fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "above 0", |value| value > 0.0)
-}
-
-/// Checks that a parameter is not negative.
-///
-/// # Errors
-/// It is negative.
-pub fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
-    require(name, value, "0 or above", |value| value >= 0.0)
-}
-
-/// Checks that a parameter is finite.
-///
-/// # Errors
-/// It is not.
-pub fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
-    require(name, value, "a finite number", |_| true)
 }
 
 /// Checks that a parameter meets its requirement.
@@ -221,6 +211,7 @@ pub fn require(
     if value.is_finite() && is_met(value) {
         Ok(())
     } else {
+        let name = name.to_owned();
         let what = format!("{value}, it must be {requirement}");
         Err(InvalidPlant::Parameter { name, what })
     }

@@ -157,6 +157,58 @@ pub fn schema<P: Parameters>() -> Value {
     schema
 }
 
+/// Lowest values of parameters, by their schema.
+pub struct Minima(Value);
+
+/// Parameter that is below its lowest value, or not finite.
+pub struct TooLow {
+    /// Key of the parameter.
+    pub name: String,
+    /// Value of the parameter, and requirement on it.
+    pub what: String,
+}
+
+impl Minima {
+    /// Returns the lowest values of parameters of this type.
+    pub fn of<P: Parameters>() -> Self {
+        Self(schema::<P>())
+    }
+
+    /// Checks the numbers of a table and of the tables in it.
+    ///
+    /// # Errors
+    /// The first number that is too low.
+    pub fn check(&self, parameters: &impl Serialize) -> Result<(), TooLow> {
+        // Any parameters are a table, as they come from one.
+        let table = toml::Table::try_from(parameters).unwrap_or_default();
+        check_minima(&table, &self.0)
+    }
+}
+
+fn check_minima(table: &toml::Table, schema: &Value) -> Result<(), TooLow> {
+    table.iter().try_for_each(|(name, value)| {
+        let property = &schema["properties"][name];
+        let value = match value {
+            toml::Value::Table(below) => return check_minima(below, property),
+            toml::Value::Float(value) => *value,
+            _ => return Ok(()),
+        };
+        let above = property["exclusiveMinimum"].as_f64();
+        let lowest = above
+            .or(property["minimum"].as_f64())
+            .unwrap_or(f64::NEG_INFINITY);
+        if value.is_finite() && value >= lowest && above != Some(value) {
+            return Ok(());
+        }
+        let what = match above {
+            Some(above) => format!("{value}, it must be above {above}"),
+            None => format!("{value}, it must be {lowest} or above"),
+        };
+        let name = name.clone();
+        Err(TooLow { name, what })
+    })
+}
+
 /// Checks whether a text can be the name of a table: small letters, digits and underscores, a letter first.
 pub fn is_name(text: &str) -> bool {
     let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';

@@ -6,10 +6,12 @@
 mod heat;
 mod motion;
 
+use std::sync::LazyLock;
+
+use scenario::custom::Minima;
+
 use crate::integrator::in_equal_steps;
-use crate::plant::{
-    Faults, Inputs, InvalidPlant, Plant, Port, Ports, follows, not_negative, one_axis, positive,
-};
+use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, follows, one_axis};
 use crate::plants::condition::Condition;
 use heat::Heat;
 use motion::Motion;
@@ -136,34 +138,10 @@ impl Plant for DcMotor {
     }
 }
 
-/// Checks the divisors of the equations, and that the integrator can follow.
+/// Checks the parameters, and that the integrator can follow.
 fn check(config: &scenario::plant::DcMotor) -> Result<(), InvalidPlant> {
-    positive(
-        "torque_constant_newton_metres_per_ampere",
-        config.torque_constant_newton_metres_per_ampere,
-    )?;
-    positive(
-        "rotor_inertia_kilogram_square_metres",
-        config.rotor_inertia_kilogram_square_metres,
-    )?;
-    positive("pinion_radius_metres", config.pinion_radius_metres)?;
-    positive(
-        "winding_to_housing_kelvins_per_watt",
-        config.winding_to_housing_kelvins_per_watt,
-    )?;
-    positive(
-        "housing_to_ambient_kelvins_per_watt",
-        config.housing_to_ambient_kelvins_per_watt,
-    )?;
-    positive(
-        "winding_time_constant_seconds",
-        config.winding_time_constant_seconds,
-    )?;
-    positive(
-        "motor_time_constant_seconds",
-        config.motor_time_constant_seconds,
-    )?;
-    not_negative("load_kilograms", config.load_kilograms)?;
+    static MINIMA: LazyLock<Minima> = LazyLock::new(Minima::of::<scenario::plant::DcMotor>);
+    MINIMA.check(config)?;
     let heat = Heat::new(config).fastest_rate_per_second();
     follows("heat", heat, STEP_SECONDS_MAX)?;
     let motion = Motion::new(config).fastest_rate_per_second();

@@ -4,17 +4,18 @@
 //! `J θ̈ + c θ̇ = r (T_flexor − T_extensor) − r m g`. An added load hangs on a cord around the same pulley and pulls
 //! towards the extensor's side.
 
+use std::sync::LazyLock;
+
+use scenario::custom::Minima;
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 
 use super::heat::{HeatBalance, Heating};
 use super::phase::Transformation;
-use super::validity::{
-    CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_heat, check_kinetics, check_phase,
-};
+use super::validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_wire};
 use super::wire::Mechanics;
 use super::{STEP_EXCESS, turns_not_remembered};
 use crate::integrator::{in_equal_steps, runge_kutta_4};
-use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negative, positive};
+use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows};
 use crate::plants::GRAVITY;
 use crate::plants::condition::Condition;
 
@@ -210,36 +211,9 @@ impl Plant for SmaPair {
     }
 
     fn new(config: &Config) -> Result<Self, InvalidPlant> {
-        check_heat(&config.heat)?;
-        check_phase(&config.phase)?;
-        check_kinetics(config.kinetics, &config.heat, &config.phase)?;
-        for (name, value) in [
-            (
-                "pulley_radius_millimetres",
-                config.pulley_radius_millimetres,
-            ),
-            ("wire_length_millimetres", config.wire_length_millimetres),
-            (
-                "wire_diameter_millimetres",
-                config.wire_diameter_millimetres,
-            ),
-            ("recoverable_strain", config.recoverable_strain),
-            (
-                "austenite_modulus_pascals",
-                config.austenite_modulus_pascals,
-            ),
-            (
-                "inertia_kilogram_square_metres",
-                config.inertia_kilogram_square_metres,
-            ),
-            ("stop_degrees", config.stop_degrees),
-        ] {
-            positive(name, value)?;
-        }
-        not_negative(
-            "damping_newton_metre_seconds",
-            config.damping_newton_metre_seconds,
-        )?;
+        static MINIMA: LazyLock<Minima> = LazyLock::new(Minima::of::<Config>);
+        MINIMA.check(config)?;
+        check_wire(config.kinetics, &config.heat, &config.phase)?;
         let pair = Self::with(config);
         let heat = pair.heat.rate_per_second(CONVECTION_FACTOR_MAX);
         follows("heat", heat, STEP_SECONDS_MAX)?;

@@ -1,10 +1,13 @@
 //! Checks whether plants make physical sense and can be integrated at the shipped step size.
 
+use std::sync::LazyLock;
+
+use scenario::custom::Minima;
 use scenario::plant::{Heat, Kinetics, Phase, Sma};
 
 use super::heat::HeatBalance;
 use super::wire::Mechanics;
-use crate::plant::{InvalidPlant, finite, follows, not_negative, positive, require};
+use crate::plant::{InvalidPlant, follows, positive, require};
 
 /// Longest integration step. With it the errors against the reference trajectories are a hundredth of their tolerance.
 pub const STEP_SECONDS_MAX: f64 = 1e-3;
@@ -17,49 +20,38 @@ pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 /// # Errors
 /// A parameter makes no sense; the error names the first one.
 pub fn check(plant: &Sma) -> Result<(), InvalidPlant> {
-    check_heat(&plant.heat)?;
-    check_phase(&plant.phase)?;
-    check_kinetics(plant.kinetics, &plant.heat, &plant.phase)?;
-    check_mechanics(&plant.mechanics)?;
+    static MINIMA: LazyLock<Minima> = LazyLock::new(Minima::of::<Sma>);
+    MINIMA.check(plant)?;
+    check_wire(plant.kinetics, &plant.heat, &plant.phase)?;
+    let mechanics = &plant.mechanics;
+    require(
+        "recoverable_strain",
+        mechanics.recoverable_strain,
+        "below 1",
+        |strain| strain < 1.0,
+    )?;
+    // Without inertia the pulley would move infinitely fast when the load is removed.
+    positive(
+        "pulley_inertia_kilogram_square_metres",
+        mechanics.pulley_inertia_kilogram_square_metres,
+    )?;
     let heat = HeatBalance::new(&plant.heat).rate_per_second(CONVECTION_FACTOR_MAX);
     follows("heat", heat, STEP_SECONDS_MAX)?;
-    let motion = Mechanics::new(&plant.mechanics).fastest_rate_per_second();
+    let motion = Mechanics::new(mechanics).fastest_rate_per_second();
     follows("motion", motion, STEP_SECONDS_MAX)
 }
 
-pub(super) fn check_heat(heat: &Heat) -> Result<(), InvalidPlant> {
-    positive("mass_kilograms_per_metre", heat.mass_kilograms_per_metre)?;
-    positive(
-        "specific_heat_joules_per_kilogram_kelvin",
-        heat.specific_heat_joules_per_kilogram_kelvin,
-    )?;
-    not_negative(
-        "latent_heat_joules_per_kilogram",
-        heat.latent_heat_joules_per_kilogram,
-    )?;
-    not_negative("resistance_ohms_per_metre", heat.resistance_ohms_per_metre)?;
-    positive(
-        "surface_square_metres_per_metre",
-        heat.surface_square_metres_per_metre,
-    )?;
-    not_negative(
-        "convection_watts_per_square_metre_kelvin",
-        heat.convection_watts_per_square_metre_kelvin,
-    )?;
-    not_negative(
-        "conduction_watts_per_metre_kelvin",
-        heat.conduction_watts_per_metre_kelvin,
-    )?;
-    finite("ambient_celsius", heat.ambient_celsius)?;
-    finite("cooling_element_celsius", heat.cooling_element_celsius)?;
+/// Checks what the parameters of a wire mean together.
+pub(super) fn check_wire(
+    kinetics: Kinetics,
+    heat: &Heat,
+    phase: &Phase,
+) -> Result<(), InvalidPlant> {
     // Without any cooling there is no start temperature.
     positive(
         "convection plus conduction",
         heat.convection_watts_per_square_metre_kelvin + heat.conduction_watts_per_metre_kelvin,
-    )
-}
-
-pub(super) fn check_phase(phase: &Phase) -> Result<(), InvalidPlant> {
+    )?;
     let branches = [
         (
             "austenite_start_celsius",
@@ -75,26 +67,15 @@ pub(super) fn check_phase(phase: &Phase) -> Result<(), InvalidPlant> {
         ),
     ];
     for (cold_name, cold, hot_name, hot) in branches {
-        finite(cold_name, cold)?;
-        finite(hot_name, hot)?;
         if cold >= hot {
             let what = format!("{cold} °C, it must be below {hot_name} of {hot} °C");
             return Err(InvalidPlant::Parameter {
-                name: cold_name,
+                name: cold_name.to_owned(),
                 what,
             });
         }
     }
-    Ok(())
-}
-
-/// Checks that air and cooling element do not keep the wire above `Mf`, since a memory of turns begins with all
-/// martensite.
-pub(super) fn check_kinetics(
-    kinetics: Kinetics,
-    heat: &Heat,
-    phase: &Phase,
-) -> Result<(), InvalidPlant> {
+    // Air and cooling element may not keep the wire above `Mf`, since a memory of turns begins with all martensite.
     let is_cold =
         |celsius| !kinetics.remembers_turns() || celsius <= phase.martensite_finish_celsius;
     for (name, celsius) in [
@@ -105,44 +86,6 @@ pub(super) fn check_kinetics(
         require(name, celsius, requirement, is_cold)?;
     }
     Ok(())
-}
-
-fn check_mechanics(mechanics: &scenario::plant::Mechanics) -> Result<(), InvalidPlant> {
-    positive(
-        "austenite_modulus_pascals",
-        mechanics.austenite_modulus_pascals,
-    )?;
-    positive(
-        "martensite_modulus_pascals",
-        mechanics.martensite_modulus_pascals,
-    )?;
-    not_negative("martensite_yield_strain", mechanics.martensite_yield_strain)?;
-    positive("wire_diameter_metres", mechanics.wire_diameter_metres)?;
-    positive("wire_length_metres", mechanics.wire_length_metres)?;
-    require(
-        "recoverable_strain",
-        mechanics.recoverable_strain,
-        "from 0 to below 1",
-        |strain| (0.0..1.0).contains(&strain),
-    )?;
-    positive(
-        "inner_pulley_radius_metres",
-        mechanics.inner_pulley_radius_metres,
-    )?;
-    positive(
-        "outer_pulley_radius_metres",
-        mechanics.outer_pulley_radius_metres,
-    )?;
-    // Without inertia the pulley would move infinitely fast when the load is removed.
-    positive(
-        "pulley_inertia_kilogram_square_metres",
-        mechanics.pulley_inertia_kilogram_square_metres,
-    )?;
-    not_negative("load_kilograms", mechanics.load_kilograms)?;
-    not_negative(
-        "damping_newton_seconds_per_metre",
-        mechanics.damping_newton_seconds_per_metre,
-    )
 }
 
 #[cfg(test)]
