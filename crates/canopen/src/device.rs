@@ -7,7 +7,6 @@
 //! Kernel error messages are the CAN controller's view of the bus: bus-off counts as loss of communication, error
 //! passive and overrun raise their EMCY.
 
-use std::borrow::Cow;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
@@ -430,9 +429,9 @@ struct Objects<'a, A> {
 }
 
 impl<A: Application> Access for Objects<'_, A> {
-    fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
+    fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
         self.application.on_read(self.services, index, sub_index);
-        self.services.read(index, sub_index).map(Cow::Borrowed)
+        self.services.read(index, sub_index)
     }
 
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
@@ -442,8 +441,8 @@ impl<A: Application> Access for Objects<'_, A> {
         self.services.commit(handle, bytes)
     }
 
-    fn dictionary(&self) -> Option<&ObjectDictionary> {
-        Some(&self.services.dictionary)
+    fn dictionary(&self) -> &ObjectDictionary {
+        &self.services.dictionary
     }
 }
 

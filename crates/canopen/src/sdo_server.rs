@@ -1,6 +1,5 @@
 //! The SDO server (CiA 301, 7.2.4): one channel by which one client reads and writes the object dictionary.
 
-use std::borrow::Cow;
 use std::time::Duration;
 
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
@@ -14,11 +13,11 @@ use can::CanFrame;
 
 /// Objects that a server serves, with their reactions to reads and writes.
 pub trait Access {
-    /// Returns the value of an object, little-endian. Borrowed values up to four bytes are served without allocation.
+    /// Returns the value of an object, little-endian. Values up to four bytes are served without allocation.
     ///
     /// # Errors
     /// The reason for which the object cannot be read.
-    fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode>;
+    fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode>;
 
     /// Writes an object.
     ///
@@ -27,26 +26,8 @@ pub trait Access {
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode>;
 
     /// Returns the dictionary of the objects, by which hopeless segmented and block downloads end early, and which knows the length
-    /// of expedited downloads that do not tell theirs. Without it [`Access::write`] alone decides, and that length is four.
-    fn dictionary(&self) -> Option<&ObjectDictionary> {
-        None
-    }
-}
-
-/// Plain storage: existence, access rights, length and limits are checked, and there is no other effect.
-impl Access for ObjectDictionary {
-    fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
-        ObjectDictionary::read(self, index, sub_index).map(Cow::Borrowed)
-    }
-
-    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
-        let handle = self.check_write(index, sub_index, bytes)?;
-        self.store(handle, bytes)
-    }
-
-    fn dictionary(&self) -> Option<&ObjectDictionary> {
-        Some(self)
-    }
+    /// of expedited downloads that do not tell theirs.
+    fn dictionary(&self) -> &ObjectDictionary;
 }
 
 /// State of a transfer.
@@ -218,7 +199,7 @@ impl SdoServer {
         let command = request[0];
         if command & 0b10 != 0 {
             let type_bytes = || {
-                let dictionary = objects.dictionary()?;
+                let dictionary = objects.dictionary();
                 let handle = dictionary.find(index, sub_index).ok()?;
                 dictionary.entry(handle).data_type.size_bytes()
             };
@@ -242,15 +223,14 @@ impl SdoServer {
     ) -> Result<(), AbortCode> {
         let Multiplexer { index, sub_index } = self.transfer.object;
         let announced = announced_length(request, is_announced);
-        if let Some(dictionary) = objects.dictionary() {
-            let entry = dictionary.entry(dictionary.find(index, sub_index)?);
-            if !entry.access.is_writable() {
-                return Err(AbortCode::READ_ONLY);
-            }
-            // A length beyond the limit may also be beyond the object's, which is the better answer.
-            if let Some(length) = announced.unwrap_or(Some(usize::MAX)) {
-                check_length(length, entry.data_type.size_bytes())?;
-            }
+        let dictionary = objects.dictionary();
+        let entry = dictionary.entry(dictionary.find(index, sub_index)?);
+        if !entry.access.is_writable() {
+            return Err(AbortCode::READ_ONLY);
+        }
+        // A length beyond the limit may also be beyond the object's, which is the better answer.
+        if let Some(length) = announced.unwrap_or(Some(usize::MAX)) {
+            check_length(length, entry.data_type.size_bytes())?;
         }
         self.transfer.announced = announced?;
         self.transfer.buffer.clear();
@@ -288,7 +268,7 @@ impl SdoServer {
     ) -> Result<(), AbortCode> {
         let Multiplexer { index, sub_index } = self.begin(request);
         let value = objects.read(index, sub_index)?;
-        self.answer_upload(&value)
+        self.answer_upload(value)
     }
 
     /// Answers an upload, expedited or segmented.
@@ -386,10 +366,10 @@ impl SdoServer {
         let [block_size, threshold, ..] = data_bytes(request);
         let value = objects.read(index, sub_index)?;
         if value.len() <= usize::from(threshold) {
-            return self.answer_upload(&value);
+            return self.answer_upload(value);
         }
         let sender = BlockSender::new(block_size)?;
-        self.keep(&value)?;
+        self.keep(value)?;
         self.transfer.with_crc = request[0] & 0b100 != 0;
         self.state = State::BlockUploadStart(sender);
         self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0xC6, value.len()));
@@ -422,6 +402,22 @@ mod tests {
     use crate::sdo::bytes;
 
     const NOW: Duration = Duration::from_secs(5);
+
+    /// Plain storage: existence, access rights, length and limits are checked, and there is no other effect.
+    impl Access for ObjectDictionary {
+        fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+            ObjectDictionary::read(self, index, sub_index)
+        }
+
+        fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+            let handle = self.check_write(index, sub_index, bytes)?;
+            self.store(handle, bytes)
+        }
+
+        fn dictionary(&self) -> &ObjectDictionary {
+            self
+        }
+    }
 
     /// A server with a few objects of every kind.
     struct Bench {
@@ -499,15 +495,21 @@ mod tests {
 
     #[test]
     fn codes_of_the_application_reach_the_client() {
-        struct Refusing(AbortCode);
+        struct Refusing(AbortCode, ObjectDictionary);
         impl Access for Refusing {
-            fn read(&mut self, _: u16, _: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
+            fn read(&mut self, _: u16, _: u8) -> Result<&[u8], AbortCode> {
                 Err(self.0)
             }
             fn write(&mut self, _: u16, _: u8, _: &[u8]) -> Result<(), AbortCode> {
                 Err(self.0)
             }
+            fn dictionary(&self) -> &ObjectDictionary {
+                &self.1
+            }
         }
+        let access = object_dictionary::Access::ReadWrite;
+        let mut objects = ObjectDictionary::new();
+        objects.insert(Entry::new(0x1600, 0, "", DataType::Domain, access, vec![]));
         for code in [
             AbortCode::UNSUPPORTED_ACCESS,
             AbortCode::NOT_MAPPABLE,
@@ -536,7 +538,7 @@ mod tests {
             ] {
                 for request in requests {
                     let frame = CanFrame::new(0x610, &request[..]);
-                    server.on_frame(NOW, &frame, &mut Refusing(code));
+                    server.on_frame(NOW, &frame, &mut Refusing(code, objects.clone()));
                 }
                 let answer = server.next_frame().unwrap().data().to_vec();
                 assert_eq!(only_abort(std::slice::from_ref(&answer)), code, "{end}");
