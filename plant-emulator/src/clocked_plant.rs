@@ -162,16 +162,6 @@ impl ClockedPlant {
             .is_none_or(|(plant, input)| plant.conducts(input))
     }
 
-    pub(crate) fn is_condition_new(
-        &self,
-        input: usize,
-        faults: &Faults,
-        time_seconds: f64,
-    ) -> bool {
-        self.at(input)
-            .is_some_and(|(plant, input)| plant.is_condition_new(input, faults, time_seconds))
-    }
-
     pub(crate) fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
         let mut parts = self.parts.iter_mut();
         if let Some(part) = parts.find(|part| part.inputs.contains(&input)) {

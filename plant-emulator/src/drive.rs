@@ -165,14 +165,11 @@ impl Drive {
         self.commanded_amperes = commanded_amperes;
         let input = self.wires.input;
         let mut current_amperes = commanded_amperes;
+        if self.faults.plant_faults(now).is_some() {
+            self.advance();
+        }
         if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
-            if self.plant.is_condition_new(input, faults, time_seconds) {
-                self.advance();
-                // The faults are borrowed again because time has passed.
-                if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
-                    self.plant.set_condition(input, faults, time_seconds);
-                }
-            }
+            self.plant.set_condition(input, faults, time_seconds);
             current_amperes = if self.plant.conducts(input) {
                 self.faults.current_amperes(now, commanded_amperes)
             } else {

@@ -71,12 +71,8 @@ pub trait Plant: Any + fmt::Debug + Send {
         true
     }
 
-    /// Returns whether the faults at a scenario time change the condition of the part at an input.
-    fn is_condition_new(&self, _input: usize, _faults: &Faults, _time_seconds: f64) -> bool {
-        false
-    }
-
-    /// Sets the condition of the part at an input by the faults at a scenario time.
+    /// Sets the condition of the part at an input by the faults at a scenario time. In a scenario with faults the emulator
+    /// calls it after each event, with the plant at that time.
     fn set_condition(&mut self, _input: usize, _faults: &Faults, _time_seconds: f64) {}
 
     /// Returns the reason why it cannot continue, such as a model that ended by itself; `None` while it can. The

@@ -129,10 +129,6 @@ impl Plant for DcMotor {
         Some(self.winding_celsius())
     }
 
-    fn is_condition_new(&self, _input: usize, faults: &Faults, time_seconds: f64) -> bool {
-        Condition::at(faults, time_seconds) != self.condition
-    }
-
     fn set_condition(&mut self, _input: usize, faults: &Faults, time_seconds: f64) {
         self.condition = Condition::at(faults, time_seconds);
     }

@@ -282,10 +282,6 @@ impl Plant for Actuator {
         !self.condition.is_wire_broken
     }
 
-    fn is_condition_new(&self, _input: usize, faults: &Faults, time_seconds: f64) -> bool {
-        Condition::at(faults, time_seconds) != self.condition
-    }
-
     fn set_condition(&mut self, _input: usize, faults: &Faults, time_seconds: f64) {
         self.condition = Condition::at(faults, time_seconds);
     }

@@ -299,11 +299,6 @@ impl Plant for SmaPair {
         wire.is_none_or(|wire| !wire.condition.is_wire_broken)
     }
 
-    fn is_condition_new(&self, input: usize, faults: &Faults, time_seconds: f64) -> bool {
-        let wire = self.wires.get(input);
-        wire.is_some_and(|wire| wire.condition != Condition::at(faults, time_seconds))
-    }
-
     fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
         if let Some(wire) = self.wires.get_mut(input) {
             wire.condition = Condition::at(faults, time_seconds);
@@ -361,8 +356,8 @@ mod tests {
     fn a_broken_wire_pulls_and_conducts_no_more() {
         let mut pair = pair();
         let faults = faults("[[fault.plant.broken_wire]]\nfrom_seconds = 1.0\n");
-        assert!(!pair.is_condition_new(FLEXOR, &faults, 0.5));
-        assert!(pair.is_condition_new(FLEXOR, &faults, 1.5));
+        pair.set_condition(FLEXOR, &faults, 0.5);
+        assert!(pair.conducts(FLEXOR) && pair.conducts(EXTENSOR));
         run(&mut pair, 5.0, [0.8, 0.0], 0.0);
         pair.set_condition(FLEXOR, &faults, 1.5);
         assert!(!pair.conducts(FLEXOR) && pair.conducts(EXTENSOR));
