@@ -41,8 +41,6 @@ const WARNING_UTILISATION: f64 = 0.9;
 /// Time for which the current may deviate from its command (assumed) before the drive reports a fault of its amplifier.
 const CURRENT_DEVIATION_TIME_MAX: Duration = Duration::from_millis(100);
 
-const COMMUNICATION_CYCLE_PERIOD: u16 = 0x1006;
-
 /// The application of the drive, around its object dictionary.
 #[derive(Debug)]
 pub struct Drive {
@@ -73,10 +71,6 @@ pub struct Drive {
     is_limit_active: bool,
     /// Whether the latest command was beyond the limits of its object, and was cut to them on reception.
     is_command_cut: bool,
-    /// Time of the latest SYNC, which this drive supervises itself while 0x1006 is 0.
-    latest_sync: Duration,
-    /// Whether a SYNC period is configured, so that the SYNC consumer supervises it.
-    has_sync_period: bool,
     is_stop_asked: bool,
 }
 
@@ -110,8 +104,6 @@ impl Drive {
             codes: None,
             is_limit_active: false,
             is_command_cut: false,
-            latest_sync: Duration::ZERO,
-            has_sync_period: false,
             is_stop_asked: false,
             objects,
         })
@@ -296,21 +288,6 @@ impl Drive {
         self.machine
             .on_controlword(controlword, &codes, is_fault_present);
     }
-
-    /// Returns the deadline of the next SYNC while 0x1006 gives no period to the SYNC consumer.
-    fn sync_deadline(&self) -> Option<Duration> {
-        // The command counts, not the current: an amplifier that is stuck on no longer obeys.
-        (self.commanded_amperes != 0.0 && !self.has_sync_period)
-            .then(|| self.latest_sync + SYNC_TIMEOUT)
-    }
-
-    /// Lets the SYNC consumer wait for [`SYNC_TIMEOUT`], but at least for one missing SYNC.
-    fn supervise_sync(&mut self, services: &mut Services, period_microseconds: u32) {
-        self.has_sync_period = period_microseconds != 0;
-        let timeout_microseconds = u32::try_from(SYNC_TIMEOUT.as_micros()).unwrap_or(u32::MAX);
-        let count = timeout_microseconds.checked_div(period_microseconds);
-        services.set_missing_syncs_tolerated(count.unwrap_or_default().max(1));
-    }
 }
 
 impl Application for Drive {
@@ -320,9 +297,8 @@ impl Application for Drive {
         self.codes = None;
         let dictionary = services.dictionary();
         let limits = self.objects.protection_limits(dictionary);
-        let period = dictionary.unsigned(COMMUNICATION_CYCLE_PERIOD, 0);
         self.protection.set_limits(limits);
-        self.supervise_sync(services, period.unwrap_or_default());
+        services.set_sync_timeout_min(SYNC_TIMEOUT);
         self.settle(services);
     }
 
@@ -336,7 +312,6 @@ impl Application for Drive {
     }
 
     fn on_sync(&mut self, services: &mut Services, _sync: &Sync) {
-        self.latest_sync = services.now();
         self.sample(services);
         self.protect(services);
         self.apply(services);
@@ -388,9 +363,6 @@ impl Application for Drive {
                 self.obey(u16::from_le_bytes([low, high]), services);
                 self.settle(services);
             }
-            (COMMUNICATION_CYCLE_PERIOD, &[a, b, c, d]) => {
-                self.supervise_sync(services, u32::from_le_bytes([a, b, c, d]));
-            }
             (TARGET_TORQUE, _) => self.is_command_cut = false,
             (index, &[low, high]) => OptionCodes::check(index, i16::from_le_bytes([low, high]))?,
             _ => {}
@@ -406,21 +378,10 @@ impl Application for Drive {
 
     fn on_tick(&mut self, services: &mut Services) {
         self.follow();
-        if self
-            .sync_deadline()
-            .is_some_and(|deadline| services.now() >= deadline)
-        {
-            services.raise_error(ErrorCode::COMMUNICATION, [0; 5]);
-            self.on_communication_loss(services, CommunicationLoss::Sync);
-        }
         let limits = self.objects.protection_limits(services.dictionary());
         self.protection.set_limits(limits);
         self.protect(services);
         self.settle(services);
-    }
-
-    fn next_deadline(&self) -> Option<Duration> {
-        self.sync_deadline()
     }
 
     fn on_stop(&mut self, services: &mut Services) {

@@ -15,7 +15,7 @@ use can::{CanFrame, Filter, Progress};
 pub enum CommunicationLoss {
     /// A watched node's heartbeat did not come in its time (0x1016), or the node booted.
     Heartbeat(NodeId),
-    /// No SYNC for 1.5 periods (0x1006), or as many as [`Services::set_missing_syncs_tolerated`] allows.
+    /// No SYNC for 1.5 periods (0x1006), or for the time that [`Services::set_sync_timeout_min`] allows.
     Sync,
     /// The RPDO with this number, from 1, missed its deadline (0x1400:05).
     Rpdo(u16),

@@ -65,7 +65,7 @@ impl Services {
             node_id,
             state: NmtState::Initialising,
             requests: VecDeque::with_capacity(REQUESTS_MAX),
-            sync: SyncService::new(),
+            sync: SyncService::default(),
             rpdos,
             tpdos,
             has_timed_pdos: false,
@@ -196,10 +196,11 @@ impl Services {
         self.emcy.clear(&mut self.dictionary, code, 0);
     }
 
-    /// Sets how many SYNCs may be missing before [`crate::CommunicationLoss::Sync`]: the time-out is that number and a half of
-    /// periods (0x1006). CiA 301 leaves the number open; the default is 1.
-    pub fn set_missing_syncs_tolerated(&mut self, count: u32) {
-        self.sync.set_missing_tolerated(count);
+    /// Sets the shortest time without a SYNC before [`crate::CommunicationLoss::Sync`], which CiA 301 leaves open. The time-out
+    /// is half a period (0x1006) and as many whole ones as fit into this time, but at least one; without a period it is this
+    /// time. The default is 0: 1.5 periods, and no time-out without a period.
+    pub fn set_sync_timeout_min(&mut self, timeout_min: Duration) {
+        self.sync.set_timeout_min(timeout_min);
     }
 
     /// Begins the watch over all nodes of 0x1016 now, also over those that were never heard: CiA 301 begins it with the first

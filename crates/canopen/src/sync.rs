@@ -11,9 +11,6 @@ const PERIOD: u16 = 0x1006;
 const WINDOW: u16 = 0x1007;
 const OVERFLOW: u16 = 0x1019;
 
-/// Number of SYNCs that may be missing before the consumer reports a time-out: it waits 1.5 periods.
-const MISSING_SYNCS_TOLERATED: u32 = 1;
-
 /// A SYNC as the services of a node see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync {
@@ -90,7 +87,8 @@ pub(crate) fn check_write(
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SyncService {
     parameters: Parameters,
-    missing_tolerated: u32,
+    /// Shortest time-out of the consumer; 0 for 1.5 periods.
+    timeout_min: Duration,
     last_counter: Option<u8>,
     last: Option<Duration>,
     /// Deadline of the consumer from each SYNC on, until the time-out.
@@ -103,17 +101,9 @@ pub(crate) struct SyncService {
 }
 
 impl SyncService {
-    /// Makes a service that is not configured yet; a producer begins with [`SyncService::start`].
-    pub(crate) fn new() -> Self {
-        Self {
-            missing_tolerated: MISSING_SYNCS_TOLERATED,
-            ..Self::default()
-        }
-    }
-
-    /// Sets how many SYNCs may be missing before the time-out, which then comes after that number and a half of periods.
-    pub(crate) fn set_missing_tolerated(&mut self, count: u32) {
-        self.missing_tolerated = count;
+    /// Sets the shortest time-out; see [`crate::Services::set_sync_timeout_min`].
+    pub(crate) fn set_timeout_min(&mut self, timeout_min: Duration) {
+        self.timeout_min = timeout_min;
     }
 
     /// Stops and reads the configuration (NMT reset).
@@ -126,7 +116,7 @@ impl SyncService {
     pub(crate) fn stop(&mut self) {
         *self = Self {
             parameters: self.parameters,
-            missing_tolerated: self.missing_tolerated,
+            timeout_min: self.timeout_min,
             overruns: self.overruns,
             ..Self::default()
         };
@@ -194,9 +184,16 @@ impl SyncService {
     }
 
     fn deadline_from(&self, now: Duration) -> Option<Duration> {
-        let half_periods = self.missing_tolerated.saturating_mul(2).saturating_add(1);
-        let period = self.parameters.period?;
-        (!self.parameters.is_producer).then(|| now + period.saturating_mul(half_periods) / 2)
+        let timeout = match self.parameters.period {
+            Some(period) => {
+                let missing = self.timeout_min.as_nanos() / period.as_nanos();
+                let missing = u32::try_from(missing.max(1)).unwrap_or(u32::MAX);
+                let half_periods = missing.saturating_mul(2).saturating_add(1);
+                period.saturating_mul(half_periods) / 2
+            }
+            None => Some(self.timeout_min).filter(|timeout| !timeout.is_zero())?,
+        };
+        self.period().is_none().then(|| now + timeout)
     }
 
     /// Returns the number of SYNCs since the previous one; 1 if the counters do not show it.

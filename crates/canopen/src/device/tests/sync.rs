@@ -128,10 +128,23 @@ fn time_out_comes_after_one_and_a_half_periods_and_is_reported_once() {
 #[test]
 fn the_application_may_tolerate_more_missing_syncs() {
     let mut bench = Bench::operational();
-    bench.device.services_mut().set_missing_syncs_tolerated(10);
+    let services = bench.device.services_mut();
+    services.set_sync_timeout_min(milliseconds(10));
     set_period(&mut bench, 1000);
     bench.send(0x80, &[1]);
     assert_eq!(times(&bench.pass(milliseconds(20))), [10.5]);
+}
+
+#[test]
+fn a_shortest_time_out_needs_no_period() {
+    let mut bench = Bench::operational();
+    bench.send(0x80, &[1]);
+    assert!(bench.pass(milliseconds(20)).is_empty());
+    let services = bench.device.services_mut();
+    services.set_sync_timeout_min(milliseconds(10));
+    assert!(bench.pass(milliseconds(20)).is_empty());
+    bench.send(0x80, &[2]);
+    assert_eq!(times(&bench.pass(milliseconds(20))), [50.0]);
 }
 
 #[test]
