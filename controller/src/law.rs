@@ -188,8 +188,9 @@ impl AnyLaw {
     /// # Errors
     /// The process cannot be started.
     pub(crate) fn start(&mut self, period: Duration, start: StartPlayer<'_>) -> Result<(), String> {
-        if let Some(part) = self.part.take() {
-            self.player = start(&Part { period, ..part })?;
+        if let Some(mut part) = self.part.take() {
+            part.setup.period_seconds = period.as_secs_f64();
+            self.player = start(&part)?;
         }
         Ok(())
     }

@@ -1,17 +1,15 @@
 //! Laws that a separate process plays. Their ports follow from their tables; the caller of the controller starts the
 //! process.
 
-use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
 use scenario::controller::Controller;
 use scenario::law_ports::{self, WrongPort};
 use scenario::port::{Port, Ports};
-use scenario::process_law::{PlayedPort, Plays, ProcessLaw};
+use scenario::process_law::{LawSetup, PlayedPort, Plays, ProcessLaw};
 use scenario::wiring::{LoopFacts, Wiring};
 use scenario::{CurrentRange, Objection};
-use toml::Value;
 
 use crate::law::Cycle;
 
@@ -32,20 +30,8 @@ pub struct Part {
     pub plays: Plays,
     /// Name of its loop among several; empty for an only loop.
     pub loop_name: String,
-    /// Names of the values that it reads.
-    pub reads: Vec<String>,
-    /// Names of its commands.
-    pub writes: Vec<String>,
-    /// Names of the further values that it writes.
-    pub terms: Vec<String>,
-    /// Variables of an FMU by these names.
-    pub variables: BTreeMap<String, String>,
-    /// Smallest and largest command of each of `writes`, in its unit.
-    pub ranges: Vec<[f64; 2]>,
-    /// Parameters by name.
-    pub parameters: BTreeMap<String, Value>,
-    /// Time between two cycles.
-    pub period: Duration,
+    /// Names in the process, parameters, and time between two cycles.
+    pub setup: LawSetup,
 }
 
 /// A law with its memory: in this process, or in another one.
@@ -117,14 +103,17 @@ impl Part {
         let variables = all.filter_map(|port| Some((name(port), port.variable.clone()?)));
         let part = Self {
             loop_name: wiring.loop_among_several().to_owned(),
-            reads: named(&law.reads),
-            writes: named(&law.writes),
-            terms: named(&law.terms),
-            variables: variables.collect(),
-            ranges: ranges.collect(),
+            setup: LawSetup {
+                reads: named(&law.reads),
+                writes: named(&law.writes),
+                terms: named(&law.terms),
+                ranges: ranges.collect(),
+                parameters: law.parameters,
+                variables: variables.collect(),
+                // The period is that of the bus, which is known at the start.
+                period_seconds: 0.0,
+            },
             plays: law.plays,
-            parameters: law.parameters,
-            period: Duration::ZERO,
         };
         (part, ports)
     }
@@ -216,6 +205,8 @@ fn check_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Result<()
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use scenario::port::{Command, Measurand, Unit};
     use scenario::process_law::Program;
 
@@ -256,16 +247,16 @@ mod tests {
         };
         let (part, wrong) = written(Command::Current, "x.current_milliamperes");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
-        assert_eq!(part.ranges, [[-2000.0, 4000.0]]);
+        assert_eq!(part.setup.ranges, [[-2000.0, 4000.0]]);
         assert_eq!(
-            (&part.writes[0], &part.terms[0]),
+            (&part.setup.writes[0], &part.setup.terms[0]),
             (&"current_milliamperes".to_owned(), &"sum".to_owned())
         );
         let (part, wrong) = written(Command::Voltage, "voltage_volts");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
-        assert_eq!(part.ranges, [[-2.0, 4.0]]);
+        assert_eq!(part.setup.ranges, [[-2.0, 4.0]]);
         let (part, wrong) = written(Command::Voltage, "current_amperes");
-        assert_eq!(part.ranges, [ANY], "one for each of `writes`");
+        assert_eq!(part.setup.ranges, [ANY], "one for each of `writes`");
         let wrong = wrong.unwrap();
         assert_eq!(wrong.path, "controller.program.writes.0");
         assert!(

@@ -28,4 +28,4 @@ pub use archive::{Archive, Unpacked};
 pub use description::Description;
 pub use error::{Fault, FmuError, said};
 pub use instance::{Configuration, Instance, StartValue};
-pub use library::law::{LawLibrary, LawSetup};
+pub use library::law::LawLibrary;

@@ -9,6 +9,26 @@ use toml::Value;
 
 use crate::plant::{any_values, whole_names};
 
+/// Description of a run for a process that plays a law, which is the content of WELCOME.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+pub struct LawSetup {
+    /// Names of the values that it reads.
+    pub reads: Vec<String>,
+    /// Names of its commands.
+    pub writes: Vec<String>,
+    /// Names of the further values that it writes.
+    pub terms: Vec<String>,
+    /// Smallest and largest command of each of `writes`, in its unit.
+    pub ranges: Vec<[f64; 2]>,
+    /// Parameters by name. A law in a library is given the numbers among them.
+    pub parameters: BTreeMap<String, Value>,
+    /// Variables of an FMU, by the names of the values.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub variables: BTreeMap<String, String>,
+    /// Time between two cycles.
+    pub period_seconds: f64,
+}
+
 /// A law that a program plays, in any language. In each cycle it gets the values that the law reads, and answers with those that
 /// it writes.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

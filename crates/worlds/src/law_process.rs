@@ -19,7 +19,6 @@ use platform::program::{START_PATIENCE, open_seat};
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
 use scenario::process_law::{Plays, ProcessLaw};
-use serde_json::json;
 
 use crate::fmu_plant;
 use crate::law_worker::{SUBCOMMAND, command};
@@ -102,7 +101,7 @@ impl LawPlace {
             .map_err(|error| format!("no process for the law `{law}` can be started: {error}"))?;
         let mut law = LawProcess {
             who,
-            outputs: [&part.writes[..], &part.terms].concat(),
+            outputs: [&part.setup.writes[..], &part.setup.terms].concat(),
             seat,
             _unpacked: unpacked,
             is_gone: false,
@@ -199,17 +198,7 @@ struct LawProcess {
 impl LawProcess {
     /// Waits for the process, and sends it its part.
     fn meet(&mut self, part: &process_law::Part, seed: u64) -> Result<(), String> {
-        let mut welcome = json!({
-            "reads": part.reads,
-            "writes": part.writes,
-            "terms": part.terms,
-            "ranges": part.ranges,
-            "parameters": part.parameters,
-            "period_seconds": part.period.as_secs_f64(),
-        });
-        if !part.variables.is_empty() {
-            welcome["variables"] = json!(part.variables);
-        }
+        let welcome = serde_json::to_value(&part.setup).map_err(|error| error.to_string())?;
         let welcome = welcome.to_string();
         let met = self.seat.meet(seed, welcome.as_bytes(), CLOSED_PATIENCE);
         met.map_err(|why| match why {

@@ -7,11 +7,11 @@ use std::path::{Path, absolute};
 
 use fmu::table::{self, Misfit};
 use fmu::unit::Conversion;
-use fmu::{Fault, Instance, LawLibrary, LawSetup};
+use fmu::{Fault, Instance, LawLibrary};
 use platform::program::Seat;
 use scenario::Objection;
 use scenario::plant::{Fmu, FmuPort};
-use scenario::process_law::FmuLaw;
+use scenario::process_law::{FmuLaw, LawSetup};
 use toml::Value;
 
 use crate::fmu_plant::{fmu_wiring, objection_to};

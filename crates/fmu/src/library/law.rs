@@ -1,12 +1,10 @@
 //! A control law in a shared library: the functions of `include/canrig_law.h` behind safe ones.
 
-use std::collections::BTreeMap;
 use std::ffi::{CStr, CString, c_char, c_double, c_int, c_void};
 use std::path::Path;
 
 use libloading::os::unix::Library;
-use serde::Deserialize;
-use toml::Value;
+use scenario::process_law::LawSetup;
 
 use super::{function, open, text};
 use crate::error::Fault;
@@ -43,26 +41,6 @@ struct SetupInC {
     maxs: *const c_double,
     period_seconds: c_double,
     seed: u64,
-}
-
-/// Description of a run for a law, which is the content of WELCOME: the names of its values, its period, its parameters.
-#[derive(Clone, Debug, Default, Deserialize)]
-pub struct LawSetup {
-    /// Names of the values that it reads.
-    pub reads: Vec<String>,
-    /// Names of its commands.
-    pub writes: Vec<String>,
-    /// Names of the further values that it writes.
-    pub terms: Vec<String>,
-    /// Smallest and largest value of each command in `writes`.
-    pub ranges: Vec<[f64; 2]>,
-    /// Parameters by name. A law in a library is given the numbers among them.
-    pub parameters: BTreeMap<String, Value>,
-    /// Variables of a law in an FMU, by the names of the values.
-    #[serde(default)]
-    pub variables: BTreeMap<String, String>,
-    /// Time between two cycles.
-    pub period_seconds: f64,
 }
 
 fn texts<'a>(names: impl IntoIterator<Item = &'a String>) -> Result<Vec<CString>, Fault> {
