@@ -14,7 +14,7 @@ use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
 use scenario::wiring::{LoopFacts, Wiring};
 
-use crate::process_law::{NotStarted, Part, Player, StartPlayer, Window};
+use crate::process_law::{Part, Player, StartPlayer, Window};
 use crate::terms::described;
 
 /// Time of a step.
@@ -150,7 +150,8 @@ pub struct AnyLaw {
     drives: Option<usize>,
     /// Whether the names of its ports begin with the names of loops and drives.
     names_loops: bool,
-    player: Box<dyn Player>,
+    /// `None` for a process that is not started yet.
+    player: Option<Box<dyn Player>>,
     /// Part for a process that is not started yet.
     part: Option<Part>,
 }
@@ -163,10 +164,10 @@ impl AnyLaw {
             ports: law.ports(),
             drives: L::DRIVES,
             names_loops: L::DRIVES.is_none(),
-            player: Box::new(Running {
+            player: Some(Box::new(Running {
                 state: law.start(),
                 law,
-            }),
+            })),
             part: None,
         }
     }
@@ -178,7 +179,7 @@ impl AnyLaw {
             ports,
             drives: Some(1 + wiring.also_leads),
             names_loops: true,
-            player: Box::new(NotStarted),
+            player: None,
             part: Some(part),
         }
     }
@@ -190,7 +191,7 @@ impl AnyLaw {
     pub(crate) fn start(&mut self, period: Duration, start: StartPlayer<'_>) -> Result<(), String> {
         if let Some(mut part) = self.part.take() {
             part.setup.period_seconds = period.as_secs_f64();
-            self.player = start(&part)?;
+            self.player = Some(start(&part)?);
         }
         Ok(())
     }
@@ -207,7 +208,7 @@ impl AnyLaw {
 
     /// Returns the parameter that makes no physical sense, if there is one, and the reason.
     pub fn objection(&self) -> Option<(&'static str, String)> {
-        self.player.objection()
+        self.player.as_ref()?.objection()
     }
 
     /// Returns the connections of its ports at the drive with this wiring.
@@ -253,12 +254,13 @@ impl AnyLaw {
         reads: &[f64],
         writes: &mut [f64],
     ) -> bool {
-        self.player.step(cycle, window, reads, writes)
+        let player = self.player.as_mut();
+        player.is_some_and(|player| player.step(cycle, window, reads, writes))
     }
 
     /// Returns the reason why it cannot continue, if there is one.
     pub fn failure(&self) -> Option<&str> {
-        self.player.failure()
+        self.player.as_ref()?.failure()
     }
 }
 

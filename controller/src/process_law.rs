@@ -51,16 +51,6 @@ pub trait Player: fmt::Debug + Send {
     }
 }
 
-/// The player of a law whose process is not started. It never answers.
-#[derive(Debug)]
-pub(crate) struct NotStarted;
-
-impl Player for NotStarted {
-    fn step(&mut self, _: &Cycle, _: &Window, _: &[f64], _: &mut [f64]) -> bool {
-        false
-    }
-}
-
 /// Function that starts the process for a part; its error is the reason why it cannot.
 pub type StartPlayer<'a> = &'a dyn Fn(&Part) -> Result<Box<dyn Player>, String>;
 
