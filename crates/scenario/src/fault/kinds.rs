@@ -128,6 +128,41 @@ pub enum Drawn {
 }
 
 impl Key {
+    /// Makes a required number. Torture draws it from its whole range.
+    const fn number(name: &'static str, min: f64, max: f64) -> Self {
+        Self {
+            name,
+            form: Form::Number(min, max),
+            need: Need::Required,
+            drawn: Drawn::Between(min, max),
+            text: "",
+        }
+    }
+
+    /// Makes a whole number, as [`Key::number`].
+    const fn whole(name: &'static str, min: u32, max: u32) -> Self {
+        Self {
+            form: Form::Whole(min, max),
+            drawn: Drawn::Whole(min, max),
+            ..Self::number(name, 0.0, 0.0)
+        }
+    }
+
+    /// Sets whether it may be left out.
+    const fn needed(self, need: Need) -> Self {
+        Self { need, ..self }
+    }
+
+    /// Sets the values that torture draws.
+    const fn drawn(self, drawn: Drawn) -> Self {
+        Self { drawn, ..self }
+    }
+
+    /// Sets the description.
+    const fn with_text(self, text: &'static str) -> Self {
+        Self { text, ..self }
+    }
+
     /// Checks whether its value is the name of a node.
     pub(super) fn names_node(&self) -> bool {
         matches!(self.form, Form::Node | Form::Station)
@@ -218,49 +253,21 @@ const SENDER: Key = Key {
     drawn: Drawn::Station,
     text: "Station whose frames are affected.",
 };
-const IDENTIFIER: Key = Key {
-    name: "identifier",
-    form: Form::Whole(0, 2047),
-    need: Need::Optional,
-    drawn: Drawn::Identifier,
-    text: "Only frames with this identifier.",
-};
-const PROBABILITY: Key = Key {
-    name: "probability",
-    form: Form::Number(0.0, 1.0),
-    need: Need::Default(1.0),
-    drawn: Drawn::Between(0.01, 1.0),
-    text: "Probability for each frame.",
-};
-const BURST: Key = Key {
-    name: "burst_frames",
-    form: Form::Whole(1, 100_000),
-    need: Need::Default(1.0),
-    drawn: Drawn::Whole(1, 60),
-    text: "Number of frames that are affected in a row.",
-};
-const FOREIGN: Key = Key {
-    name: "identifier",
-    form: Form::Whole(1, 2047),
-    need: Need::Required,
-    drawn: Drawn::Foreign(1),
-    text: "Identifier of its frames; a lower one wins the arbitration.",
-};
-
-const fn number(
-    name: &'static str,
-    range: (f64, f64),
-    drawn: (f64, f64),
-    text: &'static str,
-) -> Key {
-    Key {
-        name,
-        form: Form::Number(range.0, range.1),
-        need: Need::Required,
-        drawn: Drawn::Between(drawn.0, drawn.1),
-        text,
-    }
-}
+const IDENTIFIER: Key = Key::whole("identifier", 0, 2047)
+    .needed(Need::Optional)
+    .drawn(Drawn::Identifier)
+    .with_text("Only frames with this identifier.");
+const PROBABILITY: Key = Key::number("probability", 0.0, 1.0)
+    .needed(Need::Default(1.0))
+    .drawn(Drawn::Between(0.01, 1.0))
+    .with_text("Probability for each frame.");
+const BURST: Key = Key::whole("burst_frames", 1, 100_000)
+    .needed(Need::Default(1.0))
+    .drawn(Drawn::Whole(1, 60))
+    .with_text("Number of frames that are affected in a row.");
+const FOREIGN: Key = Key::whole("identifier", 1, 2047)
+    .drawn(Drawn::Foreign(1))
+    .with_text("Identifier of its frames; a lower one wins the arbitration.");
 
 const BUS: Kind = Kind {
     group: Group::Bus,
@@ -314,12 +321,9 @@ pub static KINDS: &[Kind] = &[
         touch: Touch::Late,
         keys: &[
             SENDER,
-            number(
-                "delay_milliseconds",
-                (0.0, 10_000.0),
-                (0.1, 20.0),
-                "Delay of the frames.",
-            ),
+            Key::number("delay_milliseconds", 0.0, 10_000.0)
+                .drawn(Drawn::Between(0.1, 20.0))
+                .with_text("Delay of the frames."),
             IDENTIFIER,
             PROBABILITY,
             BURST,
@@ -344,13 +348,10 @@ pub static KINDS: &[Kind] = &[
         name: "corrupt",
         keys: &[
             SENDER,
-            Key {
-                name: "inverted_bits",
-                form: Form::Whole(1, 64),
-                need: Need::Default(1.0),
-                drawn: Drawn::Whole(1, 8),
-                text: "Number of inverted bits, at random places.",
-            },
+            Key::whole("inverted_bits", 1, 64)
+                .needed(Need::Default(1.0))
+                .drawn(Drawn::Whole(1, 8))
+                .with_text("Number of inverted bits, at random places."),
             IDENTIFIER,
             PROBABILITY,
             BURST,
@@ -361,21 +362,13 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "bit_error",
         keys: &[
-            Key {
-                need: Need::Optional,
-                drawn: Drawn::PerhapsStation,
-                text: "Only the transmissions of this station.",
-                ..SENDER
-            },
+            SENDER
+                .needed(Need::Optional)
+                .drawn(Drawn::PerhapsStation)
+                .with_text("Only the transmissions of this station."),
             IDENTIFIER,
-            Key {
-                text: "Probability for each transmission.",
-                ..PROBABILITY
-            },
-            Key {
-                text: "Number of transmissions that are disturbed in a row.",
-                ..BURST
-            },
+            PROBABILITY.with_text("Probability for each transmission."),
+            BURST.with_text("Number of transmissions that are disturbed in a row."),
         ],
         text: "A bit is disturbed on the wire: error flag, retransmission, error counters up to error passive and bus-off (ISO 11898-1). `bus.log` shows the frame once it has been transmitted, and an error message of the bench for each change of a station's state. The bus load counts transmitted frames only, as a real interface does: disturbed transmissions only make them late.",
         ..BUS
@@ -389,17 +382,12 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "load",
         keys: &[
-            Key {
-                drawn: Drawn::Foreign(0x181),
-                text: "Identifier of its frames.",
-                ..FOREIGN
-            },
-            number(
-                "period_milliseconds",
-                (0.1, 10_000.0),
-                (0.2, 5.0),
-                "Time between two frames.",
-            ),
+            FOREIGN
+                .drawn(Drawn::Foreign(0x181))
+                .with_text("Identifier of its frames."),
+            Key::number("period_milliseconds", 0.1, 10_000.0)
+                .drawn(Drawn::Between(0.2, 5.0))
+                .with_text("Time between two frames."),
         ],
         text: "A foreign node sends at a constant rate. `bus.log` shows its frames.",
         ..BUS
@@ -437,12 +425,9 @@ pub static KINDS: &[Kind] = &[
         name: "slow_cycle",
         touch: Touch::Late,
         keys: &[
-            number(
-                "delay_milliseconds",
-                (0.0, 1_000.0),
-                (0.1, 20.0),
-                "Delay of its frames.",
-            ),
+            Key::number("delay_milliseconds", 0.0, 1_000.0)
+                .drawn(Drawn::Between(0.1, 20.0))
+                .with_text("Delay of its frames."),
             NODE,
         ],
         text: "The node is slow: it sends its frames later.",
@@ -451,12 +436,9 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "clock_drift",
         keys: &[
-            number(
-                "parts_per_million",
-                (-500_000.0, 500_000.0),
-                (-5000.0, 5000.0),
-                "Drift of the clock.",
-            ),
+            Key::number("parts_per_million", -500_000.0, 500_000.0)
+                .drawn(Drawn::Between(-5000.0, 5000.0))
+                .with_text("Drift of the clock."),
             NODE,
         ],
         text: "The node's clock is fast, or slow if the drift is negative.",
@@ -485,12 +467,9 @@ pub static KINDS: &[Kind] = &[
         time: Time::Boot,
         keys: &[
             NODE,
-            number(
-                "delay_seconds",
-                (0.0, 60.0),
-                (0.0, 12.0),
-                "Time by which it boots later than the others.",
-            ),
+            Key::number("delay_seconds", 0.0, 60.0)
+                .drawn(Drawn::Between(0.0, 12.0))
+                .with_text("Time by which it boots later than the others."),
         ],
         text: "The node boots late.",
         ..AT_NODE
@@ -498,88 +477,59 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "wrong_identity",
         time: Time::Boot,
-        keys: &[Key {
-            name: "product_code",
-            form: Form::Whole(0, u32::MAX),
-            need: Need::Required,
-            drawn: Drawn::Whole(0, u32::MAX),
-            text: "Its product code (0x1018:02).",
-        }],
+        keys: &[Key::whole("product_code", 0, u32::MAX).with_text("Its product code (0x1018:02).")],
         text: "The drive is another product than in the controller's data sheet; the controller must refuse it.",
         ..AT_NODE
     },
     Kind {
         name: "wrong_node_id",
         time: Time::Boot,
-        keys: &[Key {
-            name: "node_id",
-            form: Form::Whole(2, 127),
-            need: Need::Required,
-            drawn: Drawn::FreeNodeId,
-            text: "Its node-ID.",
-        }],
+        keys: &[Key::whole("node_id", 2, 127)
+            .drawn(Drawn::FreeNodeId)
+            .with_text("Its node-ID.")],
         text: "The drive has another node-ID than the controller expects.",
         ..AT_NODE
     },
     Kind {
         name: "offset",
-        keys: &[number(
-            "offset_{unit}",
-            (-1e6, 1e6),
-            (-60.0, 60.0),
-            "Offset that is added to the position.",
-        )],
+        keys: &[Key::number("offset_{unit}", -1e6, 1e6)
+            .drawn(Drawn::Between(-60.0, 60.0))
+            .with_text("Offset that is added to the position.")],
         text: "The sensor reads too much or too little.",
         ..SENSOR
     },
     Kind {
         name: "drift",
-        keys: &[number(
-            "rate_{unit}_per_second",
-            (-1e6, 1e6),
-            (-50.0, 50.0),
-            "Rate of the drift.",
-        )],
+        keys: &[Key::number("rate_{unit}_per_second", -1e6, 1e6)
+            .drawn(Drawn::Between(-50.0, 50.0))
+            .with_text("Rate of the drift.")],
         text: "The sensor's zero drifts while the fault lasts, and is correct again afterwards.",
         ..SENSOR
     },
     Kind {
         name: "noise",
-        keys: &[number(
-            "noise_{unit}_rms",
-            (0.0, 1e6),
-            (0.01, 5.0),
-            "Standard deviation of the noise.",
-        )],
+        keys: &[Key::number("noise_{unit}_rms", 0.0, 1e6)
+            .drawn(Drawn::Between(0.01, 5.0))
+            .with_text("Standard deviation of the noise.")],
         text: "Normally distributed noise, in addition to the sensor's own.",
         ..SENSOR
     },
     Kind {
         name: "spikes",
         keys: &[
-            number(
-                "height_{unit}",
-                (0.0, 1e6),
-                (0.5, 60.0),
-                "Height of a spike.",
-            ),
-            Key {
-                text: "Probability of a spike in a sample.",
-                ..PROBABILITY
-            },
+            Key::number("height_{unit}", 0.0, 1e6)
+                .drawn(Drawn::Between(0.5, 60.0))
+                .with_text("Height of a spike."),
+            PROBABILITY.with_text("Probability of a spike in a sample."),
         ],
         text: "Single samples are off by a fixed height, upwards or downwards.",
         ..SENSOR
     },
     Kind {
         name: "lost_bits",
-        keys: &[Key {
-            name: "mask",
-            form: Form::Whole(1, 16_777_215),
-            need: Need::Required,
-            drawn: Drawn::Whole(1, 1023),
-            text: "The bits, as a mask: 3 for the lowest two.",
-        }],
+        keys: &[Key::whole("mask", 1, 16_777_215)
+            .drawn(Drawn::Whole(1, 1023))
+            .with_text("The bits, as a mask: 3 for the lowest two.")],
         text: "Bits of the converted number read 0.",
         ..SENSOR
     },
@@ -590,23 +540,21 @@ pub static KINDS: &[Kind] = &[
     },
     Kind {
         name: "saturated",
-        keys: &[number(
-            "{command}_{command_unit}_max",
-            (0.0, 32_767_000.0),
-            (0.01, 1.0),
-            "Largest current that it still gives.",
-        )],
+        keys: &[
+            Key::number("{command}_{command_unit}_max", 0.0, 32_767_000.0)
+                .drawn(Drawn::Between(0.01, 1.0))
+                .with_text("Largest current that it still gives."),
+        ],
         text: "The amplifier saturates below its largest current.",
         ..AMPLIFIER
     },
     Kind {
         name: "stuck_on",
-        keys: &[number(
-            "{command}_{command_unit}",
-            (-32_767_000.0, 32_767_000.0),
-            (0.01, 1.0),
-            "Current that flows, within the range of the amplifier.",
-        )],
+        keys: &[
+            Key::number("{command}_{command_unit}", -32_767_000.0, 32_767_000.0)
+                .drawn(Drawn::Between(0.01, 1.0))
+                .with_text("Current that flows, within the range of the amplifier."),
+        ],
         text: "A current flows whatever is commanded.",
         ..AMPLIFIER
     },
@@ -619,24 +567,14 @@ pub static KINDS: &[Kind] = &[
         name: "ageing",
         time: Time::Ends,
         keys: &[
-            Key {
-                need: Need::Default(1.0),
-                ..number(
-                    "resistance_factor",
-                    (0.1, 10.0),
-                    (0.5, 1.0),
-                    "Factor on the electrical resistance.",
-                )
-            },
-            Key {
-                need: Need::Default(1.0),
-                ..number(
-                    "recoverable_strain_factor",
-                    (0.0, 1.0),
-                    (0.5, 1.0),
-                    "Factor on the recoverable strain.",
-                )
-            },
+            Key::number("resistance_factor", 0.1, 10.0)
+                .needed(Need::Default(1.0))
+                .drawn(Drawn::Between(0.5, 1.0))
+                .with_text("Factor on the electrical resistance."),
+            Key::number("recoverable_strain_factor", 0.0, 1.0)
+                .needed(Need::Default(1.0))
+                .drawn(Drawn::Between(0.5, 1.0))
+                .with_text("Factor on the recoverable strain."),
         ],
         text: "The wire ages: while the fault lasts, the factors on its parameters move linearly from 1 to these values, where they stay.",
         ..PLANT
