@@ -129,7 +129,7 @@ pub enum Drawn {
 
 impl Key {
     /// Makes a required number. Torture draws it from its whole range.
-    const fn number(name: &'static str, min: f64, max: f64) -> Self {
+    pub(super) const fn number(name: &'static str, min: f64, max: f64) -> Self {
         Self {
             name,
             form: Form::Number(min, max),
@@ -149,7 +149,7 @@ impl Key {
     }
 
     /// Sets whether it may be left out.
-    const fn needed(self, need: Need) -> Self {
+    pub(super) const fn needed(self, need: Need) -> Self {
         Self { need, ..self }
     }
 
@@ -159,7 +159,7 @@ impl Key {
     }
 
     /// Sets the description.
-    const fn with_text(self, text: &'static str) -> Self {
+    pub(super) const fn with_text(self, text: &'static str) -> Self {
         Self { text, ..self }
     }
 

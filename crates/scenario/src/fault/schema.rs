@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::{Form, Group, KINDS, Kind, Need, Time};
+use super::{Form, Group, KINDS, Key, Kind, Need, Time};
 use crate::TIME_SECONDS_MAX;
 use crate::schema::reference;
 
@@ -82,11 +82,9 @@ fn kinds_schema(group: Group) -> Value {
 fn kind_schema(kind: &Kind) -> Value {
     let mut properties = Map::new();
     let mut required = Vec::new();
-    let own = kind.keys.iter();
-    let keys = own.map(|key| (key.name, key.form, key.need, key.text));
-    for (key, form, need, text) in times(kind.time).into_iter().chain(keys) {
-        properties.insert(key.to_owned(), key_schema(key, form, need, text));
-        required.extend(matches!(need, Need::Required).then_some(key));
+    for key in times(kind.time).iter().chain(kind.keys) {
+        properties.insert(key.name.to_owned(), key_schema(key));
+        required.extend(matches!(key.need, Need::Required).then_some(key.name));
     }
     if kind.is_drive_fault() {
         let node = name("The drive; needed where there are several.");
@@ -111,24 +109,18 @@ fn table(text: &str, properties: impl IntoIterator<Item = (String, Value)>) -> V
     })
 }
 
-/// Returns the keys of the time of a fault, as those of its kind: name, form, need and description.
-fn times(time: Time) -> Vec<(&'static str, Form, Need, &'static str)> {
-    let seconds = Form::Number(0.0, TIME_SECONDS_MAX);
-    let until = match time {
-        Time::Ends => "When the fault ends.",
-        _ => "When the fault ends; with the run if absent.",
-    };
+/// Returns the keys of the time of a fault.
+fn times(time: Time) -> Vec<Key> {
+    let seconds = |name| Key::number(name, 0.0, TIME_SECONDS_MAX);
+    let from = seconds("from_seconds").with_text("When the fault begins.");
+    let until = seconds("until_seconds").needed(Need::Optional);
     match time {
-        Time::Lasts | Time::Ends => vec![
-            (
-                "from_seconds",
-                seconds,
-                Need::Required,
-                "When the fault begins.",
-            ),
-            ("until_seconds", seconds, Need::Optional, until),
+        Time::Lasts => vec![
+            from,
+            until.with_text("When the fault ends; with the run if absent."),
         ],
-        Time::Instant => vec![("at_seconds", seconds, Need::Required, "When it happens.")],
+        Time::Ends => vec![from, until.with_text("When the fault ends.")],
+        Time::Instant => vec![seconds("at_seconds").with_text("When it happens.")],
         Time::Boot => Vec::new(),
     }
 }
@@ -137,26 +129,26 @@ fn name(text: &str) -> Value {
     json!({"description": text, "type": "string"})
 }
 
-fn key_schema(name: &str, form: Form, need: Need, text: &str) -> Value {
-    let mut schema = match form {
+fn key_schema(key: &Key) -> Value {
+    let mut schema = match key.form {
         Form::Number(min, max) => {
             json!({"type": "number", "format": "double", "minimum": min, "maximum": max})
         }
         Form::Whole(min, max) => {
             json!({"type": "integer", "format": "uint32", "minimum": min, "maximum": max})
         }
-        Form::Word(_) => json!({"allOf": [reference(&capitalised(name))]}),
+        Form::Word(_) => json!({"allOf": [reference(&capitalised(key.name))]}),
         Form::Node | Form::Station => json!({"type": "string"}),
     };
-    schema["description"] = match form {
+    schema["description"] = match key.form {
         Form::Station => {
-            let whose = text.trim_end_matches('.');
+            let whose = key.text.trim_end_matches('.');
             format!("{whose}: the name of a node; `bench` is canrig's own node.").into()
         }
-        _ => text.into(),
+        _ => key.text.into(),
     };
-    match need {
-        Need::Default(number) if matches!(form, Form::Whole(..)) => {
+    match key.need {
+        Need::Default(number) if matches!(key.form, Form::Whole(..)) => {
             #[expect(clippy::cast_possible_truncation, reason = "a whole number")]
             let whole = number as i64;
             schema["default"] = whole.into();

@@ -128,16 +128,11 @@ fn no_rig(document: &Document<'_>) -> Option<Problem> {
 
 /// Refuses a table with more entries than any rig has; then no other problem is reported.
 fn too_many(document: &Document<'_>) -> Option<Problem> {
-    let counts = TABLES.iter().map(|(table, max)| {
-        let names = document
-            .spanned(table)
-            .and_then(|names| names.get_ref().as_table());
-        (table, names.map_or(0, DeTable::len), max)
-    });
-    let mut excess = counts.filter(|(_, count, max)| count > max);
-    excess.next().map(|(table, count, max)| {
+    TABLES.iter().find_map(|(table, max)| {
+        let count = document.keys(table).len();
         let message = format!("{count} entries in [{table}]");
-        document.problem(table, message, format!("a rig has at most {max}"))
+        let label = format!("a rig has at most {max}");
+        (count > *max).then(|| document.problem(table, message, label))
     })
 }
 
