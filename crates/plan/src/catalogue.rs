@@ -75,7 +75,7 @@ impl Catalogue {
         };
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
-        let composer = published.compose(composer, wiring, Player::Emulator);
+        let composer = published.compose(composer, wiring, None, true);
         Frames::new(published, Arc::new(composer.finish()), wiring)
     }
 
@@ -277,24 +277,15 @@ impl Frames {
     }
 }
 
-/// Player of the drive of a loop.
-#[derive(Clone, Copy)]
-pub(crate) enum Player<'a> {
-    /// The emulator, which publishes the truth about its plant.
-    Emulator,
-    /// An external drive with the frames of the emulated one.
-    External,
-    /// An external drive with these frames.
-    Real(&'a LoadedDrive),
-}
-
 impl Published {
-    /// Adds the frames of the drive, the io node and the law of a loop.
+    /// Adds the frames of the drive, the io node and the law of a loop. A real drive has frames of its own; an emulated one
+    /// publishes the truth about its plant.
     pub(crate) fn compose(
         &self,
         composer: Composer,
         wiring: &Wiring,
-        player: Player<'_>,
+        real: Option<&LoadedDrive>,
+        is_emulated: bool,
     ) -> Composer {
         let Wiring {
             nodes,
@@ -302,15 +293,14 @@ impl Published {
             identifiers,
             ..
         } = wiring;
-        let is_emulated = matches!(player, Player::Emulator);
         let name = |pattern: &str| sensor.measurand.name(pattern);
-        let units = unit_of(sensor, &name, !matches!(player, Player::Real(_)));
+        let units = unit_of(sensor, &name, real.is_none());
         let unit = units.as_ref();
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
-        let composer = match player {
-            Player::Real(real) => real.with_drive(composer, drive, unit),
-            _ => {
+        let composer = match real {
+            Some(real) => real.with_drive(composer, drive, unit),
+            None => {
                 let current = wiring.current();
                 let composer = composer.with_drive(drive, signals, None, unit);
                 composer.with_currents(drive.0, [current.rated, current.largest()], &name)

@@ -14,7 +14,7 @@ use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
-    Catalogue, ColumnMessage, Frames, Player, Published, columns, followed, name_in_loop,
+    Catalogue, ColumnMessage, Frames, Published, columns, followed, name_in_loop,
 };
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -284,13 +284,9 @@ fn compose(plan: &Plan) -> Database {
     let (controller, loops) = (plan.controller(), &plan.loops);
     let composer = Composer::new(&controller.name, controller.id);
     let composer = loops.iter().fold(composer, |composer, one| {
-        let player = match &one.real_drive {
-            Some(real) => Player::Real(real),
-            None if one.is_external(Part::Drive) => Player::External,
-            None => Player::Emulator,
-        };
+        let (real, wiring) = (one.real_drive.as_deref(), &one.trial.wiring);
         let published = &one.frames.published;
-        published.compose(composer, &one.trial.wiring, player)
+        published.compose(composer, wiring, real, one.is_ours(Part::Drive))
     });
     let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());

@@ -32,22 +32,15 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
         return None;
     }
     rig.plant_of(drive)?;
-    let (plants, sweep) = (one.plants(), scenario.shared.sweep.as_ref());
-    let mut unsound = plants.iter();
-    let unsound =
-        unsound.find_map(|(name, plant)| catalogue.objection_to_plant(name, plant, sweep));
-    if unsound.is_some() {
-        return unsound;
+    let sweep = scenario.shared.sweep.as_ref();
+    let found = one.plants().into_iter().find_map(|(name, plant)| {
+        let unsound = catalogue.objection_to_plant(name, plant, sweep);
+        unsound.or_else(|| plant_objection(name, &catalogue.plant_ports(plant)?))
+    });
+    if found.is_some() {
+        return found;
     }
-    let mut plant_ports = Vec::new();
-    for (plant, model) in plants {
-        let ports = catalogue.plant_ports(model)?;
-        if let Some(objection) = plant_objection(plant, &ports) {
-            return Some(objection);
-        }
-        plant_ports.push((plant, ports));
-    }
-    let ports = Ports::joined(plant_ports);
+    let ports = catalogue.ports(one)?;
     let wired = Wired {
         drive,
         ports: &ports,
