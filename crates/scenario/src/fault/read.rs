@@ -1,6 +1,5 @@
 //! Reads the faults of a scenario, each with the node to which it happens.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use toml::Spanned;
@@ -24,16 +23,19 @@ const PLANT: &str = "plant";
 const NODE: &str = "node";
 const BENCH: &str = "bench";
 
-/// Reads the faults of a document, and the problems among them. A fault of another form than the schema's is left out: the check
-/// against the schema has reported it.
+/// Reads the faults of a document, and the problems among them. An entry that is no table is left out: the check against the
+/// schema has reported it.
 pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>) {
     let reader = Reader { document, rig };
     let mut problems = reader.shape();
     let mut faults = Vec::new();
     for kind in KINDS {
         for (index, entry) in document.entries(&kind.path()).iter().enumerate() {
-            match reader.fault(kind, index, entry) {
-                Ok(fault) => faults.extend(fault),
+            let DeValue::Table(table) = entry.get_ref() else {
+                continue;
+            };
+            match reader.fault(kind, index, (entry.span(), table)) {
+                Ok(fault) => faults.push(fault),
                 Err(found) => problems.extend(found),
             }
         }
@@ -57,12 +59,9 @@ impl<'text> Reader<'_, 'text> {
         &self,
         kind: &'static Kind,
         index: usize,
-        entry: &Spanned<DeValue<'text>>,
-    ) -> Result<Option<Fault>, Vec<Problem>> {
+        (span, table): (Range<usize>, &DeTable<'text>),
+    ) -> Result<Fault, Vec<Problem>> {
         let path = format!("{}.{index}", kind.path());
-        let DeValue::Table(table) = entry.get_ref() else {
-            return Ok(None);
-        };
         let plant = self.plant(kind, &path, table).map_err(one)?;
         let node = match plant {
             Some(_) => None,
@@ -70,37 +69,27 @@ impl<'text> Reader<'_, 'text> {
         };
         let drive = node.as_ref().filter(|node| node.part == Part::Drive);
         let wiring = drive.map_or_else(Wiring::default, |drive| self.rig.wiring_of(&drive.name));
-        let table = self.in_loop_unit(kind, (entry.span(), table.clone()), &wiring)?;
-        let values = kind.keys.iter().filter(|key| !key.names_node());
-        let mut read = BTreeMap::new();
-        for key in values {
-            match (value(key, &table), key.need) {
-                (Some(value), _) => drop(read.insert(key.name, value)),
-                (None, Need::Required) => return Ok(None),
-                (None, _) => {}
-            }
-        }
+        let table = self.in_loop_unit(kind, (span, table.clone()), &wiring)?;
+        let keys = kind.keys.iter().filter(|key| !key.names_node());
+        let values = keys.filter_map(|key| Some((key.name, value(key, &table)?)));
         let seconds = |key: &str| table.get(key).and_then(|value| number(value.get_ref()));
         let (from_seconds, until_seconds) = match kind.time {
             Time::Lasts | Time::Ends => (seconds("from_seconds"), seconds("until_seconds")),
             Time::Instant => (seconds("at_seconds"), seconds("at_seconds")),
             Time::Boot => (None, None),
         };
-        if kind.time != Time::Boot && from_seconds.is_none() {
-            return Ok(None);
-        }
         if let Some(problem) = self.outside_amplifier(kind, &path, &wiring.current(), &table) {
             return Err(vec![problem]);
         }
-        Ok(Some(Fault {
+        Ok(Fault {
             kind,
             index,
             node,
             plant,
             from_seconds,
             until_seconds,
-            values: read,
-        }))
+            values: values.collect(),
+        })
     }
 
     /// Returns the plant that a fault names in place of a drive.
