@@ -1,7 +1,6 @@
 //! A plant from a modelling tool: `[plant.NAME.fmu]` of a rig file.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -34,17 +33,6 @@ pub struct Fmu {
     /// Its variables as ports, by names that end in the unit that they have on the bench.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub ports: BTreeMap<String, FmuPort>,
-}
-
-impl Fmu {
-    /// Replaces its file, which is in the folder of the rig file, by a path.
-    pub(crate) fn beside(self, rig: &Path) -> Self {
-        let file = rig.with_file_name(&self.file);
-        Self {
-            file: file.to_string_lossy().into_owned(),
-            ..self
-        }
-    }
 }
 
 /// Reads start values by the whole names of their variables.
@@ -94,13 +82,15 @@ pub(crate) fn any_values(_: &mut SchemaGenerator) -> Schema {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::path::Path;
+
+    use crate::plant::PlantModel;
 
     /// Returns the start values of an FMU by their names.
     fn placed(start: &str) -> Vec<String> {
-        let text = format!("file = \"arm.fmu\"\n[start]\n{start}\n");
-        let fmu: Fmu = toml::from_str(&text).unwrap();
-        let fmu = fmu.beside(Path::new("rigs/rig.toml"));
+        let text = format!("[fmu]\nfile = \"arm.fmu\"\n[fmu.start]\n{start}\n");
+        let plant: PlantModel = toml::from_str(&text).unwrap();
+        let fmu = plant.beside(Path::new("rigs/rig.toml")).fmu.unwrap();
         assert_eq!(fmu.file, "rigs/arm.fmu");
         fmu.start.into_keys().collect()
     }

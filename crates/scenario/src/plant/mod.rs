@@ -59,7 +59,10 @@ impl PlantModel {
     /// Replaces its files, which are in the folder of the rig file, by paths.
     pub(crate) fn beside(&self, rig: &Path) -> Self {
         let mut model = self.clone();
-        model.fmu = model.fmu.map(|fmu| fmu.beside(rig));
+        if let Some(fmu) = &mut model.fmu {
+            let file = rig.with_file_name(&fmu.file);
+            fmu.file = file.to_string_lossy().into_owned();
+        }
         model
     }
 
