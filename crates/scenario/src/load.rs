@@ -88,9 +88,10 @@ impl Objection {
 }
 
 /// Purpose for which a scenario is read.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Default, PartialEq)]
 pub enum Reading {
     /// To play it.
+    #[default]
     ToPlay,
     /// To play it with other values than those with which its rig was checked.
     Case,

@@ -62,7 +62,7 @@ impl Plan {
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
         let asked = Asked {
-            objections: &|trial| catalogue.objections(trial),
+            objections: Some(&|trial| catalogue.objections(trial)),
             ..Asked::default()
         };
         let scenario = Scenario::parse(beside, text, &mut read_file, &asked)?;
@@ -90,7 +90,7 @@ impl Plan {
     ) -> Result<Self, ScenarioError> {
         let asked = Asked {
             reading: Reading::Recorded,
-            objections: &|trial| recorded_objections(trial, database),
+            objections: Some(&|trial| recorded_objections(trial, database)),
         };
         let beside = Beside::new(path);
         // Hashes come from the recording.

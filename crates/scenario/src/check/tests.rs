@@ -345,7 +345,7 @@ fn an_objection_is_underlined_beside_the_other_problems() {
     };
     let beside = Beside::new(Path::new("s.toml"));
     let asked = Asked {
-        objections: &objections,
+        objections: Some(&objections),
         ..Asked::default()
     };
     let loaded = Scenario::parse(&beside, text, &mut |_| unreachable!("no table"), &asked);

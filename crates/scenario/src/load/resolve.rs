@@ -35,21 +35,12 @@ const IDLE: &str =
     "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
 /// Purpose for which a scenario is read, and the caller's further checks.
+#[derive(Default)]
 pub struct Asked<'a> {
     /// Purpose.
     pub reading: Reading,
     /// Finds further problems of a loop.
-    pub objections: &'a dyn Fn(&Trial) -> Vec<Objection>,
-}
-
-/// Reads to play, without further checks.
-impl Default for Asked<'_> {
-    fn default() -> Self {
-        Self {
-            reading: Reading::ToPlay,
-            objections: &|_| Vec::new(),
-        }
-    }
+    pub objections: Option<&'a dyn Fn(&Trial) -> Vec<Objection>>,
 }
 
 impl Scenario {
@@ -310,7 +301,8 @@ impl Resolver<'_> {
         };
         named.of_law(&trial.controller);
         trial.controller.place_files(Path::new(&self.files.name));
-        let objections = (self.asked.objections)(&trial).into_iter();
+        let objections = self.asked.objections.map(|find| find(&trial));
+        let objections = objections.into_iter().flatten();
         check.add(objections.map(|objection| objection.problem(document)));
         without_problems(check.problems, Some(trial))
     }
