@@ -3,11 +3,10 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use dbc::SignalMissing;
 use scenario::Override;
 
 use crate::exit::Exit;
-use crate::identity::{NoIdentity, identity};
+use crate::identity::identity;
 use crate::play_record::PlayRecord;
 use exports::parquet;
 use judge::timing::Timing;
@@ -45,23 +44,6 @@ pub struct RunPlace<'a> {
     pub is_strict: bool,
 }
 
-/// Reason why a run left no verdict.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// A report cannot be made or written.
-    #[error(transparent)]
-    Report(#[from] ReportError),
-    /// A file of the run cannot be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// The database lacks a signal.
-    #[error(transparent)]
-    Signal(#[from] SignalMissing),
-    /// The program that played the run is unknown.
-    #[error(transparent)]
-    NoIdentity(#[from] NoIdentity),
-}
-
 /// Result of a run.
 pub struct Judged {
     /// Verdict of the run.
@@ -76,14 +58,14 @@ pub struct Judged {
 /// has failed. The recording before a failure of the bench is kept, with a verdict "incomplete" and its reason.
 ///
 /// # Errors
-/// The files of the run cannot be written.
+/// A file or report of the run cannot be written, the database lacks a signal, or the program that plays is unknown.
 pub fn run(
     plan: &Plan,
     place: RunPlace<'_>,
     watch: &Watch,
     queues: Vec<FrameQueue>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
-) -> Result<Judged, RunError> {
+) -> Result<Judged, ReportError> {
     let identity = identity(plan)?;
     let is_long = place.is_long;
     let record = PlayRecord::now(place.overrides);
