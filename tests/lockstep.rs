@@ -240,26 +240,29 @@ fn the_recording_alone_gives_the_same_verdict() {
 }
 
 /// A node without promises: it is asked at every event, and never runs ahead.
-struct Asked<'a>(platform::lockstep::Local<'a>);
+struct Asked<'a>(platform::lockstep::Local<'a>, platform::lockstep::Hello);
+
+impl<'a> Asked<'a> {
+    fn new(node: platform::lockstep::Local<'a>) -> Self {
+        use platform::lockstep::Participant;
+        let hello = platform::lockstep::Hello {
+            silent_filters: Vec::new(),
+            ..node.hello().clone()
+        };
+        Self(node, hello)
+    }
+}
 
 impl platform::lockstep::Participant for Asked<'_> {
     fn name(&self) -> &str {
         self.0.name()
     }
 
-    fn filters(&self) -> &[can::Filter] {
-        self.0.filters()
-    }
-
-    fn silent_filters(&self) -> &[can::Filter] {
-        &[]
+    fn hello(&self) -> &platform::lockstep::Hello {
+        &self.1
     }
 
     fn meet(&mut self, _audience: &platform::lockstep::Audience) {}
-
-    fn next_deadline(&self) -> Option<Duration> {
-        self.0.next_deadline()
-    }
 
     fn advance(
         &mut self,
@@ -324,9 +327,9 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
                 let mut controller =
                     make_controller(&controller_views(&source), &LawPlace::of(&source)).unwrap();
                 let mut participants = [
-                    Asked(Local::new("plant-emulator", &mut *plant_emulator)),
-                    Asked(Local::new("bench", &mut bench)),
-                    Asked(Local::new("controller", &mut controller)),
+                    Asked::new(Local::new("plant-emulator", &mut *plant_emulator)),
+                    Asked::new(Local::new("bench", &mut bench)),
+                    Asked::new(Local::new("controller", &mut controller)),
                 ];
                 let participants = participants
                     .each_mut()

@@ -32,6 +32,6 @@ pub use error::{Failure, LockstepError};
 pub use follow::{FollowError, WIRE_PATIENCE, follow};
 pub use local::Local;
 pub use participant::Participant;
-pub use protocol::{FRAMES_MAX, Setting};
+pub use protocol::{FRAMES_MAX, Hello, Setting};
 pub use remote::{ANSWER_PATIENCE, Remote, channel};
 pub use step::StepError;

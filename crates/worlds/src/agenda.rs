@@ -44,13 +44,14 @@ pub(crate) struct Slot<'a> {
 
 impl<'a> Slot<'a> {
     pub(crate) fn new(participant: &'a mut dyn Participant) -> Self {
+        let hello = participant.hello();
         let answer = Answer {
-            next_deadline: participant.next_deadline(),
+            next_deadline: hello.next_deadline,
             ..Answer::default()
         };
         Self {
-            accepted: participant.filters().to_vec().into(),
-            silent: participant.silent_filters().to_vec().into(),
+            accepted: hello.filters.clone().into(),
+            silent: hello.silent_filters.clone().into(),
             participant,
             audience: Audience::default(),
             inbox: Vec::new(),

@@ -320,10 +320,11 @@ struct Asked {
 
 impl Asked {
     fn new(node: ProgramNode) -> Self {
+        let hello = node.remote.hello();
         Self {
-            filters: node.remote.filters().to_vec(),
+            filters: hello.filters.clone(),
             answer: Answer {
-                next_deadline: node.remote.next_deadline(),
+                next_deadline: hello.next_deadline,
                 ..Answer::default()
             },
             queued: VecDeque::new(),

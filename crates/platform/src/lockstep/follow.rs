@@ -85,12 +85,7 @@ struct Follower<'a> {
 
 impl Follower<'_> {
     fn run(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
-        let hello = Hello {
-            filters: node.filters_as_configured(),
-            silent_filters: node.silent_filters(),
-            next_deadline: node.next_deadline(),
-        };
-        protocol::encode_hello(&mut self.packet, &hello)?;
+        protocol::encode_hello(&mut self.packet, &Hello::of(node))?;
         self.send()?;
         self.receive()?;
         let quiet = protocol::decode_welcome(&self.packet)?;

@@ -2,19 +2,19 @@
 
 use std::time::Duration;
 
-use can::{CanFrame, Filter, Node};
+use can::{CanFrame, Node};
 
 use super::answer::Answer;
 use super::audience::Audience;
 use super::error::LockstepError;
 use super::participant::Participant;
+use super::protocol::Hello;
 use super::step::{StepError, Stepper};
 
 /// Node in this process.
 pub struct Local<'a> {
     name: String,
-    filters: Vec<Filter>,
-    silent_filters: Vec<Filter>,
+    hello: Hello,
     node: &'a mut dyn Node,
     stepper: Stepper,
 }
@@ -24,8 +24,7 @@ impl<'a> Local<'a> {
     pub fn new(name: impl Into<String>, node: &'a mut dyn Node) -> Self {
         Self {
             name: name.into(),
-            filters: node.filters_as_configured(),
-            silent_filters: node.silent_filters(),
+            hello: Hello::of(node),
             stepper: Stepper::new(node),
             node,
         }
@@ -44,16 +43,8 @@ impl Participant for Local<'_> {
         &self.name
     }
 
-    fn filters(&self) -> &[Filter] {
-        &self.filters
-    }
-
-    fn next_deadline(&self) -> Option<Duration> {
-        self.stepper.next_deadline()
-    }
-
-    fn silent_filters(&self) -> &[Filter] {
-        &self.silent_filters
+    fn hello(&self) -> &Hello {
+        &self.hello
     }
 
     fn meet(&mut self, audience: &Audience) {

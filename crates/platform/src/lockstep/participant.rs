@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use can::{CanFrame, Filter};
+use can::CanFrame;
 
 use super::answer::Answer;
 use super::audience::Audience;
 use super::error::LockstepError;
+use super::protocol::Hello;
 
 /// Node as the coordinator sees it.
 ///
@@ -15,17 +16,11 @@ pub trait Participant {
     /// Returns the name for messages, such as "controller".
     fn name(&self) -> &str;
 
-    /// Returns the identifiers that the node listens to.
-    fn filters(&self) -> &[Filter];
-
-    /// Returns the frames that the node takes in silence, see [`can::Node::silent_filters`].
-    fn silent_filters(&self) -> &[Filter];
+    /// Returns the properties of the node before its first step.
+    fn hello(&self) -> &Hello;
 
     /// Informs the participant of its listeners, before the first step. Until then it assumes that every frame is answered.
     fn meet(&mut self, audience: &Audience);
-
-    /// Returns the time of the node's next tick, as of the last answer; a new node wants one at once.
-    fn next_deadline(&self) -> Option<Duration>;
 
     /// Steps up to and including `to` with the frames delivered on the way, in order of time, none later than `to`. Then steps on
     /// to `until`, as long as the node queues no frame that another participant may answer. All frames delivered later must be

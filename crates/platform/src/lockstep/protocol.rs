@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use can::{CanFrame, Filter, FilterSet, Progress};
+use can::{CanFrame, Filter, FilterSet, Node, Progress};
 
 use super::answer::Answer;
 use crate::seat::{
@@ -30,12 +30,26 @@ const FILTERS_AT: usize = 56;
 const BODY_AT: usize = 16;
 const RECORDS_AT: usize = 24;
 
-/// HELLO of a node.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) struct Hello {
-    pub(super) filters: Vec<Filter>,
-    pub(super) silent_filters: Vec<Filter>,
-    pub(super) next_deadline: Option<Duration>,
+/// HELLO of a node: its properties before the first step.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Hello {
+    /// Identifiers that the node listens to.
+    pub filters: Vec<Filter>,
+    /// Frames that the node takes in silence, see [`can::Node::silent_filters`].
+    pub silent_filters: Vec<Filter>,
+    /// Time of its first tick.
+    pub next_deadline: Option<Duration>,
+}
+
+impl Hello {
+    /// Returns the HELLO of a new node.
+    pub(super) fn of(node: &dyn Node) -> Self {
+        Self {
+            filters: node.filters_as_configured(),
+            silent_filters: node.silent_filters(),
+            next_deadline: node.next_deadline(),
+        }
+    }
 }
 
 /// Description of a run for a node, in WELCOME.

@@ -13,7 +13,7 @@ use super::answer::Answer;
 use super::audience::Audience;
 use super::error::{Failure, LockstepError};
 use super::participant::Participant;
-use super::protocol::{self, Asked, FRAMES_MAX, Setting};
+use super::protocol::{self, Asked, FRAMES_MAX, Hello, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
 use crate::seat::{MESSAGE_BYTES_MAX, receive_packet};
 
@@ -44,11 +44,9 @@ pub struct Remote {
     /// Longest wall time for an answer; no limit if `None`.
     patience: Option<Duration>,
     setting: Setting,
-    filters: Vec<Filter>,
-    silent_filters: Vec<Filter>,
+    hello: Hello,
     /// Frames of the node that no participant answers.
     quiet: FilterSet,
-    next_deadline: Option<Duration>,
     /// Time that it has reached, and how often in a row it was asked there.
     reached: (Duration, u32),
     number: u32,
@@ -74,10 +72,8 @@ impl Remote {
             channel,
             patience,
             setting,
-            filters: Vec::new(),
-            silent_filters: Vec::new(),
+            hello: Hello::default(),
             quiet: Vec::new().into(),
-            next_deadline: None,
             reached: (setting.now, 0),
             number: 0,
             is_welcome: false,
@@ -99,10 +95,7 @@ impl Remote {
         set_socket_timeout(&self.channel, Timeout::Recv, Some(WAIT))
             .map_err(|errno| self.failed(errno))?;
         self.receive()?;
-        let hello = protocol::decode_hello(&self.packet)?;
-        self.filters = hello.filters;
-        self.silent_filters = hello.silent_filters;
-        self.next_deadline = hello.next_deadline;
+        self.hello = protocol::decode_hello(&self.packet)?;
         Ok(())
     }
 
@@ -137,7 +130,6 @@ impl Remote {
         self.send()?;
         self.receive()?;
         protocol::decode_done(&self.packet, &asked, &self.quiet, answer)?;
-        self.next_deadline = answer.next_deadline;
         let (before, times) = self.reached;
         let times = if answer.reached == before {
             times + 1
@@ -190,16 +182,8 @@ impl Participant for Remote {
         &self.name
     }
 
-    fn filters(&self) -> &[Filter] {
-        &self.filters
-    }
-
-    fn next_deadline(&self) -> Option<Duration> {
-        self.next_deadline
-    }
-
-    fn silent_filters(&self) -> &[Filter] {
-        &self.silent_filters
+    fn hello(&self) -> &Hello {
+        &self.hello
     }
 
     /// Ignores an error: WELCOME has no answer, and a channel that fails now fails at the first step too.

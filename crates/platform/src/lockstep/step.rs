@@ -50,11 +50,6 @@ impl Stepper {
         }
     }
 
-    /// Returns the time of the node's next tick.
-    pub(super) fn next_deadline(&self) -> Option<Duration> {
-        self.next_deadline
-    }
-
     /// Remembers the frames that no participant answers.
     pub(super) fn meet(&mut self, quiet: FilterSet) {
         self.quiet = quiet;

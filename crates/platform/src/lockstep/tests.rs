@@ -68,12 +68,13 @@ fn remote_and_local_answer_alike() {
     let local = story(&mut Local::new("echo", &mut node));
     let (mut remote, echo) = remote_echo();
     assert_eq!(
-        remote.filters(),
+        remote.hello().filters,
         [Filter::exact(0x100), Filter::exact(0x1FF)]
     );
-    assert_eq!(remote.next_deadline(), Some(Duration::ZERO));
-    assert_eq!(story(&mut remote), local);
-    assert_eq!(remote.next_deadline(), local[3].next_deadline);
+    assert_eq!(remote.hello().next_deadline, Some(Duration::ZERO));
+    let answers = story(&mut remote);
+    assert_eq!(answers, local);
+    assert_eq!(answers[3].next_deadline, local[3].next_deadline);
     echo.join().unwrap().unwrap();
 }
 
