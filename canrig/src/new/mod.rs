@@ -77,47 +77,59 @@ pub(crate) struct CrateArgs {
     pub canrig: Option<PathBuf>,
 }
 
-/// The files of a crate, with a placeholder for the name of the plant or law.
+/// Files of a crate: the path in its folder, and the content. In both is a placeholder for the name of the plant or law.
 struct Skeleton {
     section: Section,
     name: &'static str,
-    manifest: &'static str,
-    library: &'static str,
-    program: &'static str,
-    scenario: &'static str,
-    /// Rig file of the scenario, if it is not the one that ships.
-    rig: Option<&'static str>,
-    readme: &'static str,
+    files: &'static [(&'static str, &'static str)],
 }
 
 const PLANT: Skeleton = Skeleton {
     section: Section::Plant,
     name: "my_plant",
-    manifest: include_str!("plant/manifest.toml"),
-    library: include_str!("plant/lib.rs"),
-    program: include_str!("plant/main.rs"),
-    scenario: include_str!("plant/scenario.toml"),
-    rig: Some(include_str!("plant/rig.toml")),
-    readme: include_str!("plant/README.md"),
+    files: &[
+        ("Cargo.toml", include_str!("plant/manifest.toml")),
+        ("README.md", include_str!("plant/README.md")),
+        ("src/lib.rs", include_str!("plant/lib.rs")),
+        ("src/main.rs", include_str!("plant/main.rs")),
+        (
+            "scenarios/my_plant.toml",
+            include_str!("plant/scenario.toml"),
+        ),
+        (
+            "scenarios/my_plant_rig.toml",
+            include_str!("plant/rig.toml"),
+        ),
+    ],
 };
 
 const LAW: Skeleton = Skeleton {
     section: Section::Controller,
     name: "my_law",
-    manifest: include_str!("law/manifest.toml"),
-    library: include_str!("law/lib.rs"),
-    program: include_str!("law/main.rs"),
-    scenario: include_str!("law/scenario.toml"),
-    rig: None,
-    readme: include_str!("law/README.md"),
+    files: &[
+        ("Cargo.toml", include_str!("law/manifest.toml")),
+        ("README.md", include_str!("law/README.md")),
+        ("src/lib.rs", include_str!("law/lib.rs")),
+        ("src/main.rs", include_str!("law/main.rs")),
+        ("scenarios/my_law.toml", include_str!("law/scenario.toml")),
+    ],
 };
 
 const LAW_OF_LOOPS: Skeleton = Skeleton {
-    library: include_str!("law/loops/lib.rs"),
-    program: include_str!("law/loops/main.rs"),
-    scenario: include_str!("law/loops/scenario.toml"),
-    rig: Some(include_str!("law/loops/rig.toml")),
-    readme: include_str!("law/loops/README.md"),
+    files: &[
+        ("Cargo.toml", include_str!("law/manifest.toml")),
+        ("README.md", include_str!("law/loops/README.md")),
+        ("src/lib.rs", include_str!("law/loops/lib.rs")),
+        ("src/main.rs", include_str!("law/loops/main.rs")),
+        (
+            "scenarios/my_law.toml",
+            include_str!("law/loops/scenario.toml"),
+        ),
+        (
+            "scenarios/my_law_rig.toml",
+            include_str!("law/loops/rig.toml"),
+        ),
+    ],
     ..LAW
 };
 
@@ -164,7 +176,7 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<String, Failure> {
     let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
     let checkout = checkout(args.canrig.as_deref())?;
     in_new_folder(&folder, |folder| {
-        write_files(folder, skeleton.files(name, &checkout))?;
+        write_files(folder, skeleton.renamed(name, &checkout))?;
         // The versions that canrig is tested with; cargo adds the new crate.
         let lock = checkout.join("Cargo.lock");
         if lock.is_file() {
@@ -247,32 +259,19 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, Failure> {
 }
 
 impl Skeleton {
-    /// Returns the files of the crate: the path in its folder, and the content.
-    fn files(&self, name: &str, checkout: &Path) -> Vec<(PathBuf, String)> {
+    /// Returns the files of a crate of this name.
+    fn renamed(&self, name: &str, checkout: &Path) -> Vec<(String, String)> {
+        let checkout = escaped(&checkout.display().to_string());
         let renamed = |text: &str| {
             let text = text.replace(self.name, name);
-            text.replace(&camel(self.name), &camel(name))
+            let text = text.replace(&camel(self.name), &camel(name));
+            text.replace(CHECKOUT, &checkout)
         };
-        let checkout = escaped(&checkout.display().to_string());
-        let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout);
-        let scenario = format!("scenarios/{name}.toml");
-        let rig = self.rig.map(|rig| {
-            let path = format!("scenarios/{name}_rig.toml");
-            (path.into(), renamed(rig))
-        });
-        let files = [
-            ("Cargo.toml".into(), manifest),
-            (
-                ".cargo/config.toml".into(),
-                CONFIG.replace(CHECKOUT, &checkout),
-            ),
-            (".gitignore".into(), IGNORED.to_owned()),
-            ("README.md".into(), renamed(self.readme)),
-            ("src/lib.rs".into(), renamed(self.library)),
-            ("src/main.rs".into(), renamed(self.program)),
-            (scenario.into(), renamed(self.scenario)),
-        ];
-        files.into_iter().chain(rig).collect()
+        let shared = [(".cargo/config.toml", CONFIG), (".gitignore", IGNORED)];
+        let files = self.files.iter().chain(&shared);
+        files
+            .map(|(path, text)| (renamed(path), renamed(text)))
+            .collect()
     }
 }
 
@@ -326,9 +325,9 @@ mod tests {
             assert!(names_it.iter().any(|name| text.contains(name)), "{text}");
             let program = fs::read_to_string(written_to.join("src/main.rs")).unwrap();
             assert!(program.contains("::<SwingArm>()"), "{program}");
-            for (path, text) in skeleton.files("x1", folder.path()) {
-                assert!(!text.to_lowercase().contains("my_"), "{}", path.display());
-                assert!(!text.contains("CANRIG"), "{}", path.display());
+            for (path, text) in skeleton.renamed("x1", folder.path()) {
+                assert!(!text.to_lowercase().contains("my_"), "{path}");
+                assert!(!text.contains("CANRIG"), "{path}");
             }
             let again = written(skeleton, &args).unwrap_err();
             assert_eq!(again, exists(&written_to));
@@ -360,11 +359,10 @@ mod tests {
             let prose = page.split("```").step_by(2);
             let lines: usize = prose.map(|text| text.lines().count()).sum();
             assert!(lines < 100, "a walk is short");
-            let files = skeletons.iter().flat_map(|one| {
-                let rig = one.rig.unwrap_or_default();
-                [one.library, one.program, one.scenario, rig]
-            });
-            let files = Vec::from_iter(files);
+            let files = skeletons.iter().flat_map(|one| one.files);
+            let is_shown = |path: &str| path.starts_with("src/") || path.starts_with("scenarios/");
+            let files = files.filter(|(path, _)| is_shown(path));
+            let files = Vec::from_iter(files.map(|(_, text)| text));
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
                 let is_shown = files.iter().any(|file| file.contains(code));
