@@ -25,7 +25,7 @@ mod tests;
 use std::io;
 use std::path::PathBuf;
 
-use crate::bus::BusAddress;
+use crate::bus::{BusAddress, BusError};
 use crate::listener::Listener;
 use crate::recorder::{self, Recorder};
 use crate::scheduling;
@@ -52,29 +52,20 @@ pub struct Hub {
     listener: Listener,
 }
 
-/// Reason why there is no hub.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct HubError(String);
-
-impl From<io::Error> for HubError {
-    fn from(error: io::Error) -> Self {
-        Self(format!("the embedded bus could not be started: {error}"))
-    }
-}
-
 impl Hub {
     /// Starts a hub on its own thread, and the recorder of its bus.
     ///
     /// # Errors
     /// If no socket can be made.
-    pub fn start() -> Result<(Self, Recorder), HubError> {
+    pub fn start() -> Result<(Self, Recorder), BusError> {
         Self::start_in(&place::candidates())
     }
 
-    fn start_in(directories: &[PathBuf]) -> Result<(Self, Recorder), HubError> {
+    fn start_in(directories: &[PathBuf]) -> Result<(Self, Recorder), BusError> {
         let listener = place::listen(directories)?;
-        let socket = listener.socket()?;
+        let refused =
+            |error: io::Error| BusError(format!("the embedded bus could not be started: {error}"));
+        let socket = listener.socket().map_err(refused)?;
         let (ring, recorder) = recorder::ring();
         let thread = StoppedThread::start("hub", |stop| {
             let switch = Switch::new(socket, stop, ring)?;
@@ -83,9 +74,9 @@ impl Hub {
                 let _ = scheduling::request_fifo(PRIORITY);
                 switch.run();
             })
-        })?;
+        });
         let hub = Self {
-            _thread: thread,
+            _thread: thread.map_err(refused)?,
             listener,
         };
         Ok((hub, recorder))

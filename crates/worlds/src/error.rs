@@ -77,7 +77,7 @@ pub enum WorldError {
         /// Attribution of its end.
         doing: Doing,
     },
-    /// The bus cannot be used.
+    /// The bus cannot be made or used.
     #[error(transparent)]
     Bus(#[from] platform::bus::BusError),
     /// Kernel CAN was required and is missing.
@@ -94,9 +94,6 @@ pub enum WorldError {
     /// The private bus cannot be made.
     #[error("no private bus: {0}")]
     Private(#[from] platform::private_bus::PrivateBusError),
-    /// The embedded bus cannot be made.
-    #[error(transparent)]
-    Hub(#[from] platform::hub::HubError),
     /// The bench's own node failed.
     #[error("the bench's own node failed: {0}")]
     Bench(platform::real_time::RunError),

@@ -10,8 +10,7 @@ use rustix::io::Errno;
 use rustix::net::{SocketAddrUnix, SocketFlags, connect};
 use rustix::process::{Pid, getppid, test_kill_process};
 
-use super::HubError;
-use crate::bus::seqpacket;
+use crate::bus::{BusError, seqpacket};
 use crate::clock::{Clock, sleep};
 use crate::listener::Listener;
 use crate::process::stat;
@@ -42,7 +41,7 @@ pub(super) fn candidates() -> Vec<PathBuf> {
 }
 
 /// Makes a directory in the first of `parents` that takes one, and a listening socket in it.
-pub(super) fn listen(parents: &[PathBuf]) -> Result<Listener, HubError> {
+pub(super) fn listen(parents: &[PathBuf]) -> Result<Listener, BusError> {
     let prefix = format!("{PREFIX}{}-", std::process::id());
     let mut refused = (PathBuf::new(), io::Error::from(io::ErrorKind::NotFound));
     for parent in parents {
@@ -67,7 +66,7 @@ pub(super) fn listen(parents: &[PathBuf]) -> Result<Listener, HubError> {
         }
         _ => "",
     };
-    Err(HubError(format!(
+    Err(BusError(format!(
         "no socket for the bus could be made in {}: {source}{advice}",
         tried.display()
     )))
