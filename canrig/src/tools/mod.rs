@@ -12,7 +12,6 @@ use clap::Args;
 use runner::console::{self, print_error};
 use std::io;
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::time::Duration;
 
 use can::Filter;
@@ -29,23 +28,13 @@ use runner::number;
 use scenario::TIME_SECONDS_MAX;
 use worlds::guest::{Guest, GuestError};
 
-/// The bus that a tool joins.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum ToolBus {
-    /// The embedded bus of the user's only running `canrig run`.
-    Running,
-    /// A bus with an address.
-    At(BusAddress),
-}
+/// Address of the bus that a tool joins; `None` for the embedded bus of the user's only running `canrig run`.
+pub(crate) type ToolBus = Option<BusAddress>;
 
-impl FromStr for ToolBus {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "embedded" => Ok(Self::Running),
-            address => address.parse().map(Self::At),
-        }
+fn tool_bus(text: &str) -> Result<ToolBus, String> {
+    match text {
+        "embedded" => Ok(None),
+        address => address.parse().map(Some),
     }
 }
 
@@ -54,14 +43,14 @@ impl FromStr for ToolBus {
 pub(crate) struct ToolBusArgs {
     /// The bus: `embedded` (that of your only run), `embedded:/path` or `private:number` as a run prints it, or an
     /// interface
-    #[arg(long, value_name = "BUS")]
+    #[arg(long, value_name = "BUS", value_parser = tool_bus)]
     pub bus: Option<ToolBus>,
 }
 
 impl ToolBusArgs {
     /// Returns the bus: the named one, or that of the only running run.
     fn chosen(&self) -> ToolBus {
-        self.bus.clone().unwrap_or(ToolBus::Running)
+        self.bus.clone().flatten()
     }
 }
 
@@ -175,8 +164,8 @@ impl ToolError {
 /// The user named no bus, and not exactly one run is running.
 pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
     match bus {
-        ToolBus::At(address) => Ok(address.clone()),
-        ToolBus::Running => {
+        Some(address) => Ok(address.clone()),
+        None => {
             let mut running = hub::running();
             match running.len() {
                 0 => Err(ToolError::NoBus(
@@ -197,7 +186,7 @@ pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
 
 fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
     let address = address(bus)?;
-    if *bus == ToolBus::Running {
+    if bus.is_none() {
         print_error(&format!("canrig: on the bus of your run, {address}"));
     }
     Ok(platform::open(&address, filters)?)

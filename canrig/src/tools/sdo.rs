@@ -17,8 +17,7 @@ use clap::{Args, Subcommand};
 use dbc::Database;
 
 use super::{
-    NamesArgs, ToolBus, ToolBusArgs, ToolError, address, client, ended, guest, second_channel,
-    value,
+    NamesArgs, ToolBusArgs, ToolError, address, client, ended, guest, second_channel, value,
 };
 use plan::data_sheet::{self, DataSheet};
 use plan::presence::Presence;
@@ -215,7 +214,7 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
 /// # Errors
 /// There is no such bus, there is no terminal to ask on, or the answer is no.
 fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
-    let bus = address(&ToolBus::Running)?;
+    let bus = address(&None)?;
     if !io::stdin().is_terminal() {
         return Err(ToolError::Usage(format!(
             "`sdo write` without --bus asks first, and its input is no terminal: name the bus, --bus {bus}"
