@@ -215,27 +215,22 @@ impl BufferedLines {
     }
 }
 
-/// Returns a bar, drawn on a terminal only, that disappears when it is dropped.
-fn new_bar(total: Option<u64>, template: &str, is_shown: bool) -> ProgressBar {
-    let parsed = ProgressStyle::with_template(template);
-    let style = parsed.unwrap_or_else(|_| ProgressStyle::default_bar());
-    let target = if is_shown && io::stderr().is_terminal() {
-        ProgressDrawTarget::stderr()
-    } else {
-        ProgressDrawTarget::hidden()
-    };
-    ProgressBar::with_draw_target(total, target)
-        .with_style(style.with_key("left", show_eta).with_key("rest", show_rest))
-        .with_finish(ProgressFinish::AndClear)
-}
-
-/// Line on work that is done, drawn on a terminal only.
+/// Line on work that is done, drawn on a terminal only. It disappears when it is dropped.
 pub struct Bar(ProgressBar);
 
 impl Bar {
     /// Makes a bar with some work done before, which does not count for the remaining time.
     fn new(total: Option<u64>, before: u64, template: &str, is_shown: bool) -> Self {
-        let bar = new_bar(total, template, is_shown);
+        let parsed = ProgressStyle::with_template(template);
+        let style = parsed.unwrap_or_else(|_| ProgressStyle::default_bar());
+        let target = if is_shown && io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bar = ProgressBar::with_draw_target(total, target)
+            .with_style(style.with_key("left", show_eta).with_key("rest", show_rest))
+            .with_finish(ProgressFinish::AndClear);
         bar.set_position(before);
         bar.reset_eta();
         Self(bar)
@@ -398,7 +393,8 @@ fn show_work(passes: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     }
     let parts = || passes.load(Ordering::Relaxed) * PARTS;
     let template = "{bar:40} {percent:>3} %  {rest} left";
-    let bar = new_bar(Some(parts()), template, true).with_elapsed(PATIENCE);
+    let Bar(bar) = Bar::new(Some(parts()), 0, template, true);
+    let bar = bar.with_elapsed(PATIENCE);
     while !is_over(WORK_PERIOD) {
         bar.set_length(parts());
         bar.set_position((parts_done() - before).min(parts()));
