@@ -42,7 +42,7 @@ mod silence;
 mod stalls;
 mod supervisor;
 
-pub use bus_choice::{BusChoice, RunBus, choose_bus};
+pub use bus_choice::{BusChoice, RunBus, choose_bus, parse_bus};
 pub use bus_place::{Vigil, claim};
 pub use error::WorldError;
 pub use played::{End, Played};

@@ -22,7 +22,8 @@ use recording::run_folder::RunFolder;
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{
-    BusChoice, End, Played, RunBus, Vigil, WorldError, choose_bus, claim, processes, real_time,
+    BusChoice, End, Played, RunBus, Vigil, WorldError, choose_bus, claim, parse_bus, processes,
+    real_time,
 };
 
 /// Error of `--dry-run` without an external drive.
@@ -35,7 +36,7 @@ pub struct RunArgs {
     pub play: PlayArgs,
     /// The bus: `auto`, `private` (a vcan that only this run sees), `embedded` (a socket private to you) or a CAN
     /// interface such as `vcan0`
-    #[arg(long, value_name = "BUS", default_value = "auto")]
+    #[arg(long, value_name = "BUS", default_value = "auto", value_parser = parse_bus)]
     pub bus: BusChoice,
     /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
