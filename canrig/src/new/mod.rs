@@ -17,7 +17,7 @@ use scenario::custom::{Section, is_name};
 use controller::ControllerArgs;
 use name::{camel, require_crate_name};
 use platform::unfinished::Unfinished;
-use recording::run_folder::{write_new, write_whole};
+use recording::run_folder::write_new;
 use rig::RigArgs;
 use runner::console::ended;
 use runner::exit::{Exit, Failure};
@@ -175,18 +175,12 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<String, Failure> {
     require_crate_name(name, skeleton.section)?;
     let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
     let checkout = checkout(args.canrig.as_deref())?;
-    in_new_folder(&folder, |folder| {
-        write_files(folder, skeleton.renamed(name, &checkout))?;
-        // The versions that canrig is tested with; cargo adds the new crate.
-        let lock = checkout.join("Cargo.lock");
-        if lock.is_file() {
-            make(&folder.join("Cargo.lock"), |path| {
-                let mut lock = fs::File::open(&lock)?;
-                write_whole(path, |output| io::copy(&mut lock, output).map(drop))
-            })?;
-        }
-        Ok(())
-    })?;
+    let mut files = skeleton.renamed(name, &checkout);
+    // The versions that canrig is tested with; cargo adds the new crate.
+    if let Ok(lock) = fs::read_to_string(checkout.join("Cargo.lock")) {
+        files.push(("Cargo.lock".to_owned(), lock));
+    }
+    in_new_folder(&folder, |folder| write_files(folder, files))?;
     let (folder, checkout) = (folder.display(), checkout.display());
     Ok(format!(
         "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
@@ -360,8 +354,8 @@ mod tests {
             let lines: usize = prose.map(|text| text.lines().count()).sum();
             assert!(lines < 100, "a walk is short");
             let files = skeletons.iter().flat_map(|one| one.files);
-            let is_shown = |path: &str| path.starts_with("src/") || path.starts_with("scenarios/");
-            let files = files.filter(|(path, _)| is_shown(path));
+            let is_told = |path: &str| path.starts_with("src/") || path.starts_with("scenarios/");
+            let files = files.filter(|(path, _)| is_told(path));
             let files = Vec::from_iter(files.map(|(_, text)| text));
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
