@@ -60,10 +60,7 @@ fn preflight_text(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight".to_owned(),
         PreflightEvent::Drive(name) => format!("pre-flight of {name}"),
-        PreflightEvent::Checked(check) => format!("pre-flight: {check}"),
-        PreflightEvent::Cooling(time) => {
-            format!("pre-flight: the plant cools for {} s", time.as_secs_f64())
-        }
+        PreflightEvent::Step(text) => format!("pre-flight: {text}"),
     }
 }
 

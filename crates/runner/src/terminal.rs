@@ -124,7 +124,6 @@ fn preflight_text(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight:".to_owned(),
         PreflightEvent::Drive(name) => format!(" {name}:"),
-        PreflightEvent::Checked(check) => format!("  {check}"),
-        PreflightEvent::Cooling(time) => format!("  the plant cools for {} s", time.as_secs_f64()),
+        PreflightEvent::Step(text) => format!("  {text}"),
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 
 /// Outcome of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CheckOutcome {
+pub(super) enum CheckOutcome {
     /// The check passed.
     Passed,
     /// The check failed.
@@ -15,13 +15,13 @@ pub enum CheckOutcome {
 
 /// Line of the checklist.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Check {
+pub(super) struct Check {
     /// Name of the check.
-    pub name: &'static str,
+    pub(super) name: &'static str,
     /// Outcome of the check.
-    pub outcome: CheckOutcome,
+    pub(super) outcome: CheckOutcome,
     /// Finding and, after a failure, a remedy.
-    pub found: String,
+    pub(super) found: String,
 }
 
 impl Check {

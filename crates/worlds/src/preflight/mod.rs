@@ -24,8 +24,6 @@ use scenario::Beside;
 use scenario::node::Part;
 use scenario::rig::{Limits, RealDrive, RigDrive};
 
-pub use checklist::{Check, CheckOutcome};
-
 use crate::bus_choice::RunBus;
 use crate::bus_connection::BusConnection;
 use crate::bus_place::Vigil;
@@ -34,7 +32,7 @@ use crate::error::WorldError;
 use crate::guest::{Guest, GuestError};
 use crate::played::End;
 use crate::real_time;
-use checklist::{failed, open};
+use checklist::{Check, CheckOutcome, failed, open};
 use heating::Heating;
 use interview::{BrokenOff, Interview, OTHER_MANAGER};
 use plan::loaded_drive::LoadedDrive;
@@ -63,10 +61,8 @@ pub enum PreflightEvent {
     Begun,
     /// The checks of one of several drives begin.
     Drive(String),
-    /// A check was made.
-    Checked(Check),
-    /// The wire cools before the scenario.
-    Cooling(Duration),
+    /// A check was made, or the plant cools before the scenario.
+    Step(String),
 }
 
 /// Pre-flight of one command, made once for each drive, before its first scenario.
@@ -171,7 +167,7 @@ impl Preflight {
                 let remedy = "end the other controller, or name it with --external controller";
                 let found = failed(format!("{manager} is heard: {remedy}"));
                 let check = Check::new(OTHER_MANAGER, found);
-                (session.report)(&PreflightEvent::Checked(check));
+                (session.report)(&PreflightEvent::Step(check.to_string()));
                 let found = format!("the pre-flight hears {manager}: {remedy}");
                 return Err(WorldError::SecondMaster(found));
             }
@@ -182,7 +178,8 @@ impl Preflight {
             return Ok(end);
         }
         let cooling = Duration::from_secs_f64(preflight.cooling_seconds);
-        (session.report)(&PreflightEvent::Cooling(cooling));
+        let text = format!("the plant cools for {} s", cooling.as_secs_f64());
+        (session.report)(&PreflightEvent::Step(text));
         session.cool(cooling, one.nodes.controller.id)
     }
 
@@ -220,7 +217,7 @@ impl Session<'_> {
         for check in checks {
             let is_failed = check.outcome == CheckOutcome::Failed;
             let failed = is_failed.then(|| WorldError::preflight(check.name, &check.found));
-            (self.report)(&PreflightEvent::Checked(check));
+            (self.report)(&PreflightEvent::Step(check.to_string()));
             failed.map_or(Ok(()), Err)?;
         }
         Ok(())
