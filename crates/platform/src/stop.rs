@@ -156,7 +156,7 @@ fn has_ended(fd: BorrowedFd<'_>) -> bool {
 
 /// Returns the signals that stop a program that is started by hand: those of a terminal and SIGTERM, without those that its
 /// parent had ignored (nohup).
-fn heard() -> impl Iterator<Item = libc::c_int> {
+pub fn heard() -> impl Iterator<Item = libc::c_int> {
     let may_be_ignored = [libc::SIGHUP, libc::SIGQUIT].into_iter();
     let heard = may_be_ignored.filter(|signal| !is_ignored(*signal));
     [libc::SIGINT, libc::SIGTERM].into_iter().chain(heard)
@@ -226,7 +226,7 @@ pub(crate) fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
 }
 
 /// Returns whether this process ignores a signal, as its parent may have arranged (nohup).
-pub fn is_ignored(signal: libc::c_int) -> bool {
+fn is_ignored(signal: libc::c_int) -> bool {
     has_handler(signal, libc::SIG_IGN)
 }
 

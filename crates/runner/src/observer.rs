@@ -1,11 +1,13 @@
 //! Shows the progress of a world while it works, and passes on the user's request to stop.
 
+use std::future::poll_fn;
 use std::io;
 use std::sync::mpsc;
+use std::task::Poll;
 use std::time::Duration;
 
-use platform::stop::{end_in_order, is_ignored};
-use tokio::signal::unix::{Signal, SignalKind, signal};
+use platform::stop::{end_in_order, heard};
+use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
 use crate::console::print_problem;
@@ -47,40 +49,20 @@ fn observe(
         .build()?;
     end_in_order()?;
     runtime.block_on(async {
-        let mut interrupted = signal(SignalKind::interrupt())?;
-        let mut terminated = signal(SignalKind::terminate())?;
-        let mut hung_up = unless_ignored(SignalKind::hangup())?;
-        let mut quit = unless_ignored(SignalKind::quit())?;
+        let signals = heard().map(|number| signal(SignalKind::from_raw(number)));
+        let mut signals = signals.collect::<io::Result<Vec<_>>>()?;
         drop(unprepared);
         let mut ticks = tokio::time::interval(PROGRESS_PERIOD);
         loop {
+            let raised = poll_fn(|context| {
+                let mut polled = signals.iter_mut().map(|one| one.poll_recv(context));
+                polled.find(Poll::is_ready).unwrap_or(Poll::Pending)
+            });
             tokio::select! {
                 _ = &mut ended => return Ok(()),
-                _ = interrupted.recv() => interrupt(),
-                _ = terminated.recv() => interrupt(),
-                () = raised(&mut hung_up) => interrupt(),
-                () = raised(&mut quit) => interrupt(),
+                _ = raised => interrupt(),
                 _ = ticks.tick() => show(),
             }
         }
     })
-}
-
-/// Returns a listener for the signal; `None` if it is ignored, which it stays.
-fn unless_ignored(kind: SignalKind) -> io::Result<Option<Signal>> {
-    if is_ignored(kind.as_raw_value()) {
-        Ok(None)
-    } else {
-        signal(kind).map(Some)
-    }
-}
-
-/// Waits for a signal; forever if there is none.
-async fn raised(signal: &mut Option<Signal>) {
-    match signal {
-        Some(signal) => {
-            signal.recv().await;
-        }
-        None => std::future::pending().await,
-    }
 }
