@@ -488,6 +488,22 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     assert!(fault.contains("--scenario"), "{fault}");
 }
 
+#[test]
+fn a_scenario_for_logs_leaves_a_run_folder_its_own() {
+    let run = &excitation().run;
+    let folder = tempfile::tempdir().unwrap();
+    let other = folder.path().join("other.toml");
+    fs::write(&other, excitation_text() + NOISE_OF_ONE_STEP).unwrap();
+    let log = folder.path().join("measured.log");
+    fs::copy(run.join("bus.log"), &log).unwrap();
+    let noise_rms = |path: &Path| {
+        let measurement = IdentificationData::load(path, Some(&other), None).unwrap();
+        measurement.sensor().noise_rms
+    };
+    assert_eq!(noise_rms(run), 0.0);
+    assert_eq!(noise_rms(&log), 0.05859375);
+}
+
 /// Returns the message of `identify` about a run folder, which must end in exit code 3.
 fn complaint(run: &Path, arguments: &[&str]) -> String {
     let folder = tempfile::tempdir().unwrap();
@@ -507,6 +523,30 @@ fn a_recording_that_is_not_there_is_named() {
         message.contains("/nowhere: the recording cannot be read: No such file"),
         "{message}"
     );
+}
+
+#[test]
+fn a_log_that_cannot_be_read_is_named() {
+    let recording = Recording::of(&step_text(0.2, 4.0));
+    let log = recording.run.join("bus.log");
+    let text = fs::read_to_string(&log).unwrap();
+    let (first, rest) = text.split_once('\n').unwrap();
+    fs::write(&log, format!("{first}\nno frame\n{rest}")).unwrap();
+    let message = complaint(&recording.run, &[]);
+    assert!(
+        message.contains("bus.log cannot be read: line 2: "),
+        "{message}"
+    );
+    // The run was killed before it had a log.
+    fs::remove_file(&log).unwrap();
+    let verdict = recording.run.join("verdict.json");
+    let text = fs::read_to_string(&verdict).unwrap();
+    let mut killed: serde_json::Value = serde_json::from_str(&text).unwrap();
+    killed["outcome"] = "incomplete".into();
+    fs::write(&verdict, killed.to_string()).unwrap();
+    let message = complaint(&recording.run, &[]);
+    let reason = "bus.log cannot be read: there is none";
+    assert!(message.contains(reason), "{message}");
 }
 
 #[test]

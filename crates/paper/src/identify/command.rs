@@ -51,7 +51,7 @@ const CALIBRATED_LAW: &str = "\
 /// Arguments of `identify`.
 #[derive(Args, Debug)]
 pub struct IdentifyArgs {
-    /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
+    /// Run folders, or logs of `candump -L`; all of one plant
     #[arg(required = true, value_name = "RUN")]
     pub recordings: Vec<PathBuf>,
     /// The parameters to identify: the paper's letters or the keys of the plant in a scenario, separated by commas
@@ -63,7 +63,8 @@ pub struct IdentifyArgs {
     /// The values of the other parameters: `nominal`, `scenario` (the recording's plant), or a file with a table [plant.NAME]
     #[arg(long, value_name = "PLANT", default_value = "nominal")]
     pub known: PathBuf,
-    /// The scenario that was played, for logs; it gives cycle time and sensor
+    /// The scenario that was played, for logs without a `scenario.toml` beside them; it gives cycle time and sensor. A run folder
+    /// has its own
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// The DBC of the recordings, if it is not that of canrig's built-in drive and controller

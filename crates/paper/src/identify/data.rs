@@ -14,6 +14,7 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use plan::{ControlLoop, Plan};
 use recording::frames::Frames;
 use recording::log::Stamped;
+use recording::run_folder::log_in;
 use recording::timeline::{self, Series, Timeline};
 use runner::recorded::{Recorded, RecordedError};
 use worlds::catalogue::catalogue;
@@ -66,11 +67,13 @@ pub struct IdentificationData {
 }
 
 impl IdentificationData {
-    /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames are decoded by
-    /// `database`; without it by the DBC of the run folder, else by the DBC of the emulated drive.
+    /// Reads a run folder, or a log of `candump -L` with the scenario that was played or the `scenario.toml` in its folder. A run
+    /// folder has its own scenario, whatever `scenario` is. Frames are decoded by `database`; without it by the DBC of the run
+    /// folder, else by the DBC of the emulated drive. The nodes that were external are those of the verdict.
     ///
     /// # Errors
-    /// The recording cannot be read, or identification cannot use it.
+    /// The recording cannot be read, or identification cannot use it. A folder is refused also for a damaged verdict, and for
+    /// damaged tables of stalls and sent frames.
     pub fn load(
         path: &Path,
         scenario: Option<&Path>,
@@ -78,8 +81,10 @@ impl IdentificationData {
     ) -> Result<Self, String> {
         let at = |reason: String| format!("{}: {reason}", path.display());
         let metadata = path.metadata();
-        metadata.map_err(|error| at(format!("the recording cannot be read: {error}")))?;
-        let recorded = Recorded::load(path, scenario, catalogue());
+        let metadata =
+            metadata.map_err(|error| at(format!("the recording cannot be read: {error}")))?;
+        let played = scenario.filter(|_| !metadata.is_dir());
+        let recorded = Recorded::load(path, played, catalogue());
         let Recorded { mut plan, log, .. } = recorded.map_err(|error| match error {
             RecordedError::Scenario(error) => at(format!("the scenario is invalid: {error}")),
             RecordedError::Other(failure) => failure.reason,
@@ -87,7 +92,12 @@ impl IdentificationData {
         let unreadable = log.unread.unreadable.first().map(ToString::to_string);
         let fd_frames = (log.unread.fd_frames > 0).then(|| "it has CAN FD frames".to_owned());
         if let Some(reason) = unreadable.or(log.unread.broken).or(fd_frames) {
-            return Err(at(reason));
+            let name = if metadata.is_dir() {
+                log_in(path)
+            } else {
+                "the log"
+            };
+            return Err(at(format!("{name} cannot be read: {reason}")));
         }
         for one in &mut plan.loops {
             if let Some(drive) = &one.real_drive {
