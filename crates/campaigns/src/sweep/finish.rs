@@ -69,8 +69,12 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
     let kept: BTreeSet<String> = failing.iter().map(Failing::place).collect();
     let path = folder.path().join(FAILING);
     file_in(folder.path(), FAILING).map_err(WriteError::at(&path))?;
-    // A folder that cannot be read is named when a scenario is written into it.
-    for entry in fs::read_dir(&path).into_iter().flatten().flatten() {
+    let entries = match fs::read_dir(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(WriteError::at(&path))?,
+    };
+    for entry in entries {
+        let entry = entry.map_err(WriteError::at(&path))?;
         let file_name = entry.file_name();
         let name = file_name.to_string_lossy();
         if is_case(&name) && !kept.contains(&format!("{FAILING}/{name}")) {
