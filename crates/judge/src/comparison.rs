@@ -8,6 +8,7 @@ mod shared;
 mod tolerance;
 
 use std::collections::BTreeSet;
+use std::iter;
 
 use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
@@ -98,7 +99,14 @@ fn signals_of_loop(
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
             let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());
-            let values = [&column.values, &other.values];
+            let none;
+            let values = if column.is_used() == other.is_used() {
+                [&column.values, &other.values]
+            } else {
+                // Zeros without meaning are not compared with values.
+                none = iter::repeat_n(f64::NAN, other.values.len()).collect();
+                [&column.values, &none]
+            };
             signals.push(signal(tolerances, what, shared, values));
         }
         done();

@@ -32,6 +32,28 @@ pub struct Column {
     pub values: Series<f64>,
 }
 
+/// Prefixes of signals that only some laws compute: a controller may send 0 for a signal that its law does not have.
+const OF_SOME_LAWS: [&str; 5] = [
+    "reference_position_",
+    "estimated_",
+    "sliding_variable_",
+    "equivalent_part_",
+    "switching_part_",
+];
+
+impl Column {
+    /// Returns whether a node computes it.
+    pub fn is_used(&self) -> bool {
+        let mut starts = OF_SOME_LAWS.iter();
+        !starts.any(|start| self.name.starts_with(start)) || has_values(&self.values)
+    }
+}
+
+/// Returns whether a node sends other values than 0.
+pub fn has_values(values: &Series<f64>) -> bool {
+    values.iter().any(|value| value.abs() > 0.0)
+}
+
 /// Decoded recording.
 #[derive(Clone, Debug, Default)]
 pub struct Timeline {

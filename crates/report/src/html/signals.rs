@@ -141,7 +141,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     }
     let measured = (0, timeline.position());
     draw(&mut plot, timeline, "measured", Measured, measured);
-    if let Some(column) = timeline.column("reference_{signal}_{unit}") {
+    if let Some(column) = used(timeline, "reference_{signal}_{unit}") {
         let label = "filtered reference";
         draw(&mut plot, timeline, label, Estimated, first_sent(column));
     }
@@ -240,6 +240,11 @@ fn patches(control_loop: &ControlLoop) -> Vec<Patch> {
     spans.chain(faults).map(patch).collect()
 }
 
+/// Returns a column that a node computes.
+fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
+    timeline.column(name).filter(|column| column.is_used())
+}
+
 fn signal_plot<'a>(
     timeline: &'a Timeline,
     title: &str,
@@ -248,7 +253,7 @@ fn signal_plot<'a>(
 ) -> Plot<'a> {
     let mut plot = Plot::over_time(title, unit);
     for (name, label, colour) in signals {
-        if let Some(column) = timeline.column(name) {
+        if let Some(column) = used(timeline, name) {
             draw(&mut plot, timeline, label, *colour, first_sent(column));
         }
     }
@@ -336,7 +341,7 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     let mut plot = Plot::over_time("Hysteresis", "ξ");
     plot.x_label = "wire temperature (°C)";
     for ((temperature, label, colour), (fraction, ..)) in TEMPERATURES.into_iter().zip(FRACTIONS) {
-        let columns = timeline.column(temperature).zip(timeline.column(fraction));
+        let columns = used(timeline, temperature).zip(used(timeline, fraction));
         if let Some((temperature, fraction)) = columns {
             let (x, y) = (&temperature.values, &fraction.values);
             plot.draw(label, colour, Shape::Path, x, y);

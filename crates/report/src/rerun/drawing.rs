@@ -11,7 +11,7 @@ use scenario::port::Unit;
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
 use super::{ReportError, groups};
-use recording::timeline::Timeline;
+use recording::timeline::{Timeline, has_values};
 
 /// Distance from the wire's cold end to the pulleys.
 const GAP: f64 = 12.0;
@@ -171,7 +171,7 @@ impl Drawing {
         let mut celsius = TEMPERATURES
             .iter()
             .filter_map(|name| timeline.column(name))
-            .find(|column| groups::is_used(&column.values))
+            .find(|column| has_values(&column.values))
             .map(|column| column.values.iter());
         let samples = timeline.position().iter().zip(&timeline.set_point);
         let mut poses = Vec::new();

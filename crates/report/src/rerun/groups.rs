@@ -5,7 +5,6 @@ use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
 use dbc::Database;
-use platform::series::Series;
 use scenario::Trial;
 use scenario::port::Measurand;
 
@@ -177,11 +176,6 @@ pub(super) fn style<'a>(
     }
     let drawn = known(name, measurand).filter(|style| style.is_drawn_when_zero || is_used());
     drawn.unwrap_or(always(OTHER, "", GREY))
-}
-
-/// Returns whether a node sends other values than 0.
-pub(super) fn is_used(values: &Series<f64>) -> bool {
-    values.iter().any(|value| value.abs() > 0.0)
 }
 
 /// Returns the groups that a run will have, before its first frame.

@@ -11,7 +11,7 @@ use super::times::{self, Moment};
 use super::{ReportError, groups, thin};
 use crate::plot::range::{NOTHING, extended};
 use platform::series::Series;
-use recording::timeline::Timeline;
+use recording::timeline::{Timeline, has_values};
 
 /// Pairs of signals (temperature, fraction): the true ones of an emulator, else the observer's.
 const PAIRS: [(&str, &str); 2] = [
@@ -192,7 +192,7 @@ fn signals(timeline: &Timeline) -> Option<(&Series<f64>, &Series<f64>)> {
             .zip(fraction)
             .any(|(t, f)| t.is_finite() && f.is_finite());
         // Nodes send 0 for values that they do not have.
-        let is_used = is_there && groups::is_used(temperature);
+        let is_used = is_there && has_values(temperature);
         is_used.then_some((temperature, fraction))
     })
 }

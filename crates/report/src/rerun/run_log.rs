@@ -28,7 +28,7 @@ use platform::series::Series;
 use recording::events::{Event, Level};
 use recording::log::Stamped;
 use recording::occurrences::Occurrence;
-use recording::timeline::Timeline;
+use recording::timeline::{Timeline, has_values};
 
 /// Ratio of rows to changes above which a signal has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
@@ -177,8 +177,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
 
     fn style(&mut self, timeline: &Timeline, name: &str, values: &Series<f64>) -> Style<'a> {
         let used = &mut self.used;
-        let is_used =
-            || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
+        let is_used = || used.contains(name) || has_values(values) && used.insert(name.to_owned());
         groups::style(name, &timeline.measurand, is_used, &self.custom_views)
     }
 
