@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::range::{NOTHING, extended, finite_range};
-use super::scale::DrawingScale;
+use super::scale::{DrawingScale, SIDE};
 
 /// Joined points, in whole units of the drawing.
 pub(super) type Polyline = Vec<(i32, i32)>;
@@ -211,13 +211,14 @@ fn nearest(value: f64) -> i32 {
     value
 }
 
+/// Returns the cell of a point. Points outside of the drawing are in the cells at its edges, which bounds the number of cells.
 fn cell((x, y): (i32, i32)) -> (i32, i32) {
-    (x / CELL.0, y / CELL.1)
+    let side = nearest(SIDE);
+    (x.clamp(0, side) / CELL.0, y.clamp(0, side) / CELL.1)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::scale::SIDE;
     use super::*;
     use proptest::prelude::*;
 

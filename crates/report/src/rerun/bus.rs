@@ -20,7 +20,7 @@ const STRETCH_SECONDS: f64 = 0.1;
 /// Largest number of stretches in a run: ten hours with stretches of 0.1 s.
 const STRETCHES_MAX: f64 = 360_000.0;
 
-/// Returns the length of the stretches of which a long run logs the extremes.
+/// Returns the length of the stretches over which a load is averaged, and of which a long run logs the extremes.
 pub(super) fn stretch_seconds(trial: &Trial) -> f64 {
     (trial.run.duration_seconds / STRETCHES_MAX).max(STRETCH_SECONDS)
 }
