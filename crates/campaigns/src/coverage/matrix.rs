@@ -33,7 +33,7 @@ pub(super) struct RequirementTest {
     pub outcome: Outcome,
     /// Rows of the verdict that count; empty if the scenario counts as a whole.
     pub rows: Vec<String>,
-    /// Of rows the measured value and the limit.
+    /// Of rows the measured value and the limit, each in the play with the worst outcome of the row, which may be another than `run`.
     #[serde(skip)]
     pub measured: BTreeMap<String, (String, String)>,
     /// Folder of the play that counts.
@@ -99,5 +99,43 @@ impl RequirementTest {
             sweep_runs: play.sweep_runs,
             case: worst.case,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_row_is_measured_in_the_play_with_its_worst_outcome() {
+        use Outcome::{Fail, Inconclusive, Pass};
+        let play = |folder: &str| Play {
+            test: "step".to_owned(),
+            folder: folder.into(),
+            version: None,
+            at: None,
+            sweep_runs: None,
+            tested: BTreeMap::new(),
+        };
+        let measured = |value: &str| (value.to_owned(), "10".to_owned());
+        let tested = |row: &str, value: &str, outcome| Tested {
+            row: Some(row.to_owned()),
+            measured: Some(measured(value)),
+            outcome,
+            case: None,
+        };
+        let (first, second) = (play("first"), play("second"));
+        let results = [
+            (&first, &tested("overshoot", "11", Fail)),
+            (&first, &tested("settling", "1", Pass)),
+            (&second, &tested("overshoot", "2", Pass)),
+            (&second, &tested("settling", "12", Inconclusive)),
+        ];
+        let test = RequirementTest::new("step", 2, &results);
+        assert_eq!((test.outcome, test.run), (Fail, "first".into()));
+        assert_eq!(test.rows, ["overshoot", "settling"]);
+        let expected = [("overshoot", "11"), ("settling", "12")]
+            .map(|(row, value)| (row.to_owned(), measured(value)));
+        assert_eq!(test.measured, BTreeMap::from(expected));
     }
 }
