@@ -90,6 +90,15 @@ impl NoResult {
 #[error("interrupted by the user")]
 pub struct Interrupted;
 
+/// Reason why [`Campaign::each`] ended before the last job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped<E> {
+    /// The user stopped the campaign.
+    Interrupted,
+    /// `on_result` refused a result.
+    Refused(E),
+}
+
 impl Campaign {
     /// Returns a campaign with as many runs at a time as there are cores.
     pub fn on_all_cores(is_shown: bool) -> Self {
@@ -120,23 +129,25 @@ impl Campaign {
             results.push(result.map_err(failed));
             Ok::<(), Infallible>(())
         };
-        let Ok(ended) = self.each(plans.enumerate(), &bar, work, on_result);
-        ended.map(|()| results)
+        match self.each(plans.enumerate(), &bar, work, on_result) {
+            Ok(()) => Ok(results),
+            Err(Stopped::Interrupted) => Err(Interrupted),
+        }
     }
 
     /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs, each as soon
     /// as its turn comes. Holds at most the results by which some threads are ahead of the slowest one, within a bound, for any
-    /// number of jobs.
+    /// number of jobs. `work` must not panic: a panic is not a result of its job, but ends the campaign.
     ///
     /// # Errors
-    /// `on_result` refused a result; it gets no later ones. The inner error says that the user stopped it.
+    /// The user stopped it, or `on_result` refused a result; it gets no later ones.
     pub fn each<J: Send, R: Send, E>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
         bar: &Bar,
         work: impl Fn(&J, &Watch) -> R + Sync,
         mut on_result: impl FnMut(J, R) -> Result<(), E>,
-    ) -> Result<Result<(), Interrupted>, E> {
+    ) -> Result<(), Stopped<E>> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
         let jobs = Mutex::new(jobs);
@@ -159,7 +170,7 @@ impl Campaign {
                 let Ok((job, result)) = result.recv() else {
                     break;
                 };
-                on_result(job, result)?;
+                on_result(job, result).map_err(Stopped::Refused)?;
                 done.fetch_add(1, Ordering::Relaxed);
             }
             Ok(())
@@ -178,12 +189,11 @@ impl Campaign {
                 })
             },
         )?;
-        let is_interrupted = watches.iter().any(Watch::is_interrupted);
-        Ok(if is_interrupted {
-            Err(Interrupted)
+        if watches.iter().any(Watch::is_interrupted) {
+            Err(Stopped::Interrupted)
         } else {
             Ok(())
-        })
+        }
     }
 }
 
@@ -365,7 +375,7 @@ mod tests {
             if job == 200 { Err("full") } else { Ok(()) }
         };
         let stopped = campaign(2).each(0..1000, &bar, work, on_result);
-        assert_eq!(stopped, Err("full"));
+        assert_eq!(stopped, Err(Stopped::Refused("full")));
         assert!(taken.into_iter().eq(0..=200));
         let played = ahead.into_inner();
         assert!(played <= 201 + 2 * WAITING_MAX, "{played}");

@@ -15,7 +15,7 @@ use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
-use crate::campaign::{Campaign, Interrupted};
+use crate::campaign::{Campaign, Stopped};
 use crate::error::interrupted;
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
@@ -269,7 +269,10 @@ impl PartPlay<'_> {
         };
         let ended = campaign.each(left, &bar, work, keep);
         drop(bar);
-        ended?.map_err(|Interrupted| interrupted(done, of))?;
+        ended.map_err(|stopped| match stopped {
+            Stopped::Interrupted => interrupted(done, of),
+            Stopped::Refused(failure) => failure,
+        })?;
         writer.sync()?;
         rows.look()?;
         rows.require_all()?;

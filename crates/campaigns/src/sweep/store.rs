@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::Shard;
 use super::cases::Cases;
 use super::row::SweepRow;
-use super::sweep_cases::hash;
+use super::sweep_cases::{HASH_BYTES, hash};
 use crate::engine::quoted;
 use judge::verdict::Identity;
 use recording::run_folder::{file, file_in};
@@ -24,7 +24,7 @@ use runner::machine;
 /// Beginning of each line.
 const BEGIN: &str = "{\"checksum\":\"";
 /// Digits of a checksum.
-const DIGITS: usize = 16;
+const DIGITS: usize = 2 * HASH_BYTES;
 /// Longest line; a row has some hundred bytes, with a hundred checks some ten thousand.
 const LINE_BYTES_MAX: u64 = 1 << 20;
 /// Lines and cases that a message names.

@@ -23,7 +23,7 @@ use worlds::catalogue::catalogue;
 const NAME_CHARACTERS_MAX: usize = 180;
 /// Length in bytes of the hashes of cases, sweeps and rows. In sweeps of a million cases, two have the same hash by chance once in 30
 /// million sweeps.
-const HASH_BYTES: usize = 8;
+pub(super) const HASH_BYTES: usize = 8;
 
 /// Sweep: a scenario and the keys that vary in it.
 pub struct SweepCases {

@@ -16,8 +16,14 @@ fn changed(path: &Path) -> Failure {
     ))
 }
 
-/// Identity of a file: its number on the disk, its length, and the time of its last change.
-type Stamp = (u64, u64, SystemTime);
+/// Identity of a file.
+#[derive(PartialEq)]
+struct Stamp {
+    /// Number on the disk.
+    inode: u64,
+    bytes: u64,
+    changed_at: SystemTime,
+}
 
 /// Files as they were at the start.
 pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
@@ -52,7 +58,11 @@ impl Uncopied {
 
 fn stamp(path: &Path) -> Option<Stamp> {
     let found = path.metadata().ok()?;
-    Some((found.ino(), found.len(), found.modified().ok()?))
+    Some(Stamp {
+        inode: found.ino(),
+        bytes: found.len(),
+        changed_at: found.modified().ok()?,
+    })
 }
 
 #[cfg(test)]
