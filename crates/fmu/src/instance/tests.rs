@@ -77,11 +77,11 @@ impl Slave for Fake {
         };
         (Status(0), updated)
     }
-    fn call(&mut self, function: &'static str) -> Status {
+    fn call(&mut self, function: PlainFunction) -> Status {
         match function {
-            "EnterEventMode" => self.noted("events"),
-            "Terminate" => self.noted("terminate"),
-            _ => {}
+            PlainFunction::EnterEventMode => self.noted("events"),
+            PlainFunction::Terminate => self.noted("terminate"),
+            PlainFunction::ExitInitializationMode | PlainFunction::EnterStepMode => {}
         }
         Status(0)
     }

@@ -92,30 +92,28 @@ impl LawLibrary {
             let pointers = texts.iter().map(|text| text.as_ptr());
             Vec::from_iter(pointers)
         });
-        let count = |place: usize| {
-            let count = u32::try_from(texts[place].len());
+        let [reads, writes, terms, parameter_names] = &names;
+        let count = |names: &Vec<_>| {
+            let count = u32::try_from(names.len());
             count.map_err(|error| Fault::Invalid(error.to_string()))
         };
-        let ranges = setup.ranges.iter();
-        let numbers = [
-            parameters.map(|(_, value)| value).collect(),
-            ranges.clone().map(|range| range[0]).collect(),
-            ranges.map(|range| range[1]).collect::<Vec<_>>(),
-        ];
+        let parameter_values = Vec::from_iter(parameters.map(|(_, value)| value));
+        let ranges = setup.ranges.iter().map(|[min, max]| (*min, *max));
+        let (mins, maxs): (Vec<f64>, Vec<f64>) = ranges.unzip();
         let given = Box::new(SetupInC {
             version: 1,
-            reads_count: count(0)?,
-            writes_count: count(1)?,
-            terms_count: count(2)?,
-            parameters_count: count(3)?,
+            reads_count: count(reads)?,
+            writes_count: count(writes)?,
+            terms_count: count(terms)?,
+            parameters_count: count(parameter_names)?,
             reserved: 0,
-            reads: names[0].as_ptr(),
-            writes: names[1].as_ptr(),
-            terms: names[2].as_ptr(),
-            parameters: names[3].as_ptr(),
-            parameter_values: numbers[0].as_ptr(),
-            mins: numbers[1].as_ptr(),
-            maxs: numbers[2].as_ptr(),
+            reads: reads.as_ptr(),
+            writes: writes.as_ptr(),
+            terms: terms.as_ptr(),
+            parameters: parameter_names.as_ptr(),
+            parameter_values: parameter_values.as_ptr(),
+            mins: mins.as_ptr(),
+            maxs: maxs.as_ptr(),
             period_seconds: setup.period_seconds,
             seed,
         });
@@ -146,7 +144,7 @@ impl LawLibrary {
             _setup: given,
             _texts: texts,
             _names: names,
-            _numbers: numbers,
+            _numbers: [parameter_values, mins, maxs],
             _library: library,
         })
     }

@@ -7,7 +7,7 @@ use std::ptr::null_mut;
 use libloading::os::unix::Library;
 
 use super::log::Log;
-use super::{Slave, Status, Stepped, Updated, function};
+use super::{PlainFunction, Slave, Status, Stepped, Updated, function};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -87,19 +87,24 @@ pub(super) type Update = dyn Fn(Component) -> (Status, Updated);
 /// Function that sets a text by its reference.
 type SetText = dyn Fn(Component, u32, &CStr) -> Status;
 
+/// Functions that differ between the versions.
+pub(super) struct OwnFunctions {
+    pub(super) numbers: Vec<Numbers>,
+    pub(super) enter_initialization: Box<Enter>,
+    pub(super) step: Box<Step>,
+    /// Update of the discrete states; `None` for an instance without events.
+    pub(super) update: Option<Box<Update>>,
+}
+
 /// An instance.
 pub(super) struct Loaded {
     /// The instance in the library; null before there is one, and when it is lost.
     component: Component,
     free_instance: unsafe extern "C" fn(Component),
-    /// Functions that take no values, with their names.
-    plain: Vec<(&'static str, Plain)>,
+    /// Functions that take no values; those of events only in an instance with events.
+    plain: Vec<(PlainFunction, Plain)>,
     set_string: Box<SetText>,
-    numbers: Vec<Numbers>,
-    enter_initialization: Box<Enter>,
-    step: Box<Step>,
-    /// Update of the discrete states; `None` for an instance without events.
-    update: Option<Box<Update>>,
+    own: OwnFunctions,
     // Data that the component points to, for as long as it lives.
     pub(super) callbacks: Option<Box<dyn Any>>,
     pub(super) log: Box<Log>,
@@ -107,29 +112,28 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// Looks up the functions of a library that are alike in both versions, without an instance; the others are given.
+    /// Looks up the functions of a library that are alike in both versions, without an instance; `own` are the others.
     ///
     /// # Safety
     /// The library is of the version, and the given functions are its own.
-    pub(super) unsafe fn of<V: Family>(
-        library: Library,
-        numbers: Vec<Numbers>,
-        enter_initialization: Box<Enter>,
-        step: Box<Step>,
-        update: Option<Box<Update>>,
-    ) -> Result<Self, Fault> {
+    pub(super) unsafe fn of<V: Family>(library: Library, own: OwnFunctions) -> Result<Self, Fault> {
         let named = |name: &str| format!("{}{name}", V::PREFIX);
-        let events = ["EnterEventMode", "EnterStepMode"];
-        let events = update.as_ref().map_or(&[][..], |_| &events);
-        let names = ["ExitInitializationMode", "Terminate"].iter().chain(events);
+        let mut plain = vec![
+            PlainFunction::ExitInitializationMode,
+            PlainFunction::Terminate,
+        ];
+        if own.update.is_some() {
+            plain.extend([PlainFunction::EnterEventMode, PlainFunction::EnterStepMode]);
+        }
         // SAFETY: both versions have these types, and the library lives as long as `Self`.
         unsafe {
             let set = function::<V::Set<*const c_char>>(&library, &named("SetString")).ok();
             Ok(Self {
                 component: null_mut(),
                 free_instance: function(&library, &named("FreeInstance"))?,
-                plain: names
-                    .map(|name| Ok((*name, function(&library, &named(name))?)))
+                plain: plain
+                    .into_iter()
+                    .map(|plain| Ok((plain, function(&library, &named(plain.name()))?)))
                     .collect::<Result<_, Fault>>()?,
                 set_string: Box::new(move |component, reference, text| {
                     set.map_or(Status::ERROR, |set| {
@@ -137,10 +141,7 @@ impl Loaded {
                         Status(V::set(set, component, reference, &text.as_ptr()))
                     })
                 }),
-                numbers,
-                enter_initialization,
-                step,
-                update,
+                own,
                 callbacks: None,
                 log: Box::default(),
                 library,
@@ -163,7 +164,7 @@ impl Loaded {
     }
 
     fn numbers(&self, kind: Kind) -> Option<&Numbers> {
-        let mut numbers = self.numbers.iter();
+        let mut numbers = self.own.numbers.iter();
         numbers.find(|numbers| numbers.kind == kind)
     }
 }
@@ -189,20 +190,21 @@ impl Slave for Loaded {
     }
 
     fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status {
-        (self.enter_initialization)(self.component, start_seconds, tolerance)
+        (self.own.enter_initialization)(self.component, start_seconds, tolerance)
     }
 
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped {
-        (self.step)(self.component, from_seconds, duration_seconds)
+        (self.own.step)(self.component, from_seconds, duration_seconds)
     }
 
     fn update_discrete(&mut self) -> (Status, Updated) {
-        let updated = self.update.as_ref().map(|update| update(self.component));
+        let update = self.own.update.as_ref();
+        let updated = update.map(|update| update(self.component));
         updated.unwrap_or((Status::ERROR, Updated::default()))
     }
 
-    fn call(&mut self, function: &'static str) -> Status {
-        match self.plain.iter().find(|(name, _)| *name == function) {
+    fn call(&mut self, function: PlainFunction) -> Status {
+        match self.plain.iter().find(|(plain, _)| *plain == function) {
             // SAFETY: a function of the library, and a component that lives.
             Some((_, plain)) => Status(unsafe { plain(self.component) }),
             None => Status::ERROR,

@@ -5,7 +5,7 @@ use std::ptr::null;
 
 use libloading::os::unix::Library;
 
-use super::loaded::{Component, Family, Loaded, Numbers, Step, Update};
+use super::loaded::{Component, Family, Loaded, Numbers, OwnFunctions, Step, Update};
 use super::log::Log;
 use super::{Status, Stepped, Updated, function, nearest_float, whole};
 use crate::description::Kind;
@@ -85,10 +85,13 @@ pub(super) fn instance(
             let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
             Status(enter(of, is_defined, tolerance, start_seconds, false, 0.0))
         };
-        let (numbers, step) = (numbers(&library), step(&library)?);
-        let update = has_events.then(|| update(&library)).transpose()?;
-        let enter = Box::new(enter_initialization);
-        let loaded = Loaded::of::<Three>(library, numbers, enter, step, update)?;
+        let own = OwnFunctions {
+            numbers: numbers(&library),
+            enter_initialization: Box::new(enter_initialization),
+            step: step(&library)?,
+            update: has_events.then(|| update(&library)).transpose()?,
+        };
+        let loaded = Loaded::of::<Three>(library, own)?;
         let instantiate: Instantiate = function(&loaded.library, INSTANTIATE)?;
         let component = instantiate(
             name.as_ptr(),

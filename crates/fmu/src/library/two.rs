@@ -4,7 +4,7 @@ use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
 use libloading::os::unix::Library;
 
-use super::loaded::{Component, Family, Loaded, Numbers, Plain, Step};
+use super::loaded::{Component, Family, Loaded, Numbers, OwnFunctions, Plain, Step};
 use super::log::Log;
 use super::{Status, Stepped, function, whole};
 use crate::description::Kind;
@@ -126,9 +126,13 @@ pub(super) fn instance(
                 status => status,
             }
         };
-        let (numbers, step) = (numbers(&library), step(&library)?);
-        let enter = Box::new(enter_initialization);
-        let mut loaded = Loaded::of::<Two>(library, numbers, enter, step, None)?;
+        let own = OwnFunctions {
+            numbers: numbers(&library),
+            enter_initialization: Box::new(enter_initialization),
+            step: step(&library)?,
+            update: None,
+        };
+        let mut loaded = Loaded::of::<Two>(library, own)?;
         let callbacks = Box::new(Callbacks {
             logger,
             allocate,
