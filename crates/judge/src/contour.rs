@@ -40,9 +40,17 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     let ends = axes.iter().map(|axis| axis.trial.judged_end_seconds());
     let end_seconds = ends.fold(f64::INFINITY, f64::min);
     let window = window(contour, end_seconds);
-    let is_unseen = |axis: &&Evidence<'_>| axis.seen(window).is_err();
-    let axis = axes.iter().find(is_unseen).unwrap_or(first);
-    let values = values(contour, axes, end_seconds);
+    let unseen = axes.iter().find_map(|axis| {
+        let absence = axis.seen(window).err()?;
+        Some((axis, absence.of(axis.control_loop.name())))
+    });
+    let (axis, values) = match unseen {
+        _ if window.from_seconds >= window.until_seconds => {
+            (first, Err("the window begins behind what is judged".into()))
+        }
+        Some((axis, absence)) => (axis, Err(absence)),
+        None => (first, values(contour, axes, end_seconds)),
+    };
     let named = contour.rows().into_iter().enumerate();
     let rows = named.filter_map(|(place, (name, limit))| {
         let value = values.clone().map(|values| values[place]);
@@ -60,13 +68,6 @@ fn values(
     end_seconds: f64,
 ) -> Result<[Known; 2], Absence> {
     let window = window(contour, end_seconds);
-    if window.from_seconds >= window.until_seconds {
-        return Err("the window begins behind what is judged".into());
-    }
-    for axis in axes {
-        let seen = axis.seen(window).map(drop);
-        seen.map_err(|absence| absence.of(axis.control_loop.name()))?;
-    }
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let is_left_out = |time: f64| axes.iter().any(|axis| axis.leaves_out(time, time));
     let errors =
