@@ -70,27 +70,30 @@ impl LossReader {
             (drives(names::TPDO1), format!("position from {drive}")),
             (drives(names::TPDO2), String::new()),
         ]
-        .map(|(message, what)| Some((message?.raw_id, what, None, sync_period, PERIODS_MAX)));
+        .map(|(message, what)| {
+            let watched = Watched {
+                what,
+                heartbeat_sender: None,
+                period: sync_period,
+                limit: PERIODS_MAX * sync_period,
+                last: None,
+            };
+            Some((message?.raw_id, watched))
+        });
         let heartbeats = nodes.all().map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
-            let what = format!("heartbeat from {}", node.in_sentence());
-            let sender = Some(node.part).filter(|part| *part != Part::Io);
-            Some((message.raw_id, what, sender, period, HEARTBEATS_MAX))
-        });
-        let messages = cyclic.into_iter().chain(heartbeats).flatten();
-        let watched = messages.map(|(raw_id, what, heartbeat_sender, period, periods_max)| {
             let watched = Watched {
-                what,
-                heartbeat_sender,
+                what: format!("heartbeat from {}", node.in_sentence()),
+                heartbeat_sender: Some(node.part).filter(|part| *part != Part::Io),
                 period,
-                limit: periods_max * period,
+                limit: HEARTBEATS_MAX * period,
                 last: None,
             };
-            (raw_id, watched)
+            Some((message.raw_id, watched))
         });
         Self {
-            watched: watched.collect(),
+            watched: cyclic.into_iter().chain(heartbeats).flatten().collect(),
             end: Duration::from_secs_f64(one.trial.run.duration_seconds),
             losses: Losses::default(),
         }

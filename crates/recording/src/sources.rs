@@ -530,28 +530,34 @@ fn watched(
     let (controller, drive) = (&one.nodes.controller, &one.nodes.drive);
     let position = identifier(one, drive, names::TPDO1);
     let command = identifier(one, drive, names::RPDO1);
-    let (ours, drives) = ((is_ours, Some(SYNC_COB_ID)), (is_emulated, position));
+    let ours = Watched {
+        is_ours,
+        reporter: Some(SYNC_COB_ID),
+        ..Watched::default()
+    };
+    let drives = Watched {
+        is_ours: is_emulated,
+        reporter: position,
+        ..Watched::default()
+    };
     let mut watched = BTreeMap::new();
     let mut watch =
-        |identifier: Option<u16>, duty, what: &str, period: Option<Duration>, sender| {
-            let (is_ours, reporter) = sender;
+        |identifier: Option<u16>, duty, what: &str, period: Option<Duration>, sender: &Watched| {
             let frames = Watched {
                 what: what.to_owned(),
                 duty,
                 period,
                 half_period: period.map(|period| period / 2),
                 is_answer: [POSITION, COMMAND].contains(&duty),
-                is_ours,
-                reporter,
-                ..Watched::default()
+                ..sender.clone()
             };
             watched.extend(identifier.map(|id| (id, frames)));
         };
     let cycle = Some(cycle);
-    watch(Some(COMMAND_ID), NMT, "NMT", None, ours);
-    watch(Some(SYNC_COB_ID), SYNC, "SYNC", cycle, ours);
-    watch(command, COMMAND, "commands to the drive", cycle, ours);
-    for (node, sender) in [(controller, ours), (drive, drives)] {
+    watch(Some(COMMAND_ID), NMT, "NMT", None, &ours);
+    watch(Some(SYNC_COB_ID), SYNC, "SYNC", cycle, &ours);
+    watch(command, COMMAND, "commands to the drive", cycle, &ours);
+    for (node, sender) in [(controller, &ours), (drive, &drives)] {
         let message = one.message(node, names::HEARTBEAT).ok();
         let period = message.map(|message| Duration::from_millis(message.cycle_time_milliseconds));
         let [heartbeat, emergency] =
@@ -562,7 +568,7 @@ fn watched(
         let emergencies = format!("emergencies of the {kind}");
         watch(emergency, "emergency", &emergencies, None, sender);
     }
-    watch(position, POSITION, "positions of the drive", cycle, drives);
+    watch(position, POSITION, "positions of the drive", cycle, &drives);
     watched
 }
 

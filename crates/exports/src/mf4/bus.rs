@@ -25,16 +25,33 @@ const BUS_CHANNEL: u8 = 1;
 const FRAME_AT: u32 = 8;
 const RECORD_BYTES: u32 = 24;
 
-/// Parts of a frame: name, data type, byte in the record, bit in that byte, length in bits.
-const PARTS: [(&str, u8, u32, u32, u32); 7] = [
-    ("ID", UNSIGNED_LITTLE_ENDIAN, 8, 0, 29),
-    ("IDE", UNSIGNED_LITTLE_ENDIAN, 11, 7, 1),
-    ("BusChannel", UNSIGNED_LITTLE_ENDIAN, 12, 0, 8),
-    ("DLC", UNSIGNED_LITTLE_ENDIAN, 13, 0, 8),
-    ("DataLength", UNSIGNED_LITTLE_ENDIAN, 14, 0, 8),
-    ("Dir", UNSIGNED_LITTLE_ENDIAN, 15, 0, 1),
-    ("DataBytes", BYTES, 16, 0, 64),
+/// Parts of a frame.
+const PARTS: [Channel<'static>; 7] = [
+    part("ID", UNSIGNED_LITTLE_ENDIAN, 8, 29),
+    Channel {
+        bit: 7,
+        ..part("IDE", UNSIGNED_LITTLE_ENDIAN, 11, 1)
+    },
+    part("BusChannel", UNSIGNED_LITTLE_ENDIAN, 12, 8),
+    part("DLC", UNSIGNED_LITTLE_ENDIAN, 13, 8),
+    part("DataLength", UNSIGNED_LITTLE_ENDIAN, 14, 8),
+    part("Dir", UNSIGNED_LITTLE_ENDIAN, 15, 1),
+    part("DataBytes", BYTES, 16, 64),
 ];
+
+/// Returns a part of a frame, from the first bit of a byte on.
+const fn part(name: &str, data_type: u8, byte: u32, bits: u32) -> Channel<'_> {
+    Channel {
+        name,
+        unit: "",
+        data_type,
+        byte,
+        bit: 0,
+        bits,
+        flags: BUS_EVENT,
+        parts: 0,
+    }
+}
 
 /// Kinds of frames, each of which has a group.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -109,17 +126,9 @@ pub(super) fn write_records(
 
 /// Appends the time, and a frame that is made of its parts.
 fn channels(file: &mut Mf4File, name: &str) -> u64 {
-    let names = PARTS.map(|(part, ..)| format!("{name}.{part}"));
-    let named = PARTS.iter().zip(&names);
-    let parts = named.map(|(&(_, data_type, byte, bit, bits), name)| Channel {
-        name,
-        data_type,
-        byte,
-        bit,
-        bits,
-        flags: BUS_EVENT,
-        ..Channel::default()
-    });
+    let names = PARTS.map(|part| format!("{name}.{}", part.name));
+    let named = PARTS.into_iter().zip(&names);
+    let parts = named.map(|(part, name)| Channel { name, ..part });
     let frame = Channel {
         name,
         data_type: BYTES,
