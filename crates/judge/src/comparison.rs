@@ -176,7 +176,7 @@ mod tests {
     use crate::verdict::Metric;
     use plan::Plan;
     use plan::catalogue::Catalogue;
-    use recording::timeline::decode;
+    use recording::timeline::{Column, decode};
 
     #[test]
     fn runs_of_different_length_do_not_agree() {
@@ -208,6 +208,37 @@ mod tests {
             );
             assert!(different.signals.iter().all(SignalDifference::agrees));
         }
+    }
+
+    #[test]
+    fn zeros_of_a_law_without_a_term_are_not_compared() {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let timelines = decode(frames(500, |_| Some(10.0)), &plan).unwrap();
+        let name = "switching_part_of_a_test";
+        let with_term = |value: f64| {
+            let mut timeline = timelines[0].clone();
+            timeline.columns.push(Column {
+                name: name.to_owned(),
+                unit: String::new(),
+                values: iter::repeat_n(value, timeline.cycle.len()).collect(),
+            });
+            timeline
+        };
+        let tolerances = Tolerances {
+            given: &[],
+            time_seconds: 0.0,
+            scales: vec![Scale::of(plan.only_loop().unwrap())],
+        };
+        let verdict = Verdict::incomplete("compared", 1, "");
+        let largest = |a: f64, b: f64| {
+            let [a, b] = [a, b].map(|value| [with_term(value)]);
+            let compared = compare_runs(&tolerances, (&a, &verdict), (&b, &verdict));
+            let mut signals = compared.signals.iter();
+            signals.find(|one| one.name == name).unwrap().largest
+        };
+        assert_eq!([largest(2.0, 0.0), largest(0.0, 2.0)], [None; 2]);
+        assert_eq!(largest(2.0, 1.0), Some(1.0));
+        assert_eq!(largest(0.0, 0.0), Some(0.0));
     }
 
     #[test]
