@@ -81,9 +81,10 @@ impl IdentificationData {
     ) -> Result<Self, String> {
         let at = |reason: String| format!("{}: {reason}", path.display());
         let metadata = path.metadata();
-        let metadata =
-            metadata.map_err(|error| at(format!("the recording cannot be read: {error}")))?;
-        let played = scenario.filter(|_| !metadata.is_dir());
+        let is_folder = metadata
+            .map_err(|error| at(format!("the recording cannot be read: {error}")))?
+            .is_dir();
+        let played = scenario.filter(|_| !is_folder);
         let recorded = Recorded::load(path, played, catalogue());
         let Recorded { mut plan, log, .. } = recorded.map_err(|error| match error {
             RecordedError::Scenario(error) => at(format!("the scenario is invalid: {error}")),
@@ -92,11 +93,7 @@ impl IdentificationData {
         let unreadable = log.unread.unreadable.first().map(ToString::to_string);
         let fd_frames = (log.unread.fd_frames > 0).then(|| "it has CAN FD frames".to_owned());
         if let Some(reason) = unreadable.or(log.unread.broken).or(fd_frames) {
-            let name = if metadata.is_dir() {
-                log_in(path)
-            } else {
-                "the log"
-            };
+            let name = if is_folder { log_in(path) } else { "the log" };
             return Err(at(format!("{name} cannot be read: {reason}")));
         }
         for one in &mut plan.loops {
