@@ -154,7 +154,7 @@ impl Timeline {
     }
 
     /// Returns some of the rows with the events of their time, as a timeline of its own. The first and the last piece also have
-    /// the events before and after all rows. The bus load is that of the whole recording.
+    /// the events before and after all rows. A piece has nothing that is known of the whole recording only.
     pub fn piece(&self, rows: Range<usize>) -> Self {
         let part = |values: &Series<f64>| values.part(rows.clone());
         let begins = |row: usize| self.time_seconds.get(row);
@@ -173,23 +173,17 @@ impl Timeline {
             .filter(|event| is_inside(event.time_seconds));
         Self {
             loop_name: self.loop_name.clone(),
+            period_seconds: self.period_seconds,
             cycle: self.cycle.part(rows.clone()),
             time_seconds: part(&self.time_seconds),
             set_point: part(&self.set_point),
             columns: columns.collect(),
+            position: self.position,
+            measured_position: self.measured_position,
+            current: self.current,
             measurand: self.measurand.clone(),
-            uncommanded: Series::default(),
-            late_commands: Series::default(),
-            syncs_seconds: Series::default(),
-            lost_heartbeats: Vec::new(),
-            temperature_silence: None,
-            drive_reports: DriveReports::default(),
             events: events.cloned().collect(),
-            emergencies: Vec::new(),
-            truth: Series::default(),
-            traces: Vec::new(),
-            sources: self.sources.clone(),
-            ..*self
+            ..Self::default()
         }
     }
 
