@@ -329,8 +329,10 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
         return Err(Absence::not_asked());
     }
     let came = |wanted: &Emergency| {
-        let mut emergencies = evidence.timeline.emergencies.iter();
-        emergencies.any(|one| *one.what == *wanted && one.time_seconds <= evidence.end_seconds())
+        let mut events = evidence.timeline.events.iter();
+        events.any(|event| {
+            event.emergency.as_ref() == Some(wanted) && event.time_seconds <= evidence.end_seconds()
+        })
     };
     let is_missing = |text: &&String| !text.parse().is_ok_and(|wanted| came(&wanted));
     let missing: Vec<&str> = demanded

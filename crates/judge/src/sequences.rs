@@ -89,9 +89,9 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         Expected {
             emcy: Some(text), ..
         } => {
-            let wanted = text.parse::<Emergency>();
-            let is_wanted = |one: &Emergency| wanted.as_ref() == Ok(one);
-            first(&evidence.timeline.emergencies, is_wanted, is_next)
+            let wanted = text.parse::<Emergency>().ok();
+            let is_wanted = |event: &Event| wanted.is_some() && event.emergency == wanted;
+            first(&evidence.timeline.events, is_wanted, is_next)
         }
         Expected {
             text: Some(text), ..
@@ -113,12 +113,12 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
 }
 
 /// Returns the time of the first wanted occurrence; without one, of which nothing more is known, an empty text.
-fn first<T>(
-    occurrences: &[Occurrence<T>],
-    is_wanted: impl Fn(&T) -> bool,
+fn first(
+    events: &[Occurrence<Event>],
+    is_wanted: impl Fn(&Event) -> bool,
     is_next: impl Fn(f64) -> bool,
 ) -> Result<f64, String> {
-    let mut wanted = occurrences.iter().filter(|one| is_wanted(one));
+    let mut wanted = events.iter().filter(|one| is_wanted(one));
     let found = wanted.find(|one| is_next(one.time_seconds));
     found.map(|one| one.time_seconds).ok_or_else(String::new)
 }

@@ -36,6 +36,8 @@ pub struct Event {
     pub level: Level,
     /// Description of the event for the user.
     pub text: String,
+    /// Emergency that a node sent.
+    pub emergency: Option<Emergency>,
 }
 
 impl Event {
@@ -44,6 +46,7 @@ impl Event {
         Self {
             level,
             text: printable(text).into_owned(),
+            emergency: None,
         }
     }
 }
@@ -123,9 +126,8 @@ impl EventSignal {
 pub(crate) struct EventReader {
     node_names: NodeNames,
     signals: ByIdentifier<EventSignal>,
-    /// Events with recording times, like the emergencies.
+    /// Events with recording times.
     events: Notes<Event>,
-    emergencies: Notes<Emergency>,
     /// Time of the last sighting of each error.
     bus_errors: BTreeMap<String, Duration>,
     given_until_seconds: f64,
@@ -141,7 +143,6 @@ impl EventReader {
             signals: signals.collect(),
             node_names,
             events: Notes::default(),
-            emergencies: Notes::default(),
             bus_errors: BTreeMap::new(),
             given_until_seconds: f64::NEG_INFINITY,
         }
@@ -150,7 +151,6 @@ impl EventReader {
     /// Takes the events that the reader of another loop on the same bus has read: all loops see the same.
     pub(crate) fn take_over(&mut self, other: &Self) {
         self.events = other.events.clone();
-        self.emergencies = other.emergencies.clone();
     }
 
     /// Takes each frame of the bus.
@@ -182,14 +182,18 @@ impl EventReader {
                 (Level::Info, format!("{node}: emergency over"))
             }
             EventKind::Emergency => {
-                self.emergencies.add(at_seconds, emergency(node, value));
                 let cause = signal
                     .cause(stamped, &self.node_names)
                     .map_or_else(String::new, |cause| format!(": {cause}"));
                 (Level::Error, format!("{node}: emergency {label}{cause}"))
             }
         };
-        self.events.add(at_seconds, Event::new(level, &text));
+        let is_emergency = signal.kind == EventKind::Emergency && value != 0.0;
+        let event = Event {
+            emergency: is_emergency.then(|| emergency(node, value)),
+            ..Event::new(level, &text)
+        };
+        self.events.add(at_seconds, event);
     }
 
     /// Takes the report of a CAN driver. An error that it may report with each frame makes an event only when it begins.
@@ -208,14 +212,6 @@ impl EventReader {
         };
         self.events
             .add(time.as_secs_f64(), Event::new(level, &text));
-    }
-
-    /// Takes the emergencies since the last call; the scenario began at `zero`, on the recording's clock.
-    pub(crate) fn take_emergencies(
-        &mut self,
-        zero: Option<Duration>,
-    ) -> Vec<Occurrence<Emergency>> {
-        self.emergencies.take_since(seconds_at(zero))
     }
 
     /// Takes the events since the last call, with those of the scenario before `until_seconds`, in the order of time. As long as
@@ -242,14 +238,12 @@ impl EventReader {
                 };
                 Occurrence::new(event.at_seconds, Event::new(level, &event.text))
             });
-        let on_bus = self.events.take_since(seconds_at(zero));
+        // If the scenario never began, times are those of the recording.
+        let on_bus = self
+            .events
+            .take_since(zero.unwrap_or_default().as_secs_f64());
         in_order(on_bus.into_iter().chain(planned))
     }
-}
-
-/// Returns the start of the scenario; 0 if it never began, so that times are those of the recording.
-fn seconds_at(zero: Option<Duration>) -> f64 {
-    zero.unwrap_or_default().as_secs_f64()
 }
 
 fn emergency(node: &str, value: f64) -> Emergency {

@@ -203,7 +203,7 @@ fn two_axes_draw_a_circle() {
     assert_eq!(x.time_seconds, y.time_seconds);
     for axis in [x, y] {
         assert_eq!(axis.missed_cycles_percent(), 0.0);
-        assert!(axis.emergencies.is_empty());
+        assert!(axis.events.iter().all(|event| event.emergency.is_none()));
         let found = axis.sources.found(&Sent::default());
         assert_eq!(found, []);
     }

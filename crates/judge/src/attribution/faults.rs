@@ -2,6 +2,7 @@
 
 use plan::ControlLoop;
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
+use scenario::expect::Emergency;
 use scenario::fault::{Fault, Touch};
 use scenario::node::Part;
 
@@ -57,10 +58,11 @@ impl ScenarioFaults {
             faults.iter().any(acts)
         };
         let controller = &one.nodes.controller.name;
-        let emergencies = timeline.emergencies.iter();
-        let reports = emergencies
-            .filter(|emergency| emergency.node == *controller)
-            .map(|one| one.time_seconds);
+        let is_report = |emergency: &Emergency| emergency.node == *controller;
+        let events = timeline.events.iter();
+        let reports = events
+            .filter(|event| event.emergency.as_ref().is_some_and(is_report))
+            .map(|event| event.time_seconds);
         Self {
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),
             touched: touched.collect(),

@@ -6,13 +6,12 @@ use std::time::Duration;
 use dbc::names::SET_POINT;
 use plan::loop_prefix;
 use platform::series::Series;
-use scenario::expect::Emergency;
 use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
 use crate::events::Events;
 use crate::losses::LostHeartbeat;
-use crate::occurrences::{Occurrence, in_order};
+use crate::occurrences::in_order;
 use crate::sources::Sources;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
@@ -90,8 +89,6 @@ pub struct Timeline {
     pub sync_interval_milliseconds_max: f64,
     /// Events in the order of time.
     pub events: Events,
-    /// Emergencies that nodes sent.
-    pub emergencies: Vec<Occurrence<Emergency>>,
     /// Reports of the emulated plant on itself; empty without faults.
     pub truth: Series<PlantTruth>,
     /// Whether the io nodes that disturb the loop were present and got their commands.

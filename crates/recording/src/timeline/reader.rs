@@ -232,7 +232,6 @@ impl TimelineReader {
         let mut piece = self.take_rows(closed, trial)?;
         let zero = self.passing.clock.zero();
         piece.events = self.events.take_until(piece.end_seconds(), trial, zero);
-        piece.emergencies = self.events.take_emergencies(zero);
         Ok(piece)
     }
 
@@ -254,7 +253,6 @@ impl TimelineReader {
         rest.events = in_order(events.into_iter().chain(lost).chain(silences));
         rest.lost_heartbeats = losses.heartbeats;
         rest.temperature_silence = losses.temperature_silence;
-        rest.emergencies = self.events.take_emergencies(zero);
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
         rest.drive_reports = std::mem::take(&mut self.drive_reports.reports);
@@ -414,7 +412,13 @@ mod tests {
         let rows = |piece: &Timeline| (piece.cycle.to_vec(), piece.position().to_vec());
         assert_eq!(rows(&first), (vec![0], vec![1.0]));
         assert_eq!(rows(&second), (vec![1], vec![2.0]));
-        assert!(!timeline.events.is_empty() && timeline.emergencies.is_empty());
+        assert!(!timeline.events.is_empty());
+        assert!(
+            timeline
+                .events
+                .iter()
+                .all(|event| event.emergency.is_none())
+        );
         let texts = |timelines: &[&Timeline]| {
             let events = timelines.iter().flat_map(|timeline| timeline.events.iter());
             Vec::from_iter(events.map(|event| (event.time_seconds, event.what.clone())))
