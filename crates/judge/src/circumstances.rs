@@ -1,9 +1,7 @@
 //! Facts about a run in addition to its frames.
 
 use recording::ending::EarlyEnd;
-use recording::latency::NodeReport;
-use recording::sources::Sent;
-use recording::stalls::Stall;
+use recording::latency::{Host, NodeReport};
 use recording::unrecorded::Unrecorded;
 use scenario::node::Part;
 
@@ -14,12 +12,8 @@ pub struct Circumstances {
     pub unrecorded: Unrecorded,
     /// End of the run before its scenario's end; `None` if it was played to its end.
     pub ended_early: Option<EarlyEnd>,
-    /// Stalls of the processes that canrig started; empty in virtual time.
-    pub stalls: Vec<Stall>,
-    /// Frames that canrig's nodes sent in real time.
-    pub sent: Sent,
-    /// Reports of canrig's nodes in real time: of the controller, and of all emulators together.
-    pub reports: [Option<NodeReport>; 2],
+    /// Knowledge of the host in real time; empty in virtual time.
+    pub host: Host,
 }
 
 impl Circumstances {
@@ -27,8 +21,8 @@ impl Circumstances {
     /// law.
     pub(crate) fn is_punctual(&self, node: Part) -> bool {
         let report = match node {
-            Part::Controller => &self.reports[0],
-            _ => &self.reports[1],
+            Part::Controller => &self.host.controller,
+            _ => &self.host.plant_emulator,
         };
         let is_punctual = |report: &NodeReport| {
             report.ticks > 0 && report.overruns == 0 && report.late_answers == 0

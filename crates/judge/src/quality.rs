@@ -43,7 +43,7 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
 /// Returns the reason why the outcome is open if a foreign source sent frames of the run's nodes.
 pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
     let circumstances = evidence.circumstances;
-    let found = evidence.timeline.sources.found(&circumstances.sent);
+    let found = evidence.timeline.sources.found(&circumstances.host.sent);
     let first = found.first()?;
     let sources = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
     Some(NamedCause {

@@ -5,6 +5,7 @@ use dbc::Database;
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use recording::ending::{EarlyEnd, EndedBy};
+use recording::latency::Host;
 use recording::log::Stamped;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
@@ -717,7 +718,10 @@ fn beside_a_stall(
         Duration::from_millis(1 + stall.1),
     );
     let circumstances = Circumstances {
-        stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+        host: Host {
+            stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+            ..Host::default()
+        },
         ..Circumstances::default()
     };
     judge(&plan, &timelines, &circumstances)
@@ -776,7 +780,10 @@ fn a_silence_behind_that_of_a_stall_is_the_nodes() {
         let timelines = decode(&frames, &plan).unwrap();
         let (from, until) = (Duration::from_millis(1151), Duration::from_millis(1191));
         let circumstances = Circumstances {
-            stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+            host: Host {
+                stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let verdict = judge(&plan, &timelines, &circumstances);
@@ -864,7 +871,10 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
         let timelines = decode(&frames, &plan).unwrap();
         let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2101));
         let circumstances = Circumstances {
-            stalls: vec![Stall::new(from, until, Who::PlantEmulator, What::Waited)],
+            host: Host {
+                stalls: vec![Stall::new(from, until, Who::PlantEmulator, What::Waited)],
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let verdict = judge(&plan, &timelines, &circumstances);
@@ -889,7 +899,10 @@ fn missed_commands_have_their_limit_without_those_of_the_bench() {
     let judged = |who| {
         let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2201));
         let circumstances = Circumstances {
-            stalls: vec![Stall::new(from, until, who, What::Waited)],
+            host: Host {
+                stalls: vec![Stall::new(from, until, who, What::Waited)],
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let verdict = judge(&plan, &timelines, &circumstances);
@@ -923,7 +936,10 @@ fn an_end_in_a_stall_proves_nothing() {
                 at_seconds: Some(2.0),
                 ..EarlyEnd::without_node(EndedBy::Node, "given up")
             }),
-            stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+            host: Host {
+                stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         judge(&plan, &timelines, &circumstances).outcome
@@ -1092,7 +1108,10 @@ fn the_earliest_breach_is_the_cause() {
                 at_seconds: Some(1.3),
                 what: "silent since 1.200 s".to_owned(),
             }),
-            stalls,
+            host: Host {
+                stalls,
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let verdict = judge(&plan, &timelines, &circumstances);

@@ -18,10 +18,11 @@ use plan::catalogue::Catalogue;
 use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
+use recording::latency::Host;
 use recording::run_folder::{file, file_in, log_in};
 use recording::session::{ReadError, read_plan};
 use recording::sources::Sent;
-use recording::stalls::{Stall, read_stalls};
+use recording::stalls::read_stalls;
 use recording::timeline::{self, Timeline, all_events};
 use recording::unrecorded::Unrecorded;
 
@@ -65,10 +66,8 @@ pub struct Recorded {
     pub log: Log,
     /// Verdict of the run; `None` for a log that canrig has not written.
     pub stored: Option<Verdict>,
-    /// Stalls of the nodes; only the folder of a run in real time has them.
-    pub stalls: Vec<Stall>,
-    /// Frames that canrig's nodes sent; only the folder of a run in real time has them.
-    pub sent: Sent,
+    /// Stalls of the nodes, and the frames that canrig's nodes sent; only the folder of a run in real time has them.
+    pub host: Host,
     /// Whether the recording is a run folder.
     pub is_folder: bool,
     /// Whether the recording is the folder of a long run, whose log and signals are compressed.
@@ -116,18 +115,17 @@ impl Recorded {
             let reason = format!("`{path}` holds no frame{}", broken.unwrap_or_default());
             return Err(Exit::CannotStart.because(reason).into());
         }
-        let (mut stalls, mut sent) = (Vec::new(), Sent::default());
+        let mut host = Host::default();
         if is_folder {
-            stalls = read_stalls(folder).map_err(unreadable(folder.join(file::STALLS)))?;
-            sent = Sent::read(folder).map_err(unreadable(folder.join(file::SENT)))?;
+            host.stalls = read_stalls(folder).map_err(unreadable(folder.join(file::STALLS)))?;
+            host.sent = Sent::read(folder).map_err(unreadable(folder.join(file::SENT)))?;
         }
         Ok(Self {
             path: path.to_owned(),
             plan,
             log,
             stored,
-            stalls,
-            sent,
+            host,
             is_folder,
             is_long: log_path.ends_with(file::LONG_BUS_LOG),
         })
@@ -158,15 +156,15 @@ impl Recorded {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
         let timing = stored.and_then(|stored| stored.timing.clone());
-        let reports = timing
-            .clone()
-            .map(|timing| [timing.controller, timing.plant_emulator]);
+        let timed = timing.clone().unwrap_or_default();
         let circumstances = Circumstances {
             unrecorded: self.unrecorded(timelines),
             ended_early: ended_early.clone().filter(|end| end.by != EndedBy::User),
-            stalls: self.stalls.clone(),
-            sent: self.sent.clone(),
-            reports: reports.unwrap_or_default(),
+            host: Host {
+                controller: timed.controller,
+                plant_emulator: timed.plant_emulator,
+                ..self.host.clone()
+            },
         };
         let mut verdict = Verdict {
             identity: stored.and_then(|stored| stored.identity.clone()),
@@ -188,7 +186,7 @@ impl Recorded {
         if let Some(timing) = timing {
             let again = timing.again(&self.log.frames, &self.plan)?;
             let expect = expected_timing(&self.plan);
-            judge_timing(&mut verdict, again, expect, &self.stalls);
+            judge_timing(&mut verdict, again, expect, &self.host.stalls);
         }
         Ok(verdict)
     }

@@ -165,17 +165,11 @@ pub fn verdict(
             End::ByNode(end) => Some(end.clone()),
         },
     };
-    let host = ended
-        .as_ref()
-        .ok()
-        .and_then(|played| played.host.clone())
-        .unwrap_or_default();
+    let host = ended.as_ref().ok().and_then(|played| played.host.clone());
     let circumstances = Circumstances {
         unrecorded: unrecorded.clone(),
         ended_early,
-        stalls: host.stalls,
-        sent: host.sent,
-        reports: [host.controller, host.plant_emulator],
+        host: host.unwrap_or_default(),
     };
     judge::judge(plan, timelines, &circumstances)
 }

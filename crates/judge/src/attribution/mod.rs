@@ -71,14 +71,15 @@ impl<'a> Attribution<'a> {
         one: &'a ControlLoop,
         circumstances: &Circumstances,
     ) -> Self {
-        let stretches = stretches(timeline, &circumstances.stalls);
+        let host = &circumstances.host;
+        let stretches = stretches(timeline, &host.stalls);
         let period_seconds = timeline.period_seconds;
         let felt = [Part::Controller, Part::Drive]
             .map(|node| FeltStalls::of(node, &stretches, one, period_seconds));
         let mut attribution = Self {
             timeline,
             control_loop: one,
-            is_real_time: circumstances.reports.iter().any(Option::is_some),
+            is_real_time: host.controller.is_some() || host.plant_emulator.is_some(),
             due: due(timeline, one, circumstances.ended_early.as_ref()),
             felt,
             faults: ScenarioFaults::new(timeline, one),

@@ -5,7 +5,7 @@ use dbc::Database;
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use proptest::prelude::*;
-use recording::latency::NodeReport;
+use recording::latency::{Host, NodeReport};
 use recording::log::Stamped;
 use recording::losses::LostHeartbeat;
 use recording::timeline::decode;
@@ -204,7 +204,7 @@ proptest! {
         let plan = setup(cycles.len(), &faults, &external);
         let timelines = decode(frames(&cycles), &plan).unwrap();
         let circumstances = Circumstances {
-            stalls: held.iter().map(|held| held.stall()).collect(),
+            host: Host { stalls: held.iter().map(|held| held.stall()).collect(), ..Host::default() },
             ..Circumstances::default()
         };
         let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
@@ -256,7 +256,10 @@ fn where_stalls_prevail_frames_that_canrigs_nodes_left_out_prove_nothing() {
             who: Who::Machine,
         };
         let circumstances = Circumstances {
-            stalls: vec![held.stall()],
+            host: Host {
+                stalls: vec![held.stall()],
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let attribution =
@@ -282,7 +285,10 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
             who: Who::Machine,
         });
         let circumstances = Circumstances {
-            stalls: held.map(Held::stall).collect(),
+            host: Host {
+                stalls: held.map(Held::stall).collect(),
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let attribution = Attribution::new(timeline, plan.only_loop().unwrap(), &circumstances);
@@ -350,7 +356,10 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
         who: Who::Machine,
     };
     let circumstances = Circumstances {
-        stalls: vec![held.stall()],
+        host: Host {
+            stalls: vec![held.stall()],
+            ..Host::default()
+        },
         ..Circumstances::default()
     };
     let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
@@ -381,7 +390,10 @@ fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs() {
             back_seconds: 0.5,
         }];
         let circumstances = Circumstances {
-            reports: [Some(NodeReport::default()), None],
+            host: Host {
+                controller: Some(NodeReport::default()),
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let attribution = Attribution::new(&timeline, plan.only_loop().unwrap(), &circumstances);
@@ -408,7 +420,10 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
             who,
         };
         let circumstances = Circumstances {
-            stalls: vec![held.stall()],
+            host: Host {
+                stalls: vec![held.stall()],
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let attribution =
@@ -437,7 +452,10 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
             ..NodeReport::default()
         };
         let circumstances = Circumstances {
-            reports: [Some(report), None],
+            host: Host {
+                controller: Some(report),
+                ..Host::default()
+            },
             ..Circumstances::default()
         };
         let attribution =
