@@ -25,14 +25,12 @@ pub(super) struct Passing {
     pub(super) latest: Duration,
     /// End of the scenario.
     pub(super) end: Duration,
-    /// Bus load from the first SYNC to the end of the judged time.
-    pub(super) traffic: Traffic,
-    judged_end: Duration,
 }
 
-/// Number of the bits of all frames, and the times of the SYNCs.
-#[derive(Clone, Default)]
+/// Number of the bits of all frames from the first SYNC to the end of the judged time, and the times of the SYNCs.
+#[derive(Default)]
 pub(super) struct Traffic {
+    judged_end: Duration,
     first_sync: Option<Duration>,
     latest_sync: Option<Duration>,
     latest: Duration,
@@ -42,7 +40,6 @@ pub(super) struct Traffic {
 
 impl Passing {
     pub(super) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let scenario = &one.trial;
         Ok(Self {
             clock: one.scenario_clock()?,
             is_order_lost: false,
@@ -50,15 +47,8 @@ impl Passing {
             last_frame: Duration::ZERO,
             highest: Duration::ZERO,
             latest: Duration::ZERO,
-            end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            traffic: Traffic::default(),
-            judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
+            end: Duration::from_secs_f64(one.trial.run.duration_seconds),
         })
-    }
-
-    /// Returns whether another loop's reader sees the same. On one bus only the ends of the judged time may differ.
-    pub(super) fn is_like(&self, other: &Self) -> bool {
-        self.judged_end == other.judged_end
     }
 
     /// Takes each frame of the bus; returns its scenario time, `None` before the scenario began.
@@ -73,15 +63,24 @@ impl Passing {
         if let Some(time) = time.filter(|time| *time <= self.end) {
             self.latest = time;
         }
-        if time.is_none_or(|time| time < self.judged_end) {
-            self.traffic.on_frame(stamped);
-        }
         time
     }
 }
 
 impl Traffic {
-    fn on_frame(&mut self, stamped: &Stamped) {
+    pub(super) fn new(one: &ControlLoop) -> Self {
+        Self {
+            judged_end: Duration::from_secs_f64(one.trial.judged_end_seconds()),
+            ..Self::default()
+        }
+    }
+
+    /// Takes each frame of the bus with its scenario time.
+    #[inline]
+    pub(super) fn on_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
+        if time.is_some_and(|time| time >= self.judged_end) {
+            return;
+        }
         let now = stamped.time;
         if self.first_sync.is_some() {
             self.bits += u64::from(stamped.occupied_bits);

@@ -13,7 +13,7 @@ use scenario::Trial;
 use super::columns::Columns;
 use super::commands::CommandReader;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
-use super::passing::Passing;
+use super::passing::{Passing, Traffic};
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
 use crate::identifiers::Readers;
@@ -40,27 +40,21 @@ pub fn decode(
     let mut readers = loops
         .map(|one| TimelineReader::new(&plan.shared, one, kept_max))
         .collect::<Result<Vec<_>, _>>()?;
-    let frames = frames.into_iter();
-    match readers.as_mut_slice() {
-        [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
-        several => read_with(several, frames),
-    }
+    read_with(&mut readers, frames.into_iter());
     let timelines = readers.iter_mut().zip(&plan.loops);
     timelines
         .map(|(reader, one)| reader.take_rest(&one.trial))
         .collect()
 }
 
-/// Gives each frame to its readers. The common properties of all frames are read once.
+/// Gives each frame to its readers. The common properties and the events of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
     let read_by = Readers::new(readers.iter().map(TimelineReader::raw_ids));
-    let is_like = |place: &usize| readers[*place].passing.is_like(&readers[0].passing);
-    let (like, unlike): (Vec<_>, Vec<_>) = (1..readers.len()).partition(is_like);
     for stamped in frames {
         let stamped = stamped.borrow();
         let time = readers[0].passing.on_frame(stamped);
-        for place in &unlike {
-            readers[*place].passing.on_frame(stamped);
+        for reader in readers.iter_mut() {
+            reader.traffic.on_frame(stamped, time);
         }
         readers[0].events.on_frame(stamped);
         let id = stamped.frame.raw_id();
@@ -68,12 +62,11 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
             readers[*place].on_read_frame(id, stamped, time);
         }
     }
-    for place in like {
-        readers[place].passing = readers[0].passing.clone();
-    }
     if let [first, others @ ..] = readers {
-        let others = others.iter_mut();
-        others.for_each(|other| other.events.take_over(&first.events));
+        for other in others {
+            other.passing = first.passing.clone();
+            other.events.take_over(&first.events);
+        }
     }
 }
 
@@ -81,6 +74,7 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
 pub struct TimelineReader {
     loop_name: String,
     passing: Passing,
+    traffic: Traffic,
     period: Duration,
     /// Time after a SYNC from which a frame does not belong to its cycle.
     late_after: Duration,
@@ -125,6 +119,7 @@ impl TimelineReader {
             loop_name: one.name().to_owned(),
             end_cycle: cycles(passing.end, period),
             passing,
+            traffic: Traffic::new(one),
             period,
             late_after: period + period / 2,
             latest_sync: Duration::ZERO,
@@ -159,6 +154,7 @@ impl TimelineReader {
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
         let time = self.passing.on_frame(stamped);
+        self.traffic.on_frame(stamped, time);
         self.events.on_frame(stamped);
         self.on_read_frame(stamped.frame.raw_id(), stamped, time);
     }
@@ -275,7 +271,7 @@ impl TimelineReader {
         let origin = zero.unwrap_or(self.passing.first_frame.unwrap_or_default());
         let last_frame = self.passing.last_frame;
         let since_zero = last_frame.saturating_sub(zero.unwrap_or_default());
-        let traffic = &self.passing.traffic;
+        let traffic = &self.traffic;
         let wiring = &trial.wiring;
         let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
         let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
