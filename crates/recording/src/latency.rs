@@ -17,6 +17,9 @@ use crate::stalls::Stall;
 /// Largest latency that is counted; a larger one counts as this.
 const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
 
+/// Names of the quantiles.
+const QUANTILES: [&str; 4] = ["median", "p99", "p99_9", "max"];
+
 /// Median and tail of a distribution, in microseconds.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Quantiles {
@@ -43,15 +46,15 @@ impl Quantiles {
         }
     }
 
+    /// Returns the values, from the median to the largest.
+    pub fn values(&self) -> [f64; 4] {
+        [self.median, self.p99, self.p99_9, self.max]
+    }
+
     /// Returns the quantile of this name.
     pub fn named(&self, name: &str) -> Option<f64> {
-        match name {
-            "median" => Some(self.median),
-            "p99" => Some(self.p99),
-            "p99_9" => Some(self.p99_9),
-            "max" => Some(self.max),
-            _ => None,
-        }
+        let place = QUANTILES.iter().position(|known| *known == name)?;
+        Some(self.values()[place])
     }
 
     /// Returns the larger of each quantile.

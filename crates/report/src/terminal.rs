@@ -115,13 +115,9 @@ fn table(verdict: &Verdict) -> Table {
 fn add_timing(text: &mut Text, timing: &Timing) {
     let mut table = Table::new(["microseconds", "median", "p99", "p99.9", "max"]);
     for (name, quantiles) in timing.rows() {
-        let values = [
-            quantiles.median,
-            quantiles.p99,
-            quantiles.p99_9,
-            quantiles.max,
-        ]
-        .map(|value| Cell::number(format!("{value:.0}")));
+        let values = quantiles
+            .values()
+            .map(|value| Cell::number(format!("{value:.0}")));
         table.add([Cell::new(name)].into_iter().chain(values));
     }
     text.table(&table);
