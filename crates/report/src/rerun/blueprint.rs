@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use re_sdk::external::re_log_types::BlueprintActivationCommand;
 use re_sdk::log::{Chunk, LogMsg};
-use re_sdk::{AsComponents, StoreId, StoreKind, Timeline};
+use re_sdk::{AsComponents, EntityPath, StoreId, StoreKind, Timeline};
 use re_sdk_types::blueprint::archetypes::{
     ContainerBlueprint, PanelBlueprint, PlotLegend, TextLogColumns, TimeAxis, TimePanelBlueprint,
     ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
@@ -202,22 +202,15 @@ impl<'a> Layout<'a> {
     fn view(&mut self, class: &str, title: &str, group: &str, share: f32) -> Result<Place> {
         let id = self.next_id();
         let path = format!("view/{id}");
+        let origin = EntityPath::from(self.folder).join(&group.into());
         let view = ViewBlueprint::new(class)
             .with_display_name(title)
-            .with_space_origin(self.origin(group));
+            .with_space_origin(origin.to_string());
         self.log(&path, &view)?;
         // Without contents the viewer shows nothing.
         let contents = ViewContents::new([QueryExpression("$origin/**".into())]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
         Ok(Place { id, path, share })
-    }
-
-    /// Returns the path of a group's entities.
-    fn origin(&self, group: &str) -> String {
-        match self.folder {
-            "" => format!("/{group}"),
-            name => format!("/{name}/{group}"),
-        }
     }
 
     fn container(

@@ -170,26 +170,14 @@ impl BusReader {
     /// Logs the cycles and loads since the last time.
     pub(super) fn log(&mut self, output: &mut dyn Output) -> Result<(), ReportError> {
         let cycles = mem::take(&mut self.cycles);
-        // Most cycles have a row of each timing, so the times are computed once.
-        let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
         for (place, (name, ..)) in TIMING.into_iter().enumerate() {
             let is_heard = |cycle: &&Cycle| !cycle.microseconds[place].is_nan();
             let heard = cycles.iter().filter(is_heard);
             let values: Vec<f64> = heard.clone().map(|it| it.microseconds[place]).collect();
-            if values.is_empty() {
-                continue;
-            }
-            let times = if values.len() == cycles.len() {
-                all.clone()
-            } else {
-                times::columns(heard.map(|cycle| cycle.moment))
-            };
+            let times = times::columns(heard.map(|cycle| cycle.moment));
             send_scalars(output, format!("{}/{name}", groups::TIMING), times, values)?;
         }
         let (moments, loads): (Vec<_>, Vec<_>) = self.loads.drain(..).unzip();
-        if loads.is_empty() {
-            return Ok(());
-        }
         send_scalars(output, LOAD, times::columns(moments.into_iter()), loads)
     }
 }

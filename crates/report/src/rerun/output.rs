@@ -32,26 +32,23 @@ impl Output for RecordingStream {
     }
 }
 
-/// Output for one of several loops, whose entities are in a folder with the loop's name.
+/// Output for a loop, whose entities are in a folder with the loop's name if there are several.
 pub(super) struct Folder<'a> {
     output: &'a mut dyn Output,
-    name: Option<&'a str>,
+    folder: EntityPath,
 }
 
 impl<'a> Folder<'a> {
-    /// Returns the output of a loop; for the only loop it is the output itself.
-    pub(super) fn for_loop(output: &'a mut dyn Output, control_loop: &'a ControlLoop) -> Self {
-        let name = control_loop.loop_name();
-        Self { output, name }
+    /// Returns the output of a loop.
+    pub(super) fn for_loop(output: &'a mut dyn Output, control_loop: &ControlLoop) -> Self {
+        let folder = control_loop.name().into();
+        Self { output, folder }
     }
 }
 
 impl Output for Folder<'_> {
     fn send(&mut self, chunk: Chunk) -> Result<(), ReportError> {
-        let Some(name) = self.name else {
-            return self.output.send(chunk);
-        };
-        let path = EntityPath::from(name).join(chunk.entity_path());
+        let path = self.folder.join(chunk.entity_path());
         self.output.send(chunk.clone_with_new_entity_path(path))
     }
 
@@ -80,13 +77,16 @@ pub(super) fn send_static(
     output.send(chunk.build()?)
 }
 
-/// Sends rows of one number each.
+/// Sends rows of one number each, if there are any.
 pub(super) fn send_scalars(
     output: &mut dyn Output,
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     values: Vec<f64>,
 ) -> Result<(), ReportError> {
+    if values.is_empty() {
+        return Ok(());
+    }
     let columns = Scalars::new(values).columns_of_unit_batches()?;
     send_rows(output, path, times, columns)
 }
