@@ -175,15 +175,9 @@ impl Absence {
     }
 }
 
-impl From<String> for Absence {
-    fn from(reason: String) -> Self {
-        Self::new(reason, Why::NotDone)
-    }
-}
-
-impl From<&str> for Absence {
-    fn from(reason: &str) -> Self {
-        Self::new(reason, Why::NotDone)
+impl<T: AsRef<str>> From<T> for Absence {
+    fn from(reason: T) -> Self {
+        Self::new(reason.as_ref(), Why::NotDone)
     }
 }
 
