@@ -11,6 +11,7 @@ use recording::stalls::Stall;
 use scenario::timing::TimingLimits;
 use serde::{Deserialize, Serialize};
 
+use crate::attribution::stalls::Spans;
 use crate::metric::Metric;
 
 const NO_LOOP: &str = "not available: all nodes are external";
@@ -168,23 +169,15 @@ fn distrust(host: &Host, duration: Duration) -> Vec<String> {
 /// Returns the reason to distrust a run in which the nodes were held up for too long.
 fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
     let longest = stalls.iter().max_by_key(|stall| stall.length())?;
-    let percent = 100.0 * covered(stalls).as_secs_f64() / duration.as_secs_f64();
+    let span = |stall: &Stall| (stall.from.as_secs_f64(), stall.until.as_secs_f64());
+    let spans = Spans::of(stalls.iter().map(span).collect());
+    let covered = spans.seconds_in(f64::NEG_INFINITY, f64::INFINITY);
+    let percent = 100.0 * covered / duration.as_secs_f64();
     (percent > STALLS_PERCENT_MAX).then(|| {
         format!(
             "stalls cover {percent:.2} % of the run (limit {STALLS_PERCENT_MAX} %); in the longest {longest}"
         )
     })
-}
-
-/// Returns the time that the stalls, sorted by their beginnings, cover together.
-fn covered(stalls: &[Stall]) -> Duration {
-    let mut reached = Duration::ZERO;
-    let lengths = stalls.iter().map(|stall| {
-        let new = stall.until.saturating_sub(stall.from.max(reached));
-        reached = reached.max(stall.until);
-        new
-    });
-    lengths.sum()
 }
 
 #[cfg(test)]
