@@ -41,7 +41,7 @@ fn is_about(control_loop: &ControlLoop, check: &SignalCheck, trace: &SignalTrace
 /// Plots a trace with the demands of its checks.
 fn plot<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: f64) -> Plot<'a> {
     let trial = &control_loop.trial;
-    let mut plot = Plot::over_time(shown(control_loop, trace), &trace.unit);
+    let mut plot = Plot::over_time(trace.path.as_str(), &trace.unit);
     let distance = common_distance(&first_cycles(trace, period_seconds));
     let shape = distance.map_or(Shape::Line, |_| Shape::Points);
     let label = format!("recorded{}", distance.map_or_else(String::new, few));
@@ -84,12 +84,30 @@ fn first_cycles(trace: &SignalTrace, period_seconds: f64) -> Vec<usize> {
     cycles.collect()
 }
 
-/// Returns the name of a signal on the bus; with several loops it begins with the drive that sends the frame.
-fn shown(control_loop: &ControlLoop, trace: &SignalTrace) -> String {
-    let drive = &control_loop.nodes.drive.name;
-    let rest = trace.path.strip_prefix("drive_");
-    match (control_loop.loop_name(), rest) {
-        (Some(_), Some(rest)) => format!("{drive}_{rest}"),
-        _ => trace.path.clone(),
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
+
+    use super::*;
+
+    /// Names of nodes have no meaning, not even those that begin with "drive_".
+    #[test]
+    fn a_checked_signal_is_called_as_on_the_bus() {
+        let rig = include_str!("../../../../scenarios/rigs/two_axes.toml")
+            .replace("node.x]", "node.drive_x]")
+            .replace("\"x.", "\"drive_x.");
+        let plan = Plan::from_rig(Path::new("rig.toml"), &rig, &Catalogue::shipped()).unwrap();
+        let trace = SignalTrace {
+            path: "drive_x_tpdo1.position_millimetres".to_owned(),
+            unit: "mm".to_owned(),
+            silence_seconds_max: None,
+            samples: Series::default(),
+        };
+        for one in &plan.loops {
+            assert_eq!(plot(&trace, one, 0.001).title, trace.path);
+        }
     }
 }
