@@ -103,18 +103,8 @@ impl TimelineReader {
     /// # Errors
     /// If the database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
-        let trial = &one.trial;
-        let period = trial.run.bus.sync_period();
+        let period = one.trial.run.bus.sync_period();
         let passing = Passing::new(one)?;
-        let losses = LossReader::new(one);
-        let commands = CommandReader::new(one, period, kept_max)?;
-        let events = EventReader::new(&one.database, NodeNames::new(shared, one));
-        let truth = TruthReader::new(one)?;
-        let io_nodes = IoReader::new(one);
-        let drive_reports = DriveReportReader::new(one);
-        let traces = TraceReader::new(one);
-        let sources = SourceReader::new(one);
-        let columns = Columns::new(one, kept_max);
         Ok(Self {
             loop_name: one.name().to_owned(),
             end_cycle: cycles(passing.end, period),
@@ -123,15 +113,15 @@ impl TimelineReader {
             period,
             late_after: period + period / 2,
             latest_sync: Duration::ZERO,
-            events,
-            losses,
-            truth,
-            io_nodes,
-            drive_reports,
-            traces,
-            sources,
-            columns,
-            commands,
+            events: EventReader::new(&one.database, NodeNames::new(shared, one)),
+            losses: LossReader::new(one),
+            commands: CommandReader::new(one, period, kept_max)?,
+            truth: TruthReader::new(one)?,
+            io_nodes: IoReader::new(one),
+            drive_reports: DriveReportReader::new(one),
+            traces: TraceReader::new(one),
+            sources: SourceReader::new(one),
+            columns: Columns::new(one, kept_max),
             cycle: SeriesWriter::keeping(kept_max),
             syncs_seconds: SeriesWriter::keeping(kept_max),
             cycles_due: 0,
