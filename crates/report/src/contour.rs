@@ -12,17 +12,11 @@ pub(crate) fn axes<'a>(contour: &Contour, run: &Run<'a>) -> Vec<RunLoop<'a>> {
     contour.loops.iter().filter_map(axis).collect()
 }
 
-/// Returns the rows of a contour's window, which all its loops have.
-pub(crate) fn window(contour: &Contour, axes: &[RunLoop<'_>]) -> Range<usize> {
-    let lengths = axes.iter().map(|axis| axis.timeline.time_seconds.len());
-    let rows = lengths.min().unwrap_or(0);
-    let times = axes
-        .first()
-        .map(|axis| axis.timeline.time_seconds.part(0..rows));
-    let row_at = |seconds: f64| {
-        let times = times.as_ref();
-        times.map_or(0, |times| times.partition_point(|time| time < seconds))
-    };
+/// Returns the rows of a contour's window, which both loops have.
+pub(crate) fn window(contour: &Contour, axes: [RunLoop<'_>; 2]) -> Range<usize> {
+    let [times, others] = axes.map(|axis| &axis.timeline.time_seconds);
+    let rows = times.len().min(others.len());
+    let row_at = |seconds: f64| times.partition_point(|time| time < seconds).min(rows);
     let end = contour.until_seconds.map_or(rows, row_at);
     row_at(contour.from_seconds).min(end)..end
 }

@@ -35,7 +35,7 @@ pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
 
 /// Plots two loops in the contour's window, one over the other.
 fn plane<'a>(contour: &'a Contour, axes: [RunLoop<'a>; 2]) -> Plot<'a> {
-    let rows = window(contour, &axes);
+    let rows = window(contour, axes);
     let [x, y] = axes.map(|axis| axis.timeline);
     let [across, up] = axes.map(|axis| axis.control_loop.name());
     let title = format!("{up} over {across}");

@@ -60,7 +60,7 @@ fn log_plane(
     let mut measured = Path::new(pause_rows);
     // Number of measured points that are logged already.
     let mut logged = 0;
-    let rows = window(contour, &axes);
+    let rows = window(contour, axes);
     let series = |of: fn(&Timeline) -> &Series<f64>| {
         let [across, up] = [x, y].map(|axis| of(axis).range(rows.clone()));
         across.zip(up).map(|(across, up)| [across, up])
