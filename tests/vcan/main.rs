@@ -10,7 +10,7 @@
 
 mod bench;
 mod bus;
-#[path = "../../crates/platform/src/test_nodes.rs"]
+#[path = "../../crates/platform/src/testing.rs"]
 mod echo;
 mod hardware;
 #[path = "../real_time.rs"]

@@ -41,7 +41,7 @@ mod wait;
 pub use open::open;
 
 #[cfg(test)]
-mod test_nodes;
+mod testing;
 
 #[cfg(test)]
 #[global_allocator]

@@ -12,7 +12,7 @@ use super::protocol::*;
 use super::*;
 use crate::bus::{Bus, BusError};
 use crate::seat::{MESSAGE_BYTES_MAX, Misread, receive_packet};
-use crate::test_nodes::Echo;
+use crate::testing::Echo;
 
 const MS: Duration = Duration::from_millis(1);
 

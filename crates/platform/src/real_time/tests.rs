@@ -7,7 +7,7 @@ use crate::counting_allocator::allocations;
 use crate::hub::Hub;
 use crate::recorder::Recorder;
 use crate::stop::Stopper;
-use crate::test_nodes::Echo;
+use crate::testing::Echo;
 
 const MS: Duration = Duration::from_millis(1);
 const SOON: Duration = Duration::from_secs(5);
