@@ -89,6 +89,8 @@ pub(crate) struct SyncService {
     parameters: Parameters,
     /// Shortest time-out of the consumer; 0 for 1.5 periods.
     timeout_min: Duration,
+    /// Time-out of the consumer; `None` for a producer, and without a period and a shortest time-out.
+    timeout: Option<Duration>,
     last_counter: Option<u8>,
     last: Option<Duration>,
     /// Deadline of the consumer from each SYNC on, until the time-out.
@@ -104,12 +106,14 @@ impl SyncService {
     /// Sets the shortest time-out; see [`crate::Services::set_sync_timeout_min`].
     pub(crate) fn set_timeout_min(&mut self, timeout_min: Duration) {
         self.timeout_min = timeout_min;
+        self.timeout = self.timeout();
     }
 
     /// Stops and reads the configuration (NMT reset).
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
         self.stop();
         self.parameters = Parameters::read(dictionary);
+        self.timeout = self.timeout();
     }
 
     /// Forgets the received SYNCs and produces no more; the counter begins again with 1 (Stopped).
@@ -117,6 +121,7 @@ impl SyncService {
         *self = Self {
             parameters: self.parameters,
             timeout_min: self.timeout_min,
+            timeout: self.timeout,
             overruns: self.overruns,
             ..Self::default()
         };
@@ -132,8 +137,12 @@ impl SyncService {
     /// Reads the objects again after a write; a running time-out, and a new period, count from `now`.
     pub(crate) fn configure(&mut self, now: Duration, dictionary: &ObjectDictionary) {
         let old = std::mem::replace(&mut self.parameters, Parameters::read(dictionary));
+        self.timeout = self.timeout();
         let is_watching = self.last.is_some() && !self.has_timed_out;
-        self.deadline = self.deadline_from(now).filter(|_| is_watching);
+        self.deadline = self
+            .timeout
+            .filter(|_| is_watching)
+            .map(|timeout| now + timeout);
         if old != self.parameters {
             self.next = None;
             self.start(now);
@@ -157,7 +166,7 @@ impl SyncService {
         };
         self.last = Some(now);
         self.has_timed_out = false;
-        self.deadline = self.deadline_from(now);
+        self.deadline = self.timeout.map(|timeout| now + timeout);
         let elapsed = self.elapsed_until(counter);
         self.last_counter = counter;
         Some(Sync { counter, elapsed })
@@ -183,7 +192,7 @@ impl SyncService {
         }
     }
 
-    fn deadline_from(&self, now: Duration) -> Option<Duration> {
+    fn timeout(&self) -> Option<Duration> {
         let timeout = match self.parameters.period {
             Some(period) => {
                 let missing = self.timeout_min.as_nanos() / period.as_nanos();
@@ -193,7 +202,7 @@ impl SyncService {
             }
             None => Some(self.timeout_min).filter(|timeout| !timeout.is_zero())?,
         };
-        self.period().is_none().then(|| now + timeout)
+        self.period().is_none().then_some(timeout)
     }
 
     /// Returns the number of SYNCs since the previous one; 1 if the counters do not show it.

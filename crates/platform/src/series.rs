@@ -99,7 +99,8 @@ impl<T: Pod> Default for SeriesWriter<T> {
 impl<T: Pod> SeriesWriter<T> {
     /// Makes an empty series that keeps at most `kept_max` values in memory.
     pub fn keeping(kept_max: usize) -> Self {
-        let values = Values::in_memory(Vec::new());
+        // Room for some seconds of a signal, which most runs need at once.
+        let values = Values::in_memory(Vec::with_capacity(BLOCK.min(kept_max)));
         Self { values, kept_max }
     }
 

@@ -82,6 +82,10 @@ impl TraceReader {
         collected.map(|collected| collected.handle.raw_id())
     }
 
+    pub(crate) fn is_empty(&self) -> bool {
+        self.collected.is_empty()
+    }
+
     /// Takes a frame of the scenario with its time and the start of its cycle.
     pub(crate) fn on_frame(
         &mut self,

@@ -178,7 +178,8 @@ impl TimelineReader {
             }
             self.begin_cycle(cycles(time, self.period));
         }
-        if let Some(time) = time.filter(|time| *time < self.passing.end) {
+        if let Some(time) = time.filter(|time| *time < self.passing.end && !self.traces.is_empty())
+        {
             let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
             self.traces.on_frame(frame, time, cycle_seconds);
         }
