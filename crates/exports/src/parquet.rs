@@ -30,7 +30,7 @@ pub enum Cells {
 pub struct ParquetTable<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> ParquetTable<W> {
-    /// Makes a table with the names and types of these columns, and no rows.
+    /// Makes a table with the names and types of these columns, and no rows: the cells themselves are not written.
     pub fn new(output: W, name: &str, columns: &[(&str, Cells)]) -> Result<Self, ParquetError> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("canrig ", env!("CARGO_PKG_VERSION")).to_owned())

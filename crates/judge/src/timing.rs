@@ -169,7 +169,10 @@ fn distrust(host: &Host, duration: Duration) -> Vec<String> {
 /// Returns the reason to distrust a run in which the nodes were held up for too long.
 fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
     let longest = stalls.iter().max_by_key(|stall| stall.length())?;
-    let span = |stall: &Stall| (stall.from.as_secs_f64(), stall.until.as_secs_f64());
+    // Seconds since 1970 in an `f64` would lose the microseconds.
+    let first = stalls.iter().map(|stall| stall.from).min()?;
+    let seconds = |time: Duration| time.saturating_sub(first).as_secs_f64();
+    let span = |stall: &Stall| (seconds(stall.from), seconds(stall.until));
     let spans = Spans::of(stalls.iter().map(span).collect());
     let covered = spans.seconds_in(f64::NEG_INFINITY, f64::INFINITY);
     let percent = 100.0 * covered / duration.as_secs_f64();

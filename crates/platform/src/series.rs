@@ -99,8 +99,8 @@ impl<T: Pod> Default for SeriesWriter<T> {
 impl<T: Pod> SeriesWriter<T> {
     /// Makes an empty series that keeps at most `kept_max` values in memory.
     pub fn keeping(kept_max: usize) -> Self {
-        // Room for some seconds of a signal, which most runs need at once.
-        let values = Values::in_memory(Vec::with_capacity(BLOCK.min(kept_max)));
+        // Room for the seconds of a short run, so that its values need not move.
+        let values = Values::in_memory(Vec::with_capacity((2 * BLOCK).min(kept_max)));
         Self { values, kept_max }
     }
 

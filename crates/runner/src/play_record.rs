@@ -17,7 +17,7 @@ use crate::exit::Failure;
 use crate::machine;
 use crate::recorded::unreadable;
 
-/// Largest file that is read: a command line is shorter.
+/// Largest file that is read, more than the record of a campaign of 10 000 parts needs.
 const BYTES_MAX: u64 = 4 << 20;
 
 /// Record of a scenario's play.

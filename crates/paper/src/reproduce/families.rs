@@ -10,6 +10,7 @@ const PERIODS_MIN: f64 = 10.0;
 
 /// Changes the last sine of the scenario to another frequency, for ten periods.
 pub fn set_frequency(scenario: &mut Trial, hertz: f64) {
+    scenario.run_mut().name = format!("sine of {hertz} Hz");
     if let Some(sine) = scenario.reference.sine.last_mut() {
         sine.period_seconds = 1.0 / hertz;
         scenario.run_mut().duration_seconds = sine.from_seconds + PERIODS_MIN / hertz;

@@ -219,7 +219,12 @@ fn a_path_that_is_too_long_is_an_error_that_says_what_to_set() {
     let parent = TestDirectory::new(&"x".repeat(100));
     let error = Hub::start_in(std::slice::from_ref(&parent.path)).unwrap_err();
     assert!(error.to_string().contains("name too long"), "{error}");
-    assert!(error.to_string().contains("TMPDIR to a shorter"), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("TMPDIR to a directory with a shorter name"),
+        "{error}"
+    );
     assert_eq!(fs::read_dir(&parent.path).unwrap().count(), 0);
 }
 

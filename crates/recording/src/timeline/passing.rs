@@ -1,4 +1,4 @@
-//! Properties of all frames: time, order, and bus load.
+//! Properties of all frames: time and order, and the bus load of a loop's judged time.
 
 use std::time::Duration;
 
