@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
-use std::sync::{Once, OnceLock, mpsc};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Once, OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -349,21 +350,28 @@ fn eta_text(eta: Duration) -> String {
 /// Bar on the progress of long work on a recording, and the remaining time. It is drawn on a terminal only, by a separate thread,
 /// if the work lasts longer than two seconds.
 pub struct WorkBar {
+    passes: Arc<AtomicU64>,
     /// End of the channel by whose loss the thread ends; `None` if the bar is not drawn.
     drawn: Option<(mpsc::Sender<()>, JoinHandle<()>)>,
 }
 
 impl WorkBar {
-    /// Makes the bar of work with this number of passes over the recordings. If there are more, the bar grows by one at a time.
+    /// Makes the bar of work with this number of passes over the recordings.
     pub fn new(passes: u64, is_shown: bool) -> Self {
+        let passes = Arc::new(AtomicU64::new(passes));
         let is_shown = is_shown && io::stderr().is_terminal();
         let drawn = is_shown.then(|| {
             let (ended, end) = mpsc::channel();
-            let before = parts_done();
-            let thread = thread::spawn(move || show_work(passes * PARTS, before, &end));
+            let (expected, before) = (Arc::clone(&passes), parts_done());
+            let thread = thread::spawn(move || show_work(&expected, before, &end));
             (ended, thread)
         });
-        Self { drawn }
+        Self { passes, drawn }
+    }
+
+    /// Sets the number of passes, which is known when the recordings have been read.
+    pub fn expect(&self, passes: u64) {
+        self.passes.store(passes, Ordering::Relaxed);
     }
 }
 
@@ -378,18 +386,18 @@ impl Drop for WorkBar {
 }
 
 /// Draws the bar until the other end of the channel is dropped.
-fn show_work(parts: u64, before: u64, end: &mpsc::Receiver<()>) {
+fn show_work(passes: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     let is_over = |wait| end.recv_timeout(wait) != Err(mpsc::RecvTimeoutError::Timeout);
     if is_over(PATIENCE) {
         return;
     }
+    let parts = || passes.load(Ordering::Relaxed) * PARTS;
     let template = "{bar:40} {percent:>3} %  {rest} left";
-    let Bar(bar) = Bar::new(Some(parts), 0, template, true);
+    let Bar(bar) = Bar::new(Some(parts()), 0, template, true);
     let bar = bar.with_elapsed(PATIENCE);
     while !is_over(WORK_PERIOD) {
-        let done = parts_done() - before;
-        bar.set_length(parts.max(done.next_multiple_of(PARTS)));
-        bar.set_position(done);
+        bar.set_length(parts());
+        bar.set_position((parts_done() - before).min(parts()));
     }
 }
 

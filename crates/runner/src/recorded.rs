@@ -191,6 +191,17 @@ impl Recorded {
         Ok(verdict)
     }
 
+    /// Returns the number of further passes over the frames in [`Recorded::judge`]: for the times of each loop, if the run has
+    /// any.
+    pub fn passes_for_timing(&self) -> u64 {
+        let stored = self.stored.as_ref();
+        if stored.is_some_and(|stored| stored.timing.is_some()) {
+            self.plan.loops.len() as u64
+        } else {
+            0
+        }
+    }
+
     /// Returns the traffic that is not among the frames: the losses that the run noted, and the lines of its log that cannot be
     /// read.
     fn unrecorded(&self, timelines: &[Timeline]) -> Unrecorded {

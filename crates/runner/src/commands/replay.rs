@@ -54,7 +54,7 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Judges a recording again; the exit code is that of the verdict.
 pub fn replay(args: &ReplayArgs) -> Exit {
     let bar = WorkBar::new(PASSES, true);
-    let judged = judged(args);
+    let judged = judged(args, &bar);
     drop(bar);
     match judged {
         Err(error) => refuse(error),
@@ -70,11 +70,12 @@ pub fn replay(args: &ReplayArgs) -> Exit {
     }
 }
 
-fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
+fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), RecordedError> {
     let path = &args.recording;
     let limits = args.scenario.as_deref().filter(|_| path.is_dir());
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
     let mut recorded = Recorded::load(path, played, catalogue())?;
+    bar.expect(PASSES + recorded.passes_for_timing());
     if let Some(limits) = limits {
         let plan = with_limits(recorded.plan, path, limits, catalogue())?;
         recorded.plan = plan.ok_or_else(|| {

@@ -56,7 +56,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 /// Compares two recordings; the exit code is 0 if they agree, 1 if they diverge.
 pub fn compare(args: &CompareArgs) -> Exit {
     let bar = WorkBar::new(2 * PASSES + SIGNAL_PASSES, true);
-    let compared = compared(args);
+    let compared = compared(args, &bar);
     drop(bar);
     match compared {
         Ok((comparison, page)) => {
@@ -85,9 +85,13 @@ pub fn compare(args: &CompareArgs) -> Exit {
 
 type Page<'a> = Option<(&'a Path, String)>;
 
-fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), RecordedError> {
+fn compared<'a>(
+    args: &'a CompareArgs,
+    bar: &WorkBar,
+) -> Result<(Comparison, Page<'a>), RecordedError> {
     let [a, b] = [&args.a, &args.b].map(|path| Recorded::load(path, None, catalogue()));
     let (a, b) = (a?, b?);
+    bar.expect(2 * PASSES + a.passes_for_timing() + b.passes_for_timing() + SIGNAL_PASSES);
     let judged = |recorded: &Recorded| -> Result<_, RecordedError> {
         let timelines = recorded.timelines()?;
         let verdict = recorded.judge(&timelines)?;
