@@ -91,16 +91,19 @@ impl Catalogue {
         (self.find_ports?)(plant)
     }
 
-    /// Returns the objections that only a bench can make to a scenario: to names of signals, and to its law. The known names are
-    /// collected only if the scenario has some.
+    /// Returns the objections that only a bench can make to a scenario: to names of signals, and to a plant without physical
+    /// sense. The known names are collected only if the scenario has some.
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
         let frames = self.frames(trial);
-        let is_wrong = |plant: &&PlantModel| (self.plant_objection)(plant).is_some();
-        // A wrong plant is a problem of the rig file, and hides its signals.
-        if !trial.wiring.input.is_empty() && trial.plants().values().any(is_wrong) {
+        let is_wrong_fmu =
+            |plant: &&PlantModel| plant.fmu.is_some() && (self.plant_objection)(plant).is_some();
+        // A wrong FMU is a problem of the rig file, and hides its signals.
+        if !trial.wiring.input.is_empty() && trial.plants().values().any(is_wrong_fmu) {
             return Vec::new();
         }
+        let plant = (self.plant_objection)(&trial.plant);
         let mut objections = SignalNames::objections(trial, &frames);
+        objections.extend(plant);
         objections.extend((self.law_objection)(trial));
         objections.extend(output_objection(&frames, trial));
         objections.extend(two_columns(&frames, trial));

@@ -106,27 +106,6 @@ fn a_program_of_a_rig_that_is_read_alone_is_wrong_at_its_place_in_the_rig_file()
 }
 
 #[test]
-fn a_plant_that_makes_no_sense_is_shown_at_its_value() {
-    let catalogue = Catalogue {
-        plant_objection: |_| {
-            let path = "plant.dc_motor.load_kilograms";
-            Some(Objection::new(path, "it makes no sense", "too heavy"))
-        },
-        ..Catalogue::shipped()
-    };
-    let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n\
-                [controller.open_loop]\n[plant.motor]\nload_kilograms = 0.3\n";
-    let beside = Beside::new(Path::new("t.toml"));
-    let read = |_: &str| unreachable!("no file");
-    let error = Plan::parse(&beside, text.to_owned(), read, &catalogue).unwrap_err();
-    let [problem] = error.problems() else {
-        panic!("{error}")
-    };
-    assert_eq!(problem.to_string(), "it makes no sense");
-    assert_eq!(problem.line_and_column(), Some((7, 18)));
-}
-
-#[test]
 fn an_emulated_drive_may_be_somebody_else_s() {
     let catalogue = Catalogue {
         find_ports: Some(|_| None),
