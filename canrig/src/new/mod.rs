@@ -177,8 +177,12 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<String, Failure> {
     let checkout = checkout(args.canrig.as_deref())?;
     let mut files = skeleton.renamed(name, &checkout);
     // The versions that canrig is tested with; cargo adds the new crate.
-    if let Ok(lock) = fs::read_to_string(checkout.join("Cargo.lock")) {
-        files.push(("Cargo.lock".to_owned(), lock));
+    match fs::read_to_string(checkout.join("Cargo.lock")) {
+        Ok(lock) => files.push(("Cargo.lock".to_owned(), lock)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+        Err(error) => {
+            return Err(Exit::CannotStart.because(format!("the Cargo.lock of canrig: {error}")));
+        }
     }
     in_new_folder(&folder, |folder| write_files(folder, files))?;
     let (folder, checkout) = (folder.display(), checkout.display());

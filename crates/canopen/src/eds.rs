@@ -34,7 +34,7 @@ impl EdsError {
 /// A trailing comment starts with a semicolon after a blank. Numbers may be decimal, hexadecimal (`0x`), octal (leading
 /// 0) and contain `$NODEID`. A number without default is 0. `ParameterValue` (DCF) takes the place of `DefaultValue`.
 /// Sections that describe no value are passed over. Bought devices' data sheets are rarely free of errors, so some do
-/// no harm: an object that is listed but not described, an ARRAY or RECORD without sub-objects, a data type that
+/// no harm: lists of objects (`[OptionalObjects]`), which are not read, an ARRAY or RECORD without sub-objects, a data type that
 /// is no basic one of CiA 301 (read as DOMAIN), and a default of an OCTET_STRING or DOMAIN that is no hexadecimal bytes
 /// (read as empty).
 ///

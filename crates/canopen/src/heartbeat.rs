@@ -187,8 +187,10 @@ impl HeartbeatConsumer {
             return Watch::Normal;
         };
         if state == NmtState::Initialising {
-            monitor.deadline = None;
             let was_alive = std::mem::take(&mut monitor.is_alive);
+            // A node that is expected has its time again from here on.
+            let is_expected = monitor.deadline.is_some() && !was_alive;
+            monitor.deadline = is_expected.then(|| now + monitor.time);
             monitor.is_lost |= was_alive;
             return if was_alive {
                 Watch::Rebooted

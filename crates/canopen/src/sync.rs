@@ -89,7 +89,8 @@ pub(crate) struct SyncService {
     parameters: Parameters,
     /// Shortest time-out of the consumer; 0 for 1.5 periods.
     timeout_min: Duration,
-    /// Time-out of the consumer; `None` for a producer, and without a period and a shortest time-out.
+    /// Time-out of the consumer; `None` for a producer with a period, and without a period and a shortest time-out. A producer without
+    /// a period makes no SYNC, so it has the shortest time-out.
     timeout: Option<Duration>,
     last_counter: Option<u8>,
     last: Option<Duration>,

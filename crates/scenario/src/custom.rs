@@ -179,8 +179,7 @@ impl Minima {
     /// # Errors
     /// The first number that is too low.
     pub fn check(&self, parameters: &impl Serialize) -> Result<(), TooLow> {
-        // Any parameters are a table, as they come from one.
-        let table = toml::Table::try_from(parameters).unwrap_or_default();
+        let table = toml::Table::try_from(parameters).expect("parameters come from a table");
         check_minima(&table, &self.0)
     }
 }
@@ -202,7 +201,8 @@ fn check_minima(table: &toml::Table, schema: &Value) -> Result<(), TooLow> {
         }
         let what = match above {
             Some(above) => format!("{value}, it must be above {above}"),
-            None => format!("{value}, it must be {lowest} or above"),
+            None if lowest.is_finite() => format!("{value}, it must be {lowest} or above"),
+            None => format!("{value}, it must be a finite number"),
         };
         let name = name.clone();
         Err(TooLow { name, what })

@@ -155,7 +155,8 @@ fn commanded_drive(output: &str) -> Option<usize> {
         "" => Some(0),
         number => {
             let place = number.strip_suffix('_')?.parse::<usize>().ok()?;
-            place.checked_sub(1).filter(|place| *place > 0)
+            let place = place.checked_sub(1)?;
+            (place > 0 && loop_output(place) == output).then_some(place)
         }
     }
 }
@@ -539,10 +540,15 @@ mod tests {
 
     #[test]
     fn a_command_to_a_drive_that_no_loop_has_is_no_term() {
-        let outputs = ["current_amperes", "current_9_amperes", "current_02_amperes"];
-        assert_eq!(outputs.map(commanded_drive), [Some(0), Some(8), Some(1)]);
-        let terms = ["current_1_amperes", "current_x_amperes", "current"];
-        assert_eq!(terms.map(commanded_drive), [None; 3]);
+        let outputs = ["current_amperes", "current_9_amperes"];
+        assert_eq!(outputs.map(commanded_drive), [Some(0), Some(8)]);
+        let terms = [
+            "current_1_amperes",
+            "current_02_amperes",
+            "current_x_amperes",
+            "current",
+        ];
+        assert_eq!(terms.map(commanded_drive), [None; 4]);
     }
 
     #[test]

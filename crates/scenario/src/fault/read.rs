@@ -71,6 +71,7 @@ impl<'text> Reader<'_, 'text> {
         let wiring = drive.map_or_else(Wiring::default, |drive| self.rig.wiring_of(&drive.name));
         let table = self.in_loop_unit(kind, (span, table.clone()), &wiring)?;
         let keys = kind.keys.iter().filter(|key| !key.names_node());
+        // An entry that lacks a key was refused above.
         let values = keys.filter_map(|key| Some((key.name, value(key, &table)?)));
         let seconds = |key: &str| table.get(key).and_then(|value| number(value.get_ref()));
         let (from_seconds, until_seconds) = match kind.time {

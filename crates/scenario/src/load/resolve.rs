@@ -34,13 +34,15 @@ const SWEEP_PREFIX: &str = "sweep.";
 const IDLE: &str =
     "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
+type Objections<'a> = dyn Fn(&Trial) -> Vec<Objection> + 'a;
+
 /// Purpose for which a scenario is read, and the caller's further checks.
 #[derive(Default)]
 pub struct Asked<'a> {
     /// Purpose.
     pub reading: Reading,
     /// Finds further problems of a loop.
-    pub objections: Option<&'a dyn Fn(&Trial) -> Vec<Objection>>,
+    pub objections: Option<&'a Objections<'a>>,
 }
 
 impl Scenario {
