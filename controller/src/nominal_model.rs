@@ -49,24 +49,22 @@ pub struct State {
     pub unknown_heating_kelvins_per_second: f64,
 }
 
-/// Derivatives of position, velocity, fraction and temperature with respect to time; the unknown heating is constant.
-type Rate = [f64; 4];
+/// Derivatives of [`State`] with respect to time; the unknown heating is constant.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rate {
+    position: f64,
+    velocity: f64,
+    fraction: f64,
+    temperature: f64,
+}
 
-/// Direction of the phase transformation, chosen by the sign of `dT/dt`. Arrays with a value for each branch are in this
-/// order.
+/// Direction of the phase transformation, chosen by the sign of `dT/dt`.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Branch {
     /// Martensite to austenite.
-    Heating = 0,
+    Heating,
     /// Austenite to martensite.
-    Cooling = 1,
-}
-
-/// `a` and `b` of Eq. (10) for a branch.
-#[derive(Clone, Copy, Debug)]
-struct Transformation {
-    steepness: f64,
-    centre_celsius: f64,
+    Cooling,
 }
 
 /// `dξ/dT` along a branch and its derivatives.
@@ -150,17 +148,18 @@ pub struct LocalModel<'a> {
     mechanical_jerk: f64,
     /// Derivative of the acceleration with respect to `ξ`.
     acceleration_by_fraction: f64,
-    /// `dξ/dT` in 1/K, by [`Branch`].
-    per_kelvin: [f64; 2],
+    /// `dξ/dT` in 1/K on either branch.
+    heating_per_kelvin: f64,
+    cooling_per_kelvin: f64,
 }
 
 impl LocalModel<'_> {
     /// Makes the wire transform by these factors as fast with its temperature, when it is heated and when it cools.
     #[must_use]
     pub fn livelier(self, [heating, cooling]: [f64; 2]) -> Self {
-        let [by_heating, by_cooling] = self.per_kelvin;
         Self {
-            per_kelvin: [heating * by_heating, cooling * by_cooling],
+            heating_per_kelvin: heating * self.heating_per_kelvin,
+            cooling_per_kelvin: cooling * self.cooling_per_kelvin,
             ..self
         }
     }
@@ -174,7 +173,7 @@ impl LocalModel<'_> {
     /// (PAPER E9).
     pub fn squared_current_for_jerk(&self, jerk: f64) -> f64 {
         let fraction_rate = self.fraction_rate(jerk);
-        let per_kelvin = self.per_kelvin[NominalModel::branch(-fraction_rate) as usize];
+        let per_kelvin = self.per_kelvin(NominalModel::branch(-fraction_rate));
         self.model.squared_current(
             self.state,
             fraction_rate / per_kelvin.min(-SLOPE_PER_KELVIN_MIN),
@@ -184,8 +183,15 @@ impl LocalModel<'_> {
     /// Returns the jerk in m/s³ at `u = i²` in A², Eq. (13).
     pub fn jerk(&self, squared_current: f64) -> f64 {
         let rate = self.model.temperature_rate(self.state, squared_current);
-        let per_kelvin = self.per_kelvin[NominalModel::branch(rate) as usize];
+        let per_kelvin = self.per_kelvin(NominalModel::branch(rate));
         self.mechanical_jerk + self.acceleration_by_fraction * per_kelvin * rate
+    }
+
+    fn per_kelvin(&self, branch: Branch) -> f64 {
+        match branch {
+            Branch::Heating => self.heating_per_kelvin,
+            Branch::Cooling => self.cooling_per_kelvin,
+        }
     }
 }
 
@@ -196,8 +202,10 @@ pub struct NominalModel {
     resistance: f64,
     loss: f64,
     rest_temperature: f64,
-    /// By [`Branch`].
-    transformations: [Transformation; 2],
+    heating_steepness: f64,
+    heating_centre: f64,
+    cooling_steepness: f64,
+    cooling_centre: f64,
     austenite_stiffness: f64,
     elongation: f64,
     ratio: f64,
@@ -235,16 +243,14 @@ impl NominalModel {
             rest_temperature: (convection * config.ambient_celsius
                 + conduction * config.cooling_element_celsius)
                 / loss,
-            transformations: [
-                transformation(
-                    config.austenite_start_celsius,
-                    config.austenite_finish_celsius,
-                ),
-                transformation(
-                    config.martensite_finish_celsius,
-                    config.martensite_start_celsius,
-                ),
-            ],
+            heating_steepness: TRANSFORMATION_STEEPNESS
+                / (config.austenite_finish_celsius - config.austenite_start_celsius),
+            heating_centre: (config.austenite_start_celsius + config.austenite_finish_celsius)
+                / 2.0,
+            cooling_steepness: TRANSFORMATION_STEEPNESS
+                / (config.martensite_start_celsius - config.martensite_finish_celsius),
+            cooling_centre: (config.martensite_start_celsius + config.martensite_finish_celsius)
+                / 2.0,
             austenite_stiffness: config.austenite_modulus_pascals * PI * radius * radius
                 / (config.wire_length_metres - elongation),
             elongation,
@@ -284,8 +290,7 @@ impl NominalModel {
 
     /// Returns `aA` and `aM` of Eq. (2) in 1/K.
     pub(crate) fn steepnesses(&self) -> [f64; 2] {
-        self.transformations
-            .map(|transformation| transformation.steepness)
+        [self.heating_steepness, self.cooling_steepness]
     }
 
     /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).
@@ -327,7 +332,7 @@ impl NominalModel {
     #[inline]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
         let fraction = state.martensite_fraction;
-        let a = self.transformations[branch as usize].steepness;
+        let (a, _) = self.transformation(branch);
         let martensite = 1.0 / (1.0 + self.exponential(branch, state.temperature_celsius));
         let austenite = 1.0 - martensite;
         match branch {
@@ -376,14 +381,22 @@ impl NominalModel {
     pub fn temperature_on(&self, curve: &BranchCurve, martensite_fraction: f64) -> f64 {
         let share =
             ((martensite_fraction - curve.floor) / curve.span).clamp(SHARE_MIN, 1.0 - SHARE_MIN);
-        let transformation = self.transformations[curve.branch as usize];
-        libm::log(1.0 / share - 1.0) / transformation.steepness + transformation.centre_celsius
+        let (steepness, centre) = self.transformation(curve.branch);
+        libm::log(1.0 / share - 1.0) / steepness + centre
     }
 
     /// Returns `exp(a (T − b))` of Eq. (2).
     fn exponential(&self, branch: Branch, temperature_celsius: f64) -> f64 {
-        let transformation = self.transformations[branch as usize];
-        libm::exp(transformation.steepness * (temperature_celsius - transformation.centre_celsius))
+        let (steepness, centre) = self.transformation(branch);
+        libm::exp(steepness * (temperature_celsius - centre))
+    }
+
+    /// Returns `a` and `b` of Eq. (10).
+    fn transformation(&self, branch: Branch) -> (f64, f64) {
+        match branch {
+            Branch::Heating => (self.heating_steepness, self.heating_centre),
+            Branch::Cooling => (self.cooling_steepness, self.cooling_centre),
+        }
     }
 
     /// Returns the stiffness of the wire in N/m, Eq. (9).
@@ -423,8 +436,8 @@ impl NominalModel {
             mechanical_jerk: by_position * state.velocity_metres_per_second
                 + by_velocity * acceleration,
             acceleration_by_fraction: by_fraction,
-            per_kelvin: [Branch::Heating, Branch::Cooling]
-                .map(|branch| self.slope(state, branch).per_kelvin),
+            heating_per_kelvin: self.slope(state, Branch::Heating).per_kelvin,
+            cooling_per_kelvin: self.slope(state, Branch::Cooling).per_kelvin,
         }
     }
 
@@ -508,8 +521,14 @@ impl NominalModel {
         let k2 = after(&k1, step / 2.0);
         let k3 = after(&k2, step / 2.0);
         let k4 = after(&k3, step);
-        let mean = |i: usize| (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]) / 6.0;
-        stopped(moved(state, &[0, 1, 2, 3].map(mean), step))
+        let mean = |f: fn(&Rate) -> f64| (f(&k1) + 2.0 * f(&k2) + 2.0 * f(&k3) + f(&k4)) / 6.0;
+        let rate = Rate {
+            position: mean(|k| k.position),
+            velocity: mean(|k| k.velocity),
+            fraction: mean(|k| k.fraction),
+            temperature: mean(|k| k.temperature),
+        };
+        stopped(moved(state, &rate, step))
     }
 
     // A step calls this three times in a row. Inlined, the results stay in registers from one to the next.
@@ -526,26 +545,21 @@ impl NominalModel {
         } else {
             [state.velocity_metres_per_second, self.acceleration(state)]
         };
-        let fraction = warming.slope.per_kelvin * temperature;
-        [position, velocity, fraction, temperature]
-    }
-}
-
-/// Returns the constants of a branch between two temperatures.
-fn transformation(cold_celsius: f64, hot_celsius: f64) -> Transformation {
-    Transformation {
-        steepness: TRANSFORMATION_STEEPNESS / (hot_celsius - cold_celsius),
-        centre_celsius: (cold_celsius + hot_celsius) / 2.0,
+        Rate {
+            position,
+            velocity,
+            fraction: warming.slope.per_kelvin * temperature,
+            temperature,
+        }
     }
 }
 
 fn moved(state: &State, rate: &Rate, seconds: f64) -> State {
-    let [position, velocity, fraction, temperature] = rate.map(|rate| rate * seconds);
     State {
-        position_metres: state.position_metres + position,
-        velocity_metres_per_second: state.velocity_metres_per_second + velocity,
-        martensite_fraction: (state.martensite_fraction + fraction).clamp(0.0, 1.0),
-        temperature_celsius: state.temperature_celsius + temperature,
+        position_metres: state.position_metres + rate.position * seconds,
+        velocity_metres_per_second: state.velocity_metres_per_second + rate.velocity * seconds,
+        martensite_fraction: (state.martensite_fraction + rate.fraction * seconds).clamp(0.0, 1.0),
+        temperature_celsius: state.temperature_celsius + rate.temperature * seconds,
         ..*state
     }
 }
