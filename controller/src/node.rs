@@ -16,11 +16,12 @@ mod sequence;
 #[cfg(test)]
 mod tests;
 
+use std::ops::RangeInclusive;
+
 use canopen::nmt::NodeId;
 use canopen::object_dictionary::Preset;
 use canopen::{Device, ObjectDictionary};
 use dbc::LawTerm;
-use dbc::data_sheets::controller_sheet;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
@@ -38,6 +39,9 @@ use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
 pub use sequence::Leader;
 use sequence::{CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY, watch_entry};
+
+/// Parameters of SDO clients (CiA 301, 7.5.2.33).
+const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
 
 /// The controller as a node.
 pub type ControllerNode = Device<Leader>;
@@ -223,19 +227,34 @@ fn dictionary(
     drives: &[NodeId],
     io_nodes: &[NodeId],
 ) -> Result<ObjectDictionary, ControllerError> {
+    let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, own_id.get())?;
+    let mut dictionary = ObjectDictionary::new();
+    let is_client = |index| SDO_CLIENTS.contains(&index);
+    let entries = shipped.entries().iter();
+    entries
+        .filter(|entry| !is_client(entry.index) && !terms::is_of_law(entry.index))
+        .for_each(|entry| dictionary.insert(entry.clone()));
     let mut servers = Vec::new();
     for server in drives.iter().chain(io_nodes).map(|node| node.get()) {
         if !servers.contains(&server) {
             servers.push(server);
         }
     }
-    let sheet = controller_sheet(&servers);
-    let shipped = dbc::dictionary(&sheet, own_id.get())?;
-    let mut dictionary = ObjectDictionary::new();
     let entries = shipped.entries().iter();
-    entries
-        .filter(|entry| !terms::is_of_law(entry.index))
-        .for_each(|entry| dictionary.insert(entry.clone()));
+    let first = entries.filter(|entry| entry.index == *SDO_CLIENTS.start());
+    for (index, server) in SDO_CLIENTS.zip(servers) {
+        for entry in first.clone() {
+            let mut entry = entry.clone();
+            entry.index = index;
+            match entry.sub_index {
+                1 => entry.set_default((0x600 + u32::from(server)).to_le_bytes().to_vec()),
+                2 => entry.set_default((0x580 + u32::from(server)).to_le_bytes().to_vec()),
+                3 => entry.set_default(vec![server]),
+                _ => {}
+            }
+            dictionary.insert(entry);
+        }
+    }
     // The object is checked here, since it is written only when the drives are configured.
     let watch = dictionary
         .find(CONSUMER_HEARTBEAT_TIME, watch_entry(0))

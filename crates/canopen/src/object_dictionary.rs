@@ -299,7 +299,7 @@ impl Entry {
     }
 
     /// Gives it another default, which it then holds.
-    pub(crate) fn set_default(&mut self, default: Vec<u8>) {
+    pub fn set_default(&mut self, default: Vec<u8>) {
         self.value.clone_from(&default);
         self.default = default;
     }
