@@ -2,6 +2,7 @@
 //!
 //! Written by hand because errors need line numbers and a repeated section or key must be an error, not a silent merge.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::fmt::Display;
@@ -11,6 +12,32 @@ use super::value;
 
 /// Longest line; CiA 306-1 allows 255 characters.
 const MAX_LINE_BYTES: usize = 1024;
+
+/// Name of a key, in which case does not matter. Shorter names come first, since most differ in length.
+#[derive(Clone, Copy, Debug)]
+struct Key<'t>(&'t str);
+
+impl Ord for Key<'_> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let lower_case = |key: &Self| key.0.bytes().map(|letter| letter.to_ascii_lowercase());
+        let by_length = self.0.len().cmp(&other.0.len());
+        by_length.then_with(|| lower_case(self).cmp(lower_case(other)))
+    }
+}
+
+impl PartialOrd for Key<'_> {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Key<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Key<'_> {}
 
 /// A `key=value` line.
 #[derive(Clone, Copy, Debug)]
@@ -44,13 +71,13 @@ impl Item<'_> {
 pub(super) struct Section<'t> {
     pub(super) line: usize,
     pub(super) name: &'t str,
-    items: BTreeMap<String, Item<'t>>,
+    items: BTreeMap<Key<'t>, Item<'t>>,
 }
 
 impl<'t> Section<'t> {
-    /// Returns the item with this key, in lower case; `None` if it is absent or its value is empty.
-    pub(super) fn get(&self, key: &str) -> Option<&Item<'t>> {
-        let item = self.items.get(key);
+    /// Returns the item with this key; `None` if it is absent or its value is empty.
+    pub(super) fn get<'s>(&'s self, key: &'s str) -> Option<&'s Item<'t>> {
+        let item = self.items.get(&Key(key));
         item.filter(|item| !item.value.is_empty())
     }
 
@@ -65,7 +92,7 @@ impl<'t> Section<'t> {
     }
 }
 
-/// Sections by their names in lower case, since case does not matter, neither in those of keys.
+/// Sections by their names in lower case, since case does not matter.
 pub(super) type Sections<'t> = BTreeMap<String, Section<'t>>;
 
 /// Splits a text into sections.
@@ -73,7 +100,8 @@ pub(super) fn read(text: &str) -> Result<Sections<'_>, EdsError> {
     let mut sections = Sections::new();
     let mut current = None;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    for (number, line) in (1..).zip(text.lines()) {
+    for (number, line) in (1..).zip(split(text, b'\n')) {
+        let line = line.strip_suffix('\r').unwrap_or(line);
         if line.len() > MAX_LINE_BYTES {
             let reason = format!("the line has {} bytes (limit {MAX_LINE_BYTES})", line.len());
             return Err(EdsError::at_line(number, reason));
@@ -113,8 +141,7 @@ fn header(number: usize, line: &str) -> Result<Section<'_>, EdsError> {
 
 /// Adds a `key=value` line to a section.
 fn add_item<'t>(section: &mut Section<'t>, number: usize, line: &'t str) -> Result<(), EdsError> {
-    let (key, value) = line
-        .split_once('=')
+    let (key, value) = cut(line, b'=')
         .ok_or_else(|| section.error_at(number, format!("expected key=value, found \"{line}\"")))?;
     let item = Item {
         line: number,
@@ -122,7 +149,7 @@ fn add_item<'t>(section: &mut Section<'t>, number: usize, line: &'t str) -> Resu
         key: key.trim_end(),
         value: without_comment(value),
     };
-    match section.items.insert(item.key.to_ascii_lowercase(), item) {
+    match section.items.insert(Key(item.key), item) {
         Some(first) => Err(item.error(format!("the key stands in line {} already", first.line))),
         None => Ok(()),
     }
@@ -154,4 +181,22 @@ fn without_comment(value: &str) -> &str {
     };
     let end = value.bytes().position(begins_comment);
     value[..end.unwrap_or(value.len())].trim()
+}
+
+/// Splits a text at these ASCII letters. Texts are so short that the standard library's search, which looks at many bytes at
+/// once, would take longer.
+pub(super) fn split(text: &str, letter: u8) -> impl Iterator<Item = &str> {
+    let mut rest = Some(text);
+    std::iter::from_fn(move || {
+        let text = rest?;
+        let (piece, behind) = cut(text, letter).unzip();
+        rest = behind;
+        Some(piece.unwrap_or(text))
+    })
+}
+
+/// Returns the text before and behind the first of these ASCII letters.
+fn cut(text: &str, letter: u8) -> Option<(&str, &str)> {
+    let place = text.bytes().position(|byte| byte == letter)?;
+    Some((&text[..place], &text[place + 1..]))
 }

@@ -1,12 +1,13 @@
 //! The values of an EDS (CiA 306-1, clause 4.4): numbers, `$NODEID` formulas, reals, strings, bytes.
 
+use super::ini::split;
 use crate::object_dictionary::DataType;
 
 /// Reads an integer: decimal, hexadecimal (`0x`), octal (leading 0), or a sum of these and `$NODEID`.
 pub(super) fn integer(text: &str, node_id: u8) -> Result<i128, String> {
     // A number holds no semicolon, so here a comment needs no blank before it.
-    let text = text.split(';').next().unwrap_or_default();
-    text.split('+').try_fold(0_i128, |sum, term| {
+    let text = split(text, b';').next().unwrap_or_default();
+    split(text, b'+').try_fold(0_i128, |sum, term| {
         let term = term.trim();
         let value = if term.eq_ignore_ascii_case("$NODEID") {
             i128::from(node_id)
