@@ -78,14 +78,16 @@ impl ClockedPlant {
     }
 
     /// Reads the outputs. The plants fail if they are not finite.
+    #[inline]
     fn look(&mut self) {
+        let mut is_sound = true;
         for part in &self.parts {
             let outputs = &mut self.outputs[part.outputs.clone()];
             part.plant.read(outputs);
+            is_sound &= outputs.iter().all(|value| value.is_finite());
+            is_sound &= part.plant.failure().is_none();
         }
-        let is_sound = self.outputs.iter().all(|value| value.is_finite());
-        let mut parts = self.parts.iter();
-        if !is_sound || parts.any(|part| part.plant.failure().is_some()) {
+        if !is_sound {
             self.fail();
         }
     }

@@ -16,7 +16,16 @@ pub(super) const TICKS_PER_INSTANT_MAX: u32 = 1000;
 pub struct StepError(String);
 
 impl StepError {
+    /// Returns the error for a node that queues more frames than one answer holds.
+    #[cold]
+    fn too_many_frames() -> Self {
+        Self(format!(
+            "the node queued more than {FRAMES_MAX} frames in one step"
+        ))
+    }
+
     /// Returns the error for a node whose deadline does not move.
+    #[cold]
     pub(super) fn stuck(at: Duration) -> Self {
         Self(format!(
             "the node wants more than {TICKS_PER_INSTANT_MAX} ticks at {at:?}: its deadline does not move"
@@ -198,6 +207,7 @@ impl Stepper {
     }
 
     /// Ends an event: takes all frames that the node wants to send, and asks for its deadline and its progress.
+    #[inline]
     fn end_event(
         &mut self,
         node: &mut dyn Node,
@@ -205,9 +215,7 @@ impl Stepper {
     ) -> Result<(), StepError> {
         while let Some(frame) = node.next_frame() {
             if queued.len() == FRAMES_MAX {
-                return Err(StepError(format!(
-                    "the node queued more than {FRAMES_MAX} frames in one step"
-                )));
+                return Err(StepError::too_many_frames());
             }
             queued.push((self.now, frame));
         }
