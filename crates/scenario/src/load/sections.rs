@@ -72,15 +72,15 @@ impl<'text> Selector<'_, 'text> {
     /// Returns the parts of all loops, and the problems of how the scenario names them.
     pub(super) fn select(&self) -> (Vec<LoopTables<'text>>, Vec<Problem>) {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
-        let with_law = Vec::from_iter(loops.iter().copied().filter(|name| !self.is_led(name)));
+        let leading = Vec::from_iter(loops.iter().copied().filter(|name| !self.is_led(name)));
         // A law of no loop is not a problem of each loop that lacks a law, too; a law that is left out is no law at all.
         let mut problems = if self.rig.is_led_by_program() {
             Vec::new()
         } else {
-            self.unknown_tables(CONTROLLER, &with_law)
+            self.unknown_tables(CONTROLLER, &leading)
         };
         let is_law_said = !problems.is_empty();
-        let unknown = self.unknown_names(&loops, &with_law);
+        let unknown = self.unknown_names(&loops, &leading);
         // The loop that such an entry means lacks it.
         if !unknown.is_empty() {
             problems.extend(unknown);
@@ -255,17 +255,17 @@ impl<'text> Selector<'_, 'text> {
             None => drive == leader,
         };
         // The first loop reports a node without such an output.
-        let mut with_law = self.rig.loops.keys().filter(|name| !self.is_led(name));
-        let is_first = with_law.next().is_some_and(|first| first == name);
+        let mut leading = self.rig.loops.keys().filter(|name| !self.is_led(name));
+        let is_first = leading.next().is_some_and(|first| first == name);
         let is_its = disturbed.map_or(is_first, is_its);
         is_its.then_some(entry)
     }
 
     /// Finds loops and nodes that the scenario names and the rig does not have; only loops with a law have a set-point.
-    fn unknown_names(&self, loops: &[&str], with_law: &[&str]) -> Vec<Problem> {
+    fn unknown_names(&self, loops: &[&str], leading: &[&str]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
-        for (section, by, known) in [(REFERENCE, "loop", with_law), (DISTURBANCE, NODE, &nodes)] {
+        for (section, by, known) in [(REFERENCE, "loop", leading), (DISTURBANCE, NODE, &nodes)] {
             // The structure refuses other keys.
             let kinds = self.scenario.keys(section).into_iter();
             for kind in kinds.filter(|kind| schema::is_key(section, kind)) {
