@@ -160,7 +160,7 @@ impl HeartbeatConsumer {
         monitors.any(|monitor| monitor.node_id == node_id)
     }
 
-    /// Begins the watch over the nodes that are not under watch, before their first heartbeat. A boot-up ends it again.
+    /// Begins the watch over the nodes that are not under watch, before their first heartbeat. A boot-up begins it again.
     pub(crate) fn expect(&mut self, now: Duration) {
         for monitor in self.monitors.iter_mut().flatten() {
             monitor.deadline.get_or_insert(now + monitor.time);

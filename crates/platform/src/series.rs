@@ -99,13 +99,12 @@ impl<T: Pod> Default for SeriesWriter<T> {
 impl<T: Pod> SeriesWriter<T> {
     /// Makes an empty series that keeps at most `kept_max` values in memory.
     pub fn keeping(kept_max: usize) -> Self {
-        // Room for the seconds of a short run, so that its values need not move.
-        let values = Values::in_memory(Vec::with_capacity((2 * BLOCK).min(kept_max)));
+        let values = Values::in_memory(Vec::new());
         Self { values, kept_max }
     }
 
     /// Reserves room for values, as far as they stay in memory.
-    fn reserve(&mut self, values: usize) {
+    pub fn reserve(&mut self, values: usize) {
         self.values.kept.reserve(values.min(self.kept_max));
     }
 

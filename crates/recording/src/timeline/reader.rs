@@ -40,7 +40,12 @@ pub fn decode(
     let mut readers = loops
         .map(|one| TimelineReader::new(&plan.shared, one, kept_max))
         .collect::<Result<Vec<_>, _>>()?;
-    read_with(&mut readers, frames.into_iter());
+    let frames = frames.into_iter();
+    let expected = frames.size_hint().0;
+    for reader in &mut readers {
+        reader.reserve(expected);
+    }
+    read_with(&mut readers, frames);
     let timelines = readers.iter_mut().zip(&plan.loops);
     timelines
         .map(|(reader, one)| reader.take_rest(&one.trial))
@@ -127,6 +132,14 @@ impl TimelineReader {
             cycles_due: 0,
             is_over: false,
         })
+    }
+
+    /// Reserves room for the rows of this many frames.
+    fn reserve(&mut self, frames: usize) {
+        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
+        let rows = cycles.min(frames);
+        self.cycle.reserve(rows);
+        self.columns.reserve(rows);
     }
 
     /// Returns the identifiers of the messages from which everything but events is read. On a rig with several loops, most frames
