@@ -3,7 +3,7 @@
 
 use std::sync::OnceLock;
 
-use dbc::{LawTerm, layout};
+use dbc::{Signal, layout};
 use scenario::Objection;
 use scenario::controller::{Controller, is_built_in};
 use scenario::custom::{CustomTable, Section, defaults, is_name};
@@ -77,7 +77,7 @@ fn check(row: &LawRow) -> Result<(), InvalidRegistration> {
 }
 
 /// Checks whether the terms have valid names of columns, and fit into the frames of a loop.
-fn check_terms(terms: &[LawTerm]) -> Result<(), WrongPort> {
+fn check_terms(terms: &[Signal]) -> Result<(), WrongPort> {
     if let Some(term) = terms.iter().find(|term| !is_name(&term.name)) {
         return Err(WrongPort {
             message: format!("a term cannot be called `{}`", term.name),
@@ -123,7 +123,7 @@ pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, Controlle
 }
 
 /// Returns the terms that the law of a `[controller]` table publishes for the drive with this wiring.
-pub fn terms(controller: &Controller, wiring: &Wiring) -> Vec<LawTerm> {
+pub fn terms(controller: &Controller, wiring: &Wiring) -> Vec<Signal> {
     law(controller, wiring).map_or_else(|_| Vec::new(), |law| law.terms(wiring))
 }
 
@@ -241,7 +241,7 @@ mod tests {
         let shipped = dbc::Database::shipped();
         let composer = dbc::Composer::new("controller", 1);
         let composed = composer
-            .with_terms("", Identifiers::default().terms, Some(&terms))
+            .with_terms("", Identifiers::default().terms, &terms)
             .finish();
         let ours = Vec::from_iter(composed.term_messages("controller", ""));
         let theirs = Vec::from_iter(shipped.term_messages("controller", ""));

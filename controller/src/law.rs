@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use dbc::LawTerm;
+use dbc::Signal;
 pub use scenario::CurrentRange;
 use scenario::custom::Parameters;
 use scenario::law_ports::{
@@ -223,7 +223,7 @@ impl AnyLaw {
     }
 
     /// Returns the terms that it publishes for the loop of a drive.
-    pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
+    pub fn terms(&self, wiring: &Wiring) -> Vec<Signal> {
         let measurand = &wiring.feedback.measurand;
         match (self.names_loops, wiring.rig_loop()) {
             (false, _) => {
@@ -238,7 +238,7 @@ impl AnyLaw {
     }
 
     /// Returns the terms that a law of all loops publishes for one loop.
-    pub(crate) fn loop_terms(&self, facts: &LoopFacts) -> Vec<LawTerm> {
+    pub(crate) fn loop_terms(&self, facts: &LoopFacts) -> Vec<Signal> {
         let terms = loop_terms(&self.ports, facts);
         terms
             .map(|(name, port)| described(name, port, &facts.measurand))

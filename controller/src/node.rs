@@ -21,7 +21,7 @@ use std::ops::RangeInclusive;
 use canopen::nmt::NodeId;
 use canopen::object_dictionary::Preset;
 use canopen::{Device, ObjectDictionary};
-use dbc::LawTerm;
+use dbc::Signal;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
@@ -223,7 +223,7 @@ impl<'a> LoopPlan<'a> {
 /// each loop in place of those of the data sheet.
 fn dictionary(
     own_id: NodeId,
-    loops: &[(Vec<LawTerm>, [u16; TERMS_MAX])],
+    loops: &[(Vec<Signal>, [u16; TERMS_MAX])],
     drives: &[NodeId],
     io_nodes: &[NodeId],
 ) -> Result<ObjectDictionary, ControllerError> {

@@ -2,7 +2,7 @@
 
 use canopen::object_dictionary::{Access, DataType, Entry, Handle, Preset};
 use canopen::{ObjectDictionary, add_half};
-use dbc::{Kind, LAW_TERMS_OBJECT, LawTerm, Range, layout};
+use dbc::{Coding, Kind, LAW_TERMS_OBJECT, Range, Signal, layout};
 use scenario::port::{Measurand, Port, Width};
 
 use crate::error::ControllerError;
@@ -24,8 +24,8 @@ pub(crate) fn is_of_law(index: u16) -> bool {
         || is_in(LAW_TERMS_OBJECT, TERMS_OF_LOOP)
 }
 
-/// Returns the term of a port, with its name in its loop.
-pub(crate) fn described(name: &str, port: &Port, measurand: &Measurand) -> LawTerm {
+/// Returns the term of a port as a signal, with its name in its loop.
+pub(crate) fn described(name: &str, port: &Port, measurand: &Measurand) -> Signal {
     let (bits, kind, counts_per_unit) = match port.width {
         Width::Real32 => (32, Kind::Float32, 1.0),
         Width::Signed(bits) => (bits, Kind::Signed, port.steps_per_unit),
@@ -33,15 +33,9 @@ pub(crate) fn described(name: &str, port: &Port, measurand: &Measurand) -> LawTe
     };
     let [minimum, maximum] = port.range;
     let (name, unit) = measurand.term(name, port);
-    LawTerm {
-        name,
-        unit,
-        comment: port.comment.clone(),
-        bits,
-        kind,
-        counts_per_unit,
-        range: Range { minimum, maximum },
-    }
+    let range = Some(Range { minimum, maximum });
+    let coding = Coding::little_endian(0, bits, kind, 1.0 / counts_per_unit, range);
+    Signal::new(name, &unit, &port.comment, coding)
 }
 
 /// Adds the terms of a loop's law, and the TPDOs that carry them, to the controller's dictionary. `shipped` is its data
@@ -49,7 +43,7 @@ pub(crate) fn described(name: &str, port: &Port, measurand: &Measurand) -> LawTe
 pub(crate) fn declare(
     dictionary: &mut ObjectDictionary,
     shipped: &ObjectDictionary,
-    terms: &[LawTerm],
+    terms: &[Signal],
     identifiers: &[u16],
     place: usize,
 ) {
@@ -58,7 +52,7 @@ pub(crate) fn declare(
     let first_object = LAW_TERMS_OBJECT + TERMS_OF_LOOP * place;
     for (index, object) in (first_object..).zip(&objects) {
         let term = &terms[object.terms[0].0];
-        let data_type = match (term.kind, object.bits) {
+        let data_type = match (term.coding.kind, object.bits) {
             (Kind::Float32 | Kind::Float64, _) => DataType::Real32,
             (Kind::Signed, 8) => DataType::Integer8,
             (Kind::Signed, 16) => DataType::Integer16,

@@ -95,7 +95,7 @@ impl Coding {
     }
 
     /// Makes a little-endian signal without offset.
-    pub(crate) fn little_endian(
+    pub fn little_endian(
         start_bit: u8,
         length_bits: u8,
         kind: Kind,

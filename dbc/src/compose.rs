@@ -5,7 +5,7 @@
 
 use crate::coding::{Coding, Kind, Range};
 use crate::database::{Database, Message, Signal};
-use crate::law::{self, LawTerm};
+use crate::law;
 use crate::names::{self, TERMS_MAX};
 
 /// Names of the nodes of the shipped DBC.
@@ -35,29 +35,25 @@ const FLOAT_BITS: u8 = 32;
 /// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
 const CURRENT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
-/// Signal of an emulated plant or an io node: 16 bits, signed if its range begins below zero.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlantSignal {
-    /// Name, which ends in the unit.
-    pub name: String,
-    /// Unit; empty for a number without one.
-    pub unit: String,
-    /// Meaning.
-    pub comment: String,
-    /// Physical value of one step.
-    pub resolution: f64,
-    /// Lowest and highest value.
-    pub range: Range,
-}
+/// Signals whose names and units follow from the quantities of a loop, each with the service of its message.
+const SIGNALS_OF_LOOP: [(&str, &str); 5] = [
+    (names::TPDO1, names::POSITION),
+    (names::TPDO1, names::CURRENT),
+    (names::RPDO1, names::TARGET_CURRENT),
+    (names::TPDO2, names::TRUE_POSITION),
+    (names::TRUTH, names::PLANT_CURRENT),
+];
 
-/// Quantities of a loop that has others than a position in millimetres and a current in amperes.
+/// Quantities of a loop.
 pub struct LoopUnits<'a> {
     /// Unit of positions as a DBC writes it.
     pub symbol: &'a str,
     /// Unit of commands as a DBC writes it.
     pub command_symbol: &'a str,
-    /// Count of the position of an emulated drive; `None` for an external one.
+    /// Count of the position of an emulated drive if it is not that of the shipped one; `None` for an external drive.
     pub resolution: Option<f64>,
+    /// Rated and largest command of an emulated drive; `None` for an external one.
+    pub currents: Option<[f64; 2]>,
     /// Whether the true position is a float in place of an integer.
     pub is_true_float: bool,
     /// Returns the name of a signal by its pattern.
@@ -154,11 +150,9 @@ impl Composer {
     pub fn with_drive(
         mut self,
         (name, node_id): (&str, u8),
-        published: Option<&[PlantSignal]>,
+        published: Option<&[Signal]>,
         layout: Option<&ExternalFrames<'_>>,
-        unit: Option<&LoopUnits<'_>>,
     ) -> Self {
-        let first = self.messages.len();
         let mut own = Vec::from(names::DRIVE_SERVICES);
         own.retain(|service| !names::PLANT_SERVICES.contains(service));
         self.add_node(DRIVE, (name, node_id), &own);
@@ -169,48 +163,19 @@ impl Composer {
             self.add_plant((name, node_id), published);
         }
         self.drives.push(name.to_owned());
-        if let Some(unit) = unit {
-            let feedback = names::message(name, names::TPDO1);
-            let published = published.unwrap_or_default();
-            let is_shipped =
-                |signal: &Signal| published.iter().all(|other| other.name != signal.name);
-            for message in &mut self.messages[first..] {
-                let is_feedback = message.name == feedback;
-                unit.apply(message, is_feedback, is_shipped);
-            }
-        }
         self
     }
 
-    /// Puts the currents of a drive, or another quantity of its amplifier, in thousandths of the rated one, up to the largest.
-    /// `name` gives the names by their patterns.
+    /// Puts the quantities of its loop into the signals of a drive that have them.
     #[must_use]
-    pub fn with_currents(
-        mut self,
-        drive: &str,
-        [rated, largest]: [f64; 2],
-        name: &dyn Fn(&str) -> String,
-    ) -> Self {
-        let factor = CURRENT_FACTOR * rated;
-        let most = largest.max(rated);
-        for (service, pattern, ends) in [
-            (
-                names::TPDO1,
-                names::CURRENT,
-                [-32.768 * rated, 32.767 * rated],
-            ),
-            (names::RPDO1, names::TARGET_CURRENT, [-most, most]),
-            (names::TRUTH, names::PLANT_CURRENT, [-most, most]),
-        ] {
+    pub fn with_units(mut self, drive: &str, units: &LoopUnits<'_>) -> Self {
+        for (service, pattern) in SIGNALS_OF_LOOP {
             let message = self.message_mut(drive, service).into_iter();
-            let mut signals = message.flat_map(|message| &mut message.signals);
-            let name = name(pattern);
-            if let Some(signal) = signals.find(|signal| signal.name == name) {
-                let [minimum, maximum] = ends;
-                signal.coding.set_factor(factor);
-                signal.coding.range = Some(Range { minimum, maximum });
-                let rated = format!("of {rated} {}", signal.unit);
-                signal.comment = signal.comment.replace(RATED, &rated);
+            // A signal of the plant that has such a name comes before.
+            let mut signals = message.flat_map(|message| &mut message.signals).rev();
+            let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);
+            if let Some(signal) = signals.find(is_it) {
+                units.apply(signal, pattern);
             }
         }
         self
@@ -239,7 +204,7 @@ impl Composer {
     }
 
     /// Adds the signals of a plant: the first two before its true position, the others in a further message.
-    fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[PlantSignal]) {
+    fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[Signal]) {
         let (first, others) = published.split_at(published.len().min(SIGNALS_IN_TPDO2));
         let place = self.messages.len();
         self.add(DRIVE, (name, node_id), &names::PLANT_SERVICES);
@@ -261,7 +226,7 @@ impl Composer {
 
     /// Adds an io node with these outputs; with those of the shipped one if there are none.
     #[must_use]
-    pub fn with_io(mut self, (name, node_id): (&str, u8), outputs: &[PlantSignal]) -> Self {
+    pub fn with_io(mut self, (name, node_id): (&str, u8), outputs: &[Signal]) -> Self {
         self.add_node(IO, (name, node_id), &names::IO_SERVICES);
         self.io_nodes.push(name.to_owned());
         let message = self.message_mut(name, names::RPDO1);
@@ -293,23 +258,15 @@ impl Composer {
         self
     }
 
-    /// Adds the terms of the law of a loop, whose name is empty if it is the only one; `None` for the terms of the shipped DBC.
+    /// Adds the terms of the law of a loop, whose name is empty if it is the only one.
     #[must_use]
     pub fn with_terms(
         mut self,
         loop_name: &str,
         identifiers: [u16; TERMS_MAX],
-        terms: Option<&[LawTerm]>,
+        terms: &[Signal],
     ) -> Self {
-        let messages = match terms {
-            Some(terms) => law::messages(terms),
-            // Those of the sliding-mode law.
-            None => {
-                let names = (0..TERMS_MAX).map(|place| names::terms(CONTROLLER, "", place));
-                names.map(|name| pattern(&name)).collect()
-            }
-        };
-        let messages = messages.into_iter().zip(identifiers);
+        let messages = law::messages(terms).into_iter().zip(identifiers);
         for (place, (mut message, identifier)) in messages.enumerate() {
             message.name = names::terms(&self.controller, loop_name, place);
             message.raw_id = identifier.into();
@@ -329,14 +286,12 @@ impl Composer {
         [unit, rate_unit]: [&str; 2],
     ) -> Self {
         let rate = format!("{signal}_per_second");
-        let float = |name: &str, unit: &str, start_bit, comment: &str| Signal {
-            name: name.to_owned(),
-            unit: unit.to_owned(),
-            coding: Coding::little_endian(start_bit, FLOAT_BITS, Kind::Float32, 1.0, None),
-            labels: Vec::new(),
-            receivers: vec![self.controller.clone()],
-            object: String::new(),
-            comment: comment.to_owned(),
+        let float = |name: &str, unit: &str, start_bit, comment: &str| {
+            let coding = Coding::little_endian(start_bit, FLOAT_BITS, Kind::Float32, 1.0, None);
+            Signal {
+                receivers: vec![self.controller.clone()],
+                ..Signal::new(name.to_owned(), unit, comment, coding)
+            }
         };
         self.messages.push(Message {
             name: names::set_point(loop_name),
@@ -375,35 +330,39 @@ impl Composer {
 }
 
 impl LoopUnits<'_> {
-    /// Puts the units of the loop into the signals of a message that have them.
-    fn apply(
-        &self,
-        message: &mut Message,
-        is_feedback: bool,
-        is_shipped: impl Fn(&Signal) -> bool,
-    ) {
-        let signals = message.signals.iter_mut();
-        for signal in signals.filter(|signal| is_shipped(signal)) {
-            let coding = &mut signal.coding;
-            let Some(pattern) = names::pattern(&signal.name) else {
-                continue;
-            };
-            if let Some(resolution) = self.resolution.filter(|_| is_feedback)
-                && pattern == names::POSITION
-            {
+    /// Puts the name, the unit and the counts of a quantity into its signal. Currents, or another quantity of the amplifier, count
+    /// thousandths of the rated one.
+    fn apply(&self, signal: &mut Signal, pattern: &str) {
+        let coding = &mut signal.coding;
+        signal.name = (self.name)(pattern);
+        let is_position = [names::POSITION, names::TRUE_POSITION].contains(&pattern);
+        let unit = if is_position {
+            self.symbol
+        } else {
+            self.command_symbol
+        };
+        unit.clone_into(&mut signal.unit);
+        match (pattern, self.resolution, self.currents) {
+            (names::POSITION, Some(resolution), _) => {
                 coding.set_factor(resolution);
                 coding.range = None;
             }
-            if self.is_true_float && pattern == names::TRUE_POSITION {
+            (names::TRUE_POSITION, ..) if self.is_true_float => {
                 coding.set_factor(1.0);
                 (coding.kind, coding.range) = (Kind::Float32, None);
             }
-            signal.name = (self.name)(pattern);
-            let unit = match pattern {
-                names::POSITION | names::TRUE_POSITION => self.symbol,
-                _ => self.command_symbol,
-            };
-            unit.clone_into(&mut signal.unit);
+            (_, _, Some([rated, largest])) if !is_position => {
+                let most = largest.max(rated);
+                let (minimum, maximum) = match pattern {
+                    names::CURRENT => (-32.768 * rated, 32.767 * rated),
+                    _ => (-most, most),
+                };
+                coding.set_factor(CURRENT_FACTOR * rated);
+                coding.range = Some(Range { minimum, maximum });
+                let rated = format!("of {rated} {unit}");
+                signal.comment = signal.comment.replace(RATED, &rated);
+            }
+            _ => {}
         }
     }
 }
@@ -420,33 +379,18 @@ fn bytes_of(signals: &[Signal]) -> u8 {
 
 /// Places signals one after the other from the first bit on. They get the receivers of the patterns `like`, and the objects of
 /// those with the same name.
-fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
+fn laid_out(signals: &[Signal], like: &[Signal]) -> Vec<Signal> {
     let starts = (0..=u8::MAX).step_by(usize::from(BITS));
-    let laid_out = signals
-        .iter()
-        .zip(starts)
-        .map(|(signal, start_bit)| Signal {
-            name: signal.name.clone(),
-            unit: signal.unit.clone(),
-            coding: coding(signal, start_bit),
-            labels: Vec::new(),
+    let laid_out = signals.iter().zip(starts).map(|(signal, start_bit)| {
+        let known = like.iter().find(|known| known.name == signal.name);
+        Signal {
+            coding: signal.coding.starting_at(start_bit),
             receivers: like[0].receivers.clone(),
-            object: like
-                .iter()
-                .find(|known| known.name == signal.name)
-                .map_or_else(String::new, |known| known.object.clone()),
-            comment: signal.comment.clone(),
-        });
+            object: known.map_or_else(String::new, |known| known.object.clone()),
+            ..signal.clone()
+        }
+    });
     laid_out.collect()
-}
-
-fn coding(signal: &PlantSignal, start_bit: u8) -> Coding {
-    let kind = if signal.range.minimum < 0.0 {
-        Kind::Signed
-    } else {
-        Kind::Unsigned
-    };
-    Coding::little_endian(start_bit, BITS, kind, signal.resolution, Some(signal.range))
 }
 
 #[cfg(test)]
@@ -458,33 +402,33 @@ mod tests {
     /// Identifiers of the shipped rig.
     const TERMS: [u16; TERMS_MAX] = [0x181, 0x281, 0x381, 0x481];
 
-    fn signal(name: &str, minimum: f64) -> PlantSignal {
-        PlantSignal {
-            name: name.to_owned(),
-            unit: String::new(),
-            comment: String::new(),
-            resolution: 0.5,
-            range: Range {
-                minimum,
-                maximum: 100.0,
-            },
-        }
+    fn signal(name: &str, kind: Kind) -> Signal {
+        let coding = Coding::little_endian(0, BITS, kind, 0.5, None);
+        Signal::new(name.to_owned(), "", "", coding)
     }
 
-    fn composed(signals: &[PlantSignal]) -> Database {
+    fn composed(signals: &[Signal]) -> Database {
         let composer =
-            Composer::new("controller", 1).with_drive(("drive", 0x10), Some(signals), None, None);
+            Composer::new("controller", 1).with_drive(("drive", 0x10), Some(signals), None);
         composer.finish()
+    }
+
+    /// Returns the terms of the shipped DBC.
+    fn shipped_terms() -> Vec<Signal> {
+        let messages = Database::shipped().term_messages("controller", "");
+        messages
+            .flat_map(|message| message.signals.clone())
+            .collect()
     }
 
     /// Returns a rig of two loops, of which the second has no io node.
     fn two_loops() -> Database {
         Composer::new("hand", 1)
-            .with_drive(("left", 0x10), Some(&[]), None, None)
+            .with_drive(("left", 0x10), Some(&[]), None)
             .with_io(("fan", 0x11), &[])
-            .with_terms("x", TERMS, None)
-            .with_drive(("right", 0x12), Some(&[]), None, None)
-            .with_terms("y", TERMS.map(|id| id + 0x20), None)
+            .with_terms("x", TERMS, &shipped_terms())
+            .with_drive(("right", 0x12), Some(&[]), None)
+            .with_terms("y", TERMS.map(|id| id + 0x20), &shipped_terms())
             .finish()
     }
 
@@ -495,17 +439,14 @@ mod tests {
         let signals = messages.flat_map(|message| &message.signals);
         let signals =
             signals.filter(|signal| names::pattern(&signal.name) != Some(names::TRUE_POSITION));
-        let signals = signals.map(|signal| PlantSignal {
-            name: signal.name.clone(),
-            unit: signal.unit.clone(),
-            comment: signal.comment.clone(),
-            resolution: signal.coding.factor,
-            range: signal.coding.range.unwrap(),
-        });
         let composed = Composer::new("controller", 1)
-            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
+            .with_drive(
+                ("drive", 0x10),
+                Some(&Vec::from_iter(signals.cloned())),
+                None,
+            )
             .with_io(("disturbance", 0x11), &[])
-            .with_terms("", TERMS, None)
+            .with_terms("", TERMS, &shipped_terms())
             .finish();
         for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {
             assert_eq!(ours, theirs);
@@ -515,7 +456,8 @@ mod tests {
 
     #[test]
     fn a_third_signal_goes_into_a_message_of_its_own() {
-        let database = composed(&[signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)]);
+        let [a, b] = ["a", "b"].map(|name| signal(name, Kind::Unsigned));
+        let database = composed(&[a.clone(), b, signal("c", Kind::Signed)]);
         let frame = CanFrame::new(0x390, &[0xFE, 0xFF]);
         let handle = database.signal("drive_tpdo3.c").unwrap();
         assert_eq!(handle.decode(&frame), Some(-1.0));
@@ -523,11 +465,7 @@ mod tests {
         let has = |path| database.signal(path).is_some();
         assert!(has("drive_tpdo2.b") && has("drive_tpdo2.true_position_millimetres"));
         assert!(!has("drive_tpdo2.martensite_fraction"));
-        assert!(
-            composed(&[signal("a", 0.0)])
-                .message("drive_tpdo3")
-                .is_none()
-        );
+        assert!(composed(&[a]).message("drive_tpdo3").is_none());
     }
 
     #[test]

@@ -90,6 +90,19 @@ impl Message {
 }
 
 impl Signal {
+    /// Makes a signal of no message yet, without labels, receivers and object.
+    pub fn new(name: String, unit: &str, comment: &str, coding: Coding) -> Self {
+        Self {
+            name,
+            unit: unit.to_owned(),
+            coding,
+            labels: Vec::new(),
+            receivers: Vec::new(),
+            object: String::new(),
+            comment: comment.to_owned(),
+        }
+    }
+
     /// Returns the label of a physical value, if the value table has one.
     pub fn label(&self, value: f64) -> Option<&str> {
         let raw = ((value - self.coding.offset) / self.coding.factor).round();

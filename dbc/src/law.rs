@@ -1,6 +1,5 @@
 //! The frames in which the controller publishes the terms of a law.
 
-use crate::coding::{Coding, Kind, Range};
 use crate::database::{Message, Signal};
 use crate::loops::TERMS_EVERY_CYCLES;
 use crate::names::{BENCH, TERMS_MAX};
@@ -9,25 +8,6 @@ use crate::names::{BENCH, TERMS_MAX};
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
 const MESSAGE_BITS: u8 = 64;
 const BYTE: u8 = 8;
-
-/// Term of a law.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LawTerm {
-    /// Name, which ends in the unit.
-    pub name: String,
-    /// Unit; empty for a number without one.
-    pub unit: String,
-    /// Description of the term.
-    pub comment: String,
-    /// Number of bits: 8, 16 or 32, or fewer than 8.
-    pub bits: u8,
-    /// Meaning of the bits.
-    pub kind: Kind,
-    /// Counts of one unit.
-    pub counts_per_unit: f64,
-    /// Lowest and highest value.
-    pub range: Range,
-}
 
 /// Object that holds a term, or several that share a byte.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -42,22 +22,23 @@ pub struct TermObject {
     pub terms: Vec<(usize, u8)>,
 }
 
-/// Lays out terms in objects, and these in TPDOs of 8 bytes, in their order; `None` if they need more TPDOs than the controller
-/// has.
-pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
+/// Lays out the terms of a law in objects, and these in TPDOs of 8 bytes, in their order; `None` if they need more TPDOs than the
+/// controller has. Terms have 8, 16 or 32 bits, or fewer than 8.
+pub fn layout(terms: &[Signal]) -> Option<Vec<TermObject>> {
     let mut objects: Vec<TermObject> = Vec::new();
     let (mut message, mut end, mut shared) = (0, 0, 0);
     for (place, term) in terms.iter().enumerate() {
-        let is_part = term.bits < BYTE;
+        let length_bits = term.coding.length_bits;
+        let is_part = length_bits < BYTE;
         if let Some(object) = objects.last_mut().filter(|_| is_part && shared > 0)
-            && shared + term.bits <= BYTE
+            && shared + length_bits <= BYTE
         {
             object.terms.push((place, shared));
-            shared += term.bits;
+            shared += length_bits;
             continue;
         }
-        shared = if is_part { term.bits } else { 0 };
-        let bits = term.bits.max(BYTE);
+        shared = if is_part { length_bits } else { 0 };
+        let bits = length_bits.max(BYTE);
         if end + bits > MESSAGE_BITS {
             (message, end) = (message + 1, 0);
         }
@@ -73,7 +54,7 @@ pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
 }
 
 /// Returns the messages of a law with these terms, still without names and identifiers.
-pub(crate) fn messages(terms: &[LawTerm]) -> Vec<Message> {
+pub(crate) fn messages(terms: &[Signal]) -> Vec<Message> {
     let objects = layout(terms).unwrap_or_default();
     let messages = (0..TERMS_MAX).map(|place| message(place, terms, &objects));
     messages
@@ -81,7 +62,7 @@ pub(crate) fn messages(terms: &[LawTerm]) -> Vec<Message> {
         .collect()
 }
 
-fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
+fn message(place: usize, terms: &[Signal], objects: &[TermObject]) -> Message {
     let numbered = (LAW_TERMS_OBJECT..).zip(objects);
     let objects = numbered.filter(|(_, object)| object.message == place);
     let length_bits: u8 = objects.clone().map(|(_, object)| object.bits).sum();
@@ -103,20 +84,16 @@ fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
     }
 }
 
-fn signal(object: u16, term: &LawTerm, start_bit: u8) -> Signal {
-    let factor = 1.0 / term.counts_per_unit;
-    let range = Some(term.range);
+fn signal(object: u16, term: &Signal, start_bit: u8) -> Signal {
     Signal {
-        name: term.name.clone(),
-        unit: term.unit.clone(),
-        coding: Coding::little_endian(start_bit, term.bits, term.kind, factor, range),
-        labels: match term.bits {
+        coding: term.coding.starting_at(start_bit),
+        labels: match term.coding.length_bits {
             1 => vec![(0, "no".to_owned()), (1, "yes".to_owned())],
             _ => Vec::new(),
         },
         receivers: vec![BENCH.to_owned()],
         object: format!("0x{object:04X}:00"),
-        comment: term.comment.clone(),
+        ..term.clone()
     }
 }
 
@@ -125,31 +102,22 @@ mod tests {
     use can::CanFrame;
 
     use super::*;
+    use crate::coding::{Coding, Kind};
     use crate::{Composer, Database};
 
-    fn term(name: &str, bits: u8, kind: Kind) -> LawTerm {
-        LawTerm {
-            name: name.to_owned(),
-            unit: "A".to_owned(),
-            comment: String::new(),
-            bits,
-            kind,
-            counts_per_unit: 1.0,
-            range: Range {
-                minimum: 0.0,
-                maximum: 1.0,
-            },
-        }
+    fn term(name: &str, bits: u8, kind: Kind) -> Signal {
+        let coding = Coding::little_endian(0, bits, kind, 1.0, None);
+        Signal::new(name.to_owned(), "A", "", coding)
     }
 
-    fn with_terms(terms: &[LawTerm]) -> Database {
+    fn with_terms(terms: &[Signal]) -> Database {
         let composer = Composer::new("controller", 1);
         composer
-            .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
+            .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
             .finish()
     }
 
-    fn real(name: &str) -> LawTerm {
+    fn real(name: &str) -> Signal {
         term(name, 32, Kind::Float32)
     }
 

@@ -41,11 +41,11 @@ pub mod scenario_clock;
 mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
-pub use compose::{Composer, ExternalFrames, LoopUnits, PlantSignal};
+pub use compose::{Composer, ExternalFrames, LoopUnits};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{Database, Message, MessageBuilder, Signal, SignalHandle};
 pub use error::{DbcError, SignalMissing};
-pub use law::{LAW_TERMS_OBJECT, LawTerm, TermObject, layout};
+pub use law::{LAW_TERMS_OBJECT, TermObject, layout};
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use can::CanFrame;
 use can::frame::EXTENDED_FLAG;
-use dbc::{Coding, Composer, Database, ExternalFrames, Kind, LawTerm, PlantSignal, Range, Signal};
+use dbc::{Coding, Composer, Database, ExternalFrames, Kind, Range, Signal};
 
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");
 const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
@@ -34,15 +34,12 @@ fn written() -> [(&'static str, Database); 4] {
 }
 
 fn with_dc_motor() -> Database {
-    let signal = |name: &str, unit: &str, steps_per_unit: f64, range: [f64; 2]| PlantSignal {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        comment: format!("The motor's \"{name}\"."),
-        resolution: 1.0 / steps_per_unit,
-        range: Range {
-            minimum: range[0],
-            maximum: range[1],
-        },
+    let signal = |name: &str, unit: &str, steps_per_unit: f64, range: [f64; 2]| {
+        let [minimum, maximum] = range;
+        let range = Some(Range { minimum, maximum });
+        let coding = Coding::little_endian(0, 16, Kind::Signed, 1.0 / steps_per_unit, range);
+        let comment = format!("The motor's \"{name}\".");
+        Signal::new(name.to_owned(), unit, &comment, coding)
     };
     let signals = [
         signal(
@@ -63,33 +60,27 @@ fn with_dc_motor() -> Database {
 }
 
 /// Returns the shipped rig with this plant and this law.
-fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
+fn composed(plant: &[Signal], terms: &[Signal]) -> Database {
     Composer::new("controller", 1)
-        .with_drive(("drive", 0x10), Some(plant), None, None)
+        .with_drive(("drive", 0x10), Some(plant), None)
         .with_io(("disturbance", 0x11), &[])
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
+        .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
         .finish()
 }
 
 /// Returns names that a DBC does not allow, and the same within its limits.
-fn long_terms() -> Vec<LawTerm> {
+fn long_terms() -> Vec<Signal> {
     let names = [
         "derivative_part_of_the_current_amperes_squared",
         "derivative_part_of_the_current_amperes",
         "integral_part_amperes",
     ];
-    let term = |name: &str| LawTerm {
-        name: name.to_owned(),
-        unit: "A".to_owned(),
-        comment: "Before\nclipping.".to_owned(),
-        bits: 32,
-        kind: Kind::Float32,
-        counts_per_unit: 1.0,
-        range: Range {
-            minimum: -3.402_823_5e38,
-            maximum: 3.402_823_5e38,
-        },
-    };
+    let range = Some(Range {
+        minimum: -3.402_823_5e38,
+        maximum: 3.402_823_5e38,
+    });
+    let coding = Coding::little_endian(0, 32, Kind::Float32, 1.0, range);
+    let term = |name: &str| Signal::new(name.to_owned(), "A", "Before\nclipping.", coding);
     names.map(term).to_vec()
 }
 
@@ -107,10 +98,12 @@ fn real_drive() -> Database {
         command: &|signal| Some(signal.coding),
         heartbeat_milliseconds: 20,
     };
+    let messages = Database::shipped().term_messages("controller", "");
+    let terms = messages.flat_map(|message| message.signals.clone());
     Composer::new("controller", 1)
-        .with_drive(("drive", 0x10), None, Some(&external), None)
+        .with_drive(("drive", 0x10), None, Some(&external))
         .with_io(("disturbance", 0x11), &[])
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], None)
+        .with_terms("", [0x181, 0x281, 0x381, 0x481], &Vec::from_iter(terms))
         .finish()
 }
 

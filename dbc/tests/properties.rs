@@ -5,10 +5,7 @@
 use std::collections::BTreeSet;
 
 use can::CanFrame;
-use dbc::{
-    Coding, Composer, Database, ExternalFrames, Kind, LawTerm, PlantSignal, Range, SMA_ACTUATOR,
-    Signal,
-};
+use dbc::{Coding, Composer, Database, ExternalFrames, Kind, Range, SMA_ACTUATOR, Signal};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -41,7 +38,7 @@ fn names() -> impl Strategy<Value = BTreeSet<String>> {
     prop::collection::btree_set("[a-z][a-z0-9_]{0,63}", 0..=6)
 }
 
-fn plant_signals() -> impl Strategy<Value = Vec<PlantSignal>> {
+fn plant_signals() -> impl Strategy<Value = Vec<Signal>> {
     let resolution = any::<f64>()
         .prop_map(f64::abs)
         .prop_filter("a step", |step| *step > 0.0 && step.is_finite());
@@ -55,35 +52,29 @@ fn plant_signals() -> impl Strategy<Value = Vec<PlantSignal>> {
             names
                 .into_iter()
                 .zip(parts)
-                .map(|(name, (unit, comment, resolution, range))| PlantSignal {
-                    name,
-                    unit,
-                    comment,
-                    resolution,
-                    range,
+                .map(|(name, (unit, comment, resolution, range))| {
+                    let kind = match range.minimum < 0.0 {
+                        true => Kind::Signed,
+                        false => Kind::Unsigned,
+                    };
+                    let coding = Coding::little_endian(0, 16, kind, resolution, Some(range));
+                    Signal::new(name, &unit, &comment, coding)
                 });
         signals.collect()
     })
 }
 
-fn law_terms() -> impl Strategy<Value = Vec<LawTerm>> {
+fn law_terms() -> impl Strategy<Value = Vec<Signal>> {
     let parts = prop::collection::vec((any_text(), any_text()), 6);
     (names(), parts).prop_map(|(names, parts)| {
-        let terms = names
-            .into_iter()
-            .zip(parts)
-            .map(|(name, (unit, comment))| LawTerm {
-                name,
-                unit,
-                comment,
-                bits: 32,
-                kind: Kind::Float32,
-                counts_per_unit: 1.0,
-                range: Range {
-                    minimum: -1e9,
-                    maximum: 1e9,
-                },
+        let terms = names.into_iter().zip(parts).map(|(name, (unit, comment))| {
+            let range = Some(Range {
+                minimum: -1e9,
+                maximum: 1e9,
             });
+            let coding = Coding::little_endian(0, 32, Kind::Float32, 1.0, range);
+            Signal::new(name, &unit, &comment, coding)
+        });
         terms.collect()
     })
 }
@@ -100,8 +91,8 @@ fn any_coding(start_bit: u8, bits_max: u8) -> impl Strategy<Value = Coding> {
 
 /// Returns a rig with one drive, emulated or with another layout.
 fn rig(
-    plant: Option<&[PlantSignal]>,
-    terms: &[LawTerm],
+    plant: Option<&[Signal]>,
+    terms: &[Signal],
     identifiers: [u16; 2],
     (position, current, target): (Coding, Option<Coding>, Coding),
 ) -> Database {
@@ -120,9 +111,9 @@ fn rig(
     };
     let layout = plant.is_none().then_some(&external);
     Composer::new("controller", 1)
-        .with_drive(("drive", 0x20), plant, layout, None)
+        .with_drive(("drive", 0x20), plant, layout)
         .with_io(("fan", 0x21), &[])
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
+        .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
         .finish()
 }
 

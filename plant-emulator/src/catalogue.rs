@@ -144,7 +144,7 @@ mod tests {
     use std::time::Duration;
 
     use can::{CanFrame, Node};
-    use dbc::{PlantSignal, Range};
+    use dbc::{Coding, Kind, Range, Signal};
 
     use super::*;
 
@@ -159,18 +159,19 @@ mod tests {
     fn database(trial: &Trial) -> Database {
         let ports = Ports::joined([(&*trial.wiring.plant, ports(&trial.plant).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
-        let signals = recorded.map(|(_, port)| PlantSignal {
-            name: port.local_name().to_owned(),
-            unit: port.symbol.clone(),
-            comment: port.comment.clone(),
-            resolution: 1.0 / port.steps_per_unit,
-            range: Range {
-                minimum: port.range[0],
-                maximum: port.range[1],
-            },
+        let signals = recorded.map(|(_, port)| {
+            let [minimum, maximum] = port.range;
+            let kind = match minimum < 0.0 {
+                true => Kind::Signed,
+                false => Kind::Unsigned,
+            };
+            let range = Some(Range { minimum, maximum });
+            let coding = Coding::little_endian(0, 16, kind, 1.0 / port.steps_per_unit, range);
+            let name = port.local_name().to_owned();
+            Signal::new(name, &port.symbol, &port.comment, coding)
         });
         dbc::Composer::new("controller", 1)
-            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
+            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None)
             .finish()
     }
 

@@ -4,13 +4,13 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
 use dbc::names::{self, POSITION, RPDO1, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
-use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
+use dbc::{Coding, Composer, Database, Kind, LoopUnits, Message, Range, Signal};
 use scenario::node::Node;
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, Measured, Wiring};
-use scenario::{Identifiers, Objection, Trial};
+use scenario::{CurrentRange, Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -28,9 +28,8 @@ pub struct Catalogue {
     pub find_ports: Option<fn(&PlantModel) -> Option<Ports>>,
     /// Finds the reason why a plant makes no physical sense.
     pub plant_objection: FindPlantObjection,
-    /// Finds the terms that a scenario's law publishes; empty for a law that is not known here. `None` if all laws publish the
-    /// terms of the shipped DBC.
-    pub find_terms: Option<fn(&Trial) -> Vec<LawTerm>>,
+    /// Finds the terms that a scenario's law publishes; empty for a law that is not known here.
+    pub find_terms: fn(&Trial) -> Vec<Signal>,
     /// Finds the reason why a scenario's law makes no sense.
     pub law_objection: fn(&Trial) -> Option<Objection>,
 }
@@ -39,9 +38,9 @@ pub struct Catalogue {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Published {
     /// Signals of its plant that its drive publishes.
-    pub(crate) signals: Vec<PlantSignal>,
-    /// Terms of its law; `None` for those of the shipped DBC.
-    pub(crate) terms: Option<Vec<LawTerm>>,
+    pub(crate) signals: Vec<Signal>,
+    /// Terms of its law.
+    pub(crate) terms: Vec<Signal>,
     /// Outputs of each io node of its wiring.
     pub(crate) outputs: Vec<Vec<IoOutput>>,
 }
@@ -53,7 +52,7 @@ impl Catalogue {
         Self {
             find_ports: None,
             plant_objection: |_| None,
-            find_terms: None,
+            find_terms: |_| terms_of_sliding_mode(),
             law_objection: |_| None,
         }
     }
@@ -70,7 +69,7 @@ impl Catalogue {
                 Some(_) => signals.collect(),
                 None => wire_signals(),
             },
-            terms: self.find_terms.map(|find| find(trial)),
+            terms: (self.find_terms)(trial),
             outputs: outputs.collect(),
         };
         let controller = &wiring.nodes.controller;
@@ -148,7 +147,7 @@ fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
 /// the plant.
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = ambiguous_name(&frames.database, &frames.wiring)?;
-    let mut terms = frames.published.terms.iter().flatten();
+    let mut terms = frames.published.terms.iter();
     let (path, owner) = if terms.any(|term| term.name == name) {
         (
             format!("controller.{}", trial.controller.law_name()),
@@ -296,19 +295,14 @@ impl Published {
             identifiers,
             ..
         } = wiring;
-        let name = |pattern: &str| sensor.measurand.name(pattern);
-        let units = unit_of(sensor, &name, real.is_none());
-        let unit = units.as_ref();
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match real {
-            Some(real) => real.with_drive(composer, drive, unit),
-            None => {
-                let current = wiring.current();
-                let composer = composer.with_drive(drive, signals, None, unit);
-                composer.with_currents(drive.0, [current.rated, current.largest()], &name)
-            }
+            Some(real) => real.with_drive(composer, drive),
+            None => composer.with_drive(drive, signals, None),
         };
+        let current = real.is_none().then(|| wiring.current());
+        let composer = with_units(composer, drive.0, sensor, current);
         let io = wiring.io.iter().zip(&self.outputs);
         let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
         let composer = outputs.fold(composer, |composer, (io, outputs)| {
@@ -324,7 +318,7 @@ impl Published {
         } = *identifiers;
         let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
         let loop_name = wiring.loop_among_several();
-        composer.with_terms(loop_name, terms, self.terms.as_deref())
+        composer.with_terms(loop_name, terms, &self.terms)
     }
 }
 
@@ -333,67 +327,68 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     if wiring.follows_itself() {
         return composer;
     }
-    let (followed, feedback) = (&wiring.nodes.followed, &wiring.feedback);
-    let name = |pattern: &str| feedback.measurand.name(pattern);
-    let unit = unit_of(feedback, &name, true);
-    let node = (followed.name.as_str(), followed.id);
-    composer.with_drive(node, Some(&[]), None, unit.as_ref())
+    let followed = &wiring.nodes.followed;
+    let composer = composer.with_drive((&followed.name, followed.id), Some(&[]), None);
+    let current = Some(CurrentRange::default());
+    with_units(composer, &followed.name, &wiring.feedback, current)
 }
 
-/// Returns the unit of a sensor's values, if it is not that of the shipped DBC.
-fn unit_of<'a>(
-    measured: &'a Measured,
-    name: &'a dyn Fn(&str) -> String,
-    is_emulated: bool,
-) -> Option<LoopUnits<'a>> {
-    let unit = &measured.measurand.unit;
-    let is_shipped = measured.measurand == Measurand::default()
-        && measured.counts_per_unit() == unit.counts()
-        && !measured.is_true_float();
-    (!is_shipped).then(|| LoopUnits {
-        symbol: unit.symbol(),
-        command_symbol: measured.measurand.command.symbol(),
-        resolution: is_emulated.then(|| 1.0 / measured.counts_per_unit()),
-        is_true_float: measured.is_true_float(),
-        name,
-    })
+/// Puts the quantities of a drive into its frames, those of an emulated drive with its counts and its range of currents.
+fn with_units(
+    composer: Composer,
+    drive: &str,
+    measured: &Measured,
+    current: Option<CurrentRange>,
+) -> Composer {
+    let measurand = &measured.measurand;
+    let is_true_float = measured.is_true_float();
+    let is_shipped = *measurand == Measurand::default()
+        && measured.counts_per_unit() == measurand.unit.counts()
+        && !is_true_float;
+    let has_resolution = current.is_some() && !is_shipped;
+    let units = LoopUnits {
+        symbol: measurand.unit.symbol(),
+        command_symbol: measurand.command.symbol(),
+        resolution: has_resolution.then(|| 1.0 / measured.counts_per_unit()),
+        currents: current.map(|current| [current.rated, current.largest()]),
+        is_true_float,
+        name: &|pattern| measurand.name(pattern),
+    };
+    composer.with_units(drive, &units)
 }
 
 /// Returns the signals of the wire, which the shipped DBC has.
-fn wire_signals() -> Vec<PlantSignal> {
+fn wire_signals() -> Vec<Signal> {
     let messages = Database::shipped().plant_messages("drive");
     let signals = messages.flat_map(|message| &message.signals);
     let others = signals.filter(|signal| names::pattern(&signal.name) != Some(TRUE_POSITION));
-    let wire = others.map(|signal| PlantSignal {
-        name: signal.name.clone(),
-        unit: signal.unit.clone(),
-        comment: signal.comment.clone(),
-        resolution: signal.coding.factor,
-        range: signal.coding.range.unwrap_or(Range {
-            minimum: 0.0,
-            maximum: 1.0,
-        }),
-    });
-    wire.collect()
+    others.cloned().collect()
 }
 
-/// Returns the signal of a port on the bus, under this name.
-fn signal_of(port: &Port, name: String) -> PlantSignal {
+/// Returns the terms of the sliding-mode law, which the shipped DBC has.
+fn terms_of_sliding_mode() -> Vec<Signal> {
+    let messages = Database::shipped().term_messages("controller", "");
+    let terms = messages.flat_map(|message| &message.signals);
+    terms.cloned().collect()
+}
+
+/// Returns the signal of a port on the bus, under this name: 16 bits, signed if its range begins below zero.
+fn signal_of(port: &Port, name: String) -> Signal {
     let [minimum, maximum] = port.range;
-    PlantSignal {
-        name,
-        unit: port.symbol.clone(),
-        comment: port.comment.clone(),
-        resolution: 1.0 / port.steps_per_unit,
-        range: Range { minimum, maximum },
-    }
+    let kind = if minimum < 0.0 {
+        Kind::Signed
+    } else {
+        Kind::Unsigned
+    };
+    let range = Some(Range { minimum, maximum });
+    let coding = Coding::little_endian(0, 16, kind, 1.0 / port.steps_per_unit, range);
+    Signal::new(name, &port.symbol, &port.comment, coding)
 }
 
 #[cfg(test)]
 mod tests {
     use std::path::Path;
 
-    use dbc::Kind;
     use scenario::Beside;
 
     use super::*;
@@ -409,19 +404,9 @@ mod tests {
         }
     }
 
-    fn sum() -> LawTerm {
-        LawTerm {
-            name: "sum".to_owned(),
-            unit: String::new(),
-            comment: String::new(),
-            bits: 32,
-            kind: Kind::Float32,
-            counts_per_unit: 1.0,
-            range: Range {
-                minimum: -1e9,
-                maximum: 1e9,
-            },
-        }
+    fn sum() -> Signal {
+        let coding = Coding::little_endian(0, 32, Kind::Float32, 1.0, None);
+        Signal::new("sum".to_owned(), "", "", coding)
     }
 
     #[test]
@@ -442,7 +427,7 @@ mod tests {
                 .is_ok()
         );
         let catalogue = Catalogue {
-            find_terms: Some(|_| vec![sum()]),
+            find_terms: |_| vec![sum()],
             ..catalogue
         };
         let frames = catalogue.frames(&trial);
@@ -481,7 +466,7 @@ outputs = ["drive.current"]
         }
         let catalogue = Catalogue {
             find_ports: Some(|_| Some(three())),
-            find_terms: Some(|_| vec![sum()]),
+            find_terms: |_| vec![sum()],
             ..Catalogue::shipped()
         };
         let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
@@ -509,14 +494,14 @@ outputs = ["drive.current"]
         };
         let plants = Catalogue {
             find_ports: Some(|_| Some(plant_with("position_millimetres"))),
-            find_terms: Some(|_| Vec::new()),
+            find_terms: |_| Vec::new(),
             ..Catalogue::shipped()
         };
         let twice = "plant.sma_actuator: two signals are called `position_millimetres`";
         assert_eq!(said(&plants), [twice]);
         let laws = Catalogue {
             find_ports: Some(|_| Some(plant_with("sum"))),
-            find_terms: Some(|_| vec![sum()]),
+            find_terms: |_| vec![sum()],
             ..Catalogue::shipped()
         };
         let twice = "controller.open_loop: two signals are called `sum`";

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use dbc::names::{self, CURRENT, POSITION, TARGET_CURRENT};
-use dbc::{Coding, Composer, ExternalFrames, Kind, LoopUnits, Signal};
+use dbc::{Coding, Composer, ExternalFrames, Kind, Signal};
 use scenario::Trial;
 use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Pdo, Scaled};
@@ -36,12 +36,7 @@ impl LoadedDrive {
     }
 
     /// Adds the frames of its drive to those of a bus.
-    pub(crate) fn with_drive(
-        &self,
-        composer: Composer,
-        node: (&str, u8),
-        unit: Option<&LoopUnits<'_>>,
-    ) -> Composer {
+    pub(crate) fn with_drive(&self, composer: Composer, node: (&str, u8)) -> Composer {
         let drive = &self.layout;
         let pdos = [&drive.feedback, &drive.command];
         let feedback = |signal: &Signal| match names::pattern(&signal.name) {
@@ -60,7 +55,7 @@ impl LoadedDrive {
             command: &command,
             heartbeat_milliseconds: self.real.timeouts.drive_heartbeat_milliseconds.into(),
         };
-        composer.with_drive(node, None, Some(&frames), unit)
+        composer.with_drive(node, None, Some(&frames))
     }
 
     /// Refuses, before any current flows, a scenario whose set-point leaves the limits.
