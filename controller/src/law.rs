@@ -14,7 +14,7 @@ use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
 use scenario::wiring::{LoopFacts, Wiring};
 
-use crate::process_law::{Part, Player, StartPlayer, Window};
+use crate::process_law::{Player, StartPlayer, Window, placed};
 use crate::terms::described;
 
 /// Time of a step.
@@ -152,8 +152,8 @@ pub struct AnyLaw {
     names_loops: bool,
     /// `None` for a process that is not started yet.
     player: Option<Box<dyn Player>>,
-    /// Part for a process that is not started yet.
-    part: Option<Part>,
+    /// Law of a process that is not started yet.
+    process: Option<ProcessLaw>,
 }
 
 impl AnyLaw {
@@ -168,19 +168,19 @@ impl AnyLaw {
                 state: law.start(),
                 law,
             })),
-            part: None,
+            process: None,
         }
     }
 
     /// Makes a law that a process plays, for the drive with this wiring.
     pub(crate) fn of_process(law: ProcessLaw, wiring: &Wiring) -> Self {
-        let (part, ports) = Part::of(law, wiring);
+        let (law, ports) = placed(law, wiring);
         Self {
             ports,
             drives: Some(1 + wiring.also_leads),
             names_loops: true,
             player: None,
-            part: Some(part),
+            process: Some(law),
         }
     }
 
@@ -189,9 +189,9 @@ impl AnyLaw {
     /// # Errors
     /// The process cannot be started.
     pub(crate) fn start(&mut self, period: Duration, start: StartPlayer<'_>) -> Result<(), String> {
-        if let Some(mut part) = self.part.take() {
-            part.setup.period_seconds = period.as_secs_f64();
-            self.player = Some(start(&part)?);
+        if let Some(mut law) = self.process.take() {
+            law.setup.period_seconds = period.as_secs_f64();
+            self.player = Some(start(&law)?);
         }
         Ok(())
     }

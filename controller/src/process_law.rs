@@ -7,7 +7,7 @@ use std::time::Duration;
 use scenario::controller::Controller;
 use scenario::law_ports::{self, WrongPort};
 use scenario::port::{Port, Ports};
-use scenario::process_law::{LawSetup, PlayedPort, Plays, ProcessLaw};
+use scenario::process_law::ProcessLaw;
 use scenario::wiring::{LoopFacts, Wiring};
 use scenario::{CurrentRange, Objection};
 
@@ -21,17 +21,6 @@ pub struct Window {
     /// Latest time of an answer. After a cycle without a position, which needs no command, it is `now`: that answer is
     /// not waited for.
     pub until: Duration,
-}
-
-/// Part of a process. Names in its own loop have no prefix.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Part {
-    /// Program, library or FMU that plays it.
-    pub plays: Plays,
-    /// Name of its loop among several; empty for an only loop.
-    pub loop_name: String,
-    /// Names in the process, parameters, and time between two cycles.
-    pub setup: LawSetup,
 }
 
 /// A law with its memory: in this process, or in another one.
@@ -51,73 +40,58 @@ pub trait Player: fmt::Debug + Send {
     }
 }
 
-/// Function that starts the process for a part; its error is the reason why it cannot.
-pub type StartPlayer<'a> = &'a dyn Fn(&Part) -> Result<Box<dyn Player>, String>;
+/// Function that starts the process of a law; its error is the reason why it cannot.
+pub type StartPlayer<'a> = &'a dyn Fn(&ProcessLaw) -> Result<Box<dyn Player>, String>;
 
 /// Refuses, for a controller that starts no processes.
 ///
 /// # Errors
 /// Always.
-pub fn no_player(part: &Part) -> Result<Box<dyn Player>, String> {
+pub fn no_player(law: &ProcessLaw) -> Result<Box<dyn Player>, String> {
     Err(format!(
         "the law is played by `{}`, a process, and only `canrig` starts one",
-        part.plays
+        law.plays
     ))
 }
 
-impl Part {
-    /// Returns the part of a law in the loop with this wiring, and its ports, whose names begin with those of loops and
-    /// drives.
-    pub(crate) fn of(law: ProcessLaw, wiring: &Wiring) -> (Self, Ports) {
-        let outputs = law.writes.iter().map(|port| output(port, wiring));
-        let terms = law
-            .terms
-            .iter()
-            .map(|term| Port::term(&whole_name(&term.signal, wiring)));
-        let ports = Ports {
-            inputs: law.reads.iter().map(|port| input(port, wiring)).collect(),
-            outputs: outputs.chain(terms).collect(),
-        };
-        let loops = wiring.led_loops();
-        // A process is told one range for each of `writes`. A port without a meaning is refused where it is wired.
-        let range = |port: &PlayedPort| {
-            let writing = law_ports::writing(&output(port, wiring), &loops).ok()?;
+/// Gives a law its place in the loop with this wiring: its process is told names without that loop, and the range of each of
+/// `writes`. Returns it with its ports, whose names begin with those of loops and drives.
+pub(crate) fn placed(mut law: ProcessLaw, wiring: &Wiring) -> (ProcessLaw, Ports) {
+    let setup = &mut law.setup;
+    let port = |signal: &String| port_of(signal, wiring);
+    let terms = setup.terms.iter();
+    let terms = terms.map(|term| Port::term(&whole_name(term, wiring)));
+    let ports = Ports {
+        inputs: setup.reads.iter().map(port).collect(),
+        outputs: setup.writes.iter().map(port).chain(terms).collect(),
+    };
+    let loops = wiring.led_loops();
+    let range = |signal: &String| match law_ports::writing(&port(signal), &loops) {
+        Ok(writing) if writing.is_command => {
             let CurrentRange { min, max, .. } = loops[writing.index].current;
-            let is_command = writing.is_command;
-            is_command.then_some([min / writing.factor, max / writing.factor])
-        };
-        let ranges = law.writes.iter().map(|port| range(port).unwrap_or(ANY));
-        let name = |port: &PlayedPort| name_in_loop(&port.signal, wiring).to_owned();
-        let named = |ports: &[PlayedPort]| ports.iter().map(name).collect();
-        let all = [&law.reads, &law.writes, &law.terms].into_iter().flatten();
-        let variables = all.filter_map(|port| Some((name(port), port.variable.clone()?)));
-        let part = Self {
-            loop_name: wiring.loop_among_several().to_owned(),
-            setup: LawSetup {
-                reads: named(&law.reads),
-                writes: named(&law.writes),
-                terms: named(&law.terms),
-                ranges: ranges.collect(),
-                parameters: law.parameters,
-                variables: variables.collect(),
-                // The period is that of the bus, which is known at the start.
-                period_seconds: 0.0,
-            },
-            plays: law.plays,
-        };
-        (part, ports)
+            [min / writing.factor, max / writing.factor]
+        }
+        // A port without a meaning is refused where it is wired.
+        _ => ANY,
+    };
+    setup.ranges = setup.writes.iter().map(range).collect();
+    let name = |signal: &str| name_in_loop(signal, wiring).to_owned();
+    for signals in [&mut setup.reads, &mut setup.writes, &mut setup.terms] {
+        signals.iter_mut().for_each(|signal| *signal = name(signal));
     }
+    let variables = std::mem::take(&mut setup.variables).into_iter();
+    setup.variables = variables
+        .map(|(signal, variable)| (name(&signal), variable))
+        .collect();
+    wiring.loop_among_several().clone_into(&mut law.loop_name);
+    (law, ports)
 }
 
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
-fn input(port: &PlayedPort, wiring: &Wiring) -> Port {
-    Port::input(&whole_name(&port.signal, wiring), ANY)
-}
-
-/// Returns the port of a command, which the amplifier limits.
-fn output(port: &PlayedPort, wiring: &Wiring) -> Port {
-    Port::output(&whole_name(&port.signal, wiring), ANY)
+/// Returns the port of a signal. An amplifier limits its command.
+fn port_of(signal: &str, wiring: &Wiring) -> Port {
+    Port::output(&whole_name(signal, wiring), ANY)
 }
 
 /// Returns the name of a signal with its loop or drive.
@@ -141,7 +115,7 @@ fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
 
 /// Returns the error in a port of a law that a process plays, with its place.
 pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
-    let law = controller.process_law()?;
+    let law = controller.process_law()?.setup;
     let loops = wiring.led_loops();
     // Whether they are outputs, and then whether they are commands.
     let tables = [
@@ -149,17 +123,19 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
         ("writes", &law.writes, Some(true)),
         ("terms", &law.terms, Some(false)),
     ];
-    let mut ports = tables.into_iter().flat_map(|(key, ports, is_command)| {
-        let numbered = ports.iter().enumerate();
-        numbered.map(move |(place, port)| (key, is_command, place, port))
+    let mut signals = tables.into_iter().flat_map(|(key, signals, is_command)| {
+        let numbered = signals.iter().enumerate();
+        numbered.map(move |(place, signal)| (key, is_command, place, signal))
     });
-    ports.find_map(|(key, is_command, place, port)| {
+    signals.find_map(|(key, is_command, place, signal)| {
+        let port = port_of(signal, wiring);
         let checked = match is_command {
-            None => law_ports::reading(&input(port, wiring), &loops).map(drop),
-            Some(is_command) => check_output(&output(port, wiring), &loops, is_command),
+            None => law_ports::reading(&port, &loops).map(drop),
+            Some(is_command) => check_output(&port, &loops, is_command),
         };
         let WrongPort { message, label } = checked.err()?;
-        let place = port.variable.clone().unwrap_or_else(|| place.to_string());
+        let variable = law.variables.get(signal).cloned();
+        let place = variable.unwrap_or_else(|| place.to_string());
         let path = format!("controller.{}.{key}.{place}", controller.law_name());
         Some(Objection::new(path, message, label))
     })
@@ -228,7 +204,7 @@ mod tests {
                 terms: vec!["x.sum".to_owned()],
                 parameters: BTreeMap::new(),
             };
-            let (part, _) = Part::of(ProcessLaw::from(&program), &wiring);
+            let (part, _) = placed(ProcessLaw::from(&program), &wiring);
             let controller = Controller {
                 program: Some(program),
                 ..Controller::default()

@@ -111,14 +111,11 @@ pub struct FmuLaw {
 pub struct ProcessLaw {
     /// Player of the law.
     pub plays: Plays,
-    /// Quantities that the law reads.
-    pub reads: Vec<PlayedPort>,
-    /// Quantities that the law commands.
-    pub writes: Vec<PlayedPort>,
-    /// Further terms that the law writes.
-    pub terms: Vec<PlayedPort>,
-    /// Parameters of the law.
-    pub parameters: BTreeMap<String, Value>,
+    /// Name of its loop among several; empty for an only loop.
+    pub loop_name: String,
+    /// Names, parameters, and time between two cycles. The names are as written, and may begin with that of a loop or a drive,
+    /// until the law has a place in a loop.
+    pub setup: LawSetup,
 }
 
 /// Player of a law.
@@ -132,15 +129,6 @@ pub enum Plays {
     Fmu(String),
 }
 
-/// Port of a law that a process plays.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlayedPort {
-    /// Variable of an FMU behind the port.
-    pub variable: Option<String>,
-    /// Signal as written, which may begin with the name of a loop or a drive.
-    pub signal: String,
-}
-
 impl fmt::Display for Plays {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -150,58 +138,56 @@ impl fmt::Display for Plays {
     }
 }
 
-fn listed(signals: &[String]) -> Vec<PlayedPort> {
-    let port = |signal: &String| PlayedPort {
-        variable: None,
-        signal: signal.clone(),
-    };
-    signals.iter().map(port).collect()
-}
-
-fn mapped(signals: &BTreeMap<String, String>) -> Vec<PlayedPort> {
-    let port = |(variable, signal): (&String, &String)| PlayedPort {
-        variable: Some(variable.clone()),
-        signal: signal.clone(),
-    };
-    signals.iter().map(port).collect()
+impl ProcessLaw {
+    fn new(
+        plays: Plays,
+        [reads, writes, terms]: [Vec<String>; 3],
+        parameters: BTreeMap<String, Value>,
+    ) -> Self {
+        Self {
+            plays,
+            loop_name: String::new(),
+            setup: LawSetup {
+                reads,
+                writes,
+                terms,
+                parameters,
+                ..LawSetup::default()
+            },
+        }
+    }
 }
 
 impl From<&Program> for ProcessLaw {
     fn from(law: &Program) -> Self {
-        Self {
-            plays: Plays::Command(law.command.clone()),
-            reads: listed(&law.reads),
-            writes: listed(&law.writes),
-            terms: listed(&law.terms),
-            parameters: law.parameters.clone(),
-        }
+        let signals = [&law.reads, &law.writes, &law.terms].map(Vec::clone);
+        let plays = Plays::Command(law.command.clone());
+        Self::new(plays, signals, law.parameters.clone())
     }
 }
 
 impl From<&Library> for ProcessLaw {
     fn from(law: &Library) -> Self {
-        let parameters = law
-            .parameters
-            .iter()
-            .map(|(name, value)| (name.clone(), (*value).into()));
-        Self {
-            plays: Plays::Library(law.file.clone()),
-            reads: listed(&law.reads),
-            writes: listed(&law.writes),
-            terms: listed(&law.terms),
-            parameters: parameters.collect(),
-        }
+        let signals = [&law.reads, &law.writes, &law.terms].map(Vec::clone);
+        let parameters = law.parameters.iter();
+        let parameters = parameters.map(|(name, value)| (name.clone(), (*value).into()));
+        Self::new(
+            Plays::Library(law.file.clone()),
+            signals,
+            parameters.collect(),
+        )
     }
 }
 
 impl From<&FmuLaw> for ProcessLaw {
     fn from(law: &FmuLaw) -> Self {
-        Self {
-            plays: Plays::Fmu(law.file.clone()),
-            reads: mapped(&law.reads),
-            writes: mapped(&law.writes),
-            terms: mapped(&law.terms),
-            parameters: law.parameters.clone(),
-        }
+        let ports = [&law.reads, &law.writes, &law.terms];
+        let signals = ports.map(|ports| ports.values().cloned().collect());
+        let plays = Plays::Fmu(law.file.clone());
+        let mut fmu = Self::new(plays, signals, law.parameters.clone());
+        let ports = ports.into_iter().flatten();
+        let variables = ports.map(|(variable, signal)| (signal.clone(), variable.clone()));
+        fmu.setup.variables = variables.collect();
+        fmu
     }
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use controller::law::Cycle;
-use controller::process_law::{self, Player, Window};
+use controller::process_law::{Player, Window};
 use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
@@ -18,7 +18,7 @@ use platform::port_seat::{CLOSED, NotReady, PortSeat};
 use platform::program::{START_PATIENCE, open_seat};
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
-use scenario::process_law::{Plays, ProcessLaw};
+use scenario::process_law::{LawSetup, Plays, ProcessLaw};
 
 use crate::fmu_plant;
 use crate::law_worker::{SUBCOMMAND, command};
@@ -65,9 +65,9 @@ impl LawPlace {
     ///
     /// # Errors
     /// If the system refuses.
-    pub(crate) fn start(&self, part: &process_law::Part) -> Result<Box<dyn Player>, String> {
+    pub(crate) fn start(&self, process: &ProcessLaw) -> Result<Box<dyn Player>, String> {
         let mut unpacked = None;
-        let words = match &part.plays {
+        let words = match &process.plays {
             Plays::Command(words) => words.clone(),
             Plays::Library(file) => command(SUBCOMMAND, &[Path::new(file)])?,
             Plays::Fmu(file) => {
@@ -76,8 +76,8 @@ impl LawPlace {
             }
         };
         let clock = if self.is_real_time { "real" } else { "virtual" };
-        let law = &part.plays;
-        let (who, log_name) = match part.loop_name.as_str() {
+        let law = &process.plays;
+        let (who, log_name) = match process.loop_name.as_str() {
             "" => (format!("the law's process `{law}`"), "law.log".to_owned()),
             name => (
                 format!("the process `{law}` of the law of `{name}`"),
@@ -101,7 +101,7 @@ impl LawPlace {
             .map_err(|error| format!("no process for the law `{law}` can be started: {error}"))?;
         let mut law = LawProcess {
             who,
-            outputs: [&part.setup.writes[..], &part.setup.terms].concat(),
+            outputs: [&process.setup.writes[..], &process.setup.terms].concat(),
             seat,
             _unpacked: unpacked,
             is_gone: false,
@@ -114,7 +114,7 @@ impl LawPlace {
             late_in_a_row: 0,
             failure: None,
         };
-        if let Err(why) = law.meet(part, self.seed) {
+        if let Err(why) = law.meet(&process.setup, self.seed) {
             law.fail(&why);
         }
         Ok(Box::new(law))
@@ -196,9 +196,9 @@ struct LawProcess {
 }
 
 impl LawProcess {
-    /// Waits for the process, and sends it its part.
-    fn meet(&mut self, part: &process_law::Part, seed: u64) -> Result<(), String> {
-        let welcome = serde_json::to_value(&part.setup).map_err(|error| error.to_string())?;
+    /// Waits for the process, and sends it its setup.
+    fn meet(&mut self, setup: &LawSetup, seed: u64) -> Result<(), String> {
+        let welcome = serde_json::to_value(setup).map_err(|error| error.to_string())?;
         let welcome = welcome.to_string();
         let met = self.seat.meet(seed, welcome.as_bytes(), CLOSED_PATIENCE);
         met.map_err(|why| match why {
