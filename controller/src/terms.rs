@@ -78,7 +78,7 @@ pub(crate) fn declare(
         let at = like.map(|index| index + TPDOS_OF_LOOP * place);
         let tpdo = shipped.pdo_like(like, at, *identifier, &mapped);
         tpdo.into_iter().for_each(|entry| dictionary.insert(entry));
-        // Each loop has its own cycles (`LoopPlace::terms_cycle`).
+        // Each loop has its own cycles (`dbc::loops::terms_cycle`).
         dictionary.preset(&Preset::new(at[0], SYNC_START, place.into()));
     }
 }

@@ -1,4 +1,4 @@
-//! The place of a loop on the bus: its nodes, its identifiers, its cycles.
+//! The random numbers and the cycles of each loop on a bus.
 
 use canopen::object_dictionary::Preset;
 
@@ -9,17 +9,6 @@ pub const TERMS_EVERY_CYCLES: u8 = 10;
 /// Node-ID of the drive in the shipped DBC.
 const DRIVE_NODE_ID: u32 = 0x10;
 
-/// Place of a loop on the bus.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct LoopPlace {
-    /// Number among the controller's loops, from 0.
-    pub number: u8,
-    /// Node-ID of its drive.
-    pub drive_node_id: u8,
-    /// Number of cycles from one publication of the truth about its plant to the next.
-    pub truth_every_cycles: u8,
-}
-
 /// Returns the seed of a drive's random numbers: each drive has other noise; that of the shipped rig has the scenario's
 /// seed.
 pub fn drive_seed(seed: u64, drive_node_id: u8) -> u64 {
@@ -27,44 +16,35 @@ pub fn drive_seed(seed: u64, drive_node_id: u8) -> u64 {
     seed ^ distance.wrapping_mul(GOLDEN_RATIO)
 }
 
-impl LoopPlace {
-    /// Only loop of the shipped rig.
-    pub const SHIPPED: Self = Self {
-        number: 0,
-        drive_node_id: 0x10,
-        truth_every_cycles: 1,
+/// Returns the cycles in which the controller publishes the terms of the loop with this number, as their remainder by
+/// [`TERMS_EVERY_CYCLES`]. Each loop has its own, since all terms at once would fill several cycles and delay commands and SYNC.
+pub fn terms_cycle(loop_number: u8) -> u8 {
+    loop_number % TERMS_EVERY_CYCLES
+}
+
+/// Returns the cycles in which the drive of the loop with this number publishes the truth about its plant, as their remainder by
+/// the number of cycles from one publication to the next. As far as possible, no other drive publishes in them, and no terms are
+/// sent.
+pub fn truth_cycle(loop_number: u8, every_cycles: u8) -> u8 {
+    let every = every_cycles.max(1);
+    (loop_number + (every / 2).min(TERMS_EVERY_CYCLES / 2)) % every
+}
+
+/// Returns the values that the drive of a loop has in its data sheet: the transmission type (1 to 240 of CiA 301, 7.5.2.37) and
+/// the SYNC start value of its truth, as [`truth_cycle`].
+pub fn truth_presets(loop_number: u8, every_cycles: u8) -> [Preset; 4] {
+    // SYNCs count from 1; 0 is no start value.
+    let start = match truth_cycle(loop_number, every_cycles) {
+        0 if every_cycles > 1 => every_cycles,
+        cycle => cycle,
     };
-
-    /// Returns the cycles in which the controller publishes the terms of the loop, as their remainder by [`TERMS_EVERY_CYCLES`].
-    /// Each loop has its own, since all terms at once would fill several cycles and delay commands and SYNC.
-    pub fn terms_cycle(&self) -> u8 {
-        self.number % TERMS_EVERY_CYCLES
-    }
-
-    /// Returns the cycles in which the drive publishes the truth, as their remainder by its `truth_every_cycles`. As far as
-    /// possible, no other drive publishes in them, and no terms are sent.
-    pub fn truth_cycle(&self) -> u8 {
-        let every = self.truth_every_cycles.max(1);
-        (self.number + (every / 2).min(TERMS_EVERY_CYCLES / 2)) % every
-    }
-
-    /// Returns the values that the drive has in its data sheet: the transmission type (1 to 240 of CiA 301, 7.5.2.37) and the
-    /// SYNC start value of its truth. As far as possible, the drives of a bus publish it in different cycles.
-    pub fn presets(&self) -> [Preset; 4] {
-        let every_cycles = self.truth_every_cycles;
-        // SYNCs count from 1; 0 is no start value.
-        let start = match self.truth_cycle() {
-            0 if every_cycles > 1 => every_cycles,
-            cycle => cycle,
-        };
-        let [second, third] = TRUTH_PDOS;
-        [
-            Preset::new(second, TRANSMISSION_TYPE, every_cycles.into()),
-            Preset::new(second, SYNC_START_VALUE, start.into()),
-            Preset::new(third, TRANSMISSION_TYPE, every_cycles.into()),
-            Preset::new(third, SYNC_START_VALUE, start.into()),
-        ]
-    }
+    let [second, third] = TRUTH_PDOS;
+    [
+        Preset::new(second, TRANSMISSION_TYPE, every_cycles.into()),
+        Preset::new(second, SYNC_START_VALUE, start.into()),
+        Preset::new(third, TRANSMISSION_TYPE, every_cycles.into()),
+        Preset::new(third, SYNC_START_VALUE, start.into()),
+    ]
 }
 
 /// Communication parameters of the TPDOs that hold the truth about a drive's plant.

@@ -4,7 +4,6 @@
 use std::sync::OnceLock;
 
 use dbc::Database;
-use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::Trial;
 use scenario::custom::{CustomTable, Section, defaults};
@@ -109,7 +108,6 @@ pub fn emulator(trial: &Trial) -> Result<PlantEmulator, InvalidEmulator> {
     let database = Database::shipped();
     let only = DriveOf {
         trial,
-        place: LoopPlace::SHIPPED,
         database,
         clock: &ScenarioClock::new(database, ["drive"])?,
     };

@@ -6,7 +6,7 @@ use can::{CanFrame, Node, earlier, earliest};
 use canopen::object_dictionary::Preset;
 use canopen::{Device, NodeId, ObjectDictionary};
 use dbc::Database;
-use dbc::loops::LoopPlace;
+use dbc::loops::truth_presets;
 use dbc::scenario_clock::ScenarioClock;
 use faults::{FaultPlan, Faulty};
 use scenario::Trial;
@@ -21,13 +21,11 @@ use crate::wires::Wires;
 const IDENTITY: u16 = 0x1018;
 const PRODUCT_CODE: u8 = 2;
 
-/// One of the drives of a plant, with its scenario and its place on a bus.
+/// One of the drives of a plant, with its scenario and its bus.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveOf<'a> {
     /// Scenario of the drive.
     pub trial: &'a Trial,
-    /// Place of its loop.
-    pub place: LoopPlace,
     /// Frames of the bus.
     pub database: &'a Database,
     /// Scenario time.
@@ -52,7 +50,7 @@ impl DriveNode {
         if !of.trial.has_loop_faults() {
             return Ok(Self::Sound(sound));
         }
-        let plan = FaultPlan::new(&of.trial.drive_faults(), of.place.drive_node_id);
+        let plan = FaultPlan::new(&of.trial.drive_faults(), of.trial.wiring.nodes.drive.id);
         let renew = move |device: &mut Device<Drive>| {
             // The same parts were set up before, so this cannot fail.
             if let Ok(mut fresh) = parts.device() {
@@ -154,20 +152,22 @@ impl Parts {
         wires: Wires,
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
-        let DriveOf { trial, place, .. } = of;
+        let trial = of.trial;
+        let wiring = &trial.wiring;
         let faults = trial.drive_faults();
         let wrong_id = faults
             .of("wrong_node_id")
             .next()
             .and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
-        let node_id = node_id(wrong_id.unwrap_or(place.drive_node_id))?;
+        let node_id = node_id(wrong_id.unwrap_or(wiring.nodes.drive.id))?;
         let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
         let wrong_identity = faults.of("wrong_identity").next();
         if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
             objects.preset(&Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
         }
         drive::declare(&mut objects, node_id, plant, &wires);
-        let presets = trial.presets().into_iter().chain(place.presets());
+        let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
+        let presets = trial.presets().into_iter().chain(truth);
         presets.for_each(|preset| objects.preset(&preset));
         Ok(Self {
             node_id,

@@ -128,11 +128,11 @@ impl PlantEmulator {
         let name = Vec::from_iter(names).join(" and ");
         let plants = ClockedPlant::new(plants);
         let mut sorted = Vec::from_iter(drives);
-        sorted.sort_by_key(|drive| drive.place.drive_node_id);
+        sorted.sort_by_key(|drive| drive.trial.wiring.nodes.drive.id);
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
         for of in sorted {
             let wires = Wires::new(&ports, &of.trial.wiring)?;
-            node_ids.push(of.place.drive_node_id);
+            node_ids.push(of.trial.wiring.nodes.drive.id);
             for io in &of.trial.wiring.io {
                 if !node_ids.contains(&io.node.id) {
                     node_ids.push(io.node.id);

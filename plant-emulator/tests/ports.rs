@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use can::{CanFrame, Node, Progress};
 use dbc::Database;
-use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
 use scenario::Trial;
+use scenario::node::LoopNodes;
 use scenario::port::{Measurand, Unit};
 use scenario::wiring::{Measured, Wiring};
 
@@ -73,7 +73,11 @@ fn scenario(input: &str) -> Trial {
         Trial::parse(text, "t.toml", |_| unreachable!("no table")).expect("it is valid");
     scenario.sensor.span = 180.0;
     scenario.sensor.resolution_bits = 20;
+    let mut nodes = LoopNodes::default();
+    let id = if input == "left" { 0x10 } else { 0x12 };
+    (nodes.drive.id, nodes.followed.id) = (id, id);
     scenario.wiring = Wiring {
+        nodes,
         input: format!("arm.{input}_current_amperes"),
         output: "arm.angle_degrees".to_owned(),
         sensor: Measured {
@@ -88,21 +92,15 @@ fn scenario(input: &str) -> Trial {
 }
 
 fn emulator(arm: Arm, scenarios: &[Trial; 2]) -> Result<PlantEmulator, InvalidEmulator> {
-    let place = |number, drive_node_id| LoopPlace {
-        number,
-        drive_node_id,
-        truth_every_cycles: 1,
-    };
     let [left, right] = scenarios;
     let database = Database::shipped();
     let clock = ScenarioClock::new(database, ["drive"])?;
-    let drive = |trial, place| DriveOf {
+    let drive = |trial| DriveOf {
         trial,
-        place,
         database,
         clock: &clock,
     };
-    let drives = [drive(right, place(1, 0x12)), drive(left, place(0, 0x10))];
+    let drives = [drive(right), drive(left)];
     PlantEmulator::of(vec![("arm".to_owned(), Box::new(arm))], &drives)
 }
 

@@ -5,7 +5,7 @@ use std::fmt;
 use std::time::Duration;
 
 use can::frame_bits::occupied_bits_max;
-use dbc::loops::TERMS_EVERY_CYCLES;
+use dbc::loops::{TERMS_EVERY_CYCLES, terms_cycle, truth_cycle};
 use dbc::{Message, names};
 
 use crate::plan::{ControlLoop, Plan};
@@ -221,7 +221,8 @@ fn by_clock(message: &Message) -> Pace {
 
 /// Returns the traffic of one loop.
 fn loop_shares(controller: &str, one: &ControlLoop) -> impl Iterator<Item = BusShare> {
-    let (place, nodes) = (&one.place, &one.nodes);
+    let (wiring, nodes) = (&one.trial.wiring, &one.nodes);
+    let (number, truth_every) = (wiring.loop_number(), wiring.truth_every_cycles());
     let drive = nodes.drive.name.as_str();
     let frame = |service| one.message(&nodes.drive, service).ok();
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
@@ -230,11 +231,11 @@ fn loop_shares(controller: &str, one: &ControlLoop) -> impl Iterator<Item = BusS
     let fault_pace = beside_faults.map_or(EACH, by_clock);
     let fault_text = "current and peak temperature, for its faults ({frames})";
     let truth = one.database.plant_messages(drive);
-    let truth_pace = cycles(place.truth_every_cycles, place.truth_cycle());
+    let truth_pace = cycles(truth_every, truth_cycle(number, truth_every));
     let terms = one
         .database
         .term_messages(&nodes.controller.name, one.name());
-    let terms_pace = cycles(TERMS_EVERY_CYCLES, place.terms_cycle());
+    let terms_pace = cycles(TERMS_EVERY_CYCLES, terms_cycle(number));
     let terms_text = format!("terms of the law for {drive} ({{frames}})");
     let command_text = format!("command to {drive} (RPDO1)");
     let shares = [

@@ -1,6 +1,7 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use dbc::data_sheets::{AnalogueOutput, NodeValues};
+use dbc::loops::truth_presets;
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::node::Node;
 use scenario::port::Unit;
@@ -32,8 +33,10 @@ fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
         // The maker's EDS, which knows nothing of this rig.
         Some(rig) => (drive.clone(), rig.eds.clone()),
         None => {
-            let unit = &one.trial.wiring.sensor.measurand.unit;
-            let presets = one.trial.presets().into_iter().chain(one.place.presets());
+            let wiring = &one.trial.wiring;
+            let unit = &wiring.sensor.measurand.unit;
+            let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
+            let presets = one.trial.presets().into_iter().chain(truth);
             let values = NodeValues {
                 presets: presets.collect(),
                 unit: (*unit != Unit::Millimetres).then(|| unit.word().to_owned()),

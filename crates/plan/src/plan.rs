@@ -4,13 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-use dbc::loops::LoopPlace;
 use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
 use scenario::fault::{Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
-use scenario::wiring::{IoOutput, LoopFacts, Measured, Wiring};
+use scenario::wiring::{IoOutput, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
@@ -37,8 +36,6 @@ pub struct ControlLoop {
     pub trial: Trial,
     /// Nodes of the loop.
     pub nodes: LoopNodes,
-    /// Place of its nodes on the bus.
-    pub place: LoopPlace,
     /// Node-IDs of the nodes of the run that canrig does not play: they are expected on the bus, or programs that it starts.
     pub external: BTreeSet<u8>,
     /// Drive of the loop, if it is a real one.
@@ -304,17 +301,6 @@ fn compose(plan: &Plan) -> Database {
     composer.finish()
 }
 
-/// Returns the place of a loop's nodes on the bus.
-fn loop_place(wiring: &Wiring) -> LoopPlace {
-    let is_this = |one: &LoopFacts| one.name == wiring.loop_name;
-    let number = wiring.loops.iter().position(is_this).unwrap_or_default();
-    LoopPlace {
-        number: u8::try_from(number).unwrap_or(u8::MAX),
-        drive_node_id: wiring.nodes.drive.id,
-        truth_every_cycles: wiring.truth_every_cycles.unwrap_or(1),
-    }
-}
-
 /// Checks whether a message belongs to a node, for one of these services.
 fn belongs_to(node: &Node, services: &[&str], message: &str) -> bool {
     let mut services = services.iter();
@@ -333,7 +319,6 @@ impl ControlLoop {
     fn with_frames(trial: Trial, frames: Frames) -> Self {
         Self {
             nodes: trial.wiring.nodes.clone(),
-            place: loop_place(&trial.wiring),
             trial,
             external: BTreeSet::new(),
             real_drive: None,

@@ -135,6 +135,18 @@ pub struct LedBy {
 }
 
 impl Wiring {
+    /// Returns the number of its loop among those of the rig, from 0.
+    pub fn loop_number(&self) -> u8 {
+        let is_its = |one: &LoopFacts| one.name == self.loop_name;
+        let number = self.loops.iter().position(is_its).unwrap_or_default();
+        u8::try_from(number).unwrap_or(u8::MAX)
+    }
+
+    /// Returns the number of cycles from one publication of the truth about its plant to the next.
+    pub fn truth_every_cycles(&self) -> u8 {
+        self.truth_every_cycles.unwrap_or(1)
+    }
+
     /// Returns the name of its loop among several; empty for an only loop.
     pub fn loop_among_several(&self) -> &str {
         match self.loops.len() {

@@ -299,7 +299,7 @@ impl<'a> Seen<'a> {
         };
         let mut loops = self.plan.loops.iter();
         let is_meant =
-            |one: &&ControlLoop| self.plan.loops.len() == 1 || one.place.drive_node_id == node_id;
+            |one: &&ControlLoop| self.plan.loops.len() == 1 || one.nodes.drive.id == node_id;
         let drive = loops.find(is_meant).filter(|_| is_of_drive)?;
         Some((drive.nodes.drive.name.as_str(), noticed?))
     }

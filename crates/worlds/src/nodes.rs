@@ -25,7 +25,6 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
     let clock = plan.scenario_clock()?;
     let drives = drives.map(|one| DriveOf {
         trial: &one.trial,
-        place: one.place,
         database: &one.database,
         clock: &clock,
     });

@@ -31,7 +31,7 @@ impl Supervisor {
         });
         Self {
             name: one.nodes.drive.name.clone(),
-            node_id: NodeId::new(one.place.drive_node_id),
+            node_id: NodeId::new(one.nodes.drive.id),
             limited,
         }
     }

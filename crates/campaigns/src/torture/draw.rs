@@ -40,7 +40,7 @@ impl Nodes<'_> {
     fn identifiers(&self) -> Vec<u32> {
         let of = |base: u32| {
             let loops = self.0.loops.iter();
-            loops.map(move |one| base + u32::from(one.place.drive_node_id))
+            loops.map(move |one| base + u32::from(one.nodes.drive.id))
         };
         let pdos = of(0x180).chain(of(0x200));
         [u32::from(SYNC_COB_ID)]
@@ -56,7 +56,7 @@ impl Nodes<'_> {
         let first = drawn.as_integer().unwrap_or_default();
         let taken = |id: &i64| {
             let mut loops = self.0.loops.iter();
-            loops.any(|one| i64::from(one.place.drive_node_id) == *id)
+            loops.any(|one| i64::from(one.nodes.drive.id) == *id)
         };
         let mut candidates = (first..=127).chain(FREE_NODE_ID_MIN.into()..first);
         candidates.find(|id| !taken(id)).unwrap_or(first).into()

@@ -70,7 +70,7 @@ fn violation_of_loop(
         })
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager", HEARTBEAT_SECONDS_MAX);
-            let (manager, drive) = (one.nodes.controller.id, one.place.drive_node_id);
+            let (manager, drive) = (one.nodes.controller.id, one.nodes.drive.id);
             let is_it = |frame: &CanFrame| is_of_manager(frame, manager, drive);
             no_current_without(what, is_it, frames, trial, timeline)
         })

@@ -44,7 +44,7 @@ fn seat_of(participant: &str, plan: &Plan) -> Seat {
 /// Returns the node-IDs of the drives that move the plant of a drive, with its own.
 fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
     let mut loops = plan.loops.iter();
-    let its_loop = loops.find(|one| one.place.drive_node_id == drive);
+    let its_loop = loops.find(|one| one.nodes.drive.id == drive);
     let beside = its_loop.map(|one| drives_of(emulator_name(one), plan));
     beside.into_iter().flatten().collect()
 }
@@ -53,7 +53,7 @@ fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
 fn drives_of(emulator: &str, plan: &Plan) -> impl Iterator<Item = u8> {
     let loops = plan.loops.iter();
     let its_loops = loops.filter(move |one| emulator_name(one) == emulator);
-    its_loops.map(|one| one.place.drive_node_id)
+    its_loops.map(|one| one.nodes.drive.id)
 }
 
 /// Fault that hits frames, with its random numbers.

@@ -200,7 +200,7 @@ impl Preflight {
 /// Identifies a drive: scenarios of one command may name several rigs.
 fn who(one: &ControlLoop) -> String {
     let real = one.real_drive.as_deref().map(|drive| &drive.real);
-    format!("{} {real:?}", one.place.drive_node_id)
+    format!("{} {real:?}", one.nodes.drive.id)
 }
 
 /// Place in which the drives are checked; the folder of the recording is in `parent`.
@@ -319,7 +319,7 @@ fn emulated(one: &ControlLoop) -> RealDrive {
     let [lowest, highest] = wiring.sensor.range();
     let travel = highest - lowest;
     let plausible = &wiring.plausible;
-    let mut drive = RigDrive::emulated(one.place.drive_node_id, wiring);
+    let mut drive = RigDrive::emulated(one.nodes.drive.id, wiring);
     drive.position.resolution = travel / STEPS_OF_TRAVEL;
     let limits = Limits {
         current_amperes: currents.largest(),
