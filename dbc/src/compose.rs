@@ -14,20 +14,6 @@ const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
 /// Messages that belong to the bus.
 const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
-/// Services of a node with their function codes (CiA 301, 7.3.5), in the order in which a node's messages are added.
-const FUNCTION_CODES: [(&str, u32); 11] = [
-    (names::EMERGENCY, 0x080),
-    (names::TPDO1, 0x180),
-    (names::RPDO1, 0x200),
-    (names::TPDO2, 0x280),
-    (names::TPDO3, 0x380),
-    (names::SDO_ANSWER, 0x580),
-    (names::SDO_REQUEST, 0x600),
-    (names::SDO2_REQUEST, 0x680),
-    (names::SDO2_ANSWER, 0x6C0),
-    (names::TRUTH, 0x6A0),
-    (names::HEARTBEAT, 0x700),
-];
 /// Signals of a plant before the true position.
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
@@ -111,7 +97,7 @@ impl Composer {
     /// Adds the messages of a node for these services, like those of a node of the shipped DBC.
     fn add(&mut self, like: &str, (name, node_id): (&str, u8), services: &[&str]) {
         let has = |(service, _): &(&str, u32)| services.contains(service);
-        for (service, function) in FUNCTION_CODES.into_iter().filter(has) {
+        for (service, function) in names::SERVICES.into_iter().filter(has) {
             // The shipped plant has no more signals than TPDO2 holds.
             let known = match service {
                 names::TPDO3 => names::TPDO2,
@@ -153,9 +139,9 @@ impl Composer {
         published: Option<&[Signal]>,
         layout: Option<&ExternalFrames<'_>>,
     ) -> Self {
-        let mut own = Vec::from(names::DRIVE_SERVICES);
-        own.retain(|service| !names::PLANT_SERVICES.contains(service));
-        self.add_node(DRIVE, (name, node_id), &own);
+        let own = names::SERVICES.into_iter().map(|(service, _)| service);
+        let own = own.filter(|service| !names::PLANT_SERVICES.contains(service));
+        self.add_node(DRIVE, (name, node_id), &Vec::from_iter(own));
         if let Some(layout) = layout {
             self.lay_out(name, layout);
         }

@@ -38,19 +38,20 @@ pub const CONTROLLER_SERVICES: [&str; 4] = [EMERGENCY, SDO_ANSWER, SDO_REQUEST, 
 pub const IO_SERVICES: [&str; 5] = [EMERGENCY, RPDO1, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
 /// Messages in which an emulated drive publishes the truth about its plant.
 pub const PLANT_SERVICES: [&str; 3] = [TPDO2, TPDO3, TRUTH];
-/// Messages of a drive, including those of an emulated one.
-pub const DRIVE_SERVICES: [&str; 11] = [
-    EMERGENCY,
-    TPDO1,
-    RPDO1,
-    TPDO2,
-    TPDO3,
-    SDO_ANSWER,
-    SDO_REQUEST,
-    SDO2_REQUEST,
-    SDO2_ANSWER,
-    TRUTH,
-    HEARTBEAT,
+/// Services with their function codes (CiA 301, 7.3.5), in the order in which a node's messages are added. An emulated drive has
+/// a message for each.
+pub const SERVICES: [(&str, u32); 11] = [
+    (EMERGENCY, 0x080),
+    (TPDO1, 0x180),
+    (RPDO1, 0x200),
+    (TPDO2, 0x280),
+    (TPDO3, 0x380),
+    (SDO_ANSWER, 0x580),
+    (SDO_REQUEST, 0x600),
+    (SDO2_REQUEST, 0x680),
+    (SDO2_ANSWER, 0x6C0),
+    (TRUTH, 0x6A0),
+    (HEARTBEAT, 0x700),
 ];
 /// Largest number of TPDOs for the terms of a law.
 pub const TERMS_MAX: usize = 4;

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use dbc::names::{self, POSITION, RPDO1, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Coding, Composer, Database, Kind, LoopUnits, Message, Range, Signal};
-use scenario::node::Node;
+use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
@@ -221,6 +221,19 @@ pub fn columns<'a>(
             message,
             signals,
         })
+}
+
+/// Returns the messages of a node, other than the terms of laws.
+pub(crate) fn messages_of<'a>(
+    database: &'a Database,
+    node: &Node,
+) -> impl Iterator<Item = &'a Message> {
+    let services = names::SERVICES.into_iter().map(|(service, _)| service);
+    let has = |service: &&str| {
+        node.part != Part::Controller || names::CONTROLLER_SERVICES.contains(service)
+    };
+    let messages = services.filter(has);
+    messages.filter_map(|service| database.message(&message(&node.name, service)))
 }
 
 /// Returns the signals of another drive that a loop follows: the measured one and the true one.

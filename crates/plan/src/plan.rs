@@ -13,7 +13,7 @@ use scenario::wiring::{IoOutput, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
-    Catalogue, ColumnMessage, Frames, Published, columns, followed, name_in_loop,
+    Catalogue, ColumnMessage, Frames, Published, columns, followed, messages_of, name_in_loop,
 };
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -301,12 +301,6 @@ fn compose(plan: &Plan) -> Database {
     composer.finish()
 }
 
-/// Checks whether a message belongs to a node, for one of these services.
-fn belongs_to(node: &Node, services: &[&str], message: &str) -> bool {
-    let mut services = services.iter();
-    services.any(|service| names::message(&node.name, service) == message)
-}
-
 /// Returns the beginning of the names of a loop's signals and metrics, by the loop's name.
 pub fn loop_prefix(loop_name: &str) -> String {
     match loop_name {
@@ -440,7 +434,8 @@ impl ControlLoop {
 
     /// Returns the name, in the loop, of a signal of one of its messages.
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
-        if belongs_to(&self.nodes.drive, &names::DRIVE_SERVICES, &message.name) {
+        let mut messages = messages_of(&self.database, &self.nodes.drive);
+        if messages.any(|one| one.name == message.name) {
             name_in_loop(signal, &self.trial.wiring)
         } else {
             signal.name.clone()
@@ -458,22 +453,22 @@ impl ControlLoop {
 
     /// Checks whether a message belongs to its drive, its io node or its law.
     pub fn owns(&self, message: &str) -> bool {
-        let nodes = &self.nodes;
-        let mut io_nodes = nodes.io.iter();
-        let controller = &nodes.controller.name;
-        let mut terms = self.database.term_messages(controller, self.name());
-        names::set_point(self.name()) == message
-            || belongs_to(&nodes.drive, &names::DRIVE_SERVICES, message)
-            || io_nodes.any(|io| belongs_to(io, &names::IO_SERVICES, message))
-            || terms.any(|one| one.name == message)
+        let nodes = [&self.nodes.drive].into_iter().chain(&self.nodes.io);
+        let messages = nodes.flat_map(|node| messages_of(&self.database, node));
+        let controller = &self.nodes.controller.name;
+        let terms = self.database.term_messages(controller, self.name());
+        let mut messages = messages.chain(terms);
+        names::set_point(self.name()) == message || messages.any(|one| one.name == message)
     }
 
     /// Checks whether a signal, as `message.signal`, is one that only an emulated drive publishes.
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();
-        [&self.nodes.drive, &self.nodes.followed]
-            .into_iter()
-            .any(|node| belongs_to(node, &names::PLANT_SERVICES, message))
+        let is_of = |node: &Node| {
+            let names = names::PLANT_SERVICES.map(|service| names::message(&node.name, service));
+            names.iter().any(|name| name == message)
+        };
+        is_of(&self.nodes.drive) || is_of(&self.nodes.followed)
     }
 
     /// Returns the terms of its law.

@@ -7,7 +7,7 @@ use scenario::node::{Node, Part};
 use scenario::wiring::Wiring;
 use scenario::{Objection, Trial, nearest};
 
-use crate::catalogue::{Frames, followed, name_in_loop};
+use crate::catalogue::{Frames, followed, messages_of, name_in_loop};
 use crate::data_sheet::{self, DataSheet};
 
 /// Largest number of signals that a message about an ambiguous name lists.
@@ -56,16 +56,7 @@ impl SignalNames {
             message.for_each(|message| add_message(message, None));
         }
         for node in nodes.all() {
-            let services = match node.part {
-                Part::Controller => &names::CONTROLLER_SERVICES[..],
-                Part::Io => &names::IO_SERVICES,
-                Part::Drive | Part::Bench => &names::DRIVE_SERVICES,
-            };
-            let messages = services.iter().filter_map(|service| {
-                let name = names::message(&node.name, service);
-                database.message(&name)
-            });
-            messages.for_each(|message| add_message(message, Some(node)));
+            messages_of(database, node).for_each(|message| add_message(message, Some(node)));
         }
         let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
         terms.for_each(|message| add_message(message, Some(&nodes.controller)));
