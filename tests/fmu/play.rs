@@ -8,14 +8,15 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use fmu::export::Role;
-use fmu::table::{Port, Wiring, wiring};
-use fmu::unit::{Conversion, unit_in_name};
+use fmu::table::{Wire, Wiring, wiring};
+use fmu::unit::Conversion;
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
 use platform::keeper;
 use runner::console::{failed, print};
 use runner::exit::{Exit, Failure};
 use scenario::plant::Fmu;
+use scenario::port::Port;
 use worlds::fmu_worker::{self, RemoteFmu};
 
 /// Plays an FMU, and prints its outputs as CSV
@@ -106,14 +107,10 @@ fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Failure> {
         let wanted = variables
             .iter()
             .filter(move |variable| is_wanted(&variable.role));
-        wanted.map(|variable| Port {
-            name: variable.name.clone(),
-            unit: unit_in_name(&variable.name),
+        wanted.map(|variable| Wire {
+            port: Port::output(&variable.name, [f64::NEG_INFINITY, f64::INFINITY]),
             variable: variable.name.clone(),
-            description: variable.description.clone(),
             conversion: Conversion::NONE,
-            range: [f64::NEG_INFINITY, f64::INFINITY],
-            at_rest: 0.0,
         })
     };
     let wiring = Wiring {
@@ -164,7 +161,7 @@ fn steps(
     let mut outputs = at_start.to_owned();
     let mut inputs = vec![0.0; wiring.inputs.len()];
     if !args.cost {
-        let names = wiring.outputs.iter().map(|port| port.name.as_str());
+        let names = wiring.outputs.iter().map(|wire| wire.port.name.as_str());
         print(&Vec::from_iter(std::iter::once("time_seconds").chain(names)).join(","));
         print(&row(0.0, &outputs, wiring));
     }
@@ -208,9 +205,9 @@ fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Failure> {
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
     let mut lines = text.lines();
     let names = Vec::from_iter(lines.next().unwrap_or_default().split(','));
-    let columns = wiring.inputs.iter().map(|port| {
-        let column = names.iter().position(|name| *name == port.name);
-        column.ok_or_else(|| refused(format!("it has no column {}", port.name)))
+    let columns = wiring.inputs.iter().map(|wire| {
+        let column = names.iter().position(|name| *name == wire.port.name);
+        column.ok_or_else(|| refused(format!("it has no column {}", wire.port.name)))
     });
     let columns = columns.collect::<Result<Vec<_>, Failure>>()?;
     let row = |line: &str| {

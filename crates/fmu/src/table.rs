@@ -1,6 +1,7 @@
 //! `[plant.NAME.fmu]` of a rig file: fits its table to an FMU.
 
 use scenario::plant::{Fmu, FmuPort};
+use scenario::port::{Port, symbol_of};
 use toml::Value;
 
 use crate::description::{Causality, CoSimulation, Description, Kind, Variable};
@@ -8,23 +9,15 @@ use crate::error::Fault;
 use crate::instance::{Configuration, StartValue};
 use crate::unit::{Conversion, Known, unit_by_base, unit_by_symbol, unit_in_name};
 
-/// A port of an FMU.
+/// A port of a plant or a law, and the variable of an FMU behind it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Port {
-    /// Name of the port.
-    pub name: String,
-    /// Unit by the end of the name; `None` for a number without a unit.
-    pub unit: Option<&'static Known>,
+pub struct Wire {
+    /// The port. Its range is infinite if neither the table nor the FMU has a limit.
+    pub port: Port,
     /// Name of the variable.
     pub variable: String,
-    /// Description of the variable in the FMU.
-    pub description: String,
     /// Conversion from the variable to the port.
     pub conversion: Conversion,
-    /// Smallest and largest value at the port; infinite if neither the table nor the FMU has a limit.
-    pub range: [f64; 2],
-    /// Value before the first one is set.
-    pub at_rest: f64,
 }
 
 /// A table that fits an FMU: the configuration of the worker, and the ports.
@@ -33,9 +26,9 @@ pub struct Wiring {
     /// Configuration of the worker.
     pub configuration: Configuration,
     /// Ports that are set, in the order of the configuration's inputs.
-    pub inputs: Vec<Port>,
+    pub inputs: Vec<Wire>,
     /// Ports that are read, in the order of the configuration's outputs.
-    pub outputs: Vec<Port>,
+    pub outputs: Vec<Wire>,
 }
 
 /// Error of a table that does not fit an FMU.
@@ -67,7 +60,7 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         Ok((name.clone(), start))
     });
     let start = start.collect::<Result<Vec<_>, Misfit>>()?;
-    let (mut inputs, mut outputs) = (Vec::<Port>::new(), Vec::new());
+    let (mut inputs, mut outputs) = (Vec::<Wire>::new(), Vec::new());
     for (name, port) in &table.ports {
         let place = format!("ports.{name}");
         let at_variable = || Misfit::at(format!("{place}.variable"));
@@ -79,16 +72,16 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
             let reason = "is two ports already, and can be set by one";
             return Err(at_variable()(Fault::variable(&variable.name, reason)));
         }
-        let mut port = described_port(name, port, variable, description)
-            .map_err(Misfit::at(place.as_str()))?;
+        let mut wire =
+            wire(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
         if variable.is_input() {
-            let given = start.iter().find(|(name, _)| *name == port.variable);
+            let given = start.iter().find(|(name, _)| *name == wire.variable);
             if let Some((_, StartValue::Number(number))) = given {
-                port.at_rest = port.conversion.of(*number);
+                wire.port.at_rest = wire.conversion.of(*number);
             }
-            inputs.push(port);
+            inputs.push(wire);
         } else {
-            outputs.push(port);
+            outputs.push(wire);
         }
     }
     record(table, description, &mut outputs)?;
@@ -97,7 +90,7 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         None => (None, "file"),
     };
     let step_seconds = fixed_step(wanted, co_simulation, description);
-    let variables = |ports: &[Port]| ports.iter().map(|port| port.variable.clone()).collect();
+    let variables = |wires: &[Wire]| wires.iter().map(|wire| wire.variable.clone()).collect();
     Ok(Wiring {
         configuration: Configuration {
             name: name.to_owned(),
@@ -197,7 +190,7 @@ fn fixed_step(
 }
 
 /// Makes ports of the additional recorded variables.
-fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Port>) -> Result<(), Misfit> {
+fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Wire>) -> Result<(), Misfit> {
     let mut taken = Vec::from_iter(table.ports.keys().cloned());
     for (place, name) in table.record.iter().enumerate() {
         let at_place = || Misfit::at(format!("record.{place}"));
@@ -213,13 +206,13 @@ fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Port>) -> Re
             offset: None,
             range: None,
         };
-        let port = described_port(&name, &port, variable, description).map_err(at_place())?;
-        if !port.range.iter().all(|limit| limit.is_finite()) {
+        let wire = wire(&name, &port, variable, description).map_err(at_place())?;
+        if !wire.port.range.iter().all(|limit| limit.is_finite()) {
             return refused(
                 "has no lowest and highest value in the FMU, which its frame needs; make it one of the ports, with a range",
             );
         }
-        outputs.push(port);
+        outputs.push(wire);
     }
     Ok(())
 }
@@ -262,12 +255,13 @@ pub fn proposed(name: &str, file: &str, description: &Description) -> String {
     text
 }
 
-fn described_port(
+/// Wires a port of a table to its variable. The port has the FMU's description, and the unit from which values are converted.
+fn wire(
     name: &str,
     port: &FmuPort,
     variable: &Variable,
     description: &Description,
-) -> Result<Port, Fault> {
+) -> Result<Wire, Fault> {
     let conversion = match (port.factor, port.offset) {
         (None, None) => unit_conversion(name, variable, description)?,
         (factor, offset) => Conversion {
@@ -285,14 +279,22 @@ fn described_port(
         Some("true") => 1.0,
         start => start.and_then(|start| start.parse().ok()).unwrap_or(0.0),
     };
-    Ok(Port {
-        name: name.to_owned(),
-        unit: unit_in_name(name),
+    let range = port_range(name, port, variable, conversion)?;
+    let words = Vec::from_iter(variable.description.split_whitespace());
+    let mut port = Port::output(name, range)
+        .resting_at(conversion.of(start))
+        .with_comment(&words.join(" "));
+    if let Some(Known { word, symbol, .. }) = unit_in_name(name)
+        && port.unit != *word
+        && *word != "factor"
+    {
+        let known = symbol_of(word);
+        port = port.with_unit(word, if known == *word { symbol } else { known });
+    }
+    Ok(Wire {
+        port,
         variable: variable.name.clone(),
-        description: variable.description.clone(),
         conversion,
-        range: port_range(name, port, variable, conversion)?,
-        at_rest: conversion.of(start),
     })
 }
 

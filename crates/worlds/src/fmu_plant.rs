@@ -8,12 +8,11 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, SystemTime};
 
 use fmu::Fault;
-use fmu::table::{self, Misfit, wiring};
+use fmu::table::{self, Misfit, Wire, wiring};
 use fmu::{Archive, FmuError, Unpacked};
-use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
+use plant_emulator::plant::{InvalidPlant, Plant, Ports};
 use scenario::Objection;
 use scenario::plant::{FMU, Fmu};
-use scenario::port::{symbol_of, unit_in};
 
 use crate::fmu_worker::RemoteFmu;
 
@@ -60,32 +59,11 @@ fn wired_plant(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> 
 }
 
 fn fmu_ports(wiring: &table::Wiring) -> Ports {
-    let inputs = wiring.inputs.iter().map(|port| {
-        let input = Port::input(&port.name, port.range).resting_at(port.at_rest);
-        described(input, port)
-    });
-    let outputs = wiring
-        .outputs
-        .iter()
-        .map(|port| described(Port::output(&port.name, port.range), port));
+    let ports = |wires: &[Wire]| wires.iter().map(|wire| wire.port.clone()).collect();
     Ports {
-        inputs: inputs.collect(),
-        outputs: outputs.collect(),
+        inputs: ports(&wiring.inputs),
+        outputs: ports(&wiring.outputs),
     }
-}
-
-/// Adds the unit from which the FMU's values are converted, and the FMU's description.
-fn described(port: Port, of: &table::Port) -> Port {
-    let unit = of.unit.map(|known| (known.word, known.symbol));
-    let port = match unit {
-        Some((word, symbol)) if unit_in(&port.name) != word && word != "factor" => {
-            let known = symbol_of(word);
-            port.with_unit(word, if known == word { symbol } else { known })
-        }
-        _ => port,
-    };
-    let description = Vec::from_iter(of.description.split_whitespace()).join(" ");
-    port.with_comment(&description)
 }
 
 /// Plant that an FMU in a worker process computes.
@@ -149,8 +127,8 @@ impl Plant for FmuPlant {
         };
         self.time += Duration::try_from_secs_f64(duration_seconds).unwrap_or_default();
         let values = inputs.iter().zip(&self.wiring.inputs);
-        for (set, (input, port)) in self.set.iter_mut().zip(values) {
-            *set = port.conversion.back(*input);
+        for (set, (input, wire)) in self.set.iter_mut().zip(values) {
+            *set = wire.conversion.back(*input);
         }
         if let Err(error) = remote.advance(self.time.as_secs_f64(), &self.set, &mut self.raw) {
             self.failure = Some(error.to_string());
@@ -160,8 +138,8 @@ impl Plant for FmuPlant {
 
     fn read(&self, outputs: &mut [f64]) {
         let values = self.raw.iter().zip(&self.wiring.outputs);
-        for (output, (raw, port)) in outputs.iter_mut().zip(values) {
-            *output = port.conversion.of(*raw);
+        for (output, (raw, wire)) in outputs.iter_mut().zip(values) {
+            *output = wire.conversion.of(*raw);
         }
     }
 

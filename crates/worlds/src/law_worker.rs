@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, absolute};
 
-use fmu::table::{self, Misfit};
+use fmu::table::{Misfit, Wire};
 use fmu::unit::Conversion;
 use fmu::{Fault, Instance, LawLibrary};
 use platform::program::Seat;
@@ -174,13 +174,10 @@ pub(crate) fn told(fault: Fault) -> String {
 }
 
 /// Returns the indices of ports by their names, with their conversions.
-fn places<'a>(
-    ports: &[table::Port],
-    names: impl Iterator<Item = &'a String>,
-) -> Vec<(usize, Conversion)> {
+fn places<'a>(wires: &[Wire], names: impl Iterator<Item = &'a String>) -> Vec<(usize, Conversion)> {
     let place = |name: &String| {
-        let place = ports.iter().position(|port| port.name == *name)?;
-        Some((place, ports[place].conversion))
+        let place = wires.iter().position(|wire| wire.port.name == *name)?;
+        Some((place, wires[place].conversion))
     };
     names.filter_map(place).collect()
 }
