@@ -115,7 +115,7 @@ impl Coding {
     }
 
     /// Sets the physical value per raw step.
-    pub(crate) fn set_factor(&mut self, factor: f64) {
+    pub fn set_factor(&mut self, factor: f64) {
         self.factor = factor;
         self.scale = Scale::new(factor);
     }

@@ -3,7 +3,7 @@
 //! Each node contributes its messages under its own name. The shipped DBC describes the smallest rig; its messages are the
 //! patterns of all others.
 
-use crate::coding::{Coding, Kind, Range};
+use crate::coding::{Coding, Kind};
 use crate::database::{Database, Message, Signal};
 use crate::law;
 use crate::names::{self, TERMS_MAX};
@@ -18,48 +18,6 @@ const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
-/// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
-const CURRENT_FACTOR: f64 = 0.001;
-const RATED: &str = "of 1 A";
-/// Signals whose names and units follow from the quantities of a loop, each with the service of its message.
-const SIGNALS_OF_LOOP: [(&str, &str); 5] = [
-    (names::TPDO1, names::POSITION),
-    (names::TPDO1, names::CURRENT),
-    (names::RPDO1, names::TARGET_CURRENT),
-    (names::TPDO2, names::TRUE_POSITION),
-    (names::TRUTH, names::PLANT_CURRENT),
-];
-
-/// Quantities of a loop.
-pub struct LoopUnits<'a> {
-    /// Unit of positions as a DBC writes it.
-    pub symbol: &'a str,
-    /// Unit of commands as a DBC writes it.
-    pub command_symbol: &'a str,
-    /// Count of the position of an emulated drive if it is not that of the shipped one; `None` for an external drive.
-    pub resolution: Option<f64>,
-    /// Rated and largest command of an emulated drive; `None` for an external one.
-    pub currents: Option<[f64; 2]>,
-    /// Whether the true position is a float in place of an integer.
-    pub is_true_float: bool,
-    /// Returns the name of a signal by its pattern.
-    pub name: &'a dyn Fn(&str) -> String,
-}
-
-/// Frames of an external drive as far as they differ from those of the emulated one.
-pub struct ExternalFrames<'a> {
-    /// Identifiers of its feedback and of the command to it.
-    pub identifiers: [u16; 2],
-    /// Lengths of feedback and command; `None` for the lengths of the emulated drive.
-    pub lengths_bytes: [Option<u8>; 2],
-    /// Returns the coding of a signal of the feedback; `None` if the drive does not send it.
-    pub feedback: &'a dyn Fn(&Signal) -> Option<Coding>,
-    /// Returns the coding of a signal of the command.
-    pub command: &'a dyn Fn(&Signal) -> Option<Coding>,
-    /// Time between two heartbeats.
-    pub heartbeat_milliseconds: u64,
-}
-
 /// Composes a database node by node.
 #[derive(Debug)]
 pub struct Composer {
@@ -133,18 +91,10 @@ impl Composer {
 
     /// Adds a drive, with the signals of its plant that an emulated one publishes.
     #[must_use]
-    pub fn with_drive(
-        mut self,
-        (name, node_id): (&str, u8),
-        published: Option<&[Signal]>,
-        layout: Option<&ExternalFrames<'_>>,
-    ) -> Self {
+    pub fn with_drive(mut self, (name, node_id): (&str, u8), published: Option<&[Signal]>) -> Self {
         let own = names::SERVICES.into_iter().map(|(service, _)| service);
         let own = own.filter(|service| !names::PLANT_SERVICES.contains(service));
         self.add_node(DRIVE, (name, node_id), &Vec::from_iter(own));
-        if let Some(layout) = layout {
-            self.lay_out(name, layout);
-        }
         if let Some(published) = published {
             self.add_plant((name, node_id), published);
         }
@@ -152,41 +102,13 @@ impl Composer {
         self
     }
 
-    /// Puts the quantities of its loop into the signals of a drive that have them.
+    /// Edits the message of a node for a service, if it has been added.
     #[must_use]
-    pub fn with_units(mut self, drive: &str, units: &LoopUnits<'_>) -> Self {
-        for (service, pattern) in SIGNALS_OF_LOOP {
-            let message = self.message_mut(drive, service).into_iter();
-            // A signal of the plant that has such a name comes before.
-            let mut signals = message.flat_map(|message| &mut message.signals).rev();
-            let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);
-            if let Some(signal) = signals.find(is_it) {
-                units.apply(signal, pattern);
-            }
+    pub fn edited(mut self, node: &str, service: &str, edit: impl FnOnce(&mut Message)) -> Self {
+        if let Some(message) = self.message_mut(node, service) {
+            edit(message);
         }
         self
-    }
-
-    fn lay_out(&mut self, name: &str, layout: &ExternalFrames<'_>) {
-        let pdos = [
-            (names::TPDO1, layout.feedback),
-            (names::RPDO1, layout.command),
-        ];
-        for (place, (service, coding)) in pdos.into_iter().enumerate() {
-            let Some(message) = self.message_mut(name, service) else {
-                continue;
-            };
-            message.raw_id = layout.identifiers[place].into();
-            message.length_bytes = layout.lengths_bytes[place].unwrap_or(message.length_bytes);
-            message.signals.retain_mut(|signal| {
-                let coding = coding(signal);
-                signal.coding = coding.unwrap_or(signal.coding);
-                coding.is_some()
-            });
-        }
-        if let Some(heartbeat) = self.message_mut(name, names::HEARTBEAT) {
-            heartbeat.cycle_time_milliseconds = layout.heartbeat_milliseconds;
-        }
     }
 
     /// Adds the signals of a plant: the first two before its true position, the others in a further message.
@@ -224,22 +146,6 @@ impl Composer {
                 signal.object = format!("0x6411:{number:02X}");
             }
             message.length_bytes = bytes_of(&message.signals);
-        }
-        self
-    }
-
-    /// Sets the identifiers of the second SDO channel of a drive, and of its plant's report about itself.
-    #[must_use]
-    pub fn with_identifiers(mut self, drive: &str, second_sdo: [u16; 2], truth: u16) -> Self {
-        let [request, answer] = second_sdo;
-        for (service, identifier) in [
-            (names::SDO2_REQUEST, request),
-            (names::SDO2_ANSWER, answer),
-            (names::TRUTH, truth),
-        ] {
-            if let Some(message) = self.message_mut(drive, service) {
-                message.raw_id = identifier.into();
-            }
         }
         self
     }
@@ -315,44 +221,6 @@ impl Composer {
     }
 }
 
-impl LoopUnits<'_> {
-    /// Puts the name, the unit and the counts of a quantity into its signal. Currents, or another quantity of the amplifier, count
-    /// thousandths of the rated one.
-    fn apply(&self, signal: &mut Signal, pattern: &str) {
-        let coding = &mut signal.coding;
-        signal.name = (self.name)(pattern);
-        let is_position = [names::POSITION, names::TRUE_POSITION].contains(&pattern);
-        let unit = if is_position {
-            self.symbol
-        } else {
-            self.command_symbol
-        };
-        unit.clone_into(&mut signal.unit);
-        match (pattern, self.resolution, self.currents) {
-            (names::POSITION, Some(resolution), _) => {
-                coding.set_factor(resolution);
-                coding.range = None;
-            }
-            (names::TRUE_POSITION, ..) if self.is_true_float => {
-                coding.set_factor(1.0);
-                (coding.kind, coding.range) = (Kind::Float32, None);
-            }
-            (_, _, Some([rated, largest])) if !is_position => {
-                let most = largest.max(rated);
-                let (minimum, maximum) = match pattern {
-                    names::CURRENT => (-32.768 * rated, 32.767 * rated),
-                    _ => (-most, most),
-                };
-                coding.set_factor(CURRENT_FACTOR * rated);
-                coding.range = Some(Range { minimum, maximum });
-                let rated = format!("of {rated} {unit}");
-                signal.comment = signal.comment.replace(RATED, &rated);
-            }
-            _ => {}
-        }
-    }
-}
-
 /// Returns a message of the shipped DBC.
 fn pattern(name: &str) -> Message {
     let message = Database::shipped().message(name);
@@ -394,8 +262,7 @@ mod tests {
     }
 
     fn composed(signals: &[Signal]) -> Database {
-        let composer =
-            Composer::new("controller", 1).with_drive(("drive", 0x10), Some(signals), None);
+        let composer = Composer::new("controller", 1).with_drive(("drive", 0x10), Some(signals));
         composer.finish()
     }
 
@@ -410,10 +277,10 @@ mod tests {
     /// Returns a rig of two loops, of which the second has no io node.
     fn two_loops() -> Database {
         Composer::new("hand", 1)
-            .with_drive(("left", 0x10), Some(&[]), None)
+            .with_drive(("left", 0x10), Some(&[]))
             .with_io(("fan", 0x11), &[])
             .with_terms("x", TERMS, &shipped_terms())
-            .with_drive(("right", 0x12), Some(&[]), None)
+            .with_drive(("right", 0x12), Some(&[]))
             .with_terms("y", TERMS.map(|id| id + 0x20), &shipped_terms())
             .finish()
     }
@@ -426,11 +293,7 @@ mod tests {
         let signals =
             signals.filter(|signal| names::pattern(&signal.name) != Some(names::TRUE_POSITION));
         let composed = Composer::new("controller", 1)
-            .with_drive(
-                ("drive", 0x10),
-                Some(&Vec::from_iter(signals.cloned())),
-                None,
-            )
+            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals.cloned())))
             .with_io(("disturbance", 0x11), &[])
             .with_terms("", TERMS, &shipped_terms())
             .finish();

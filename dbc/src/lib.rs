@@ -41,7 +41,7 @@ pub mod scenario_clock;
 mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
-pub use compose::{Composer, ExternalFrames, LoopUnits};
+pub use compose::Composer;
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{Database, Message, MessageBuilder, Signal, SignalHandle};
 pub use error::{DbcError, SignalMissing};

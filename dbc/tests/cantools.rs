@@ -9,7 +9,7 @@ use std::path::Path;
 
 use can::CanFrame;
 use can::frame::EXTENDED_FLAG;
-use dbc::{Coding, Composer, Database, ExternalFrames, Kind, Range, Signal};
+use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal, names};
 
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");
 const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
@@ -62,7 +62,7 @@ fn with_dc_motor() -> Database {
 /// Returns the shipped rig with this plant and this law.
 fn composed(plant: &[Signal], terms: &[Signal]) -> Database {
     Composer::new("controller", 1)
-        .with_drive(("drive", 0x10), Some(plant), None)
+        .with_drive(("drive", 0x10), Some(plant))
         .with_io(("disturbance", 0x11), &[])
         .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
         .finish()
@@ -91,17 +91,23 @@ fn real_drive() -> Database {
         "current_amperes" => None,
         _ => Some(signal.coding.starting_at(signal.coding.start_bit + 32)),
     };
-    let external = ExternalFrames {
-        identifiers: [0x290, 0x320],
-        lengths_bytes: [Some(6), None],
-        feedback: &feedback,
-        command: &|signal| Some(signal.coding),
-        heartbeat_milliseconds: 20,
+    let lay_out = |message: &mut Message| {
+        (message.raw_id, message.length_bytes) = (0x290, 6);
+        message.signals.retain_mut(|signal| {
+            let coding = feedback(signal);
+            signal.coding = coding.unwrap_or(signal.coding);
+            coding.is_some()
+        });
     };
     let messages = Database::shipped().term_messages("controller", "");
     let terms = messages.flat_map(|message| message.signals.clone());
     Composer::new("controller", 1)
-        .with_drive(("drive", 0x10), None, Some(&external))
+        .with_drive(("drive", 0x10), None)
+        .edited("drive", names::TPDO1, lay_out)
+        .edited("drive", names::RPDO1, |message| message.raw_id = 0x320)
+        .edited("drive", names::HEARTBEAT, |message| {
+            message.cycle_time_milliseconds = 20;
+        })
         .with_io(("disturbance", 0x11), &[])
         .with_terms("", [0x181, 0x281, 0x381, 0x481], &Vec::from_iter(terms))
         .finish()

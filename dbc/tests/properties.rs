@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 
 use can::CanFrame;
-use dbc::{Coding, Composer, Database, ExternalFrames, Kind, Range, SMA_ACTUATOR, Signal};
+use dbc::{Coding, Composer, Database, Kind, Range, SMA_ACTUATOR, Signal, names};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -102,16 +102,30 @@ fn rig(
         "target_current_amperes" => Some(target),
         _ => Some(signal.coding),
     };
-    let external = ExternalFrames {
-        identifiers,
-        lengths_bytes: [Some(8), Some(6)],
-        feedback: &coding,
-        command: &coding,
-        heartbeat_milliseconds: identifiers[0].into(),
-    };
-    let layout = plant.is_none().then_some(&external);
-    Composer::new("controller", 1)
-        .with_drive(("drive", 0x20), plant, layout)
+    let composer = Composer::new("controller", 1).with_drive(("drive", 0x20), plant);
+    let pdos = [names::TPDO1, names::RPDO1]
+        .into_iter()
+        .zip(identifiers)
+        .zip([8, 6]);
+    let composer = pdos.filter(|_| plant.is_none()).fold(
+        composer,
+        |composer, ((service, identifier), length_bytes)| {
+            composer.edited("drive", service, |message| {
+                (message.raw_id, message.length_bytes) = (identifier.into(), length_bytes);
+                message.signals.retain_mut(|signal| {
+                    let coding = coding(signal);
+                    signal.coding = coding.unwrap_or(signal.coding);
+                    coding.is_some()
+                });
+            })
+        },
+    );
+    composer
+        .edited("drive", names::HEARTBEAT, |message| {
+            if plant.is_none() {
+                message.cycle_time_milliseconds = identifiers[0].into();
+            }
+        })
         .with_io(("fan", 0x21), &[])
         .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
         .finish()

@@ -169,7 +169,7 @@ mod tests {
             Signal::new(name, &port.symbol, &port.comment, coding)
         });
         dbc::Composer::new("controller", 1)
-            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None)
+            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)))
             .finish()
     }
 

@@ -3,8 +3,11 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
-use dbc::names::{self, POSITION, RPDO1, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
-use dbc::{Coding, Composer, Database, Kind, LoopUnits, Message, Range, Signal};
+use dbc::names::{
+    self, CURRENT, PLANT_CURRENT, POSITION, RPDO1, SDO2_ANSWER, SDO2_REQUEST, TARGET_CURRENT,
+    TPDO1, TPDO2, TPDO3, TRUE_POSITION, TRUTH, message,
+};
+use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal};
 use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
@@ -15,6 +18,18 @@ use scenario::{CurrentRange, Identifiers, Objection, Trial};
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
+
+/// Signals whose names and units follow from the quantities of a loop, each with the service of its message.
+const SIGNALS_OF_LOOP: [(&str, &str); 5] = [
+    (TPDO1, POSITION),
+    (TPDO1, CURRENT),
+    (RPDO1, TARGET_CURRENT),
+    (TPDO2, TRUE_POSITION),
+    (TRUTH, PLANT_CURRENT),
+];
+/// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
+const CURRENT_FACTOR: f64 = 0.001;
+const RATED: &str = "of 1 A";
 
 /// Finds the reason why a plant makes no sense.
 pub type FindPlantObjection = fn(&PlantModel) -> Option<Objection>;
@@ -312,13 +327,13 @@ impl Published {
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match real {
             Some(real) => real.with_drive(composer, drive),
-            None => composer.with_drive(drive, signals, None),
+            None => composer.with_drive(drive, signals),
         };
         let current = real.is_none().then(|| wiring.current());
         let composer = with_units(composer, drive.0, sensor, current);
         let io = wiring.io.iter().zip(&self.outputs);
         let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
-        let composer = outputs.fold(composer, |composer, (io, outputs)| {
+        let mut composer = outputs.fold(composer, |composer, (io, outputs)| {
             let outputs = outputs.iter().map(|output| &output.port);
             let signals = outputs.map(|port| signal_of(port, port.name.clone()));
             composer.with_io((&io.node.name, io.node.id), &Vec::from_iter(signals))
@@ -329,7 +344,15 @@ impl Published {
             terms,
             ..
         } = *identifiers;
-        let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
+        for (service, identifier) in [
+            (SDO2_REQUEST, second_sdo[0]),
+            (SDO2_ANSWER, second_sdo[1]),
+            (TRUTH, truth),
+        ] {
+            composer = composer.edited(drive.0, service, |message| {
+                message.raw_id = identifier.into();
+            });
+        }
         let loop_name = wiring.loop_among_several();
         composer.with_terms(loop_name, terms, &self.terms)
     }
@@ -341,33 +364,71 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
         return composer;
     }
     let followed = &wiring.nodes.followed;
-    let composer = composer.with_drive((&followed.name, followed.id), Some(&[]), None);
+    let composer = composer.with_drive((&followed.name, followed.id), Some(&[]));
     let current = Some(CurrentRange::default());
     with_units(composer, &followed.name, &wiring.feedback, current)
 }
 
 /// Puts the quantities of a drive into its frames, those of an emulated drive with its counts and its range of currents.
 fn with_units(
-    composer: Composer,
+    mut composer: Composer,
     drive: &str,
     measured: &Measured,
     current: Option<CurrentRange>,
 ) -> Composer {
-    let measurand = &measured.measurand;
-    let is_true_float = measured.is_true_float();
+    for (service, pattern) in SIGNALS_OF_LOOP {
+        composer = composer.edited(drive, service, |message| {
+            let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);
+            // A signal of the plant that has such a name comes before.
+            if let Some(signal) = message.signals.iter_mut().rev().find(is_it) {
+                put_units(signal, pattern, measured, current);
+            }
+        });
+    }
+    composer
+}
+
+/// Puts the name, the unit and the counts of a quantity into its signal. Currents, or another quantity of the amplifier, count
+/// thousandths of the rated one.
+fn put_units(
+    signal: &mut Signal,
+    pattern: &str,
+    measured: &Measured,
+    current: Option<CurrentRange>,
+) {
+    let (coding, measurand) = (&mut signal.coding, &measured.measurand);
+    let unit = match pattern {
+        POSITION | TRUE_POSITION => measurand.unit.symbol(),
+        _ => measurand.command.symbol(),
+    };
+    signal.name = measurand.name(pattern);
+    unit.clone_into(&mut signal.unit);
     let is_shipped = *measurand == Measurand::default()
         && measured.counts_per_unit() == measurand.unit.counts()
-        && !is_true_float;
-    let has_resolution = current.is_some() && !is_shipped;
-    let units = LoopUnits {
-        symbol: measurand.unit.symbol(),
-        command_symbol: measurand.command.symbol(),
-        resolution: has_resolution.then(|| 1.0 / measured.counts_per_unit()),
-        currents: current.map(|current| [current.rated, current.largest()]),
-        is_true_float,
-        name: &|pattern| measurand.name(pattern),
-    };
-    composer.with_units(drive, &units)
+        && !measured.is_true_float();
+    match (pattern, current) {
+        (POSITION, Some(_)) if !is_shipped => {
+            coding.set_factor(1.0 / measured.counts_per_unit());
+            coding.range = None;
+        }
+        (TRUE_POSITION, _) if measured.is_true_float() => {
+            coding.set_factor(1.0);
+            (coding.kind, coding.range) = (Kind::Float32, None);
+        }
+        (CURRENT | TARGET_CURRENT | PLANT_CURRENT, Some(current)) => {
+            let rated = current.rated;
+            let most = current.largest().max(rated);
+            let (minimum, maximum) = match pattern {
+                CURRENT => (-32.768 * rated, 32.767 * rated),
+                _ => (-most, most),
+            };
+            coding.set_factor(CURRENT_FACTOR * rated);
+            coding.range = Some(Range { minimum, maximum });
+            let rated = format!("of {rated} {unit}");
+            signal.comment = signal.comment.replace(RATED, &rated);
+        }
+        _ => {}
+    }
 }
 
 /// Returns the signals of the wire, which the shipped DBC has.

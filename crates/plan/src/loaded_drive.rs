@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use dbc::names::{self, CURRENT, POSITION, TARGET_CURRENT};
-use dbc::{Coding, Composer, ExternalFrames, Kind, Signal};
+use dbc::names::{self, CURRENT, HEARTBEAT, POSITION, RPDO1, TARGET_CURRENT, TPDO1};
+use dbc::{Coding, Composer, Kind, Message, Signal};
 use scenario::Trial;
 use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Pdo, Scaled};
@@ -38,7 +38,6 @@ impl LoadedDrive {
     /// Adds the frames of its drive to those of a bus.
     pub(crate) fn with_drive(&self, composer: Composer, node: (&str, u8)) -> Composer {
         let drive = &self.layout;
-        let pdos = [&drive.feedback, &drive.command];
         let feedback = |signal: &Signal| match names::pattern(&signal.name) {
             Some(POSITION) => Some(scaled(drive.position)),
             Some(CURRENT) => drive.current.map(scaled),
@@ -48,14 +47,18 @@ impl LoadedDrive {
             Some(TARGET_CURRENT) => Some(scaled(drive.target)),
             _ => Some(in_word(signal, drive.controlword)),
         };
-        let frames = ExternalFrames {
-            identifiers: pdos.map(Pdo::id),
-            lengths_bytes: pdos.map(|pdo| u8::try_from(pdo.length_bytes()).ok()),
-            feedback: &feedback,
-            command: &command,
-            heartbeat_milliseconds: self.real.timeouts.drive_heartbeat_milliseconds.into(),
-        };
-        composer.with_drive(node, None, Some(&frames))
+        let heartbeat = self.real.timeouts.drive_heartbeat_milliseconds;
+        composer
+            .with_drive(node, None)
+            .edited(node.0, TPDO1, |message| {
+                lay_out(message, &drive.feedback, feedback)
+            })
+            .edited(node.0, RPDO1, |message| {
+                lay_out(message, &drive.command, command)
+            })
+            .edited(node.0, HEARTBEAT, |message| {
+                message.cycle_time_milliseconds = heartbeat.into();
+            })
     }
 
     /// Refuses, before any current flows, a scenario whose set-point leaves the limits.
@@ -96,6 +99,17 @@ fn telling_cycles_seconds(trial: &Trial, trajectory: &Trajectory) -> impl Iterat
         .map(move |cycle| cycle * period)
         .filter(move |time| *time < end);
     times.map(|time| Duration::from_nanos_u128(time).as_secs_f64())
+}
+
+/// Lays out a message as a PDO. A signal without a coding is not in it.
+fn lay_out(message: &mut Message, pdo: &Pdo, coding: impl Fn(&Signal) -> Option<Coding>) {
+    message.raw_id = pdo.id().into();
+    message.length_bytes = u8::try_from(pdo.length_bytes()).unwrap_or(message.length_bytes);
+    message.signals.retain_mut(|signal| {
+        let coding = coding(signal);
+        signal.coding = coding.unwrap_or(signal.coding);
+        coding.is_some()
+    });
 }
 
 fn scaled(place: Scaled) -> Coding {
