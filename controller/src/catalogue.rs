@@ -7,7 +7,7 @@ use dbc::{Signal, layout};
 use scenario::Objection;
 use scenario::controller::{Controller, is_built_in};
 use scenario::custom::{CustomTable, Section, defaults, is_name};
-use scenario::law_ports::{LawWires, WrongPort, one_loop_terms};
+use scenario::law_ports::{LawWires, WrongPort};
 use scenario::port::{Measurand, Ports, Unit};
 use scenario::registration::{InvalidRegistration, register};
 use scenario::wiring::{LoopFacts, Wiring};
@@ -70,9 +70,11 @@ fn check(row: &LawRow) -> Result<(), InvalidRegistration> {
         return Ok(());
     };
     let wires = LawWires::for_one_loop(&ports, &Unit::Millimetres);
-    let described = |(name, port)| described(name, port, &Measurand::default());
-    let terms = || Vec::from_iter(one_loop_terms(&ports).map(described));
-    let checked = wires.and_then(|_| check_terms(&terms()));
+    let checked = wires.and_then(|wires| {
+        let terms = wires.terms(0, &ports.outputs);
+        let described = terms.map(|(_, port, _)| described(port, &Measurand::default()));
+        check_terms(&Vec::from_iter(described))
+    });
     checked.map_err(|wrong| InvalidRegistration(format!("the law `{}`: {wrong}", row.name)))
 }
 
@@ -146,11 +148,10 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     if let Some(objection) = process_law::objection(controller, wiring) {
         return Some(objection);
     }
-    let mut each = wiring.loops.iter();
-    let of_each = |one: &LoopFacts| check_terms(&law.loop_terms(one));
-    let checked = law.wires(wiring).and_then(|_| {
+    let mut each = wiring.loops.iter().enumerate();
+    let checked = law.wires().and_then(|_| {
         if is_of_all {
-            each.try_for_each(of_each)
+            each.try_for_each(|(index, one)| check_terms(&law.loop_terms(index, &one.measurand)))
         } else {
             check_terms(&law.terms(wiring))
         }
@@ -220,7 +221,7 @@ mod tests {
                 .starts_with("the law `talkative`: 9 terms of one loop")
         );
         for name in ["µ", "A", ""] {
-            let term = described(name, &Port::term("x"), &Measurand::default());
+            let term = described(&Port::term(name), &Measurand::default());
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
         // The law is registered already.

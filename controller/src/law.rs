@@ -6,13 +6,12 @@ use std::time::Duration;
 use dbc::Signal;
 pub use scenario::CurrentRange;
 use scenario::custom::Parameters;
-use scenario::law_ports::{
-    LOOP_INPUTS, LawWires, WrongPort, loop_output, loop_terms, one_loop_terms,
-};
+use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output};
+use scenario::port::Measurand;
 pub use scenario::port::{Port, Ports, Width};
 use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
-use scenario::wiring::{LoopFacts, Wiring};
+use scenario::wiring::Wiring;
 
 use crate::process_law::{Player, StartPlayer, Window, placed};
 use crate::terms::described;
@@ -148,8 +147,8 @@ impl<L: Law> Player for Running<L> {
 pub struct AnyLaw {
     ports: Ports,
     drives: Option<usize>,
-    /// Whether the names of its ports begin with the names of loops and drives.
-    names_loops: bool,
+    /// Connections of its ports, or the port without one.
+    wires: Result<LawWires, WrongPort>,
     /// `None` for a process that is not started yet.
     player: Option<Box<dyn Player>>,
     /// Law of a process that is not started yet.
@@ -160,10 +159,15 @@ impl AnyLaw {
     /// Makes a law with these parameters, before its first cycle, for the drive with this wiring.
     pub fn of<L: Law>(config: &L::Config, wiring: &Wiring) -> Self {
         let law = L::new(config, &wiring.currents(L::DRIVES));
+        let ports = law.ports();
+        let unit = &wiring.feedback.measurand.unit;
         Self {
-            ports: law.ports(),
+            wires: match L::DRIVES {
+                None => LawWires::for_all_loops(&ports, &wiring.loops),
+                Some(_) => LawWires::for_one_loop(&ports, unit),
+            },
+            ports,
             drives: L::DRIVES,
-            names_loops: L::DRIVES.is_none(),
             player: Some(Box::new(Running {
                 state: law.start(),
                 law,
@@ -176,9 +180,9 @@ impl AnyLaw {
     pub(crate) fn of_process(law: ProcessLaw, wiring: &Wiring) -> Self {
         let (law, ports) = placed(law, wiring);
         Self {
+            wires: LawWires::for_all_loops(&ports, &wiring.led_loops()),
             ports,
             drives: Some(1 + wiring.also_leads),
-            names_loops: true,
             player: None,
             process: Some(law),
         }
@@ -211,37 +215,27 @@ impl AnyLaw {
         self.player.as_ref()?.objection()
     }
 
-    /// Returns the connections of its ports at the drive with this wiring.
-    pub(crate) fn wires(&self, wiring: &Wiring) -> Result<LawWires, WrongPort> {
-        match (self.drives, self.names_loops) {
-            (None, _) => LawWires::for_all_loops(&self.ports, &wiring.loops),
-            (Some(_), true) => LawWires::for_all_loops(&self.ports, &wiring.led_loops()),
-            (Some(_), false) => {
-                LawWires::for_one_loop(&self.ports, &wiring.feedback.measurand.unit)
-            }
-        }
+    /// Returns the connections of its ports.
+    pub(crate) fn wires(&self) -> Result<&LawWires, WrongPort> {
+        self.wires.as_ref().map_err(WrongPort::clone)
     }
 
-    /// Returns the terms that it publishes for the loop of a drive.
+    /// Returns the terms that it publishes for the loop of the drive with this wiring.
     pub fn terms(&self, wiring: &Wiring) -> Vec<Signal> {
-        let measurand = &wiring.feedback.measurand;
-        match (self.names_loops, wiring.rig_loop()) {
-            (false, _) => {
-                let terms = one_loop_terms(&self.ports);
-                terms
-                    .map(|(name, port)| described(name, port, measurand))
-                    .collect()
-            }
-            (true, Some(facts)) => self.loop_terms(facts),
-            (true, None) => Vec::new(),
-        }
+        let index = match self.drives {
+            None => wiring.loop_number().into(),
+            Some(_) => 0,
+        };
+        self.loop_terms(index, &wiring.feedback.measurand)
     }
 
-    /// Returns the terms that a law of all loops publishes for one loop.
-    pub(crate) fn loop_terms(&self, facts: &LoopFacts) -> Vec<Signal> {
-        let terms = loop_terms(&self.ports, facts);
+    /// Returns the terms that it publishes for the loop with this index among those that it leads; none if one of its ports has no
+    /// meaning.
+    pub(crate) fn loop_terms(&self, index: usize, measurand: &Measurand) -> Vec<Signal> {
+        let wires = self.wires.iter();
+        let terms = wires.flat_map(|wires| wires.terms(index, &self.ports.outputs));
         terms
-            .map(|(name, port)| described(name, port, &facts.measurand))
+            .map(|(_, port, _)| described(port, measurand))
             .collect()
     }
 

@@ -25,14 +25,14 @@ pub(crate) fn is_of_law(index: u16) -> bool {
 }
 
 /// Returns the term of a port as a signal, with its name in its loop.
-pub(crate) fn described(name: &str, port: &Port, measurand: &Measurand) -> Signal {
+pub(crate) fn described(port: &Port, measurand: &Measurand) -> Signal {
     let (bits, kind, counts_per_unit) = match port.width {
         Width::Real32 => (32, Kind::Float32, 1.0),
         Width::Signed(bits) => (bits, Kind::Signed, port.steps_per_unit),
         Width::Unsigned(bits) => (bits, Kind::Unsigned, port.steps_per_unit),
     };
     let [minimum, maximum] = port.range;
-    let (name, unit) = measurand.term(name, port);
+    let (name, unit) = measurand.term(port.local_name(), port);
     let range = Some(Range { minimum, maximum });
     let coding = Coding::little_endian(0, bits, kind, 1.0 / counts_per_unit, range);
     Signal::new(name, &unit, &port.comment, coding)
@@ -129,7 +129,7 @@ impl TermObjects {
         let terms = Vec::from_iter(terms);
         let described = terms
             .iter()
-            .map(|(_, port, _)| described(&port.name, port, &Measurand::default()));
+            .map(|(_, port, _)| described(port, &Measurand::default()));
         let layout = layout(&Vec::from_iter(described)).unwrap_or_default();
         let first = usize::from(LAW_TERMS_OBJECT) + usize::from(TERMS_OF_LOOP) * of_loop;
         let mut objects = Vec::new();
@@ -180,7 +180,7 @@ mod tests {
     fn dictionary(ports: &[Port]) -> ObjectDictionary {
         let terms = ports
             .iter()
-            .map(|port| described(&port.name, port, &Measurand::default()));
+            .map(|port| described(port, &Measurand::default()));
         let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap();
         let mut dictionary = ObjectDictionary::new();
         let terms = Vec::from_iter(terms);

@@ -2,8 +2,7 @@
 
 use canopen::cia402::Command as DriveCommand;
 use canopen::{ObjectDictionary, Services};
-use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading};
-use scenario::port::Port;
+use scenario::law_ports::{LOOP_INPUTS, Quantity, Reading};
 use scenario::wiring::Wiring;
 
 use super::control_loop::ControlLoop;
@@ -75,7 +74,7 @@ impl LeadingLaw {
         dictionary: &ObjectDictionary,
     ) -> Result<Self, ControllerError> {
         let ports = law.ports();
-        let wires = law.wires(wiring)?;
+        let wires = law.wires()?;
         let readings = wires.inputs.iter().map(|reading| Reading {
             index: places[reading.index],
             ..*reading
@@ -94,7 +93,7 @@ impl LeadingLaw {
             }
         });
         let terms = places.iter().enumerate().map(|(place, of_loop)| {
-            TermObjects::find(dictionary, *of_loop, terms(place, &wires, &ports.outputs))
+            TermObjects::find(dictionary, *of_loop, wires.terms(place, &ports.outputs))
         });
         Ok(Self {
             currents: currents.collect(),
@@ -231,15 +230,4 @@ fn waits_for(readings: &[Reading], places: &[usize]) -> Vec<usize> {
     waits_for.sort_unstable();
     waits_for.dedup();
     waits_for
-}
-
-/// Returns the terms of a loop, each with the index of its output, and a factor from that to the unit of the name.
-fn terms<'a>(
-    place: usize,
-    wires: &'a LawWires,
-    outputs: &'a [Port],
-) -> impl Iterator<Item = (usize, &'a Port, f64)> {
-    let wired = wires.outputs.iter().zip(outputs).enumerate();
-    let terms = wired.filter(move |(_, (one, _))| !one.is_command && one.index == place);
-    terms.map(|(output, (writing, port))| (output, port, writing.factor))
 }

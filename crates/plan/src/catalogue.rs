@@ -115,10 +115,14 @@ impl Catalogue {
         if !trial.wiring.input.is_empty() && trial.plants().values().any(is_wrong_fmu) {
             return Vec::new();
         }
-        let plant = (self.plant_objection)(&trial.plant);
-        let mut objections = SignalNames::objections(trial, &frames);
-        objections.extend(plant);
-        objections.extend((self.law_objection)(trial));
+        let law = (self.law_objection)(trial);
+        // A wrong law hides its signals, too.
+        let mut objections = match law {
+            Some(_) => Vec::new(),
+            None => SignalNames::objections(trial, &frames),
+        };
+        objections.extend((self.plant_objection)(&trial.plant));
+        objections.extend(law);
         objections.extend(output_objection(&frames, trial));
         objections.extend(two_columns(&frames, trial));
         objections

@@ -131,6 +131,18 @@ impl LawWires {
         }
     }
 
+    /// Returns the terms of the loop with this index, each with the index of its output, and a factor from that to the unit of its
+    /// name.
+    pub fn terms<'a>(
+        &'a self,
+        index: usize,
+        outputs: &'a [Port],
+    ) -> impl Iterator<Item = (usize, &'a Port, f64)> {
+        let wired = self.outputs.iter().zip(outputs).enumerate();
+        let terms = wired.filter(move |(_, (one, _))| !one.is_command && one.index == index);
+        terms.map(|(output, (writing, port))| (output, port, writing.factor))
+    }
+
     fn found(
         ports: &Ports,
         reading: impl Fn(&Port) -> Result<Reading, WrongPort>,
@@ -189,25 +201,6 @@ fn loop_writing(port: &Port, inside: f64) -> Writing {
             _ => 1.0,
         },
     }
-}
-
-/// Returns the terms that a law of all loops writes for one of them, each with its name in that loop.
-pub fn loop_terms<'a>(
-    ports: &'a Ports,
-    facts: &'a LoopFacts,
-) -> impl Iterator<Item = (&'a str, &'a Port)> {
-    ports.outputs.iter().filter_map(|port| {
-        let (owner, name) = port.name.split_once('.')?;
-        let is_its = owner == facts.name || owner == facts.drive;
-        (is_its && command_factor(name, facts).is_none()).then_some((name, port))
-    })
-}
-
-/// Returns the terms that a law of one loop writes.
-pub fn one_loop_terms(ports: &Ports) -> impl Iterator<Item = (&str, &Port)> {
-    let is_term = |port: &&Port| commanded_drive(&port.name).is_none();
-    let terms = ports.outputs.iter().filter(is_term);
-    terms.map(|port| (port.name.as_str(), port))
 }
 
 fn wrong(message: String, label: String) -> WrongPort {
@@ -454,10 +447,10 @@ mod tests {
             written(false, 2, 1.0),
         ];
         assert_eq!(wires.outputs[1..], expected);
-        let loops = loops();
-        let terms = loop_terms(&ports, &loops[2]).map(|(name, _)| name);
+        let terms = wires.terms(2, &ports.outputs);
+        let terms = terms.map(|(_, port, _)| port.local_name());
         assert_eq!(Vec::from_iter(terms), ["current_error_amperes"]);
-        assert_eq!(loop_terms(&ports, &loops[0]).count(), 0);
+        assert_eq!(wires.terms(0, &ports.outputs).count(), 0);
     }
 
     #[test]
@@ -516,6 +509,9 @@ mod tests {
         let factors = |unit| {
             let wires = LawWires::for_one_loop(&ports, &unit).unwrap();
             let read = Vec::from_iter(wires.inputs.iter().map(|reading| reading.factor));
+            let terms = wires.terms(0, &ports.outputs);
+            let names = Vec::from_iter(terms.map(|(_, port, _)| port.name.as_str()));
+            assert_eq!(names, ["reference_millimetres", "gain"]);
             (read, wires.outputs)
         };
         let term = |factor| Writing {
@@ -534,8 +530,6 @@ mod tests {
         let (read, written) = factors(Unit::Degrees);
         assert_eq!(read, [1.0; 6]);
         assert_eq!(written, [current(0), current(1), term(1.0), term(1.0)]);
-        let names = one_loop_terms(&ports).map(|(name, _)| name);
-        assert_eq!(Vec::from_iter(names), ["reference_millimetres", "gain"]);
     }
 
     #[test]
