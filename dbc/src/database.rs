@@ -269,8 +269,12 @@ impl Database {
     }
 
     /// Returns a builder for frames of the message of this name.
-    pub fn builder(&self, message: &str) -> Option<MessageBuilder> {
-        self.message(message).map(|message| MessageBuilder {
+    ///
+    /// # Errors
+    /// The message does not exist.
+    pub fn builder(&self, name: &str) -> Result<MessageBuilder, SignalMissing> {
+        let message = self.message(name).ok_or_else(|| SignalMissing::new(name))?;
+        Ok(MessageBuilder {
             raw_id: message.raw_id,
             length_bytes: message.length_bytes,
             payload: [0; 8],
@@ -325,7 +329,7 @@ mod tests {
         ] {
             assert_eq!(database.signal(path), None, "{path}");
         }
-        assert_eq!(database.builder("drive_tpdo9"), None);
+        assert!(database.builder("drive_tpdo9").is_err());
     }
 
     #[test]

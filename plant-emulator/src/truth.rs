@@ -31,9 +31,7 @@ impl Truth {
         let measurand = &wiring.sensor.measurand;
         let signal = |pattern: &str| database.signal_of(&message, &measurand.name(pattern));
         Ok(Self {
-            message: database
-                .builder(&message)
-                .ok_or_else(|| SignalMissing::new(&message))?,
+            message: database.builder(&message)?,
             current: signal(names::PLANT_CURRENT)?,
             peak_temperature: signal("plant_peak_temperature_celsius")?,
             time: signal("plant_time_seconds")?,

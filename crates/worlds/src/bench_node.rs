@@ -141,10 +141,9 @@ impl SentSetPoint {
         let message = set_point(one.name());
         let value = one.trial.wiring.feedback.measurand.name(SET_POINT);
         let database = &one.database;
-        let frame = database.builder(&message);
         Ok(Self {
             trajectory: one.trial.reference.trajectory(),
-            frame: frame.ok_or_else(|| SignalMissing::new(&message))?,
+            frame: database.builder(&message)?,
             value: database.signal_of(&message, &value)?,
             rate: database.signal_of(&message, &format!("{value}_per_second"))?,
         })
@@ -189,8 +188,7 @@ fn disturbances(
         Ok((&output.port, signal))
     });
     let outputs = outputs.collect::<Result<Vec<_>, SignalMissing>>()?;
-    let builder = database.builder(&message);
-    let mut builder = builder.ok_or_else(|| SignalMissing::new(&message))?;
+    let mut builder = database.builder(&message)?;
     let frames = times.into_iter().map(|at_seconds| {
         for (port, signal) in &outputs {
             let value = value_at(&changes, &port.name, at_seconds);
