@@ -107,15 +107,14 @@ pub fn read_plan(
 ) -> Result<Plan, ReadError> {
     let frames = read_frames(folder)?;
     let path = file_in(folder, file::SCENARIO).map_err(ReadError::at(folder, file::SCENARIO))?;
-    let external = external.unwrap_or_default();
-    let plan = load(&path, frames.as_ref(), external, catalogue)?;
+    let plan = load(&path, frames.as_ref(), catalogue)?;
     let mut wirings = plan.loops.iter().map(|one| &one.trial.wiring);
     let ambiguous = wirings.find_map(|wiring| ambiguous_name(plan.database(), wiring));
     if let Some(name) = ambiguous.filter(|_| frames.is_some()) {
         let reason = format!("two signals that become columns are called `{name}`");
         return Err(ReadError::at(folder, file::FRAMES)(reason));
     }
-    Ok(plan.recorded_external(external))
+    Ok(plan.recorded_external(external.unwrap_or_default()))
 }
 
 /// Returns the plan of a recording in a folder with the limits of another scenario; `None` if that has other loops.
@@ -129,7 +128,7 @@ pub fn with_limits(
     catalogue: &Catalogue,
 ) -> Result<Option<Plan>, ReadError> {
     let frames = read_frames(folder)?;
-    let limits = load(scenario, frames.as_ref(), &[], catalogue)?;
+    let limits = load(scenario, frames.as_ref(), catalogue)?;
     Ok(plan.with_limits_of(&limits))
 }
 
@@ -137,11 +136,10 @@ pub fn with_limits(
 fn load(
     scenario: &Path,
     frames: Option<&Arc<Database>>,
-    external: &[String],
     catalogue: &Catalogue,
 ) -> Result<Plan, ReadError> {
     let plan = match frames {
-        Some(database) => Plan::load_recorded(scenario, database, external),
+        Some(database) => Plan::load_recorded(scenario, database),
         None => Plan::load(scenario, catalogue),
     };
     plan.map_err(|error| ReadError::Scenario(Box::new(error)))
@@ -182,7 +180,7 @@ mod tests {
         )
         .unwrap();
         let database = Arc::new(Database::shipped().clone());
-        let plan = Plan::load_recorded(&scenario, &database, &[]).unwrap();
+        let plan = Plan::load_recorded(&scenario, &database).unwrap();
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
         fs::create_dir(folder.path().join("course.csv")).unwrap();
         write_plan(&folder, &plan).unwrap_err();

@@ -79,15 +79,10 @@ impl Plan {
     }
 
     /// Reads the scenario of a recording, whose frames have the meaning of its database. Plants and laws need not be known here.
-    /// `external` are the nodes that were external.
     ///
     /// # Errors
     /// A file cannot be read or is not valid.
-    pub fn load_recorded(
-        path: &Path,
-        database: &Arc<Database>,
-        external: &[String],
-    ) -> Result<Self, ScenarioError> {
+    pub fn load_recorded(path: &Path, database: &Arc<Database>) -> Result<Self, ScenarioError> {
         let asked = Asked {
             reading: Reading::Recorded,
             objections: Some(&|trial| recorded_objections(trial, database)),
@@ -97,8 +92,7 @@ impl Plan {
         let read = &mut |name: &str| beside.read_text(name);
         let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
         let one = |trial| ControlLoop::from_recording(trial, database);
-        let plan = named(&scenario, one).map_err(|objection| scenario.objected(objection))?;
-        Ok(plan.recorded_external(external))
+        named(&scenario, one).map_err(|objection| scenario.objected(objection))
     }
 
     /// Makes the plan of another scenario on the same rig, with the same plants and laws: the meaning of the frames is shared.
