@@ -93,10 +93,10 @@ fn plant(folder: &Path, text: &str) -> Table {
         let bits = ("resolution_bits".to_owned(), Value::from(resolution_bits));
         Value::from(Table::from_iter(numbers.chain([bits])))
     };
-    let sensor_numbers = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
-    let mut drive = part("sensor", numbers(&sensor_numbers, sensor.resolution_bits));
+    let sensor_numbers = [("max", sensor.span()), ("noise_rms", sensor.noise_rms())];
+    let mut drive = part("sensor", numbers(&sensor_numbers, sensor.resolution_bits()));
     // The command range of the drive is known to the controller.
-    let amplifier_numbers = numbers(&[], amplifier.resolution_bits);
+    let amplifier_numbers = numbers(&[], amplifier.resolution_bits());
     drive.extend(part("amplifier", amplifier_numbers));
     let plants = match &scenario.plant.dc_motor {
         Some(motor) => part("motor", Value::try_from(motor).unwrap()),

@@ -23,8 +23,9 @@ use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
 use plant_emulator::sensor::PositionSensor;
 use scenario::controller::SlidingMode as Config;
-use scenario::plant::{Kinetics, Sensor, Sma, StressStrain};
+use scenario::plant::{Kinetics, Sma, StressStrain};
 use scenario::reference::SetPoint;
+use scenario::rig::nodes::Sensor;
 
 const PERIOD_SECONDS: f64 = 1e-3;
 /// Time of the step or the disturbance, and a part of a limit cycle of the hold before it.
@@ -164,7 +165,7 @@ fn play(job: &Job, arguments: &Arguments) -> Outcome {
     let law = law(&job.plant, arguments.known);
     let (mut state, mut plant) = (law.start(), Actuator::new(&job.plant));
     let config = Sensor {
-        noise_rms: job.noise_millimetres,
+        noise_rms: Some(job.noise_millimetres),
         ..Sensor::default()
     };
     let mut sensor = PositionSensor::new(&config, 1e-3, job.seed);

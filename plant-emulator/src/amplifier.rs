@@ -1,6 +1,6 @@
 //! The current amplifier of the plant.
 
-use scenario::{CurrentRange, plant};
+use scenario::{CurrentRange, rig::nodes};
 
 use crate::objects::{SIGNED_16, rounded_16};
 
@@ -17,10 +17,10 @@ pub struct Amplifier {
 
 impl Amplifier {
     /// Makes an amplifier; commands are in permille of its rated current.
-    pub fn new(config: &plant::Amplifier) -> Self {
-        let bits = config.resolution_bits.min(RESOLUTION_BITS_MAX);
+    pub fn new(config: &nodes::Amplifier) -> Self {
+        let bits = config.resolution_bits().min(RESOLUTION_BITS_MAX);
         Self {
-            range: config.range,
+            range: config.range(),
             steps: f64::from((1_u32 << bits) - 1),
         }
     }
@@ -67,13 +67,10 @@ mod tests {
     use super::*;
 
     fn amplifier(max: f64, resolution_bits: u32) -> Amplifier {
-        let config = plant::Amplifier {
-            range: CurrentRange {
-                max,
-                ..CurrentRange::default()
-            },
-            resolution_bits,
-            ..plant::Amplifier::default()
+        let config = nodes::Amplifier {
+            max: Some(max),
+            resolution_bits: Some(resolution_bits),
+            ..nodes::Amplifier::default()
         };
         Amplifier::new(&config)
     }
@@ -100,13 +97,10 @@ mod tests {
 
     #[test]
     fn an_amplifier_that_drives_both_ways_clips_at_both_ends() {
-        let config = plant::Amplifier {
-            range: CurrentRange {
-                min: -0.5,
-                ..CurrentRange::default()
-            },
-            resolution_bits: 10,
-            ..plant::Amplifier::default()
+        let config = nodes::Amplifier {
+            min: Some(-0.5),
+            resolution_bits: Some(10),
+            ..nodes::Amplifier::default()
         };
         let amplifier = Amplifier::new(&config);
         assert_eq!(amplifier.current_amperes(-900), -0.5);

@@ -1,7 +1,7 @@
 //! The position sensor: a potentiometer on the pulley, read by an analogue-to-digital converter.
 
 use faults::Stream;
-use scenario::plant;
+use scenario::rig::nodes::Sensor;
 
 /// Largest resolution that the converter emulates.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
@@ -40,13 +40,13 @@ pub struct PositionSensor {
 impl PositionSensor {
     /// Makes a sensor whose noise follows from `seed` alone. A resolution above [`RESOLUTION_BITS_MAX`] or below 1 is
     /// limited to these. Samples are in the unit of the plant's output; `unit` is one unit of `config` in that.
-    pub fn new(config: &plant::Sensor, unit: f64, seed: u64) -> Self {
-        let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
+    pub fn new(config: &Sensor, unit: f64, seed: u64) -> Self {
+        let counts = 1_u32 << config.resolution_bits().clamp(1, RESOLUTION_BITS_MAX);
         Self {
             zero: 0.0,
-            count: config.span * unit / f64::from(counts),
+            count: config.span() * unit / f64::from(counts),
             counts_max: counts - 1,
-            noise_rms: config.noise_rms * unit,
+            noise_rms: config.noise_rms() * unit,
             stream: Stream::new(seed),
         }
     }
@@ -84,9 +84,9 @@ mod tests {
     use super::*;
 
     fn sensor(noise_rms: f64, seed: u64) -> PositionSensor {
-        let config = plant::Sensor {
-            noise_rms,
-            ..plant::Sensor::default()
+        let config = Sensor {
+            noise_rms: Some(noise_rms),
+            ..Sensor::default()
         };
         PositionSensor::new(&config, 1e-3, seed)
     }
@@ -113,10 +113,10 @@ mod tests {
 
     #[test]
     fn noise_is_normal_and_follows_from_the_seed() {
-        let config = plant::Sensor {
-            resolution_bits: 24,
-            noise_rms: 0.1,
-            ..plant::Sensor::default()
+        let config = Sensor {
+            resolution_bits: Some(24),
+            noise_rms: Some(0.1),
+            ..Sensor::default()
         };
         let draw = |seed| -> Vec<f64> {
             let mut sensor = PositionSensor::new(&config, 1e-3, seed);

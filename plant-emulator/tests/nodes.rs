@@ -468,7 +468,7 @@ fn the_disturbance_module_acts_on_arrival_and_falls_back() {
 fn equal_frames_give_equal_frames() {
     let run = || {
         let mut scenario = manager::scenario();
-        scenario.sensor.noise_rms = 0.06;
+        scenario.sensor.noise_rms = Some(0.06);
         let mut manager = Manager::with(&scenario);
         manager.configure();
         manager.enable();

@@ -71,8 +71,8 @@ fn scenario(input: &str) -> Trial {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
     let mut scenario =
         Trial::parse(text, "t.toml", |_| unreachable!("no table")).expect("it is valid");
-    scenario.sensor.span = 180.0;
-    scenario.sensor.resolution_bits = 20;
+    scenario.sensor.max = Some(180.0);
+    scenario.sensor.resolution_bits = Some(20);
     let mut nodes = LoopNodes::default();
     let id = if input == "left" { 0x10 } else { 0x12 };
     (nodes.drive.id, nodes.followed.id) = (id, id);

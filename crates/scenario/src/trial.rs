@@ -13,8 +13,9 @@ use crate::expect::Expect;
 use crate::fault::{Fault, Faults};
 use crate::identifiers::Identifiers;
 use crate::node::Node;
-use crate::plant::{Amplifier, PlantModel, Sensor};
+use crate::plant::PlantModel;
 use crate::reference::Reference;
+use crate::rig::nodes::{Amplifier, Sensor};
 use crate::run::Run;
 use crate::wiring::Wiring;
 

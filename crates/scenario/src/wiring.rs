@@ -21,7 +21,7 @@ pub const IO_OUTPUTS_MAX: usize = 4;
 /// Steps of a true position (0x2103) for one unit.
 pub const TRUE_STEPS_PER_UNIT: f64 = 1e6;
 /// Travel in millimetres, unless a sensor has another range.
-const TRAVEL_MILLIMETRES: f64 = 60.0;
+pub(crate) const TRAVEL_MILLIMETRES: f64 = 60.0;
 
 /// Signal of a sensor, on the bus.
 #[derive(Clone, Debug, Default, PartialEq)]

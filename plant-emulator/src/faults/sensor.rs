@@ -72,14 +72,14 @@ fn error(fault: &Fault, stream: &mut Stream, time_seconds: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use scenario::plant;
+    use scenario::rig::nodes::Sensor;
 
     use super::*;
     use crate::faults::tests::faults;
     use crate::sensor::PositionSensor;
 
     fn sense(tables: &str, samples: &[(f64, f64)]) -> Vec<f64> {
-        let mut sensor = PositionSensor::new(&plant::Sensor::default(), 1e-3, 0);
+        let mut sensor = PositionSensor::new(&Sensor::default(), 1e-3, 0);
         let mut faults = SensorFaults::new(&faults(tables), 1e-3, 1);
         let sense = |(time, millimetres): &(f64, f64)| {
             let counts = faults.sense(*time, millimetres * 1e-3, |position| {

@@ -318,7 +318,7 @@ mod tests {
         let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();
         assert_eq!(scenario.run.name, "s, case 11");
         assert_eq!(scenario.reference.hold[0].position, 15.0);
-        assert_eq!(scenario.sensor.resolution_bits, 10);
+        assert_eq!(scenario.sensor.resolution_bits(), 10);
         assert_eq!(
             scenario.plant.load_kilograms().unwrap(),
             cases.values(11)[2]

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use dbc::{Database, SignalMissing, names};
 use plant_emulator::plant::Inputs;
 use scenario::Trial;
-use scenario::plant::Sensor;
 use scenario::rig::RealDrive;
+use scenario::rig::nodes::Sensor;
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::{ControlLoop, Plan};
@@ -248,15 +248,15 @@ fn real_sensor(real: &RealDrive) -> Sensor {
     )]
     let resolution_bits = bits as u32;
     Sensor {
-        resolution_bits,
-        span: step * f64::from(1_u32 << resolution_bits),
+        resolution_bits: Some(resolution_bits),
+        max: Some(step * f64::from(1_u32 << resolution_bits)),
         ..Sensor::default()
     }
 }
 
 /// Returns one step of a sensor's converter.
 pub(crate) fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
-    sensor.span / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
+    sensor.span() / f64::from(1_u32 << sensor.resolution_bits().clamp(1, 24))
 }
 
 /// Returns the disturbances from each row on. Until the node is commanded, air is still and the load has no addition.
@@ -323,8 +323,13 @@ fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), String> 
             )),
         }
     };
-    let current_max = scenario.amplifier.range.max;
-    check("position", timeline.position(), "mm", scenario.sensor.span)?;
+    let current_max = scenario.amplifier.range().max;
+    check(
+        "position",
+        timeline.position(),
+        "mm",
+        scenario.sensor.span(),
+    )?;
     check("current", &flowed(timeline), "A", current_max)
 }
 
@@ -360,7 +365,7 @@ fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
         .iter()
         .find(|position| !position.is_nan())
         .unwrap_or(0.0);
-    let noise = sensor.noise_rms;
+    let noise = sensor.noise_rms();
     if first > START_STEPS_MAX * (step + noise) {
         return Err(format!(
             "the load is at {first:.2} mm when it begins; only a cold start on the stop has a known temperature"

@@ -1,9 +1,9 @@
 //! Scenarios that play an identified plant.
 
 use plan::ControlLoop;
-use scenario::CurrentRange;
 use scenario::node::LoopNodes;
-use scenario::plant::{Amplifier, Sensor, Sma};
+use scenario::plant::Sma;
+use scenario::{CurrentRange, Trial};
 use toml::{Table, Value};
 
 /// The shipped rig, which emulates the plant whatever rig it was identified on; then its plant and its loop.
@@ -39,16 +39,12 @@ pub fn text_on_shipped_rig(
             rename(value, &names);
         }
     }
-    let Sensor {
-        resolution_bits,
-        span,
-        noise_rms,
-    } = control_loop.trial.sensor;
-    let Amplifier {
-        range: CurrentRange { rated, min, max },
-        resolution_bits: amplifier_bits,
-        ..
-    } = control_loop.trial.amplifier;
+    let Trial {
+        sensor, amplifier, ..
+    } = &control_loop.trial;
+    let (span, resolution_bits) = (sensor.span(), sensor.resolution_bits());
+    let (noise_rms, amplifier_bits) = (sensor.noise_rms(), amplifier.resolution_bits());
+    let CurrentRange { rated, min, max } = amplifier.range();
     let table = toml::to_string(&table)?;
     let plant = plant.to_file_text(PLANT)?;
     Ok(format!(

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-use scenario::plant::Sensor;
+use scenario::rig::nodes::Sensor;
 
 /// A converter that clips at both ends of its span, with normal noise before it.
 #[derive(Clone, Copy, Debug)]
@@ -14,11 +14,11 @@ pub struct SensorModel {
 impl SensorModel {
     /// Returns the model of a sensor.
     pub fn new(sensor: &Sensor) -> Self {
-        let counts = f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24));
-        let span = sensor.span * 1e-3;
+        let counts = f64::from(1_u32 << sensor.resolution_bits().clamp(1, 24));
+        let span = sensor.span() * 1e-3;
         Self {
             upper_metres: span * (counts - 1.0) / counts,
-            noise_metres_rms: sensor.noise_rms * 1e-3,
+            noise_metres_rms: sensor.noise_rms() * 1e-3,
         }
     }
 
@@ -50,7 +50,7 @@ mod tests {
     #[test]
     fn the_mean_is_the_emulated_sensors() {
         let sensor = Sensor {
-            noise_rms: 60.0 / 1024.0,
+            noise_rms: Some(60.0 / 1024.0),
             ..Sensor::default()
         };
         let model = SensorModel::new(&sensor);

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use plant_emulator::sensor::PositionSensor;
-use scenario::plant::Sensor;
+use scenario::rig::nodes::Sensor;
 use serde::Serialize;
 
 use super::data::IdentificationData;
@@ -323,7 +323,7 @@ impl Replicas {
 fn is_noisy(fit: &Fit<'_>) -> bool {
     fit.measurements
         .iter()
-        .any(|measurement| measurement.sensor().noise_rms > 0.0)
+        .any(|measurement| measurement.sensor().noise_rms() > 0.0)
 }
 
 /// Returns the RMS of the residual that the sensor alone would leave for this motion.

@@ -21,7 +21,7 @@ pub fn set_frequency(scenario: &mut Trial, hertz: f64) {
 /// too.
 pub fn set_resolution(scenario: &mut Trial, bits: u32) {
     let sensor = &mut scenario.sensor;
-    sensor.resolution_bits = bits;
+    sensor.resolution_bits = Some(bits);
     let step = sensor_step_millimetres(sensor);
     if let Some(law) = &mut scenario.controller.sliding_mode {
         law.observer.sensor_step_millimetres = step;
@@ -31,7 +31,7 @@ pub fn set_resolution(scenario: &mut Trial, bits: u32) {
 /// Adds normal noise to the position sensor, in steps of its converter.
 pub fn set_noise(scenario: &mut Trial, steps: f64) {
     let sensor = &mut scenario.sensor;
-    sensor.noise_rms = steps * sensor_step_millimetres(sensor);
+    sensor.noise_rms = Some(steps * sensor_step_millimetres(sensor));
 }
 
 /// Appends `times` repetitions of the last two ramps of the current.

@@ -112,14 +112,14 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     for one in [x, y] {
         assert_eq!(one.run.name, "two moves");
         assert!((one.run.bus.sync_period_milliseconds - 2.0).abs() < 1e-12);
-        assert!((one.amplifier.range.min + 1.0).abs() < 1e-12);
+        assert!((one.amplifier.range().min + 1.0).abs() < 1e-12);
         assert!(one.controller.pid.is_some());
         assert_eq!(one.reference.hold.len(), 1);
     }
     let load = |one: &Trial| one.plant.load_kilograms();
     assert_eq!((load(x), load(y)), (Some(0.3), Some(0.5)));
-    assert_eq!(x.sensor.resolution_bits, 16);
-    assert_eq!(y.sensor.resolution_bits, 12);
+    assert_eq!(x.sensor.resolution_bits(), 16);
+    assert_eq!(y.sensor.resolution_bits(), 12);
     assert_eq!(faults(x, "noise"), 0);
     assert_eq!(faults(y, "noise"), 1);
     // A fault of the controller belongs to all loops.
@@ -616,9 +616,9 @@ fn a_scenario_gives_other_values_to_its_rig() {
         30.0
     );
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
-    assert_eq!(sensor.noise_rms, 0.1);
-    assert_eq!((sensor.resolution_bits, sensor.span), (10, 50.0));
-    assert_eq!(amplifier.range.max, 0.5);
+    assert_eq!(sensor.noise_rms(), 0.1);
+    assert_eq!((sensor.resolution_bits(), sensor.span()), (10, 50.0));
+    assert_eq!(amplifier.range().max, 0.5);
     assert_eq!(scenario.wiring.sensor.range(), [0.0, 50.0]);
 }
 
@@ -872,7 +872,7 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     assert!((law.proportional - 0.03).abs() < 1e-12);
     assert!((angle.reference.step[0].position + 20.0).abs() < 1e-12);
     assert!(angle.expect.of("steady_state_error_{unit}").is_some());
-    assert!((angle.sensor.span - 120.0).abs() < 1e-12);
+    assert!((angle.sensor.span() - 120.0).abs() < 1e-12);
     for (right, wrong, said) in [
         (
             "position_degrees",

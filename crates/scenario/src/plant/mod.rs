@@ -1,4 +1,4 @@
-//! The plants that a drive moves, and the sensor and amplifier of a drive. Defaults come from the paper or a data sheet, or are
+//! The plants that a drive moves, and what the amplifier of a drive sets in its data sheet. Defaults come from the paper or a data sheet, or are
 //! marked "assumed".
 
 mod dc_motor;
@@ -13,8 +13,8 @@ use canopen::object_dictionary::Preset;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::current::CurrentRange;
 use crate::custom::{self, Custom, Parameters, any};
+use crate::rig::nodes::Amplifier;
 pub use dc_motor::DcMotor;
 pub use fmu::{Fmu, FmuPort};
 pub(crate) use fmu::{any_values, whole_names};
@@ -148,40 +148,6 @@ struct Table<'a> {
     parameters: Option<&'a dyn Any>,
 }
 
-/// Position sensor: a potentiometer with an analogue-to-digital converter, or any other sensor that counts in equal steps.
-/// Lengths and angles are in the unit of its loop.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Sensor {
-    /// Resolution (paper: 10).
-    pub resolution_bits: u32,
-    /// Span; the converter clips there (assumed: 60).
-    pub span: f64,
-    /// Standard deviation of normal noise before conversion (assumed: 0).
-    pub noise_rms: f64,
-}
-
-impl Default for Sensor {
-    fn default() -> Self {
-        Self {
-            resolution_bits: 10,
-            span: 60.0,
-            noise_rms: 0.0,
-        }
-    }
-}
-
-/// Current amplifier.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Amplifier {
-    /// Range of its currents (paper: 0 to 1 A).
-    pub range: CurrentRange,
-    /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
-    /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
-    pub resolution_bits: u32,
-    /// I²t protection; without one the amplifier gives its largest current for ever.
-    pub i2t: Option<I2t>,
-}
-
 /// Objects of a drive (CiA 402-2) that its amplifier sets.
 const TARGET_TORQUE: u16 = 0x6071;
 const MAX_TORQUE: u16 = 0x6072;
@@ -201,7 +167,8 @@ impl Amplifier {
             value
         };
         // Commands reach the rated current at least, so that clipping by the amplifier shows.
-        let most = thousandths((self.range.largest() / self.range.rated).max(1.0));
+        let range = self.range();
+        let most = thousandths((range.largest() / range.rated).max(1.0));
         let within = |index, value, low| Preset {
             limits: Some([low, most]),
             ..Preset::new(index, 0, value)
@@ -213,7 +180,7 @@ impl Amplifier {
             within(TARGET_TORQUE, 0, -most),
             within(MAX_TORQUE, most, 0),
             within(MAX_CURRENT, most, 0),
-            Preset::new(MOTOR_RATED_CURRENT, 0, thousandths(self.range.rated)),
+            Preset::new(MOTOR_RATED_CURRENT, 0, thousandths(range.rated)),
             Preset::new(THERMAL_PROTECTION, 1, thousandths(continuous)),
             Preset::new(THERMAL_PROTECTION, 2, thousandths(peak)),
         ]

@@ -13,9 +13,9 @@ use crate::bus::Bus;
 use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
-use crate::plant::{self, I2t, PlantModel};
+use crate::plant::{I2t, PlantModel};
 use crate::port::{Command, Measurand, Unit, plant_of_port, unit_in};
-use crate::wiring::{IoWiring, LedBy, LoopFacts, Measured, Plausible, Wiring};
+use crate::wiring::{IoWiring, LedBy, LoopFacts, Measured, Plausible, TRAVEL_MILLIMETRES, Wiring};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
@@ -95,14 +95,11 @@ impl Rig {
     }
 
     /// Returns the sensor and the amplifier of a drive.
-    pub(crate) fn parts_of(&self, drive: &str) -> (plant::Sensor, plant::Amplifier) {
+    pub(crate) fn parts_of(&self, drive: &str) -> (Sensor, Amplifier) {
         let node = self.node.get(drive);
-        let sensor = node.and_then(|node| node.sensor.as_ref());
-        let amplifier = node.and_then(|node| node.amplifier.as_ref());
-        (
-            sensor.map(Sensor::emulated).unwrap_or_default(),
-            amplifier.map(Amplifier::emulated).unwrap_or_default(),
-        )
+        let sensor = node.and_then(|node| node.sensor.clone());
+        let amplifier = node.and_then(|node| node.amplifier.clone());
+        (sensor.unwrap_or_default(), amplifier.unwrap_or_default())
     }
 
     /// Returns the drive that a loop leads; empty if the rig has no such loop.
@@ -247,7 +244,7 @@ impl Rig {
         LoopFacts {
             name: name.clone(),
             measurand: self.measurand_of(one.followed()).commanding(command),
-            current: amplifier.range,
+            current: amplifier.range(),
             led_by: one.led_by,
             drive: drive.to_owned(),
         }
@@ -593,17 +590,8 @@ pub struct Sensor {
 }
 
 impl Amplifier {
-    /// Returns the amplifier with the defaults of a drive.
-    pub(crate) fn emulated(&self) -> plant::Amplifier {
-        plant::Amplifier {
-            range: self.range(),
-            resolution_bits: self.resolution_bits.unwrap_or_default(),
-            i2t: self.i2t,
-        }
-    }
-
-    /// Returns the range of commands.
-    pub(crate) fn range(&self) -> CurrentRange {
+    /// Returns the range of commands (paper: 0 to 1 A).
+    pub fn range(&self) -> CurrentRange {
         let rated = self.rated.unwrap_or(CurrentRange::default().rated);
         CurrentRange {
             rated,
@@ -611,19 +599,29 @@ impl Amplifier {
             max: self.max.unwrap_or(rated),
         }
     }
+
+    /// Returns the resolution of its converter; 0 leaves the command's own 1 permille (paper: 10 bits; default 0, since the frame
+    /// already rounds to 1 permille).
+    pub fn resolution_bits(&self) -> u32 {
+        self.resolution_bits.unwrap_or_default()
+    }
 }
 
 impl Sensor {
-    /// Returns the sensor with the defaults of a drive: its converter spans the lowest position to the highest.
-    pub(crate) fn emulated(&self) -> plant::Sensor {
-        let default = plant::Sensor::default();
-        plant::Sensor {
-            resolution_bits: self.resolution_bits.unwrap_or(default.resolution_bits),
-            span: self
-                .max
-                .map_or(default.span, |max| max - self.min.unwrap_or_default()),
-            noise_rms: self.noise_rms.unwrap_or(default.noise_rms),
-        }
+    /// Returns the resolution of its converter (paper: 10).
+    pub fn resolution_bits(&self) -> u32 {
+        self.resolution_bits.unwrap_or(10)
+    }
+
+    /// Returns the span of its converter, which clips there: from the lowest position to the highest (assumed: 60).
+    pub fn span(&self) -> f64 {
+        let lowest = self.min.unwrap_or_default();
+        self.max.map_or(TRAVEL_MILLIMETRES, |max| max - lowest)
+    }
+
+    /// Returns the standard deviation of normal noise before conversion (assumed: 0).
+    pub fn noise_rms(&self) -> f64 {
+        self.noise_rms.unwrap_or_default()
     }
 
     fn measurand(&self) -> Measurand {

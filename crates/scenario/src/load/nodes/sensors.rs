@@ -81,10 +81,10 @@ impl Check<'_> {
         }
         let unit = node.measurand().unit;
         let increment = sensor.position_increment.unwrap_or(1.0 / unit.counts());
-        let config = sensor.emulated();
-        let step = config.span / libm::exp2(config.resolution_bits.into());
+        let span = sensor.span();
+        let step = span / libm::exp2(sensor.resolution_bits().into());
         let lowest = sensor.min.unwrap_or_default();
-        let farthest = lowest.abs().max((lowest + config.span).abs());
+        let farthest = lowest.abs().max((lowest + span).abs());
         let too_many = farthest / increment > f64::from(i32::MAX);
         // A range that ends before it begins is another problem.
         if step <= 0.0 || step >= increment / STEPS_OF_A_COUNT && !too_many {

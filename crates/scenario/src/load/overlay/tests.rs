@@ -106,8 +106,8 @@ fn values_take_the_places_of_those_of_the_rig() {
     assert!((motor.gear_ratio - 20.0).abs() < 1e-12);
     assert!((motor.load_kilograms - 0.4).abs() < 1e-12);
     let sensor = &axis.sensor;
-    assert_eq!(sensor.resolution_bits, 16);
-    assert!((sensor.noise_rms - 0.1).abs() < 1e-12);
+    assert_eq!(sensor.resolution_bits(), 16);
+    assert!((sensor.noise_rms() - 0.1).abs() < 1e-12);
     assert_eq!(loops.shared.rig.node["axis"].truth_every_cycles, Some(7));
     let timeouts = loops.shared.rig.real_drive("lift").unwrap().timeouts;
     assert_eq!(timeouts.sdo_answer_milliseconds, 900);
