@@ -25,7 +25,7 @@ use dbc::Signal;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
-use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
+use scenario::rig::{Limits, RealDrive, Timeouts};
 
 use crate::catalogue;
 use crate::error::ControllerError;
@@ -54,13 +54,13 @@ pub fn controller_node(view: &ControllerView) -> Result<ControllerNode, Controll
     controller_node_of_loops([(view, None)], &no_player)
 }
 
-/// Works as [`controller_node`], for several loops with their drives: emulated ones, or real ones with their EDS, whose
-/// limits the controller obeys. `start` starts the processes that play laws.
+/// Works as [`controller_node`], for several loops with their drives: emulated ones, or real ones with their layouts,
+/// whose limits the controller obeys. `start` starts the processes that play laws.
 ///
 /// # Errors
 /// As [`controller_node`].
 pub fn controller_node_of_loops<'a>(
-    loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a str)>)>,
+    loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a DriveLayout)>)>,
     start: StartPlayer<'_>,
 ) -> Result<ControllerNode, ControllerError> {
     let mut plans = Vec::new();
@@ -197,22 +197,25 @@ struct LoopPlan<'a> {
 }
 
 impl<'a> LoopPlan<'a> {
-    /// Makes the plan of a loop with a real drive and its EDS, or with the emulated one.
+    /// Makes the plan of a loop with a real drive, or with the emulated one.
     fn new(
         view: &'a ControllerView,
-        real_drive: Option<(&'a RealDrive, &str)>,
+        real_drive: Option<(&'a RealDrive, &DriveLayout)>,
     ) -> Result<Self, ControllerError> {
-        let emulated = RigDrive::emulated(view.wiring.nodes.drive.id, &view.wiring);
-        let current_max = view.wiring.current().largest();
-        let (eds, objects, current_max) = match real_drive {
-            Some((real, eds)) => (eds, &real.drive, real.limits.current_amperes),
-            None => (dbc::DRIVE_EDS, &emulated, current_max),
+        let drive = match real_drive {
+            Some((_, layout)) => layout.clone(),
+            None => {
+                let emulated = RealDrive::emulated(&view.wiring);
+                DriveLayout::new(
+                    dbc::dictionary(dbc::DRIVE_EDS, emulated.node_id)?,
+                    &emulated,
+                )?
+            }
         };
-        let dictionary = dbc::dictionary(eds, objects.node_id)?;
         let timeouts = real_drive.map(|(real, _)| real.timeouts);
         Ok(Self {
             view,
-            drive: DriveLayout::new(dictionary, objects, current_max)?,
+            drive,
             limits: real_drive.map(|(real, _)| &real.limits),
             timeouts: timeouts.unwrap_or_default(),
         })

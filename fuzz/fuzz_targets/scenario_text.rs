@@ -13,8 +13,8 @@ const TABLE: &str = "time_seconds,position_millimetres\n0,10\n1,20\n";
 fuzz_target!(|text: &str| {
     if let Ok(rig) = Rig::parse(text, "fuzz.toml") {
         for real in rig.node.keys().filter_map(|name| rig.real_drive(name)) {
-            if let Ok(dictionary) = dbc::dictionary(dbc::DRIVE_EDS, real.drive.node_id) {
-                let _ = DriveLayout::new(dictionary, &real.drive, real.limits.current_amperes);
+            if let Ok(dictionary) = dbc::dictionary(dbc::DRIVE_EDS, real.node_id) {
+                let _ = DriveLayout::new(dictionary, &real);
             }
         }
     }

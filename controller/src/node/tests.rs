@@ -772,10 +772,6 @@ fn a_single_spike_costs_a_cycle_only() {
 
 /// Returns a real drive as node 0x20 with these limits of the position.
 fn real_drive(min: f64, max: f64) -> RealDrive {
-    let drive = RigDrive {
-        node_id: 32,
-        ..RigDrive::default()
-    };
     let limits = Limits {
         current_amperes: 0.3,
         min,
@@ -788,25 +784,27 @@ fn real_drive(min: f64, max: f64) -> RealDrive {
         ..Timeouts::default()
     };
     RealDrive {
+        node_id: 32,
         timeouts,
-        ..RealDrive::new(drive, limits)
+        ..RealDrive::new(limits)
     }
 }
 
 /// Makes a bus with that drive, and an io node of this number.
 fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let mut bus = Bus::new(OPEN_LOOP);
-    let node_id = real.drive.node_id;
+    let node_id = real.node_id;
     let tables = format!("{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n");
     let mut view = view(&tables);
     view.wiring.nodes.drive.id = node_id;
     view.wiring.nodes.followed.id = node_id;
     let io = io.map(|id| RigNode::new("module", id, Part::Io));
     view.wiring.nodes.io = io.into_iter().collect();
-    let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
+    let dictionary = eds::parse(dbc::DRIVE_EDS, node_id).unwrap();
+    let layout = DriveLayout::new(dictionary.clone(), real).unwrap();
+    let loops = [(&view, Some((real, &layout)))];
     bus.controller = controller_node_of_loops(loops, &no_player).unwrap();
     let node = NodeId::new(node_id).unwrap();
-    let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap();
     bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());
     bus
 }

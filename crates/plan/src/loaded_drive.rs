@@ -30,8 +30,8 @@ impl LoadedDrive {
     /// Rig file and EDS do not fit each other.
     pub fn new(real: RealDrive, eds: Option<&String>) -> Result<Self, DriveError> {
         let eds = eds.map_or(dbc::DRIVE_EDS, String::as_str).to_owned();
-        let dictionary = dbc::dictionary(&eds, real.drive.node_id)?;
-        let layout = DriveLayout::new(dictionary, &real.drive, real.limits.current_amperes)?;
+        let dictionary = dbc::dictionary(&eds, real.node_id)?;
+        let layout = DriveLayout::new(dictionary, &real)?;
         Ok(Self { real, eds, layout })
     }
 

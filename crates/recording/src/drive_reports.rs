@@ -50,7 +50,7 @@ fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let signal = feedback.signal(&one.trial.wiring.sensor.measurand.name(names::CURRENT))?;
     let real = one.real_drive.as_ref();
     let object = real
-        .map(|drive| &drive.real.drive.current.object)
+        .map(|drive| &drive.real.current.object)
         .unwrap_or(&signal.object)
         .parse()
         .ok()?;

@@ -43,12 +43,9 @@ fn refused(text: &str) -> String {
 fn an_external_drive_is_described_by_its_node() {
     let rig = Rig::parse(RIG, "rig.toml").unwrap();
     let real = rig.real_drive("real").unwrap();
-    assert_eq!(
-        (real.drive.node_id, real.drive.mode_of_operation),
-        (0x30, -1)
-    );
-    assert_eq!(real.drive.command.object, "0x2200");
-    assert_eq!(real.drive.position.object, "0x6064");
+    assert_eq!((real.node_id, real.mode_of_operation), (0x30, -1));
+    assert_eq!(real.command.object, "0x2200");
+    assert_eq!(real.position.object, "0x6064");
     assert!(rig.real_drive("controller").is_none());
     // It needs no plant: no drive emulates it.
     let alone = RIG

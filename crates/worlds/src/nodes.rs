@@ -62,7 +62,7 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
 pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNode, WorldError> {
     let loops = loops.iter().map(|(view, real_drive)| {
         let real = real_drive.as_deref();
-        (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
+        (view, real.map(|drive| (&drive.real, &drive.layout)))
     });
     controller_node_of_loops(loops, &|part| laws.start(part))
         .map_err(|error| WorldError::set_up(&laws.controller, &error))

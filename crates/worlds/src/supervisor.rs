@@ -68,7 +68,7 @@ mod tests {
     use super::*;
     use plan::loaded_drive::LoadedDrive;
     use scenario::port::Unit;
-    use scenario::rig::{Limits, RealDrive, RigDrive};
+    use scenario::rig::{Limits, RealDrive};
 
     fn supervisor() -> Supervisor {
         let limits = Limits {
@@ -77,8 +77,7 @@ mod tests {
             max: 45.0,
             rate_max: 400.0,
         };
-        let real = RealDrive::new(RigDrive::default(), limits);
-        let drive = LoadedDrive::new(real, None).unwrap();
+        let drive = LoadedDrive::new(RealDrive::new(limits), None).unwrap();
         let period = Duration::from_millis(1);
         let watch = LimitWatch::new(&drive.real.limits, period, &Unit::default());
         Supervisor {

@@ -239,7 +239,7 @@ fn commanded(timeline: &Timeline) -> Series<f64> {
 
 /// Returns the sensor of a real drive, with counts that cover the travel.
 fn real_sensor(real: &RealDrive) -> Sensor {
-    let step = real.drive.position.resolution;
+    let step = real.position.resolution;
     let bits = libm::ceil(libm::log2(real.limits.max / step)).clamp(1.0, 24.0);
     #[expect(
         clippy::cast_possible_truncation,

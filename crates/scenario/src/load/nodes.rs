@@ -323,10 +323,7 @@ impl Check<'_> {
             return self.at_key(&path, message, label);
         };
         let RealDrive {
-            drive,
-            limits,
-            timeouts,
-            ..
+            limits, timeouts, ..
         } = &real;
         let eds = self.rig.node[name].eds.as_ref();
         let mut object = |key: &str, message: &str, label: &str| {
@@ -338,9 +335,9 @@ impl Check<'_> {
             object("eds", message, "no absolute path, no `..`");
         }
         for (key, text, may_be_absent) in [
-            ("command.object", &drive.command.object, false),
-            ("position.object", &drive.position.object, false),
-            ("current.object", &drive.current.object, true),
+            ("command.object", &real.command.object, false),
+            ("position.object", &real.position.object, false),
+            ("current.object", &real.current.object, true),
         ] {
             let is_absent = may_be_absent && text.is_empty();
             if let Err(reason) = text.parse::<ObjectAddress>()
@@ -349,7 +346,7 @@ impl Check<'_> {
                 object(key, &format!("\"{text}\" names no object"), reason);
             }
         }
-        if drive.position.increments_per_unit.abs() < 1e-6 {
+        if real.position.increments_per_unit.abs() < 1e-6 {
             let message = "a position that does not change with the load";
             object("position.increments_per_unit", message, "must not be 0");
         }

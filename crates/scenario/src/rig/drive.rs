@@ -5,7 +5,7 @@ use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
 use canopen::{ObjectDictionary, add_half, cia402};
 
-use super::{ObjectAddress, RigDrive};
+use super::{ObjectAddress, RealDrive};
 
 /// Transmission type of a drive that samples and applies on every SYNC.
 const EVERY_SYNC: u8 = 1;
@@ -257,16 +257,11 @@ pub struct DriveLayout {
 }
 
 impl DriveLayout {
-    /// Makes the layout from the objects of the drive's EDS with their defaults, the facts of the rig file, and the largest
-    /// current that the drive may be given.
+    /// Makes the layout from the objects of the drive's EDS with their defaults, and the facts of the rig file.
     ///
     /// # Errors
     /// The EDS does not have the objects.
-    pub fn new(
-        dictionary: ObjectDictionary,
-        rig: &RigDrive,
-        current_amperes_max: f64,
-    ) -> Result<Self, DriveError> {
+    pub fn new(dictionary: ObjectDictionary, rig: &RealDrive) -> Result<Self, DriveError> {
         let node_id = NodeId::new(rig.node_id)
             .ok_or_else(|| DriveError(format!("{} is no node-ID", rig.node_id)))?;
         let no_pdo = |parameters: u16| {
@@ -323,7 +318,7 @@ impl DriveLayout {
             .map(|object| scaled(&feedback, &object, per_ampere, 0.0))
             .transpose()?;
         let target = scaled(&command, &target, rig.command.units_per_ampere, 0.0)?;
-        let units_max = libm::floor(current_amperes_max * target.units);
+        let units_max = libm::floor(rig.limits.current_amperes * target.units);
         Ok(Self {
             node_id,
             statusword: place(&feedback, &statusword)?,
@@ -385,17 +380,28 @@ impl DriveLayout {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::Limits;
     use canopen::eds;
 
     /// EDS of the drive that canrig emulates.
     const DRIVE_EDS: &str = include_str!("../../../../dbc/drive.eds");
+
+    /// Returns the emulated drive with this largest current.
+    fn with_current(current_amperes: f64) -> RealDrive {
+        RealDrive::new(Limits {
+            current_amperes,
+            min: 0.0,
+            max: 60.0,
+            rate_max: 500.0,
+        })
+    }
 
     fn objects(eds: &str, node_id: u8) -> ObjectDictionary {
         eds::parse(eds, node_id).unwrap()
     }
 
     fn emulated() -> DriveLayout {
-        DriveLayout::new(objects(DRIVE_EDS, 0x10), &RigDrive::default(), 1.0).unwrap()
+        DriveLayout::new(objects(DRIVE_EDS, 0x10), &with_current(1.0)).unwrap()
     }
 
     #[test]
@@ -435,21 +441,21 @@ mod tests {
     #[test]
     fn an_object_that_is_not_mapped_is_mapped_and_one_that_is_not_there_is_refused() {
         let text = DRIVE_EDS.replace("0x60640020", "0x60780010");
-        let drive = DriveLayout::new(objects(&text, 0x10), &RigDrive::default(), 1.0).unwrap();
+        let drive = DriveLayout::new(objects(&text, 0x10), &with_current(1.0)).unwrap();
         let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
         assert_eq!(drive.feedback.entries, wanted);
-        let mut rig = RigDrive::default();
+        let mut rig = with_current(1.0);
         rig.position.object = "0x2345:01".to_owned();
-        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig).unwrap_err();
         assert_eq!(error.to_string(), "the drive's EDS has no object 0x2345:01");
         rig.position.object = "0x1008".to_owned();
-        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig).unwrap_err();
         assert!(
             error.to_string().contains("0x1008:00 is no integer"),
             "{error}"
         );
         rig.position.object = "0x6078".to_owned();
-        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig).unwrap_err();
         assert!(
             error.to_string().contains("object 0x6078:00 two meanings"),
             "{error}"
@@ -468,7 +474,7 @@ mod tests {
                 &format!("DefaultValue={was}\n"),
                 &format!("DefaultValue={cob_id}\n"),
             );
-            let error = DriveLayout::new(objects(&text, 0x10), &RigDrive::default(), 1.0)
+            let error = DriveLayout::new(objects(&text, 0x10), &with_current(1.0))
                 .unwrap_err()
                 .to_string();
             assert!(error.contains(cob_id) && error.contains(place), "{error}");
@@ -477,16 +483,14 @@ mod tests {
 
     #[test]
     fn other_objects_scalings_and_limits_come_from_the_rig_file() {
-        let mut rig = RigDrive {
-            node_id: 0x20,
-            ..RigDrive::default()
-        };
+        let mut rig = with_current(0.9);
+        rig.node_id = 0x20;
         // Counts fall from 5000 at the stop by 10 a millimetre; the command is in 1/2 permille.
         rig.position.increments_per_unit = -10.0;
         rig.position.increments_at_zero = 5000.0;
         rig.command.units_per_ampere = 2000.0;
         rig.current.object = String::new();
-        let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig, 0.9).unwrap();
+        let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig).unwrap();
         let frame = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]);
         let feedback = drive.decode(&frame).unwrap();
         assert!((feedback.position - 6.0).abs() < 1e-9);

@@ -17,34 +17,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::wiring::Wiring;
 
-/// A drive that canrig does not emulate, as its node in the rig file describes it.
+/// Steps of an emulated drive's sensor over its travel: assumed to be 10 bits, as in the shipped rig.
+const STEPS_OF_TRAVEL: f64 = 1024.0;
+/// Shortest time for the whole travel, if the node does not state its rate. Assumed: the paper's wire needs 0.2 s.
+const TRAVEL_SECONDS: f64 = 0.12;
+
+/// A drive on the bus: one that canrig does not emulate, as its node in the rig file describes it, or the emulated one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealDrive {
-    /// Objects with its values; a key that is left out is as for the emulated drive.
-    pub drive: RigDrive,
-    /// Hard limits, which apply whatever a scenario says.
-    pub limits: Limits,
-    /// Times for which drive and controller wait for each other.
-    pub timeouts: Timeouts,
-    /// Checks of the drive before the first scenario.
-    pub preflight: Preflight,
-}
-
-impl RealDrive {
-    /// Makes a drive with these limits; all else is as for the emulated drive.
-    pub fn new(drive: RigDrive, limits: Limits) -> Self {
-        Self {
-            drive,
-            limits,
-            timeouts: Timeouts::default(),
-            preflight: Preflight::default(),
-        }
-    }
-}
-
-/// Objects of a drive on the bus.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RigDrive {
     /// Node-ID of the drive.
     pub node_id: u8,
     /// Mode of operation, written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative modes are the
@@ -56,31 +36,45 @@ pub struct RigDrive {
     pub position: PositionObject,
     /// Object of the measured current; `object = ""` if the drive sends none.
     pub current: CurrentObject,
+    /// Hard limits, which apply whatever a scenario says.
+    pub limits: Limits,
+    /// Times for which drive and controller wait for each other.
+    pub timeouts: Timeouts,
+    /// Checks of the drive before the first scenario.
+    pub preflight: Preflight,
 }
 
-impl Default for RigDrive {
-    fn default() -> Self {
+impl RealDrive {
+    /// Makes a drive with these limits; all else is as for the emulated drive of the shipped rig.
+    pub fn new(limits: Limits) -> Self {
         Self {
             node_id: 16,
             mode_of_operation: 10,
             command: CommandObject::default(),
             position: PositionObject::default(),
             current: CurrentObject::default(),
+            limits,
+            timeouts: Timeouts::default(),
+            preflight: Preflight::default(),
         }
     }
-}
 
-impl RigDrive {
-    /// Returns the objects of a drive that canrig emulates.
-    pub fn emulated(node_id: u8, wiring: &Wiring) -> Self {
-        let mut drive = Self {
-            node_id,
-            ..Self::default()
-        };
-        let units_per_ampere = wiring.current().counts_per_ampere();
-        drive.command.units_per_ampere = units_per_ampere;
-        drive.current.units_per_ampere = units_per_ampere;
+    /// Returns the description of a drive that canrig emulates: its limits are those of its positions.
+    pub fn emulated(wiring: &Wiring) -> Self {
+        let (currents, plausible) = (wiring.current(), &wiring.plausible);
+        let [lowest, highest] = wiring.sensor.range();
+        let travel = highest - lowest;
+        let mut drive = Self::new(Limits {
+            current_amperes: currents.largest(),
+            min: plausible.min.unwrap_or(lowest),
+            max: plausible.max.unwrap_or(highest),
+            rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
+        });
+        drive.node_id = wiring.nodes.drive.id;
+        drive.command.units_per_ampere = currents.counts_per_ampere();
+        drive.current.units_per_ampere = currents.counts_per_ampere();
         drive.position.increments_per_unit = wiring.sensor.counts_per_unit();
+        drive.position.resolution = travel / STEPS_OF_TRAVEL;
         drive
     }
 }

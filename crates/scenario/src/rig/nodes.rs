@@ -6,9 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    CommandObject, CurrentObject, Limits, PositionObject, Preflight, RealDrive, RigDrive, Timeouts,
-};
+use super::{CommandObject, CurrentObject, Limits, PositionObject, Preflight, RealDrive, Timeouts};
 use crate::bus::Bus;
 use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
@@ -270,16 +268,14 @@ impl Rig {
     /// Returns the facts about an external drive; `None` for a drive that canrig emulates.
     pub fn real_drive(&self, drive: &str) -> Option<RealDrive> {
         let node = self.node.get(drive).filter(|node| !node.is_ours())?;
-        let emulated = RigDrive::default();
+        let emulated = RealDrive::new(node.limits?);
         Some(RealDrive {
-            drive: RigDrive {
-                node_id: node.node_id,
-                mode_of_operation: node.mode_of_operation.unwrap_or(emulated.mode_of_operation),
-                command: node.command.clone().unwrap_or_default(),
-                position: node.position.clone().unwrap_or_default(),
-                current: node.current.clone().unwrap_or_default(),
-            },
-            limits: node.limits?,
+            node_id: node.node_id,
+            mode_of_operation: node.mode_of_operation.unwrap_or(emulated.mode_of_operation),
+            command: node.command.clone().unwrap_or_default(),
+            position: node.position.clone().unwrap_or_default(),
+            current: node.current.clone().unwrap_or_default(),
+            limits: emulated.limits,
             timeouts: node.timeouts.unwrap_or_default(),
             preflight: node.preflight.unwrap_or_default(),
         })
@@ -307,11 +303,10 @@ impl Rig {
             is_io || name == drive || node.kind == Part::Controller
         });
         if let Some(node) = rig.node.get_mut(drive) {
-            let objects = real.drive.clone();
-            node.mode_of_operation = Some(objects.mode_of_operation);
-            node.command = Some(objects.command);
-            node.position = Some(objects.position);
-            node.current = Some(objects.current);
+            node.mode_of_operation = Some(real.mode_of_operation);
+            node.command = Some(real.command.clone());
+            node.position = Some(real.position.clone());
+            node.current = Some(real.current.clone());
             node.limits = Some(real.limits);
             node.timeouts = Some(real.timeouts);
             node.preflight = Some(real.preflight);

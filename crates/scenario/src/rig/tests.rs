@@ -21,7 +21,7 @@ fn what_is_left_out_is_as_with_the_emulated_drive() {
     let rig = Rig::parse(&with(""), "rig.toml").unwrap();
     let real = rig.real_drive("drive").unwrap();
     assert!(rig.node["drive"].external, "it has limits");
-    assert_eq!(real.drive.position.object, "0x6064");
+    assert_eq!(real.position.object, "0x6064");
     assert_eq!(rig.bus, crate::Bus::default());
 }
 

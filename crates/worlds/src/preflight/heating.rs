@@ -147,7 +147,7 @@ impl<'a> Heating<'a> {
 
     /// Returns the smallest displacement that is motion, in the drive's unit.
     fn motion(&self) -> f64 {
-        MOTION_STEPS * self.drive.real.drive.position.resolution
+        MOTION_STEPS * self.drive.real.position.resolution
     }
 
     fn no_current_amperes(&self) -> f64 {
@@ -357,7 +357,7 @@ mod tests {
     use can::frame::ERROR_FLAG;
     use dbc::Database;
     use recording::log::Stamped;
-    use scenario::rig::{Limits, RealDrive, RigDrive};
+    use scenario::rig::{Limits, RealDrive};
 
     use super::*;
 
@@ -369,8 +369,7 @@ mod tests {
             max: 45.0,
             rate_max: 400.0,
         };
-        let real = RealDrive::new(RigDrive::default(), limits);
-        LoadedDrive::new(real, None).unwrap()
+        LoadedDrive::new(RealDrive::new(limits), None).unwrap()
     }
 
     const PERIOD: Duration = Duration::from_millis(10);

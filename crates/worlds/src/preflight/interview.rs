@@ -244,7 +244,7 @@ fn name(entry: &Entry) -> String {
 
 /// Returns every object of the drive that a run uses.
 fn used_objects(drive: &LoadedDrive) -> impl Iterator<Item = (u16, u8)> {
-    let drive = &drive.real.drive;
+    let drive = &drive.real;
     let named = [
         &drive.command.object,
         &drive.position.object,
@@ -282,7 +282,7 @@ mod tests {
     use can::CanFrame;
     use canopen::object_dictionary::Preset;
     use platform::bus::{Bus, BusError};
-    use scenario::rig::{Limits, RealDrive, RigDrive};
+    use scenario::rig::{Limits, RealDrive};
 
     use super::super::checklist::CheckOutcome;
     use super::*;
@@ -349,8 +349,7 @@ mod tests {
                 max: 60.0,
                 rate_max: 1e4,
             };
-            let drive =
-                LoadedDrive::new(RealDrive::new(RigDrive::default(), limits), None).unwrap();
+            let drive = LoadedDrive::new(RealDrive::new(limits), None).unwrap();
             let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
             let mut answering = dictionary.clone();
             answering.preset(&Preset::new(0x1000, 0, device_type));

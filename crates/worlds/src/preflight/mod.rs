@@ -22,7 +22,7 @@ use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
 use scenario::node::Part;
-use scenario::rig::{Limits, RealDrive, RigDrive};
+use scenario::rig::RealDrive;
 
 use crate::bus_choice::RunBus;
 use crate::bus_connection::BusConnection;
@@ -46,10 +46,6 @@ use recording::session::write_plan;
 const NAME: &str = "pre-flight";
 /// File of its rig.
 const RIG: &str = "rig.toml";
-/// Steps of an emulated drive's sensor over its travel: assumed to be 10 bits, as in the shipped rig.
-const STEPS_OF_TRAVEL: f64 = 1024.0;
-/// Shortest time for the whole travel, if the node does not state its rate. Assumed: the paper's wire needs 0.2 s.
-const TRAVEL_SECONDS: f64 = 0.12;
 /// Period of the check whether the user stops the pre-flight.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Time beyond the time-out for which a stopped drive's heartbeats are awaited.
@@ -188,7 +184,7 @@ impl Preflight {
         let mut drive = match &one.real_drive {
             Some(drive) => LoadedDrive::clone(drive),
             None => {
-                let drive = LoadedDrive::new(emulated(one), None);
+                let drive = LoadedDrive::new(RealDrive::emulated(&one.trial.wiring), None);
                 drive.map_err(|error| cannot_be_made(&error))?
             }
         };
@@ -310,24 +306,6 @@ impl Session<'_> {
             End::Completed
         })
     }
-}
-
-/// Returns the description of a drive like the emulated one: its limits are those of its positions.
-fn emulated(one: &ControlLoop) -> RealDrive {
-    let wiring = &one.trial.wiring;
-    let currents = wiring.current();
-    let [lowest, highest] = wiring.sensor.range();
-    let travel = highest - lowest;
-    let plausible = &wiring.plausible;
-    let mut drive = RigDrive::emulated(one.nodes.drive.id, wiring);
-    drive.position.resolution = travel / STEPS_OF_TRAVEL;
-    let limits = Limits {
-        current_amperes: currents.largest(),
-        min: plausible.min.unwrap_or(lowest),
-        max: plausible.max.unwrap_or(highest),
-        rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
-    };
-    RealDrive::new(drive, limits)
 }
 
 /// Returns the plan of the session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
