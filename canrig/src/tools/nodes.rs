@@ -18,7 +18,7 @@ use clap::Args;
 
 use super::{NamesArgs, ToolBusArgs, ToolError, client, ended, guest, second_channel, seconds};
 use plan::data_sheet::DataSheet;
-use plan::presence::Presence;
+use plan::presence::{Presence, is_manager};
 use report::table::Table;
 use runner::exit::Exit;
 use worlds::guest::Guest;
@@ -140,7 +140,8 @@ impl RollCall {
     }
 
     fn manager(&self) -> Option<String> {
-        self.presence.manager(&self.sheets)
+        let is_manager = |node_id| is_manager(node_id, &self.sheets);
+        self.presence.manager(is_manager)
     }
 
     /// Returns the text for a node: `18 (0x12) y`.

@@ -20,7 +20,7 @@ use super::{
     NamesArgs, ToolBusArgs, ToolError, address, client, ended, guest, second_channel, value,
 };
 use plan::data_sheet::{self, DataSheet};
-use plan::presence::Presence;
+use plan::presence::{Presence, is_manager};
 use runner::console::print_error;
 use runner::exit::Exit;
 use worlds::guest::Guest;
@@ -74,7 +74,7 @@ impl Target {
     fn may_ask(&self, presence: &Presence) -> Result<(), ToolError> {
         let has_channel =
             self.second_channel().is_some() || self.why_not_default(presence).is_none();
-        let manager = presence.manager(&self.sheets);
+        let manager = presence.manager(|node_id| is_manager(node_id, &self.sheets));
         let (index, sub_index) = self.place;
         match manager.filter(|_| has_channel && self.needs_silence()) {
             None => Ok(()),

@@ -5,9 +5,8 @@ use std::path::Path;
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 use scenario::rig::ObjectAddress;
+use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
-/// Node-ID of the controller.
-pub(crate) use scenario::rig::nodes::CONTROLLER_NODE_ID;
 /// Longest file that a user names, other than scenarios and recordings.
 pub const FILE_BYTES_MAX: u64 = 1 << 20;
 /// Second SDO server channel.
@@ -42,16 +41,8 @@ pub struct DataSheet {
 /// # Panics
 /// Never: tests read the files that are compiled in.
 pub fn rig_data_sheets() -> Vec<DataSheet> {
-    data_sheets_led_by(CONTROLLER_NODE_ID)
-}
-
-/// Returns the data sheets of a rig whose controller has this node-ID.
-///
-/// # Panics
-/// Never, as [`rig_data_sheets`].
-pub fn data_sheets_led_by(controller: u8) -> Vec<DataSheet> {
     let shipped = [
-        ("controller", controller, dbc::CONTROLLER_EDS),
+        ("controller", CONTROLLER_NODE_ID, dbc::CONTROLLER_EDS),
         ("drive", 0x10, dbc::DRIVE_EDS),
         ("disturbance", 0x11, dbc::DISTURBANCE_EDS),
     ];

@@ -46,10 +46,10 @@ impl Presence {
         &self.states
     }
 
-    /// Returns the sign of a running manager, if there is one.
-    pub fn manager(&self, sheets: &[DataSheet]) -> Option<String> {
+    /// Returns the sign of a running manager, if there is one; `is_manager` tells whether a node is one.
+    pub fn manager(&self, is_manager: impl Fn(u8) -> bool) -> Option<String> {
         let mut heard = self.states.keys();
-        if let Some(node_id) = heard.find(|node_id| is_manager(**node_id, sheets)) {
+        if let Some(node_id) = heard.find(|node_id| is_manager(**node_id)) {
             return Some(format!("the heartbeat of the manager, node {node_id}"));
         }
         self.has_sync.then(|| "SYNC".to_owned())
@@ -62,7 +62,8 @@ impl Presence {
         } else if is_manager(node_id, sheets) {
             return None;
         } else {
-            format!("{} was heard", self.manager(sheets)?)
+            let manager = self.manager(|node_id| is_manager(node_id, sheets))?;
+            format!("{manager} was heard")
         };
         Some(format!(
             "the default SDO channel of node {node_id} belongs to the running controller ({reason})"
@@ -71,7 +72,7 @@ impl Presence {
 }
 
 /// Checks whether a node is a manager, by its data sheet.
-fn is_manager(node_id: u8, sheets: &[DataSheet]) -> bool {
+pub fn is_manager(node_id: u8, sheets: &[DataSheet]) -> bool {
     let mut sheets = sheets.iter();
     sheets.any(|sheet| sheet.is_manager() && sheet.node_id == node_id)
 }

@@ -9,7 +9,6 @@ use std::time::Duration;
 use can::Filter;
 use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::scenario_clock::SYNC_COB_ID;
-use plan::data_sheet::data_sheets_led_by;
 use plan::presence::Presence;
 use platform::bus::BusAddress;
 use platform::claim::{Claim, ClaimError};
@@ -93,7 +92,6 @@ impl Vigil {
 /// # Errors
 /// If another manager is heard, or the bus fails.
 fn keep(mut guest: Guest<'_>, manager: u8) -> Result<(), WorldError> {
-    let sheets = data_sheets_led_by(manager);
     let mut presence = Presence::default();
     loop {
         match guest.next_until(Duration::MAX) {
@@ -101,7 +99,7 @@ fn keep(mut guest: Guest<'_>, manager: u8) -> Result<(), WorldError> {
             Err(GuestError::Bus(error)) => return Err(error.into()),
             Ok(frame) => frame.iter().for_each(|frame| presence.on_frame(frame)),
         }
-        if let Some(manager) = presence.manager(&sheets) {
+        if let Some(manager) = presence.manager(|node_id| node_id == manager) {
             let found = format!("{manager} is heard; end the other bench");
             return Err(WorldError::SecondMaster(found));
         }

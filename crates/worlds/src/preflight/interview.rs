@@ -7,13 +7,12 @@ use std::time::Duration;
 
 use canopen::object_dictionary::{AbortCode, Entry};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
-use canopen::{NmtCommand, NodeId, ObjectDictionary, cia402};
+use canopen::{NmtCommand, NodeId, cia402};
 use platform::clock::Clock;
 use scenario::rig::ObjectAddress;
 
 use super::checklist::{Check, CheckOutcome, Found, failed, passed};
 use crate::guest::{Guest, GuestError};
-use plan::data_sheet::{DataSheet, data_sheets_led_by};
 use plan::loaded_drive::LoadedDrive;
 use plan::presence::Presence;
 
@@ -49,25 +48,19 @@ type Answer = Result<Vec<u8>, SdoError>;
 pub(super) struct Interview<'a> {
     guest: Guest<'a>,
     drive: &'a LoadedDrive,
-    dictionary: ObjectDictionary,
     presence: Presence,
-    sheets: Vec<DataSheet>,
+    /// Node-ID of the manager of the rig.
+    manager: u8,
 }
 
 impl<'a> Interview<'a> {
     /// Makes the interview for a manager with this node-ID, as a guest that hears all frames.
-    pub(super) fn new(
-        guest: Guest<'a>,
-        drive: &'a LoadedDrive,
-        dictionary: ObjectDictionary,
-        manager: u8,
-    ) -> Self {
+    pub(super) fn new(guest: Guest<'a>, drive: &'a LoadedDrive, manager: u8) -> Self {
         Self {
             guest,
             drive,
-            dictionary,
             presence: Presence::default(),
-            sheets: data_sheets_led_by(manager),
+            manager,
         }
     }
 
@@ -75,17 +68,13 @@ impl<'a> Interview<'a> {
     ///
     /// # Errors
     /// If another manager is heard at any time, or the interview broke off otherwise.
-    pub(super) fn checks(
-        mut self,
-        nodes: &[(NodeId, String)],
-        manager: u8,
-    ) -> Result<Vec<Check>, BrokenOff> {
+    pub(super) fn checks(mut self, nodes: &[(NodeId, String)]) -> Result<Vec<Check>, BrokenOff> {
         let presence = &mut self.presence;
         let heard = self
             .guest
             .hear(LISTEN_TIME, |frame| presence.on_frame(frame));
         self.unless_led(heard)?;
-        self.guest.keep_place_of(manager);
+        self.guest.keep_place_of(self.manager);
         let reset = NmtCommand::ResetCommunication.frame(Some(self.drive.layout.node_id));
         self.guest.send(&reset).map_err(BrokenOff::Guest)?;
         let mut checks = vec![Check::new(OTHER_MANAGER, passed("none is heard"))];
@@ -153,22 +142,24 @@ impl<'a> Interview<'a> {
 
     /// Returns a result, unless another manager was heard meanwhile.
     fn unless_led<T>(&self, result: Result<T, GuestError>) -> Result<T, BrokenOff> {
-        match self.presence.manager(&self.sheets) {
+        match self.presence.manager(|node_id| node_id == self.manager) {
             Some(manager) => Err(BrokenOff::Manager(manager)),
             None => result.map_err(BrokenOff::Guest),
         }
     }
 
     fn entry(&self, (index, sub_index): (u16, u8)) -> Option<Entry> {
-        let handle = self.dictionary.find(index, sub_index).ok()?;
-        Some(self.dictionary.entry(handle).clone())
+        let dictionary = &self.drive.layout.dictionary;
+        let handle = dictionary.find(index, sub_index).ok()?;
+        Some(dictionary.entry(handle).clone())
     }
 
     /// Compares the identity of the drive with its EDS, as far as that has it.
     fn identity(&mut self) -> Result<Found, BrokenOff> {
         let mut shown = Vec::new();
         for address in IDENTITY {
-            let wanted = self.dictionary.unsigned(address.0, address.1);
+            let dictionary = &self.drive.layout.dictionary;
+            let wanted = dictionary.unsigned(address.0, address.1);
             let Some((entry, wanted)) = self.entry(address).zip(wanted) else {
                 continue;
             };
@@ -280,6 +271,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use can::CanFrame;
+    use canopen::ObjectDictionary;
     use canopen::object_dictionary::Preset;
     use platform::bus::{Bus, BusError};
     use scenario::rig::{Limits, RealDrive};
@@ -350,8 +342,7 @@ mod tests {
                 rate_max: 1e4,
             };
             let drive = LoadedDrive::new(RealDrive::new(limits), None).unwrap();
-            let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
-            let mut answering = dictionary.clone();
+            let mut answering = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
             answering.preset(&Preset::new(0x1000, 0, device_type));
             let written = Arc::new(AtomicUsize::new(0));
             let bus = Answering {
@@ -361,9 +352,9 @@ mod tests {
                 nothing: File::open("/dev/null").unwrap(),
             };
             let guest = Guest::new(Box::new(bus), || false);
-            let interview = Interview::new(guest, &drive, dictionary, 1);
+            let interview = Interview::new(guest, &drive, 1);
             let node = (NodeId::new(0x10).unwrap(), "drive".to_owned());
-            let Ok(checks) = interview.checks(&[node], 1) else {
+            let Ok(checks) = interview.checks(&[node]) else {
                 panic!("nobody else is there");
             };
             let names = Vec::from_iter(checks.iter().map(|check| check.name));

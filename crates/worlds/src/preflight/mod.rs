@@ -17,7 +17,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use can::Filter;
-use canopen::eds;
 use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
@@ -225,8 +224,6 @@ impl Session<'_> {
         drive: &LoadedDrive,
         one: &ControlLoop,
     ) -> Result<Result<Vec<Check>, BrokenOff>, WorldError> {
-        let dictionary = eds::parse(&drive.eds, drive.layout.node_id.get())
-            .map_err(|error| cannot_be_made(&error))?;
         let io = one
             .nodes
             .io
@@ -238,9 +235,8 @@ impl Session<'_> {
         let watch = self.watch;
         let bus = self.connection.join(&[Filter::ALL])?;
         let guest = Guest::new(bus, || watch.is_interrupted());
-        let manager = one.nodes.controller.id;
-        let interview = Interview::new(guest, drive, dictionary, manager);
-        Ok(interview.checks(&Vec::from_iter(nodes), manager))
+        let interview = Interview::new(guest, drive, one.nodes.controller.id);
+        Ok(interview.checks(&Vec::from_iter(nodes)))
     }
 
     /// Leads the drive through the ramp and judges the frames on the bus.
