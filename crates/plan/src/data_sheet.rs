@@ -4,8 +4,8 @@ use std::path::Path;
 
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
-use scenario::rig::ObjectAddress;
 use scenario::rig::nodes::CONTROLLER_NODE_ID;
+use scenario::rig::object_address;
 
 /// Longest file that a user names, other than scenarios and recordings.
 pub const FILE_BYTES_MAX: u64 = 1 << 20;
@@ -200,9 +200,7 @@ fn ambiguous(text: &str, several: &[&Entry]) -> String {
 fn parse_place(text: &str) -> Option<(u16, u8)> {
     let digits = |text| str::strip_prefix(text, "0x").unwrap_or(text);
     let (index, sub_index) = text.split_once(':').unwrap_or((text, "0"));
-    let address = format!("0x{}:{}", digits(index), digits(sub_index));
-    let ObjectAddress { index, sub_index } = address.parse().ok()?;
-    Some((index, sub_index))
+    object_address(&format!("0x{}:{}", digits(index), digits(sub_index))).ok()
 }
 
 #[cfg(test)]

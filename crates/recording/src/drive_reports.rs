@@ -8,16 +8,13 @@ use canopen::cia402::STATUSWORD;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use dbc::{Coding, names};
 use plan::ControlLoop;
-use scenario::rig::{ObjectAddress, Timeouts};
+use scenario::rig::{Timeouts, object_address};
 
 /// Client's command that reads an object.
 const UPLOAD: u8 = 0x40;
 /// Mask and value of the server's answer that contains the value, of any length.
 const EXPEDITED: (u8, u8) = (0b1110_0010, 0b0100_0010);
-const STATUSWORD_OBJECT: ObjectAddress = ObjectAddress {
-    index: STATUSWORD,
-    sub_index: 0,
-};
+const STATUSWORD_OBJECT: (u16, u8) = (STATUSWORD, 0);
 /// Number of SYNC periods after which a drive misses the SYNC.
 const SYNC_PERIODS: u32 = 3;
 /// Longest watch to wait for.
@@ -35,9 +32,9 @@ pub fn watch(one: &ControlLoop) -> Duration {
 /// Returns the requests for a drive's power state and for its current, if it measures that.
 pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
     let drive = one.nodes.drive.id;
-    let request = |object: ObjectAddress| {
-        let [low, high] = object.index.to_le_bytes();
-        let data = [UPLOAD, low, high, object.sub_index, 0, 0, 0, 0];
+    let request = |(index, sub_index): (u16, u8)| {
+        let [low, high] = index.to_le_bytes();
+        let data = [UPLOAD, low, high, sub_index, 0, 0, 0, 0];
         CanFrame::new(DEFAULT_REQUEST_ID + u16::from(drive), &data)
     };
     let current = current(one).map(|(object, _)| object);
@@ -45,16 +42,12 @@ pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
 }
 
 /// Returns the object of the measured current, with the coding of its value.
-fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
+fn current(one: &ControlLoop) -> Option<((u16, u8), Coding)> {
     let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
     let signal = feedback.signal(&one.trial.wiring.sensor.measurand.name(names::CURRENT))?;
     let real = one.real_drive.as_ref();
-    let object = real
-        .map(|drive| &drive.real.current.object)
-        .unwrap_or(&signal.object)
-        .parse()
-        .ok()?;
-    Some((object, signal.coding.starting_at(0)))
+    let object = real.map_or(&signal.object, |drive| &drive.real.current.object);
+    Some((object_address(object).ok()?, signal.coding.starting_at(0)))
 }
 
 /// Answers of a drive, each with its scenario time in seconds.
@@ -68,7 +61,7 @@ pub struct DriveReports {
 pub(crate) struct DriveReportReader {
     /// Identifier of the answers.
     pub(crate) raw_id: u32,
-    current: Option<(ObjectAddress, Coding)>,
+    current: Option<((u16, u8), Coding)>,
     /// Answers so far, in the order of time.
     pub(crate) reports: DriveReports,
 }
@@ -92,7 +85,7 @@ impl DriveReportReader {
             return;
         }
         let index = u16::from_le_bytes([low, high]);
-        let object = ObjectAddress { index, sub_index };
+        let object = (index, sub_index);
         let time_seconds = time.as_secs_f64();
         if object == STATUSWORD_OBJECT {
             let word = f64::from(u16::from_le_bytes([a, b]));

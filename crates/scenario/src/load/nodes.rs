@@ -18,7 +18,7 @@ use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::node::Part;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, Rig, RigNode};
-use crate::rig::{ObjectAddress, RealDrive};
+use crate::rig::{RealDrive, object_address};
 use crate::schema;
 use crate::table;
 use crate::{meant_or_known, nearest};
@@ -340,7 +340,7 @@ impl Check<'_> {
             ("current.object", &real.current.object, true),
         ] {
             let is_absent = may_be_absent && text.is_empty();
-            if let Err(reason) = text.parse::<ObjectAddress>()
+            if let Err(reason) = object_address(text)
                 && !is_absent
             {
                 object(key, &format!("\"{text}\" names no object"), reason);

@@ -5,7 +5,7 @@ use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
 use canopen::{ObjectDictionary, add_half, cia402};
 
-use super::{ObjectAddress, RealDrive};
+use super::{RealDrive, object_address};
 
 /// Transmission type of a drive that samples and applies on every SYNC.
 const EVERY_SYNC: u8 = 1;
@@ -129,8 +129,10 @@ struct Object {
 
 impl Object {
     /// Finds an integer in the drive's dictionary.
-    fn find(dictionary: &ObjectDictionary, address: ObjectAddress) -> Result<Self, DriveError> {
-        let ObjectAddress { index, sub_index } = address;
+    fn find(
+        dictionary: &ObjectDictionary,
+        (index, sub_index): (u16, u8),
+    ) -> Result<Self, DriveError> {
         let handle = dictionary.find(index, sub_index).map_err(|_| {
             DriveError(format!(
                 "the drive's EDS has no object 0x{index:04X}:{sub_index:02X}"
@@ -282,15 +284,11 @@ impl DriveLayout {
             Ok::<_, DriveError>(pdo)
         };
         let object = |text: &str| {
-            let address = text
-                .parse()
-                .map_err(|_| DriveError(format!("\"{text}\" names no object")))?;
+            let address = object_address(text);
+            let address = address.map_err(|_| DriveError(format!("\"{text}\" names no object")))?;
             Object::find(&dictionary, address)
         };
-        let word = |index| {
-            let sub_index = 0;
-            Object::find(&dictionary, ObjectAddress { index, sub_index })
-        };
+        let word = |index| Object::find(&dictionary, (index, 0));
         let (statusword, controlword) = (word(cia402::STATUSWORD)?, word(cia402::CONTROLWORD)?);
         let position = object(&rig.position.object)?;
         let target = object(&rig.command.object)?;

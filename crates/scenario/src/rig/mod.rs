@@ -9,7 +9,6 @@ pub mod shipped;
 #[cfg(test)]
 mod tests;
 
-use std::str::FromStr;
 use std::time::Duration;
 
 use schemars::JsonSchema;
@@ -242,30 +241,20 @@ impl Timeouts {
     }
 }
 
-/// Index and sub-index of an object, written as "0x6064" or "0x2345:01".
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct ObjectAddress {
-    /// Index of the object.
-    pub index: u16,
-    /// Sub-index of the object.
-    pub sub_index: u8,
-}
-
-impl FromStr for ObjectAddress {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        const WANTED: &str =
-            "must be index and, if not 0, sub-index, as in \"0x6064\" or \"0x2345:01\"";
-        let digits = text.strip_prefix("0x").ok_or(WANTED)?;
-        let (index, sub_index) = digits.split_once(':').unwrap_or((digits, "0"));
-        let is_hexadecimal = |digits: &str| digits.bytes().all(|byte| byte.is_ascii_hexdigit());
-        if index.len() != 4 || !is_hexadecimal(index) || !is_hexadecimal(sub_index) {
-            return Err(WANTED);
-        }
-        Ok(Self {
-            index: u16::from_str_radix(index, 16).map_err(|_| WANTED)?,
-            sub_index: u8::from_str_radix(sub_index, 16).map_err(|_| WANTED)?,
-        })
+/// Parses index and sub-index of an object, written as "0x6064" or "0x2345:01".
+///
+/// # Errors
+/// With the expected form.
+pub fn object_address(text: &str) -> Result<(u16, u8), &'static str> {
+    const WANTED: &str =
+        "must be index and, if not 0, sub-index, as in \"0x6064\" or \"0x2345:01\"";
+    let digits = text.strip_prefix("0x").ok_or(WANTED)?;
+    let (index, sub_index) = digits.split_once(':').unwrap_or((digits, "0"));
+    let is_hexadecimal = |digits: &str| digits.bytes().all(|byte| byte.is_ascii_hexdigit());
+    if index.len() != 4 || !is_hexadecimal(index) || !is_hexadecimal(sub_index) {
+        return Err(WANTED);
     }
+    let index = u16::from_str_radix(index, 16).map_err(|_| WANTED)?;
+    let sub_index = u8::from_str_radix(sub_index, 16).map_err(|_| WANTED)?;
+    Ok((index, sub_index))
 }

@@ -1,5 +1,5 @@
-use super::ObjectAddress;
 use super::nodes::Rig;
+use super::object_address;
 
 /// Returns a rig with one real drive, and these keys in its node.
 fn with(more: &str) -> String {
@@ -79,12 +79,7 @@ fn a_rig_of_one_drive_alone_follows_what_that_measures() {
 
 #[test]
 fn an_object_is_index_and_sub_index() {
-    let address = |text: &str| {
-        let parsed = text.parse::<ObjectAddress>();
-        parsed
-            .map(|address| (address.index, address.sub_index))
-            .ok()
-    };
+    let address = |text: &str| object_address(text).ok();
     assert_eq!(address("0x6064"), Some((0x6064, 0)));
     assert_eq!(address("0x2345:0A"), Some((0x2345, 10)));
     for bad in [

@@ -9,7 +9,7 @@ use canopen::object_dictionary::{AbortCode, Entry};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{NmtCommand, NodeId, cia402};
 use platform::clock::Clock;
-use scenario::rig::ObjectAddress;
+use scenario::rig::object_address;
 
 use super::checklist::{Check, CheckOutcome, Found, failed, passed};
 use crate::guest::{Guest, GuestError};
@@ -241,11 +241,9 @@ fn used_objects(drive: &LoadedDrive) -> impl Iterator<Item = (u16, u8)> {
         &drive.position.object,
         &drive.current.object,
     ];
-    let named = named.into_iter().filter_map(|text| {
-        let address = text.parse::<ObjectAddress>().ok()?;
-        Some((address.index, address.sub_index))
-    });
-    named.chain(USED)
+    let named = named.into_iter();
+    let addresses = named.filter_map(|text| object_address(text).ok());
+    addresses.chain(USED)
 }
 
 /// Returns whether the drive refused its controlword before NMT state operational, as some do; the object then has no effect.
