@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::object_dictionary::AbortCode;
+use crate::sdo_block::BlockSender;
 use can::CanFrame;
 
 /// Longest value that is transferred; longer ones are aborted with [`AbortCode::OUT_OF_MEMORY`].
@@ -70,9 +71,45 @@ pub(crate) enum Step {
     Done,
 }
 
+/// State of a transfer: the frame for which client or server waits.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) enum State {
+    #[default]
+    Idle,
+    /// The client asked for a value.
+    UploadRequested {
+        is_block: bool,
+    },
+    /// The client announced a value, or sent it. `is_expedited`: the answer ends the transfer.
+    DownloadRequested {
+        is_expedited: bool,
+    },
+    BlockDownloadRequested,
+    /// The next segment to receive has this toggle bit.
+    Receiving {
+        toggle: bool,
+    },
+    /// The next segment to send begins at `position`. The request for it has this toggle bit, or the confirmation of the one
+    /// before it.
+    Sending {
+        toggle: bool,
+        position: usize,
+    },
+    ReceivingBlock {
+        /// Number of segments of the block that were stored.
+        stored: u8,
+    },
+    BlockReceived,
+    /// The server waits for the client's start.
+    BlockPrepared(BlockSender),
+    SendingBlock(BlockSender),
+    BlockSent,
+}
+
 /// Transfer under way, as client and server keep it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Transfer {
+    pub(crate) state: State,
     pub(crate) object: Multiplexer,
     /// Length that the sender of the value has announced.
     pub(crate) announced: Option<usize>,
@@ -86,6 +123,32 @@ pub(crate) struct Transfer {
 }
 
 impl Transfer {
+    /// Checks whether it is under way.
+    pub(crate) fn is_busy(&self) -> bool {
+        !matches!(self.state, State::Idle)
+    }
+
+    /// Ends it.
+    pub(crate) fn close(&mut self) {
+        self.state = State::Idle;
+        self.deadline = None;
+    }
+
+    /// Checks whether a frame aborts it. A segment of a block may have the same command specifier.
+    pub(crate) fn is_abort(&self, payload: &Payload) -> bool {
+        let is_receiving_block = matches!(self.state, State::ReceivingBlock { .. });
+        payload[0] >> 5 == 4 && (payload[0] == ABORT || !is_receiving_block)
+    }
+
+    /// Returns the next payload to send.
+    pub(crate) fn next_payload(&mut self) -> Option<Payload> {
+        let waiting = self.outgoing.take();
+        waiting.or_else(|| match &mut self.state {
+            State::SendingBlock(sender) => sender.next_segment(&self.buffer),
+            _ => None,
+        })
+    }
+
     /// Checks whether the other side has been silent for too long.
     pub(crate) fn is_overdue(&self, now: Duration) -> bool {
         self.deadline.is_some_and(|deadline| now >= deadline)

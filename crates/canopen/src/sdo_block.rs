@@ -2,7 +2,7 @@
 
 use crate::object_dictionary::AbortCode;
 use crate::sdo::{
-    MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, Step, Transfer, check_length, crc, segment,
+    MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, State, Step, Transfer, check_length, crc, segment,
     unused_bytes,
 };
 
@@ -59,31 +59,6 @@ impl BlockSender {
         payload[0] = self.sent | if is_last { LAST } else { 0 };
         Some(payload)
     }
-
-    /// Handles the receiver's acknowledgement of a block; true if the receiver has everything, so that the end is sent.
-    pub(crate) fn acknowledge(
-        &mut self,
-        transfer: &mut Transfer,
-        payload: &Payload,
-    ) -> Result<bool, AbortCode> {
-        let [_, sequence, block_size, ..] = *payload;
-        if sequence > self.sent {
-            return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
-        }
-        self.confirmed += SEGMENT_BYTES * usize::from(sequence);
-        self.sent = 0;
-        if self.confirmed >= transfer.buffer.len().max(1) {
-            transfer.outgoing = Some(end(&transfer.buffer, transfer.with_crc));
-            return Ok(true);
-        }
-        check_block_size(block_size)?;
-        self.block_size = block_size;
-        self.fruitless = if sequence == 0 { self.fruitless + 1 } else { 0 };
-        if self.fruitless > MAX_FRUITLESS_ACKNOWLEDGEMENTS {
-            return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
-        }
-        Ok(false)
-    }
 }
 
 /// Returns the end of a block transfer: its command with the unused bytes of the last segment, and the CRC.
@@ -113,47 +88,69 @@ pub(crate) fn check_end(transfer: &mut Transfer, end: &Payload) -> Result<(), Ab
     check_length(buffer.len(), transfer.announced)
 }
 
-/// Receiver of segments.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct BlockReceiver {
-    /// Number of segments of this block that were stored.
-    stored: u8,
-    is_complete: bool,
-}
-
-impl BlockReceiver {
-    /// Checks whether the last segment was stored.
-    pub(crate) fn is_complete(&self) -> bool {
-        self.is_complete
+impl Transfer {
+    /// Handles the receiver's acknowledgement of a block. If the receiver has everything, the end is sent.
+    pub(crate) fn acknowledge_block(
+        &mut self,
+        payload: &Payload,
+        mut sender: BlockSender,
+    ) -> Result<(), AbortCode> {
+        let [_, sequence, block_size, ..] = *payload;
+        if sequence > sender.sent {
+            return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
+        }
+        sender.confirmed += SEGMENT_BYTES * usize::from(sequence);
+        sender.sent = 0;
+        if sender.confirmed >= self.buffer.len().max(1) {
+            self.outgoing = Some(end(&self.buffer, self.with_crc));
+            self.state = State::BlockSent;
+            return Ok(());
+        }
+        check_block_size(block_size)?;
+        sender.block_size = block_size;
+        sender.fruitless = if sequence == 0 {
+            sender.fruitless + 1
+        } else {
+            0
+        };
+        if sender.fruitless > MAX_FRUITLESS_ACKNOWLEDGEMENTS {
+            return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
+        }
+        self.state = State::SendingBlock(sender);
+        Ok(())
     }
 
-    /// Accepts a segment, the last one with its padding, and acknowledges the block at its end. A segment out of sequence is
-    /// dropped; the acknowledgement will ask for it again.
-    pub(crate) fn accept(
+    /// Accepts a segment of a block, the last one with its padding, after this number of stored ones, and acknowledges the block
+    /// at its end. A segment out of sequence is dropped; the acknowledgement will ask for it again.
+    pub(crate) fn receive_block_segment(
         &mut self,
-        transfer: &mut Transfer,
         payload: &Payload,
+        mut stored: u8,
     ) -> Result<Step, AbortCode> {
         let sequence = payload[0] & !LAST;
         let is_last = payload[0] & LAST != 0;
         if sequence == 0 || sequence > BLOCK_SIZE {
             return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
         }
-        let is_next = sequence == self.stored + 1;
+        let is_next = sequence == stored + 1;
         if is_next {
-            if transfer.buffer.len() >= MAX_TRANSFER_BYTES {
+            if self.buffer.len() >= MAX_TRANSFER_BYTES {
                 return Err(AbortCode::OUT_OF_MEMORY);
             }
-            transfer.buffer.extend_from_slice(&payload[1..]);
-            self.stored += 1;
-            self.is_complete = is_last;
+            self.buffer.extend_from_slice(&payload[1..]);
+            stored += 1;
         }
-        if is_last || sequence == BLOCK_SIZE {
-            let stored = std::mem::take(&mut self.stored);
-            transfer.outgoing = Some([0xA2, stored, BLOCK_SIZE, 0, 0, 0, 0, 0]);
-        } else if !is_next {
-            return Ok(Step::Stale);
+        let ends_block = is_last || sequence == BLOCK_SIZE;
+        if ends_block {
+            self.outgoing = Some([0xA2, stored, BLOCK_SIZE, 0, 0, 0, 0, 0]);
+            stored = 0;
         }
-        Ok(Step::Forward)
+        self.state = if is_next && is_last {
+            State::BlockReceived
+        } else {
+            State::ReceivingBlock { stored }
+        };
+        let advances = is_next || ends_block;
+        Ok(if advances { Step::Forward } else { Step::Stale })
     }
 }

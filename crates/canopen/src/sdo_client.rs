@@ -5,10 +5,10 @@ use std::time::Duration;
 use crate::object_dictionary::AbortCode;
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, Step, Transfer, announced_length, check_toggle, data_bytes, expedited,
-    expedited_length, payload_with_id,
+    Payload, SEGMENT_BYTES, State, Step, Transfer, announced_length, check_toggle, data_bytes,
+    expedited, expedited_length, payload_with_id,
 };
-use crate::sdo_block::{BLOCK_SIZE, BlockReceiver, BlockSender, check_end};
+use crate::sdo_block::{BLOCK_SIZE, BlockSender, check_end};
 use can::CanFrame;
 
 /// Reason for which a transfer failed.
@@ -45,33 +45,6 @@ pub struct SdoError {
     pub failure: SdoFailure,
 }
 
-/// Answer for which the client waits.
-#[derive(Clone, Copy, Debug)]
-enum State {
-    Idle,
-    UploadInitiated {
-        is_block: bool,
-    },
-    /// The next segment has this toggle bit.
-    Upload {
-        toggle: bool,
-    },
-    BlockUpload(BlockReceiver),
-    BlockUploadEnd,
-    /// `is_expedited`: the answer ends the transfer.
-    DownloadInitiated {
-        is_expedited: bool,
-    },
-    /// The segment before `position`, sent with this toggle bit, is to be confirmed.
-    Download {
-        toggle: bool,
-        position: usize,
-    },
-    BlockDownloadInitiated,
-    BlockDownload(BlockSender),
-    BlockDownloadEnd,
-}
-
 /// Client of one SDO channel.
 ///
 /// Start a transfer, drain [`SdoClient::next_frame`] after each call that takes a time, and take its end from
@@ -82,7 +55,6 @@ pub struct SdoClient {
     request_id: u16,
     response_id: u16,
     timeout: Duration,
-    state: State,
     transfer: Transfer,
     result: Option<Result<Vec<u8>, SdoError>>,
 }
@@ -95,7 +67,6 @@ impl SdoClient {
             request_id: DEFAULT_REQUEST_ID + u16::from(node_id),
             response_id: DEFAULT_RESPONSE_ID + u16::from(node_id),
             timeout: DEFAULT_TIMEOUT,
-            state: State::Idle,
             transfer: Transfer::default(),
             result: None,
         }
@@ -128,7 +99,7 @@ impl SdoClient {
 
     /// Checks whether a transfer is under way.
     pub fn is_busy(&self) -> bool {
-        !matches!(self.state, State::Idle)
+        self.transfer.is_busy()
     }
 
     /// Starts reading an object.
@@ -142,7 +113,7 @@ impl SdoClient {
         sub_index: u8,
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, &[])?;
-        self.state = State::UploadInitiated { is_block: false };
+        self.transfer.state = State::UploadRequested { is_block: false };
         self.transfer.outgoing = Some(self.transfer.object.payload(0x40, [0; 4]));
         Ok(())
     }
@@ -158,7 +129,7 @@ impl SdoClient {
         sub_index: u8,
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, &[])?;
-        self.state = State::UploadInitiated { is_block: true };
+        self.transfer.state = State::UploadRequested { is_block: true };
         self.transfer.outgoing = Some(self.transfer.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
         Ok(())
     }
@@ -176,7 +147,7 @@ impl SdoClient {
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, bytes)?;
         let expedited = expedited(0x20, bytes);
-        self.state = State::DownloadInitiated {
+        self.transfer.state = State::DownloadRequested {
             is_expedited: expedited.is_some(),
         };
         self.transfer.outgoing = Some(match expedited {
@@ -198,7 +169,7 @@ impl SdoClient {
         bytes: &[u8],
     ) -> Result<(), SdoError> {
         self.begin(now, index, sub_index, bytes)?;
-        self.state = State::BlockDownloadInitiated;
+        self.transfer.state = State::BlockDownloadRequested;
         self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0xC6, bytes.len()));
         Ok(())
     }
@@ -229,19 +200,14 @@ impl SdoClient {
 
     /// Drops the transfer in silence, with its result.
     pub fn reset(&mut self) {
-        self.state = State::Idle;
-        self.transfer.deadline = None;
+        self.transfer.close();
         self.transfer.outgoing = None;
         self.result = None;
     }
 
     /// Returns the next frame to send.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
-        let request = self.transfer.outgoing.take();
-        let payload = request.or_else(|| match &mut self.state {
-            State::BlockDownload(sender) => sender.next_segment(&self.transfer.buffer),
-            _ => None,
-        })?;
+        let payload = self.transfer.next_payload()?;
         Some(CanFrame::new(self.request_id, &payload))
     }
 
@@ -286,8 +252,7 @@ impl SdoClient {
 
     /// Ends the transfer.
     fn finish(&mut self, result: Result<Vec<u8>, SdoFailure>) {
-        self.state = State::Idle;
-        self.transfer.deadline = None;
+        self.transfer.close();
         self.result = Some(result.map_err(|failure| SdoError {
             node_id: self.node_id,
             index: self.transfer.object.index,
@@ -304,28 +269,25 @@ impl SdoClient {
 
     /// Handles an answer in the present state.
     fn handle(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
-        let is_receiving_block = matches!(self.state, State::BlockUpload(_));
-        let is_abort = answer[0] >> 5 == 4 && (answer[0] == 0x80 || !is_receiving_block);
-        if is_abort {
+        if self.transfer.is_abort(answer) {
             return Ok(self.aborted(answer));
         }
-        match self.state {
-            State::Idle => Ok(Step::Stale),
-            State::UploadInitiated { is_block } => self.upload_initiated(answer, is_block),
-            State::Upload { toggle } => self.upload_segment(answer, toggle),
-            State::BlockUpload(receiver) => self.block_upload_segment(answer, receiver),
-            State::BlockUploadEnd => self.block_upload_end(answer),
-            State::DownloadInitiated { is_expedited } => {
+        match self.transfer.state {
+            State::UploadRequested { is_block } => self.upload_initiated(answer, is_block),
+            State::Receiving { toggle } => self.upload_segment(answer, toggle),
+            State::ReceivingBlock { stored } => self.transfer.receive_block_segment(answer, stored),
+            State::BlockReceived => self.block_upload_end(answer),
+            State::DownloadRequested { is_expedited } => {
                 Ok(self.download_initiated(answer, is_expedited))
             }
-            State::Download { toggle, position } => self.download_segment(answer, toggle, position),
-            State::BlockDownloadInitiated => self.block_download_initiated(answer),
-            State::BlockDownload(sender) => self.block_download_acknowledged(answer, sender),
-            State::BlockDownloadEnd => Ok(if answer[0] == 0xA1 {
-                self.written()
-            } else {
-                Step::Stale
-            }),
+            State::Sending { toggle, position } => self.download_segment(answer, toggle, position),
+            State::BlockDownloadRequested => self.block_download_initiated(answer),
+            State::SendingBlock(sender) if answer[0] >> 5 == 5 && answer[0] & 0b11 == 2 => {
+                self.transfer.acknowledge_block(answer, sender)?;
+                Ok(Step::Forward)
+            }
+            State::BlockSent if answer[0] == 0xA1 => Ok(self.written()),
+            _ => Ok(Step::Stale),
         }
     }
 
@@ -359,14 +321,14 @@ impl SdoClient {
             }
             2 => {
                 self.transfer.announced = announced_length(answer, answer[0] & 1 != 0)?;
-                self.state = State::Upload { toggle: false };
+                self.transfer.state = State::Receiving { toggle: false };
                 self.transfer.outgoing = Some([0x60, 0, 0, 0, 0, 0, 0, 0]);
                 Ok(Step::Forward)
             }
             6 if is_block && answer[0] & 1 == 0 => {
                 self.transfer.announced = announced_length(answer, answer[0] & 0b10 != 0)?;
                 self.transfer.with_crc = answer[0] & 0b100 != 0;
-                self.state = State::BlockUpload(BlockReceiver::default());
+                self.transfer.state = State::ReceivingBlock { stored: 0 };
                 self.transfer.outgoing = Some([0xA3, 0, 0, 0, 0, 0, 0, 0]);
                 Ok(Step::Forward)
             }
@@ -382,24 +344,9 @@ impl SdoClient {
         if self.transfer.receive_segment(answer, toggle)? {
             return Ok(Step::Done);
         }
-        self.state = State::Upload { toggle: !toggle };
+        self.transfer.state = State::Receiving { toggle: !toggle };
         self.transfer.outgoing = Some([0x60 | u8::from(!toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
         Ok(Step::Forward)
-    }
-
-    /// Handles a segment of a block.
-    fn block_upload_segment(
-        &mut self,
-        answer: &Payload,
-        mut receiver: BlockReceiver,
-    ) -> Result<Step, AbortCode> {
-        let step = receiver.accept(&mut self.transfer, answer)?;
-        self.state = if receiver.is_complete() {
-            State::BlockUploadEnd
-        } else {
-            State::BlockUpload(receiver)
-        };
-        Ok(step)
     }
 
     /// Handles the end of a block upload.
@@ -428,7 +375,7 @@ impl SdoClient {
     fn send_segment(&mut self, toggle: bool, position: usize) {
         self.transfer.send_segment(toggle, position);
         let position = position + SEGMENT_BYTES;
-        self.state = State::Download { toggle, position };
+        self.transfer.state = State::Sending { toggle, position };
     }
 
     /// Handles the confirmation of a segment.
@@ -455,25 +402,8 @@ impl SdoClient {
         if !is_answer || Multiplexer::from_payload(answer) != self.transfer.object {
             return Ok(Step::Stale);
         }
-        self.state = State::BlockDownload(BlockSender::new(answer[4])?);
+        self.transfer.state = State::SendingBlock(BlockSender::new(answer[4])?);
         self.transfer.with_crc = answer[0] & 0b100 != 0;
-        Ok(Step::Forward)
-    }
-
-    /// Handles the acknowledgement of a block.
-    fn block_download_acknowledged(
-        &mut self,
-        answer: &Payload,
-        mut sender: BlockSender,
-    ) -> Result<Step, AbortCode> {
-        if answer[0] >> 5 != 5 || answer[0] & 0b11 != 2 {
-            return Ok(Step::Stale);
-        }
-        self.state = if sender.acknowledge(&mut self.transfer, answer)? {
-            State::BlockDownloadEnd
-        } else {
-            State::BlockDownload(sender)
-        };
         Ok(Step::Forward)
     }
 }

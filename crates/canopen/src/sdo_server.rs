@@ -5,10 +5,10 @@ use std::time::Duration;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, Step, Transfer, announced_length, check_length, check_toggle,
+    Payload, SEGMENT_BYTES, State, Step, Transfer, announced_length, check_length, check_toggle,
     data_bytes, expedited, expedited_length, payload_with_id,
 };
-use crate::sdo_block::{BLOCK_SIZE, BlockReceiver, BlockSender, check_end};
+use crate::sdo_block::{BLOCK_SIZE, BlockSender, check_end};
 use can::CanFrame;
 
 /// Objects that a server serves, with their reactions to reads and writes.
@@ -30,26 +30,6 @@ pub trait Access {
     fn dictionary(&self) -> &ObjectDictionary;
 }
 
-/// State of a transfer.
-#[derive(Clone, Copy, Debug)]
-enum State {
-    Idle,
-    /// Segmented download; the next segment has this toggle bit.
-    Download {
-        toggle: bool,
-    },
-    /// Segmented upload; the next request has this toggle bit.
-    Upload {
-        toggle: bool,
-        position: usize,
-    },
-    BlockDownload(BlockReceiver),
-    BlockDownloadEnd,
-    BlockUploadStart(BlockSender),
-    BlockUpload(BlockSender),
-    BlockUploadEnd,
-}
-
 /// Server of one SDO channel.
 ///
 /// Drain [`SdoServer::next_frame`] after each call that takes a time.
@@ -57,7 +37,6 @@ enum State {
 pub struct SdoServer {
     request_id: u16,
     response_id: u16,
-    state: State,
     transfer: Transfer,
 }
 
@@ -67,7 +46,6 @@ impl SdoServer {
         Self {
             request_id: request_id & 0x7FF,
             response_id: response_id & 0x7FF,
-            state: State::Idle,
             transfer: Transfer::default(),
         }
     }
@@ -90,12 +68,12 @@ impl SdoServer {
 
     /// Checks whether a transfer is under way.
     pub fn is_busy(&self) -> bool {
-        !matches!(self.state, State::Idle)
+        self.transfer.is_busy()
     }
 
     /// Forgets the transfer in silence (NMT reset, or a state without SDO).
     pub fn reset(&mut self) {
-        self.close();
+        self.transfer.close();
         self.transfer.outgoing = None;
     }
 
@@ -121,11 +99,7 @@ impl SdoServer {
 
     /// Returns the next frame to send.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
-        let answer = self.transfer.outgoing.take();
-        let payload = answer.or_else(|| match &mut self.state {
-            State::BlockUpload(sender) => sender.next_segment(&self.transfer.buffer),
-            _ => None,
-        })?;
+        let payload = self.transfer.next_payload()?;
         Some(CanFrame::new(self.response_id, &payload))
     }
 
@@ -134,45 +108,41 @@ impl SdoServer {
         self.transfer.deadline
     }
 
-    /// Ends the transfer.
-    fn close(&mut self) {
-        self.state = State::Idle;
-        self.transfer.deadline = None;
-    }
-
     /// Ends the transfer and sends the client the reason.
     fn fail(&mut self, code: AbortCode) {
-        self.close();
+        self.transfer.close();
         self.transfer.outgoing = Some(self.transfer.object.abort(code));
     }
 
     /// Handles a request by the state and by its command specifier, which exists only outside the segments of a block.
     fn handle(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
-        let command = request[0];
-        let is_receiving_block = matches!(self.state, State::BlockDownload(_));
-        if command >> 5 == 4 && (command == 0x80 || !is_receiving_block) {
-            self.close();
+        if self.transfer.is_abort(request) {
+            self.transfer.close();
             return Ok(Step::Stale);
         }
-        match (self.state, command >> 5, command & 0b11) {
-            (State::BlockDownload(receiver), ..) => {
-                return self.block_download_segment(request, receiver);
+        match (self.transfer.state, request[0] >> 5, request[0] & 0b11) {
+            (State::ReceivingBlock { stored }, ..) => {
+                return self.transfer.receive_block_segment(request, stored);
             }
-            (State::Download { toggle }, 0, _) => {
+            (State::Receiving { toggle }, 0, _) => {
                 self.download_segment(request, toggle, objects)?;
             }
             (_, 1, _) => self.initiate_download(request, objects)?,
             (_, 2, _) => self.initiate_upload(request, objects)?,
-            (State::Upload { toggle, position }, 3, _) => {
+            (State::Sending { toggle, position }, 3, _) => {
                 self.upload_segment(request, toggle, position)?;
             }
             (_, 5, 0) => self.initiate_block_upload(request, objects)?,
-            (State::BlockUploadEnd, 5, 1) => self.close(),
-            (State::BlockUpload(sender), 5, 2) => self.acknowledge_block(request, sender)?,
+            (State::BlockSent, 5, 1) => self.transfer.close(),
+            (State::SendingBlock(sender), 5, 2) => {
+                self.transfer.acknowledge_block(request, sender)?;
+            }
             // The client is ready: the second part of "SDO block upload initiate".
-            (State::BlockUploadStart(sender), 5, 3) => self.state = State::BlockUpload(sender),
+            (State::BlockPrepared(sender), 5, 3) => {
+                self.transfer.state = State::SendingBlock(sender);
+            }
             (_, 6, 0 | 2) => self.initiate_block_download(request, objects)?,
-            (State::BlockDownloadEnd, 6, 1 | 3) => self.end_block_download(request, objects)?,
+            (State::BlockReceived, 6, 1 | 3) => self.end_block_download(request, objects)?,
             (_, 7, _) => {
                 self.transfer.object = Multiplexer::from_payload(request);
                 return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
@@ -184,7 +154,7 @@ impl SdoServer {
 
     /// Drops the current transfer, since the client starts a new one.
     fn begin(&mut self, request: &Payload) -> Multiplexer {
-        self.close();
+        self.transfer.close();
         self.transfer.object = Multiplexer::from_payload(request);
         self.transfer.object
     }
@@ -208,7 +178,7 @@ impl SdoServer {
             objects.write(index, sub_index, &data_bytes(request)[..length])?;
         } else {
             self.prepare_download(request, command & 1 != 0, objects)?;
-            self.state = State::Download { toggle: false };
+            self.transfer.state = State::Receiving { toggle: false };
         }
         self.transfer.outgoing = Some(self.transfer.object.payload(0x60, [0; 4]));
         Ok(())
@@ -244,7 +214,7 @@ impl SdoServer {
         toggle: bool,
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
-        self.state = State::Download { toggle: !toggle };
+        self.transfer.state = State::Receiving { toggle: !toggle };
         if self.transfer.receive_segment(request, toggle)? {
             self.finish_download(objects)?;
         }
@@ -256,7 +226,7 @@ impl SdoServer {
     fn finish_download(&mut self, objects: &mut dyn Access) -> Result<(), AbortCode> {
         let Multiplexer { index, sub_index } = self.transfer.object;
         objects.write(index, sub_index, &self.transfer.buffer)?;
-        self.close();
+        self.transfer.close();
         Ok(())
     }
 
@@ -278,7 +248,7 @@ impl SdoServer {
             return Ok(());
         }
         self.keep(value)?;
-        self.state = State::Upload {
+        self.transfer.state = State::Sending {
             toggle: false,
             position: 0,
         };
@@ -305,9 +275,9 @@ impl SdoServer {
     ) -> Result<(), AbortCode> {
         check_toggle(request, toggle)?;
         if self.transfer.send_segment(toggle, position) {
-            self.close();
+            self.transfer.close();
         } else {
-            self.state = State::Upload {
+            self.transfer.state = State::Sending {
                 toggle: !toggle,
                 position: position + SEGMENT_BYTES,
             };
@@ -324,24 +294,9 @@ impl SdoServer {
         self.begin(request);
         self.prepare_download(request, request[0] & 0b10 != 0, objects)?;
         self.transfer.with_crc = request[0] & 0b100 != 0;
-        self.state = State::BlockDownload(BlockReceiver::default());
+        self.transfer.state = State::ReceivingBlock { stored: 0 };
         self.transfer.outgoing = Some(self.transfer.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
         Ok(())
-    }
-
-    /// Handles "SDO block download sub-block".
-    fn block_download_segment(
-        &mut self,
-        request: &Payload,
-        mut receiver: BlockReceiver,
-    ) -> Result<Step, AbortCode> {
-        let step = receiver.accept(&mut self.transfer, request)?;
-        self.state = if receiver.is_complete() {
-            State::BlockDownloadEnd
-        } else {
-            State::BlockDownload(receiver)
-        };
-        Ok(step)
     }
 
     /// Handles "SDO block download end".
@@ -371,22 +326,8 @@ impl SdoServer {
         let sender = BlockSender::new(block_size)?;
         self.keep(value)?;
         self.transfer.with_crc = request[0] & 0b100 != 0;
-        self.state = State::BlockUploadStart(sender);
+        self.transfer.state = State::BlockPrepared(sender);
         self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0xC6, value.len()));
-        Ok(())
-    }
-
-    /// Handles the client's acknowledgement of a block.
-    fn acknowledge_block(
-        &mut self,
-        request: &Payload,
-        mut sender: BlockSender,
-    ) -> Result<(), AbortCode> {
-        self.state = if sender.acknowledge(&mut self.transfer, request)? {
-            State::BlockUploadEnd
-        } else {
-            State::BlockUpload(sender)
-        };
         Ok(())
     }
 }
