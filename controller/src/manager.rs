@@ -72,11 +72,7 @@ struct Program<'drive> {
 
 impl Program<'_> {
     fn push(&mut self, action: Action, index: u16, sub_index: u8, value: u32) {
-        let dictionary = &self.drive.dictionary;
-        let entry = dictionary
-            .find(index, sub_index)
-            .ok()
-            .map(|handle| dictionary.entry(handle));
+        let entry = self.drive.dictionary.get(index, sub_index);
         let size = entry.and_then(|entry| entry.data_type.size_bytes());
         self.steps.push(Step {
             action,
@@ -90,7 +86,7 @@ impl Program<'_> {
 
     /// Writes an object if the drive has it.
     fn write(&mut self, index: u16, sub_index: u8, value: u32) {
-        if self.drive.dictionary.find(index, sub_index).is_ok() {
+        if self.drive.dictionary.get(index, sub_index).is_some() {
             self.push(Action::Write, index, sub_index, value);
         }
     }

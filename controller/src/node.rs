@@ -260,9 +260,9 @@ fn dictionary(
     }
     // The object is checked here, since it is written only when the drives are configured.
     let watch = dictionary
-        .find(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
-        .map_err(|_| ControllerError::no_object(CONSUMER_HEARTBEAT_TIME))?;
-    let watch = dictionary.entry(watch).clone();
+        .get(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
+        .cloned()
+        .ok_or_else(|| ControllerError::no_object(CONSUMER_HEARTBEAT_TIME))?;
     for (place, (terms, identifiers)) in loops.iter().enumerate() {
         terms::declare(&mut dictionary, &shipped, terms, identifiers, place);
         let mut entry = watch.clone();

@@ -248,7 +248,7 @@ fn sdo_text(channel: &Channel<'_>, payload: [u8; 8]) -> String {
     let index = u16::from_le_bytes([low, high]);
     let entry = channel
         .sheet
-        .and_then(|sheet| sheet.entry(index, sub_index));
+        .and_then(|sheet| sheet.dictionary.get(index, sub_index));
     let name = entry.map_or_else(String::new, |entry| format!(" {}", entry.name));
     let object = format!("0x{index:04X}:{sub_index:02X}{name}");
     let value = || {

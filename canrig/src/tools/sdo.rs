@@ -251,7 +251,7 @@ fn transferred(
     let is_asked = |sheet: &&DataSheet| sheet.node_id == node_id;
     let sheet = sheets.iter().find(is_asked).unwrap_or(&unknown);
     let place = sheet.find(&target.object)?;
-    let entry = sheet.entry(place.0, place.1).cloned();
+    let entry = sheet.dictionary.get(place.0, place.1).cloned();
     let written = value
         .map(|text| to_write(entry.as_ref(), place, text))
         .transpose()?;

@@ -244,7 +244,8 @@ mod tests {
 
     fn entry(index: u16, sub_index: u8) -> Entry {
         rig_data_sheets()[1]
-            .entry(index, sub_index)
+            .dictionary
+            .get(index, sub_index)
             .unwrap()
             .clone()
     }

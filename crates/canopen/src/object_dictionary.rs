@@ -473,6 +473,12 @@ impl ObjectDictionary {
         })
     }
 
+    /// Returns a sub-object; `None` if it does not exist.
+    pub fn get(&self, index: u16, sub_index: u8) -> Option<&Entry> {
+        let place = self.place(index, sub_index).ok()?;
+        Some(&self.entries[place])
+    }
+
     /// Returns the place of a sub-object, or the place where it would be.
     fn place(&self, index: u16, sub_index: u8) -> Result<usize, usize> {
         let key = |entry: &Entry| (entry.index, entry.sub_index);
@@ -512,9 +518,7 @@ impl ObjectDictionary {
 
     /// Returns the integer at index and sub-index; `None` if there is no such object.
     pub fn integer(&self, index: u16, sub_index: u8) -> Option<i128> {
-        self.find(index, sub_index)
-            .ok()
-            .map(|handle| self.entry(handle).as_integer())
+        self.get(index, sub_index).map(Entry::as_integer)
     }
 
     /// Stores an integer at index and sub-index in the width of its type. It is a write of the application itself, so access

@@ -169,9 +169,8 @@ impl SdoServer {
         let command = request[0];
         if command & 0b10 != 0 {
             let type_bytes = || {
-                let dictionary = objects.dictionary();
-                let handle = dictionary.find(index, sub_index).ok()?;
-                dictionary.entry(handle).data_type.size_bytes()
+                let entry = objects.dictionary().get(index, sub_index)?;
+                entry.data_type.size_bytes()
             };
             let told = expedited_length(command);
             let length = told.unwrap_or_else(|| type_bytes().unwrap_or(4).min(4));

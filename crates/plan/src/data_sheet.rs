@@ -136,12 +136,6 @@ impl DataSheet {
             && expected(0x1018, 2) == Some(product)
     }
 
-    /// Returns the sub-object at a place.
-    pub fn entry(&self, index: u16, sub_index: u8) -> Option<&Entry> {
-        let handle = self.dictionary.find(index, sub_index).ok()?;
-        Some(self.dictionary.entry(handle))
-    }
-
     /// Finds the object that the user names, as `6064`, `0x6064:00` or by its name in the EDS. Case does not matter; a part of
     /// the name is enough if it is unambiguous.
     ///

@@ -130,7 +130,7 @@ fn object_name(sheet: &DataSheet, object: &str) -> Option<String> {
         return None;
     }
     let (index, sub_index) = sheet.find(object).ok()?;
-    Some(sheet.entry(index, sub_index)?.name.clone())
+    Some(sheet.dictionary.get(index, sub_index)?.name.clone())
 }
 
 #[cfg(test)]

@@ -133,12 +133,12 @@ impl Object {
         dictionary: &ObjectDictionary,
         (index, sub_index): (u16, u8),
     ) -> Result<Self, DriveError> {
-        let handle = dictionary.find(index, sub_index).map_err(|_| {
+        let entry = dictionary.get(index, sub_index).ok_or_else(|| {
             DriveError(format!(
                 "the drive's EDS has no object 0x{index:04X}:{sub_index:02X}"
             ))
         })?;
-        let data_type = dictionary.entry(handle).data_type;
+        let data_type = entry.data_type;
         let length_bytes = data_type
             .size_bytes()
             .filter(|bytes| matches!(bytes, 1 | 2 | 4) && !data_type.is_real())

@@ -148,19 +148,13 @@ impl<'a> Interview<'a> {
         }
     }
 
-    fn entry(&self, (index, sub_index): (u16, u8)) -> Option<Entry> {
-        let dictionary = &self.drive.layout.dictionary;
-        let handle = dictionary.find(index, sub_index).ok()?;
-        Some(dictionary.entry(handle).clone())
-    }
-
     /// Compares the identity of the drive with its EDS, as far as that has it.
     fn identity(&mut self) -> Result<Found, BrokenOff> {
+        let dictionary = &self.drive.layout.dictionary;
         let mut shown = Vec::new();
         for address in IDENTITY {
-            let dictionary = &self.drive.layout.dictionary;
             let wanted = dictionary.unsigned(address.0, address.1);
-            let Some((entry, wanted)) = self.entry(address).zip(wanted) else {
+            let Some((entry, wanted)) = dictionary.get(address.0, address.1).zip(wanted) else {
                 continue;
             };
             let read = match self.ask_drive(address, None)? {
@@ -170,7 +164,7 @@ impl<'a> Interview<'a> {
             let wanted = format!("0x{wanted:X}");
             let read = read.map_or("no number".to_owned(), |number| format!("0x{number:X}"));
             if read != wanted {
-                let name = name(&entry);
+                let name = name(entry);
                 return Ok(failed(format!(
                     "{name} is {read}, in the EDS {wanted}: another drive, or another EDS"
                 )));
@@ -187,20 +181,21 @@ impl<'a> Interview<'a> {
     /// command or switches a watch off.
     fn objects(&mut self) -> Result<Found, BrokenOff> {
         let (mut read, mut written) = (0, 0);
+        let dictionary = &self.drive.layout.dictionary;
         for address in used_objects(self.drive) {
-            let Some(entry) = self.entry(address) else {
+            let Some(entry) = dictionary.get(address.0, address.1) else {
                 continue;
             };
             let size = entry.data_type.size_bytes();
             if entry.access.is_readable() {
                 match self.ask_drive(address, None)? {
                     Err(error) => {
-                        return Ok(failed(format!("{} cannot be read: {error}", name(&entry))));
+                        return Ok(failed(format!("{} cannot be read: {error}", name(entry))));
                     }
                     Ok(bytes) if size.is_some_and(|size| size != bytes.len()) => {
                         return Ok(failed(format!(
                             "{} has {} bytes, in the EDS {}",
-                            name(&entry),
+                            name(entry),
                             bytes.len(),
                             size.unwrap_or_default()
                         )));
@@ -213,9 +208,9 @@ impl<'a> Interview<'a> {
             if let Some(size) = size.filter(|_| may_be_zero && entry.access.is_writable()) {
                 match self.ask_drive(address, Some(&vec![0; size]))? {
                     Ok(_) => written += 1,
-                    Err(error) if waits_for_operational(&entry, &error) => {}
+                    Err(error) if waits_for_operational(entry, &error) => {}
                     Err(error) => {
-                        return Ok(failed(format!("{} does not take 0: {error}", name(&entry))));
+                        return Ok(failed(format!("{} does not take 0: {error}", name(entry))));
                     }
                 }
             }
