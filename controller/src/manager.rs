@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use canopen::nmt::NodeId;
-use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure, unsigned};
 use canopen::{Services, cia402};
 use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Pdo};
@@ -119,15 +119,6 @@ impl Program<'_> {
     }
 }
 
-/// Progress of a bring-up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Progress {
-    /// Answers of the drive are awaited.
-    Busy,
-    /// The drive is configured.
-    Configured,
-}
-
 /// The program of SDO transfers that configures the drive.
 #[derive(Debug)]
 pub(crate) struct BringUp {
@@ -188,7 +179,7 @@ impl BringUp {
     }
 
     /// Begins the program; returns as [`BringUp::advance`].
-    pub(crate) fn begin(&mut self, services: &mut Services) -> Result<Progress, String> {
+    pub(crate) fn begin(&mut self, services: &mut Services) -> Result<(), String> {
         self.client.reset();
         (self.next, self.differs) = (0, false);
         self.advance(services)
@@ -215,14 +206,13 @@ impl BringUp {
     ///
     /// # Errors
     /// The drive is another one, or does not accept its configuration.
-    pub(crate) fn advance(&mut self, services: &mut Services) -> Result<Progress, String> {
+    pub(crate) fn advance(&mut self, services: &mut Services) -> Result<(), String> {
         if let Some(result) = self.client.take_result() {
             self.on_result(result)?;
         }
-        while !self.client.is_busy() {
-            let Some(step) = self.steps.get(self.next) else {
-                return Ok(Progress::Configured);
-            };
+        while !self.client.is_busy()
+            && let Some(step) = self.steps.get(self.next)
+        {
             match step.action {
                 Action::NewGroup => self.differs = false,
                 Action::Correct if !self.differs => {}
@@ -230,12 +220,17 @@ impl BringUp {
                     let started = step.start(&mut self.client, services.now());
                     started.map_err(|error| error.to_string())?;
                     self.drain(services);
-                    return Ok(Progress::Busy);
+                    return Ok(());
                 }
             }
             self.next += 1;
         }
-        Ok(Progress::Busy)
+        Ok(())
+    }
+
+    /// Returns whether the program has come to its end.
+    pub(crate) fn is_configured(&self) -> bool {
+        self.next == self.steps.len()
     }
 
     /// Checks the answer to the present step.
@@ -287,11 +282,4 @@ impl BringUp {
             services.send(frame);
         }
     }
-}
-
-/// Returns a little-endian number of one to four bytes.
-fn unsigned(bytes: &[u8]) -> Option<u32> {
-    let mut buffer = [0; 4];
-    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
 }

@@ -11,7 +11,6 @@ use super::drive::LedDrive;
 use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
 use crate::cause::Cause;
-use crate::manager::Progress;
 
 /// Number of SYNCs that carry the command 0 to the drives before NMT stop.
 const SYNCS_TO_STOP: u8 = 2;
@@ -107,11 +106,11 @@ impl Leader {
         &mut self,
         services: &mut Services,
         place: usize,
-        outcome: Result<Progress, String>,
+        outcome: Result<(), String>,
     ) {
         let drive = &mut self.loops[place].drive;
         match outcome {
-            Ok(Progress::Configured) if drive.phase == DrivePhase::Configuring => {
+            Ok(()) if drive.phase == DrivePhase::Configuring && drive.bring_up.is_configured() => {
                 drive.phase = DrivePhase::Configured;
                 if self.drives().all(LedDrive::is_configured) {
                     self.start(services);
@@ -121,7 +120,7 @@ impl Leader {
                 let node_id = drive.node_id();
                 self.fail(services, Some(node_id), Cause::NoBringUp, text);
             }
-            Ok(_) => {}
+            Ok(()) => {}
         }
     }
 

@@ -408,6 +408,13 @@ impl SdoClient {
     }
 }
 
+/// Decodes a value that was read as a little-endian number of one to four bytes.
+pub fn unsigned(bytes: &[u8]) -> Option<u32> {
+    let mut buffer = [0; 4];
+    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::VecDeque;

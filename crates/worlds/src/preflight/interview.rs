@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use canopen::object_dictionary::{AbortCode, Entry};
-use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure, unsigned};
 use canopen::{NmtCommand, NodeId, cia402};
 use platform::clock::Clock;
 use scenario::rig::object_address;
@@ -246,13 +246,6 @@ fn waits_for_operational(entry: &Entry, error: &SdoError) -> bool {
     let states = [AbortCode::DEVICE_STATE, AbortCode::LOCAL_CONTROL];
     entry.index == cia402::CONTROLWORD
         && matches!(error.failure, SdoFailure::Aborted(code) if states.contains(&code))
-}
-
-/// Decodes a little-endian number of one to four bytes.
-fn unsigned(bytes: &[u8]) -> Option<u32> {
-    let mut buffer = [0; 4];
-    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
 }
 
 #[cfg(test)]
