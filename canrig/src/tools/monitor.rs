@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter};
 use canopen::nmt::ERROR_CONTROL_ID;
-use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, expedited_length};
 use canopen::{AbortCode, NmtCommand, NmtState, emcy};
 use clap::Args;
 use dbc::Database;
@@ -253,13 +253,9 @@ fn sdo_text(channel: &Channel<'_>, payload: [u8; 8]) -> String {
     let object = format!("0x{index:04X}:{sub_index:02X}{name}");
     let value = || {
         let is_expedited = command & 0b10 != 0;
-        let unused = if command & 1 == 0 {
-            0
-        } else {
-            usize::from(command >> 2 & 0b11)
-        };
         if is_expedited {
-            format!(" = {}", value::show(entry, &data[..4 - unused]))
+            let length = expedited_length(command).unwrap_or(4);
+            format!(" = {}", value::show(entry, &data[..length]))
         } else if command & 1 != 0 {
             format!(" ({} bytes follow)", u32::from_le_bytes(data))
         } else {

@@ -244,7 +244,7 @@ pub(crate) fn expedited(command: u8, bytes: &[u8]) -> Option<(u8, [u8; 4])> {
 }
 
 /// Returns how many of the four bytes of an expedited command are used; `None` if the command does not tell.
-pub(crate) fn expedited_length(command: u8) -> Option<usize> {
+pub fn expedited_length(command: u8) -> Option<usize> {
     (command & 1 != 0).then_some(4 - usize::from(command >> 2 & 0b11))
 }
 
