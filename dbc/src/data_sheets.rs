@@ -26,15 +26,6 @@ pub fn io_watch(manager: u8) -> Preset {
     Preset::new(0x1016, 1, i64::from(manager) << 16 | IO_WATCH_MILLISECONDS)
 }
 
-/// Values of a node's data sheet that depend on the rig.
-#[derive(Clone, Debug, Default, Eq, PartialEq)]
-pub struct NodeValues {
-    /// Objects with their values.
-    pub presets: Vec<Preset>,
-    /// Word of the unit of a drive's positions, if it is not the millimetre.
-    pub unit: Option<String>,
-}
-
 /// Sections of the controller's first and second SDO client, and the indices of all possible ones.
 const FIRST_CLIENT: &str = "[1280]\n";
 const SECOND_CLIENT: &str = "[1281]\n";
@@ -95,9 +86,14 @@ fn with_clients_listed(text: &str, count: usize) -> String {
     format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
 }
 
-/// Returns an EDS for one node of a rig, with the node's name and number, and with the values that depend on the rig.
-pub fn node_sheet(eds: &str, name: &str, node_id: u8, values: &NodeValues) -> String {
-    let NodeValues { presets, unit } = values;
+/// Returns an EDS for one node of a rig, with the node's name and number, with objects that have other values there, and with the
+/// word of the unit of a drive's positions, if it is not the millimetre.
+pub fn node_sheet(
+    eds: &str,
+    (name, node_id): (&str, u8),
+    presets: &[Preset],
+    unit: Option<&str>,
+) -> String {
     let mut preset = None;
     let mut sheet = String::with_capacity(eds.len());
     for line in eds.lines() {

@@ -110,15 +110,7 @@ mod tests {
             Preset::new(0x60A9, 0, 0xFD41_0300),
             target,
         ];
-        let text = data_sheets::node_sheet(
-            DRIVE_EDS,
-            "y",
-            0x12,
-            &data_sheets::NodeValues {
-                presets: presets.into(),
-                unit: Some("degrees".to_owned()),
-            },
-        );
+        let text = data_sheets::node_sheet(DRIVE_EDS, ("y", 0x12), &presets, Some("degrees"));
         let [rewritten, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
         let mut preset = shipped.clone();
         presets.iter().for_each(|one| preset.preset(one));

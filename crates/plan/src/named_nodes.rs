@@ -1,6 +1,7 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
-use dbc::data_sheets::{AnalogueOutput, NodeValues};
+use canopen::object_dictionary::Preset;
+use dbc::data_sheets::AnalogueOutput;
 use dbc::loops::truth_presets;
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::node::Node;
@@ -16,14 +17,14 @@ pub fn node_sheets(plan: &Plan) -> Vec<(Node, String)> {
     let io_nodes = plan.loops.iter().flat_map(|one| &one.nodes.io);
     let servers = each_once(drives.chain(io_nodes.map(|node| node.id)));
     let eds = data_sheets::controller_sheet(&servers);
-    sheets.push(sheet(plan.controller(), &eds, &NodeValues::default()));
+    sheets.push(sheet(plan.controller(), &eds, &[], None));
     sheets.sort_by_key(|(node, _)| node.id);
     sheets.dedup_by_key(|(node, _)| node.id);
     sheets
 }
 
-fn sheet(node: &Node, eds: &str, values: &NodeValues) -> (Node, String) {
-    let text = data_sheets::node_sheet(eds, &node.name, node.id, values);
+fn sheet(node: &Node, eds: &str, presets: &[Preset], unit: Option<&str>) -> (Node, String) {
+    let text = data_sheets::node_sheet(eds, (&node.name, node.id), presets, unit);
     (node.clone(), text)
 }
 
@@ -34,14 +35,11 @@ fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
         Some(rig) => (drive.clone(), rig.eds.clone()),
         None => {
             let wiring = &one.trial.wiring;
-            let unit = &wiring.sensor.measurand.unit;
+            let unit = Some(&wiring.sensor.measurand.unit);
+            let unit = unit.filter(|unit| **unit != Unit::Millimetres);
             let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
-            let presets = one.trial.presets().into_iter().chain(truth);
-            let values = NodeValues {
-                presets: presets.collect(),
-                unit: (*unit != Unit::Millimetres).then(|| unit.word().to_owned()),
-            };
-            sheet(drive, DRIVE_EDS, &values)
+            let presets = Vec::from_iter(one.trial.presets().into_iter().chain(truth));
+            sheet(drive, DRIVE_EDS, &presets, unit.map(Unit::word))
         }
     };
     let io_sheets = one.nodes.io.iter().map(|io| {
@@ -51,11 +49,8 @@ fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
             at_rest: output.raw_at_rest(),
         });
         let eds = data_sheets::with_outputs(DISTURBANCE_EDS, outputs.collect());
-        let values = NodeValues {
-            presets: vec![data_sheets::io_watch(one.nodes.controller.id)],
-            unit: None,
-        };
-        sheet(io, &eds, &values)
+        let watch = data_sheets::io_watch(one.nodes.controller.id);
+        sheet(io, &eds, &[watch], None)
     });
     [drive_sheet].into_iter().chain(io_sheets).collect()
 }
