@@ -1,6 +1,5 @@
 //! Checks that the schema cannot express: values that must fit each other.
 
-mod currents;
 mod fault;
 mod files;
 mod limits;
@@ -29,7 +28,6 @@ pub(crate) use files::NamedFiles;
 pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
-pub(crate) use currents::outside;
 use fault::faults;
 pub(crate) use fault::faults_of_plants;
 use limits::limits;
@@ -87,7 +85,6 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     }
     travel(check, trial);
     chirps(check, &trial.reference);
-    currents::check(check, trial);
     disturbances(check, trial);
     limits(check, trial);
     signals::check(check, trial);

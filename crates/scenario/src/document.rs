@@ -6,8 +6,9 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::current::CurrentRange;
 use crate::error::{Problem, Source};
-use crate::port::Measurand;
+use crate::wiring::Measured;
 
 /// Largest number of syntax errors that are shown; more follow from the first one, or the file is no TOML.
 const SYNTAX_ERRORS_MAX: usize = 3;
@@ -19,7 +20,35 @@ pub(crate) struct Document<'text> {
     pub(crate) source: Source,
     root: Spanned<DeTable<'text>>,
     /// Quantities of the loop whose tables these are; the keys are patterns.
-    pub(crate) measurand: Measurand,
+    pub(crate) quantities: Quantities,
+}
+
+/// Quantities of a loop or a drive: they fill the patterns of keys, and limit the values there.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Quantities {
+    pub(crate) measured: Measured,
+    pub(crate) current: CurrentRange,
+}
+
+impl Quantities {
+    /// Writes out the patterns in a text.
+    pub(crate) fn name(&self, text: &str) -> String {
+        self.measured.measurand.name(text)
+    }
+
+    /// Returns the range of the values at a key with this pattern; `None` if its schema alone limits them.
+    pub(crate) fn range_of(&self, pattern: &str) -> Option<[f64; 2]> {
+        let ([lowest, highest], current) = (self.measured.range(), &self.current);
+        match pattern {
+            "{signal}_{unit}" | "centre_{unit}" => Some([lowest, highest]),
+            "amplitude_{unit}" => Some([0.0, (highest - lowest) / 2.0]),
+            "{command}_{command_unit}" => Some([current.min, current.max]),
+            "{command}_{command_unit}_max" | "co_contraction_{command_unit}" => {
+                Some([0.0, current.max])
+            }
+            _ => None,
+        }
+    }
 }
 
 impl<'text> Document<'text> {
@@ -29,7 +58,7 @@ impl<'text> Document<'text> {
         let document = Self {
             source,
             root,
-            measurand: Measurand::default(),
+            quantities: Quantities::default(),
         };
         match errors.as_slice() {
             [] => Ok(document),
@@ -97,7 +126,7 @@ impl<'text> Document<'text> {
         Self {
             source: self.source.clone(),
             root: Spanned::new(self.root.span(), root),
-            measurand: self.measurand.clone(),
+            quantities: self.quantities.clone(),
         }
     }
 
@@ -112,9 +141,9 @@ impl<'text> Document<'text> {
     }
 
     /// Makes a document of the tables of a loop, as [`Document::with_root`].
-    pub(crate) fn with_loop(&self, root: DeTable<'text>, measurand: Measurand) -> Self {
+    pub(crate) fn with_loop(&self, root: DeTable<'text>, quantities: Quantities) -> Self {
         Self {
-            measurand,
+            quantities,
             ..self.with_root(root)
         }
     }

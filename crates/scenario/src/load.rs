@@ -30,10 +30,9 @@ pub use resolve::Asked;
 
 use crate::beside::Beside;
 use crate::custom::{self, Custom, Section};
-use crate::document::Document;
+use crate::document::{Document, Quantities};
 use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
-use crate::port::Measurand;
 use crate::scenario::Scenario;
 use crate::trial::Trial;
 use crate::{schema, structure};
@@ -151,10 +150,10 @@ pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
 }
 
 /// Writes out the names of a loop's keys in its problems.
-pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Problem> {
+pub(crate) fn in_unit(problems: Vec<Problem>, quantities: &Quantities) -> Vec<Problem> {
     let problems = problems
         .into_iter()
-        .map(|problem| problem.renamed(|text| measurand.name(text)));
+        .map(|problem| problem.renamed(|text| quantities.name(text)));
     problems.collect()
 }
 

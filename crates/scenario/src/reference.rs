@@ -42,7 +42,6 @@ pub struct Hold {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Position that is held.
-    #[schemars(range(min = 0.0, max = 60.0))]
     #[serde(rename = "{signal}_{unit}")]
     pub position: f64,
 }
@@ -55,7 +54,6 @@ pub struct Step {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Position after the jump.
-    #[schemars(range(min = 0.0, max = 60.0))]
     #[serde(rename = "{signal}_{unit}")]
     pub position: f64,
 }
@@ -71,7 +69,6 @@ pub struct Ramp {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Position at the end.
-    #[schemars(range(min = 0.0, max = 60.0))]
     #[serde(rename = "{signal}_{unit}")]
     pub position: f64,
 }
@@ -84,11 +81,9 @@ pub struct Sine {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// Mean of the sine.
-    #[schemars(range(min = 0.0, max = 60.0))]
     #[serde(rename = "centre_{unit}")]
     pub centre: f64,
     /// Amplitude of the sine.
-    #[schemars(range(min = 0.0, max = 30.0))]
     #[serde(rename = "amplitude_{unit}")]
     pub amplitude: f64,
     /// Period of the sine.
@@ -107,11 +102,9 @@ pub struct Chirp {
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Mean of the chirp.
-    #[schemars(range(min = 0.0, max = 60.0))]
     #[serde(rename = "centre_{unit}")]
     pub centre: f64,
     /// Amplitude of the chirp.
-    #[schemars(range(min = 0.0, max = 30.0))]
     #[serde(rename = "amplitude_{unit}")]
     pub amplitude: f64,
     /// Frequency at its start.

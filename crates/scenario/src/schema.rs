@@ -2,7 +2,6 @@
 
 mod loops;
 
-use std::borrow::Cow;
 use std::sync::LazyLock;
 
 use schemars::JsonSchema;
@@ -17,7 +16,6 @@ use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::sweep::Swept;
 use crate::trial::Trial;
-use crate::wiring::Wiring;
 
 /// Schema of the trial of a loop. Making a schema takes most of the time of loading, so each is made once.
 pub(crate) static TRIAL: LazyLock<Value> = LazyLock::new(schema_of::<Trial>);
@@ -40,16 +38,6 @@ pub(crate) static FAULTS: LazyLock<Value> = LazyLock::new(fault::described);
 pub(crate) const MULTIPLE_OF: &str = "x-multiple-of";
 
 pub(crate) use loops::{on_rig, reference};
-
-/// Returns the schema of a loop's trial with the range of its sensor for the set-points.
-pub(crate) fn with_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {
-    if !wiring.feedback.is_other_travel() {
-        return schema;
-    }
-    let mut schema = schema.into_owned();
-    loops::put_travel(&mut schema, Some(wiring.feedback.range()));
-    Cow::Owned(schema)
-}
 
 /// Returns the schema for a recording, which may have any plant and any law: it holds their effects, and they need not be known
 /// here.

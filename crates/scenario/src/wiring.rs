@@ -9,8 +9,8 @@ use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node};
 use crate::port::{
-    Command, Measurand, Port, Ports, Unit, conversion, local_name, plant_of_port, steps_for,
-    symbol_of, unit_in,
+    Command, Measurand, Port, Ports, conversion, local_name, plant_of_port, steps_for, symbol_of,
+    unit_in,
 };
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
 
@@ -61,11 +61,6 @@ impl Measured {
     pub fn is_true_float(&self) -> bool {
         let ends = self.range().map(|end| end.abs() * TRUE_STEPS_PER_UNIT);
         ends.into_iter().any(|end| end > f64::from(i32::MAX))
-    }
-
-    /// Checks whether set-points have another range or another unit than 0 to 60 mm.
-    pub fn is_other_travel(&self) -> bool {
-        self.measurand.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
     }
 }
 
@@ -436,6 +431,7 @@ pub struct Stall {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::port::Unit;
 
     fn joint() -> Ports {
         let input = |name| Port::input(name, [0.0, 1.0]);

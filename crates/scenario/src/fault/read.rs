@@ -7,9 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::schema::definition;
 use super::{Fault, Faults, Group, KINDS, Key, Kind, Need, Time, Value};
-use crate::check::outside;
-use crate::current::CurrentRange;
-use crate::document::Document;
+use crate::document::{Document, Quantities};
 use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
@@ -79,9 +77,6 @@ impl<'text> Reader<'_, 'text> {
             Time::Instant => (seconds("at_seconds"), seconds("at_seconds")),
             Time::Boot => (None, None),
         };
-        if let Some(problem) = self.outside_amplifier(kind, &path, &wiring.current(), &table) {
-            return Err(vec![problem]);
-        }
         Ok(Fault {
             kind,
             index,
@@ -160,24 +155,6 @@ impl<'text> Reader<'_, 'text> {
             .problem(&format!("{path}.{key}"), message, label)
     }
 
-    /// Refuses a current that the amplifier of the drive never gives.
-    fn outside_amplifier(
-        &self,
-        kind: &Kind,
-        path: &str,
-        range: &CurrentRange,
-        table: &DeTable<'_>,
-    ) -> Option<Problem> {
-        let key = kind.keys.iter().find(|key| key.name.starts_with(CURRENT))?;
-        let current = number(table.get(key.name)?.get_ref())?;
-        let within = match key.name {
-            CURRENT => [range.min, range.max],
-            _ => [0.0, range.max],
-        };
-        let path = format!("{path}.{}", key.name);
-        outside(self.document, &path, current, within)
-    }
-
     /// Returns an entry with the patterns of its keys, after a check of their names.
     fn in_loop_unit(
         &self,
@@ -185,24 +162,24 @@ impl<'text> Reader<'_, 'text> {
         (span, mut table): (Range<usize>, DeTable<'text>),
         wiring: &Wiring,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
-        let measurand = &wiring.sensor.measurand;
         let part = &schema::FAULTS["definitions"][definition(kind)];
         let naming = Naming {
             source: &self.document.source,
-            measurand,
+            measurand: &wiring.sensor.measurand,
             loop_name: &wiring.loop_name,
             schema: &schema::FAULTS,
         };
         naming.apply(&mut table, part).map_err(one)?;
-        let document = self.document.with_loop(DeTable::new(), measurand.clone());
+        let quantities = Quantities {
+            measured: wiring.sensor.clone(),
+            current: wiring.current(),
+        };
+        let document = self.document.with_loop(DeTable::new(), quantities);
         let at = (span, &table);
         let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
-        without_problems(in_unit(problems, measurand), table)
+        without_problems(in_unit(problems, &document.quantities), table)
     }
 }
-
-/// Name of a current of the amplifier, and beginning of the name of its limit.
-const CURRENT: &str = "{command}_{command_unit}";
 
 fn one(problem: Problem) -> Vec<Problem> {
     vec![problem]

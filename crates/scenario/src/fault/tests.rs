@@ -99,6 +99,14 @@ fn what_makes_no_sense_is_refused() {
             "`fault.bus.lose.probability` = 1.5 is out of range",
         ),
         (
+            "[[fault.amplifier.stuck_on]]\nfrom_seconds = 1.0\ncurrent_amperes = 1.5\n",
+            "`fault.amplifier.stuck_on.current_amperes` = 1.5 is out of range",
+        ),
+        (
+            "[[fault.amplifier.saturated]]\nfrom_seconds = 1.0\ncurrent_amperes_max = 1.5\n",
+            "`fault.amplifier.saturated.current_amperes_max` = 1.5 is out of range",
+        ),
+        (
             "[[fault.plant.ageing]]\nfrom_seconds = 1.0\n",
             "ageing needs an end, at which its factors are reached",
         ),

@@ -13,7 +13,7 @@ use super::{KIND, Objection, Reading, build, check_custom, in_unit, nodes, witho
 use crate::beside::Beside;
 use crate::check::{self, Check, NamedFiles};
 use crate::custom::Section;
-use crate::document::Document;
+use crate::document::{Document, Quantities};
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault;
 use crate::rig::nodes::Rig;
@@ -250,12 +250,15 @@ impl Resolver<'_> {
         self.check.add(wrong_tables);
         let mut loops = Vec::new();
         for one in tables {
-            let measurand = one.wiring.feedback.measurand.clone();
+            let quantities = Quantities {
+                measured: one.wiring.feedback.clone(),
+                current: one.wiring.current(),
+            };
             // The keys of its tables, and the names in problems, are patterns.
-            let document = selector.scenario.with_loop(one.tree, measurand.clone());
+            let document = selector.scenario.with_loop(one.tree, quantities);
             match self.read_trial(&document, &one.factors, one.wiring) {
                 Ok(one) => loops.extend(one),
-                Err(found) => self.check.add(in_unit(found, &measurand)),
+                Err(found) => self.check.add(in_unit(found, &document.quantities)),
             }
         }
         loops
@@ -270,7 +273,7 @@ impl Resolver<'_> {
         wiring: Wiring,
     ) -> Result<Option<Trial>, Vec<Problem>> {
         let (rig, reading, path) = (self.check.rig, self.asked.reading, &self.files.path);
-        let schema = schema::with_travel(reading.schema(&schema::TRIAL), &wiring);
+        let schema = reading.schema(&schema::TRIAL);
         let (mut trial, mut problems) = build::<Trial>(document, "the scenario", &schema)?;
         let Some(run) = &self.run else {
             return without_problems(problems, None);

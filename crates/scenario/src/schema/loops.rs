@@ -5,10 +5,11 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value, json};
 
 use super::{CONTOURS, RIG, RUN, SWEPT, TRIAL, entries, part_of, resolve};
+use crate::document::Quantities;
 use crate::fault;
 use crate::node::Part;
 use crate::plant::PlantModel;
-use crate::port::{Command, Measurand, UNIT, Unit, conversion, is_gain, is_pattern, known_units};
+use crate::port::{Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units};
 use crate::rig::nodes::Rig;
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
@@ -36,12 +37,14 @@ pub(super) fn scenario_schema() -> Value {
 }
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
-fn loops_schema(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
+fn loops_schema(measurands: &[Measurand], travel: Option<Quantities>) -> Value {
     let mut schema = parts_schema();
     put_name(&mut schema, LOOP_ENTRIES, "loop", "several");
     put_name(&mut schema, NODE_ENTRIES, "node", "several drives");
     fault::describe(&mut schema);
-    put_travel(&mut schema, travel);
+    if let Some(travel) = travel {
+        put_travel(&mut schema, &travel);
+    }
     name_keys(&mut schema, measurands);
     let laws = properties(&schema, "Controller");
     let mut limits = properties(&schema, "Expect");
@@ -200,10 +203,13 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 }
 
 /// Returns the range of set-points: each lies within the range of one of the loops' sensors.
-fn travel(rig: &Rig) -> Option<[f64; 2]> {
+fn travel(rig: &Rig) -> Option<Quantities> {
     let drives = rig.loops.keys().map(|name| rig.drive_of_loop(name));
     let ranges = drives.map(|drive| rig.wiring_of(drive).feedback.range());
-    ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])
+    let [min, max] = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])?;
+    let mut travel = Quantities::default();
+    (travel.measured.min, travel.measured.max) = (min, Some(max));
+    Some(travel)
 }
 
 /// Returns a reference to a definition.
@@ -215,21 +221,12 @@ fn properties(schema: &Value, definition: &str) -> Value {
     schema["definitions"][definition]["properties"].clone()
 }
 
-/// Gives set-points this range; `None` leaves the range to the rig file.
-pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
+/// Gives set-points this range.
+fn put_travel(schema: &mut Value, travel: &Quantities) {
     for definition in entries(schema, LOOP_ENTRIES) {
         let properties = schema["definitions"][definition]["properties"].as_object_mut();
-        let in_unit = properties.into_iter().flatten();
-        for (key, property) in in_unit.filter(|(key, _)| key.ends_with(UNIT)) {
-            if let Some(keywords) = property.as_object_mut() {
-                keywords.retain(|keyword, _| keyword != "minimum" && keyword != "maximum");
-            }
-            if let Some([min, max]) = travel {
-                let [min, max] = if key.starts_with("amplitude") {
-                    [0.0, (max - min) / 2.0]
-                } else {
-                    [min, max]
-                };
+        for (key, property) in properties.into_iter().flatten() {
+            if let Some([min, max]) = travel.range_of(key) {
                 property["minimum"] = min.into();
                 property["maximum"] = max.into();
             }
