@@ -1,7 +1,7 @@
 //! Checks of faults that the schema cannot express.
 
 use super::Check;
-use super::pieces::{Piece, window};
+use super::pieces::{entries, windows};
 use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
 use crate::load::Reading;
@@ -12,35 +12,19 @@ const PROGRAM_FAULTS: [&str; 3] = ["crash", "hang", "nmt_stop"];
 
 /// Checks that faults begin within the run and end after they begin.
 pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, duration_seconds: f64) {
+    for group in Group::ALL {
+        let table = format!("fault.{}", group.name());
+        let pieces = entries(check.document, &table);
+        windows(check, &table, &pieces, duration_seconds);
+    }
     for fault in faults.iter() {
-        times(check, fault, duration_seconds);
+        if fault.kind.time == Time::Ends && fault.until_seconds.is_none() {
+            let name = fault.kind.name;
+            let message = format!("{name} needs an end, at which its factors are reached");
+            check.at(&fault.path(), message, "`until_seconds` is missing");
+        }
         check.add(forged(check, fault));
         check.add(at_program(check, fault));
-    }
-}
-
-fn times(check: &mut Check<'_>, fault: &Fault, duration_seconds: f64) {
-    let Some(start_seconds) = fault.from_seconds else {
-        return;
-    };
-    let (path, kind) = (fault.path(), fault.kind);
-    let is_instant = kind.time == Time::Instant;
-    let piece = Piece {
-        kind: kind.name,
-        path: path.clone(),
-        start_key: if is_instant {
-            "at_seconds"
-        } else {
-            "from_seconds"
-        },
-        start_seconds,
-        until_seconds: fault.until_seconds.filter(|_| !is_instant),
-    };
-    window(check, &piece, &kind.heading(), duration_seconds);
-    if kind.time == Time::Ends && fault.until_seconds.is_none() {
-        let name = kind.name;
-        let message = format!("{name} needs an end, at which its factors are reached");
-        check.at(&path, message, "`until_seconds` is missing");
     }
 }
 

@@ -75,34 +75,31 @@ pub(super) fn order(
             check.at(&path, message, label);
         }
     }
-    for piece in pieces {
-        let heading = format!("[[{table}.{}]]", piece.kind);
-        window(check, piece, &heading, duration_seconds);
-    }
+    windows(check, table, pieces, duration_seconds);
 }
 
-/// Checks that a window ends after it begins, and begins within the run.
-pub(super) fn window(
+/// Checks that windows end after they begin, and begin within the run.
+pub(super) fn windows(
     check: &mut Check<'_>,
-    piece: &Piece<'_>,
-    heading: &str,
+    table: &str,
+    pieces: &[Piece<'_>],
     duration_seconds: f64,
 ) {
-    let Piece {
-        path,
-        start_key,
-        start_seconds,
-        until_seconds,
-        ..
-    } = piece;
-    if *start_seconds >= duration_seconds {
-        let message = format!("{heading} starts after the end of the run");
-        let label = format!("the run ends at {duration_seconds} s");
-        check.at(&format!("{path}.{start_key}"), message, label);
-    }
-    if until_seconds.is_some_and(|until| until <= *start_seconds) {
-        let message = format!("{heading} ends before it begins");
-        let label = format!("must be after {start_seconds} s");
-        check.at(&format!("{path}.until_seconds"), message, label);
+    for piece in pieces {
+        let (path, start_seconds) = (&piece.path, piece.start_seconds);
+        let heading = format!("[[{table}.{}]]", piece.kind);
+        if start_seconds >= duration_seconds {
+            let message = format!("{heading} starts after the end of the run");
+            let label = format!("the run ends at {duration_seconds} s");
+            check.at(&format!("{path}.{}", piece.start_key), message, label);
+        }
+        if piece
+            .until_seconds
+            .is_some_and(|until| until <= start_seconds)
+        {
+            let message = format!("{heading} ends before it begins");
+            let label = format!("must be after {start_seconds} s");
+            check.at(&format!("{path}.until_seconds"), message, label);
+        }
     }
 }
