@@ -358,7 +358,8 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             }
             let after = state.activity();
             if after == Activity::Off {
-                slot.outbox.retain(|(_, frame)| is_truth(frame));
+                slot.outbox
+                    .retain(|(_, frame)| is_truth(&faults.truths, frame));
             } else if after == Activity::Passive && Some(index) == passed.sender {
                 slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
             }

@@ -1,7 +1,6 @@
 //! Faults of the bus: of frames at their sender's gateway, on the wire and at a receiver, and foreign nodes.
 
 use std::collections::VecDeque;
-use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::CanFrame;
@@ -20,9 +19,6 @@ use crate::names::emulator_name;
 
 /// Largest number of frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
-
-/// COB-IDs of the truth of all emulated drives.
-const TRUTH_COB_IDS: RangeInclusive<u16> = 0x6A1..=0x6BF;
 
 /// Bits of the node-ID in a COB-ID (CiA 301, 7.3.5).
 const NODE_ID_BITS: u16 = 0x7F;
@@ -168,6 +164,8 @@ pub(crate) struct BusFaults {
     foreign: Vec<Foreign>,
     /// Frames that each station's gateway holds until the next one has overtaken them.
     held: Vec<Vec<CanFrame>>,
+    /// Identifiers of the reports of emulated plants.
+    pub(crate) truths: Vec<u16>,
     /// Error counters of each station.
     pub(crate) states: Vec<ErrorState>,
     clock: ScenarioClock,
@@ -186,6 +184,8 @@ impl BusFaults {
         let foreign = FOREIGN.into_iter().flat_map(|kind| faults.of(kind));
         let seats = participants.iter().map(|name| seat_of(name, plan));
         let seats = Vec::from_iter(seats);
+        let loops = plan.loops.iter();
+        let truths = loops.map(|one| one.trial.wiring.identifiers.truth);
         Ok(Some(Self {
             hitting: faults
                 .in_group(Group::Bus)
@@ -194,6 +194,7 @@ impl BusFaults {
                 .collect(),
             foreign: foreign.map(Foreign::new).collect(),
             held: vec![Vec::new(); seats.len()],
+            truths: truths.collect(),
             states: vec![ErrorState::default(); seats.len()],
             clock: plan.scenario_clock()?,
             seats,
@@ -230,7 +231,7 @@ impl BusFaults {
     /// station sends while it is off the bus are lost.
     pub(crate) fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
         for (time, frame) in frames {
-            if is_truth(frame) {
+            if is_truth(&self.truths, frame) {
                 insert(outbox, *time, *frame);
             } else if self.states[index].activity() != Activity::Off {
                 for (time, frame) in self.gateway(index, *time, *frame) {
@@ -283,7 +284,9 @@ impl BusFaults {
         frame: &CanFrame,
         bits: u32,
     ) -> Option<u32> {
-        let seconds = self.seconds(time).filter(|_| !is_truth(frame))?;
+        let seconds = self
+            .seconds(time)
+            .filter(|_| !is_truth(&self.truths, frame))?;
         let errors = self.hits("bit_error", index, seconds, *frame);
         let places = errors.map(|error| error.stream.below(u64::from(bits)));
         let last = places.last()?;
@@ -327,11 +330,11 @@ impl BusFaults {
     }
 }
 
-/// Returns whether a frame is a report of the emulated plant. Its CAN controller has no faults, since the report must tell the
+/// Returns whether a frame is a report of an emulated plant, by the identifiers of these. Its CAN controller has no faults, since the report must tell the
 /// true effect of faults on the wire.
-pub(crate) fn is_truth(frame: &CanFrame) -> bool {
+pub(crate) fn is_truth(truths: &[u16], frame: &CanFrame) -> bool {
     let id = frame.standard_id();
-    id.is_some_and(|id| TRUTH_COB_IDS.contains(&id))
+    id.is_some_and(|id| truths.contains(&id))
 }
 
 fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
