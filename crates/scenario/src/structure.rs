@@ -361,7 +361,7 @@ fn expected_kind(schema_type: Option<&str>) -> &'static str {
 }
 
 /// Describes the type of a value.
-pub(crate) fn found_kind(value: &DeValue<'_>) -> &'static str {
+fn found_kind(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",
         DeValue::Integer(_) => "an integer",

@@ -15,7 +15,6 @@ use crate::nearest::{meant_or_known, nearest};
 use crate::plant::FMU;
 use crate::rig::nodes::Rig;
 use crate::schema;
-use crate::structure::found_kind;
 
 /// Tables of a rig file that a scenario may have, too.
 const SECTIONS: [&str; 3] = ["bus", "plant", "node"];
@@ -100,8 +99,9 @@ impl<'text> Overlay<'_, 'text> {
             .iter()
             .filter_map(|name| self.scenario.root().get_key_value(*name));
         for (section, value) in sections {
+            // The check of the whole refuses all that is no table.
             let DeValue::Table(entries) = value.get_ref() else {
-                problems.push(self.no_table(section.get_ref(), value));
+                values.insert(section.clone(), value.clone());
                 continue;
             };
             let mut kept = DeTable::new();
@@ -130,8 +130,11 @@ impl<'text> Overlay<'_, 'text> {
         } else {
             &[]
         };
-        let table = self.table(PLANT, name, values, wiring)?;
-        if let Some(problem) = self.with_model(name, model, table) {
+        let refused = values.get_ref().as_table().and_then(|table| {
+            let refused = self.wiring(table, wiring);
+            refused.or_else(|| self.with_model(name, model, table))
+        });
+        if let Some(problem) = refused {
             return Err(problem);
         }
         let model = Spanned::new(name.span(), DeString::from(model.to_owned()));
@@ -143,8 +146,11 @@ impl<'text> Overlay<'_, 'text> {
     /// Returns the values of a node.
     fn node(&self, name: &Key<'text>, parts: &Value<'text>) -> Result<Value<'text>, Problem> {
         let node = self.entry(NODE, name)?;
-        let mut keys = self.table(NODE, name, parts, &WIRING)?.keys();
-        match keys.find_map(|part| self.part(name, part, node)) {
+        let refused = parts.get_ref().as_table().and_then(|table| {
+            let of_part = || table.keys().find_map(|part| self.part(name, part, node));
+            self.wiring(table, &WIRING).or_else(of_part)
+        });
+        match refused {
             Some(problem) => Err(problem),
             None => Ok(parts.clone()),
         }
@@ -222,30 +228,13 @@ impl<'text> Overlay<'_, 'text> {
         })
     }
 
-    /// Returns the table below a name, if it has no key that is for the rig file alone.
-    fn table<'b>(
-        &self,
-        section: &str,
-        name: &Key<'text>,
-        values: &'b Value<'text>,
-        wiring: &[&str],
-    ) -> Result<&'b DeTable<'text>, Problem> {
-        let DeValue::Table(table) = values.get_ref() else {
-            return Err(self.no_table(&format!("{section}.{}", name.get_ref()), values));
-        };
-        let Some(key) = first_key(table, wiring) else {
-            return Ok(table);
-        };
+    /// Refuses a key that is for the rig file alone.
+    fn wiring(&self, table: &DeTable<'text>, wiring: &[&str]) -> Option<Problem> {
+        let key = first_key(table, wiring)?;
         let message = format!("a scenario cannot give its rig another `{}`", key.get_ref());
         let problem = self.problem(key.span(), message, "only the rig file says this");
         let help = "a scenario changes the values of its rig, not its wiring; `--rig FILE` plays it on another rig";
-        Err(problem.with_help(help))
-    }
-
-    fn no_table(&self, path: &str, value: &Value<'text>) -> Problem {
-        let message = format!("`{path}` must be a table");
-        let label = format!("this is {}", found_kind(value.get_ref()));
-        self.problem(value.span(), message, label)
+        Some(problem.with_help(help))
     }
 
     fn problem(&self, span: Range<usize>, message: String, label: impl Into<String>) -> Problem {
