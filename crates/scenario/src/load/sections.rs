@@ -49,6 +49,8 @@ pub(super) const EXPECT: &str = "expect";
 pub(super) const CONTROLLER: &str = "controller";
 const REFERENCE: &str = "reference";
 const DISTURBANCE: &str = "disturbance";
+/// Table of a drive that a program or the law of another drive leads.
+const NO_LAW: &str = "{ open_loop = {} }";
 /// Key that names a node.
 const NODE: &str = "node";
 
@@ -150,7 +152,8 @@ impl<'text> Selector<'_, 'text> {
     /// of its key.
     fn law(&self, name: &str) -> Result<(Range<usize>, Spanned<DeValue<'text>>), Problem> {
         if self.is_led(name) || self.rig.is_led_by_program() {
-            return Ok((self.scenario.key_span(CONTROLLER), self.no_law()));
+            let law = DeValue::parse(NO_LAW).expect("it is TOML");
+            return Ok((self.scenario.key_span(CONTROLLER), law));
         }
         if let Some(problem) = self.law_for_all(name) {
             return Err(problem);
@@ -186,15 +189,6 @@ impl<'text> Selector<'_, 'text> {
             (message, format!("`{law}` leads all loops already"))
         };
         Some(self.scenario.key_problem(&path, message, label))
-    }
-
-    /// Returns the table of a drive that a program or the law of another drive leads.
-    fn no_law(&self) -> Spanned<DeValue<'text>> {
-        let span = self.scenario.key_span(CONTROLLER);
-        let nothing = Spanned::new(span.clone(), DeValue::Table(DeTable::new()));
-        let key = Spanned::new(span.clone(), "open_loop".into());
-        let law = DeValue::Table([(key, nothing)].into_iter().collect());
-        Spanned::new(span, law)
     }
 
     /// Checks whether the tables of a section have the names of loops; those of an only loop need not.
