@@ -64,6 +64,14 @@ fn plant_objection(plant: &str, ports: &Ports) -> Option<Objection> {
     at_plant(message, "this plant".to_owned())
 }
 
+/// Describes the unit of a port.
+fn counted(unit: &str) -> String {
+    match unit {
+        "" => "a number without a unit".to_owned(),
+        unit => format!("in {unit}"),
+    }
+}
+
 /// Drive of a loop, and ports of the plants that are emulated with it.
 struct Wired<'a> {
     drive: &'a str,
@@ -117,10 +125,7 @@ impl Wired<'_> {
             return Ok(());
         }
         let message = format!("an amplifier cannot drive `{}`", port.local_name());
-        let label = match port.unit.as_str() {
-            "" => format!("a number without a unit, not {}", command.word()),
-            unit => format!("it is in {unit}, not in {}", command.word()),
-        };
+        let label = format!("it is {}, not in {}", counted(&port.unit), command.word());
         Err(Objection::new(path, message, label))
     }
 
@@ -173,14 +178,9 @@ impl Wired<'_> {
         let (name, unit) = (port.local_name(), unit_in(output));
         let has_unit = !unit.is_empty() || output == FAN_OUTPUT;
         if has_unit && conversion(unit, &port.unit).is_none() {
-            let message = match unit {
-                "" => format!("`{output}` is a number without a unit, and `{name}` is not"),
-                unit => format!("`{output}` is in {unit}, and `{name}` is not"),
-            };
-            let label = match port.unit.as_str() {
-                "" => "it is a number without a unit".to_owned(),
-                unit => format!("it is in {unit}: call the output like the port, `{name}`"),
-            };
+            let message = format!("`{output}` is {}, and `{name}` is not", counted(unit));
+            let counted = counted(&port.unit);
+            let label = format!("it is {counted}: call the output like the port, `{name}`");
             return Err(Objection::new(path, message, label));
         }
         if !port.has_range() && kind_of_output(output).is_none() {
