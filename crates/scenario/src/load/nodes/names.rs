@@ -40,10 +40,7 @@ impl Check<'_> {
                 let is_beside_loops = kind == "loop" && BESIDE_LOOPS.iter().any(is_key);
                 if is_beside_loops || reserved.contains(&name.as_str()) {
                     let message = format!("a {kind} cannot be called `{name}`");
-                    let label = match kind {
-                        "plant" => "the log of its process would have a name that is taken",
-                        _ => "this word has a meaning in scenarios",
-                    };
+                    let label = "this word has a meaning on the bench";
                     self.at_key(&path, message, label);
                 }
                 // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
