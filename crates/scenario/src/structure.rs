@@ -277,22 +277,10 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
     }
     let key = path.strip_prefix("expect.")?;
     let key = key.rsplit('.').next().unwrap_or(key);
-    if has("p99") {
-        Some(format!(
-            "write the limit of a quantile, `{key} = {{ p99 = {{ max = {number} }} }}`; known are median, p99, p99_9 and max"
-        ))
-    } else if has("min") && has("max") {
-        Some(format!(
-            "write the limit as a table: `{key} = {{ max = {number} }}` for at most, `{{ min = {number} }}` for at least, \
-             or both sides, `{{ min = …, max = … }}`"
-        ))
-    } else if schema["type"] == "number" && found.is_table() {
-        Some(format!(
-            "`{key}` is the largest value that passes; write the number alone, `{key} = {number}`"
-        ))
-    } else {
-        None
-    }
+    (has("min") && has("max")).then(|| format!(
+        "write the limit as a table: `{key} = {{ max = {number} }}` for at most, `{{ min = {number} }}` for at least, \
+         or both sides, `{{ min = …, max = … }}`"
+    ))
 }
 
 /// Returns the number that a TOML integer or float represents.
