@@ -7,7 +7,7 @@ use std::time::Duration;
 use can::{CanFrame, Filter, Node, Progress};
 use dbc::scenario_clock::ScenarioClock;
 
-use crate::plan::{FaultKind, FaultPlan, Output, PlannedFault};
+use crate::plan::{FaultPlan, PlannedFault};
 
 /// Largest number of frames that a hanging node's CAN controller and driver keep for it (assumed).
 const RECEIVE_FRAMES_MAX: usize = 32;
@@ -19,13 +19,17 @@ const NANOSECONDS_PER_SECOND: f64 = 1e9;
 enum Condition {
     Working,
     Hanging,
-    Dead(Output),
+    /// Dead; with `true` the drive's amplifier keeps its last command, else it is switched off.
+    Dead(bool),
 }
+
+const SWITCHED_OFF: Condition = Condition::Dead(false);
 
 /// Effects of all faults on a node at a time.
 #[derive(Default)]
 struct Effects {
-    crash: Option<Output>,
+    /// Whether the amplifier of a dead drive keeps its last command; `None` without a crash.
+    crash: Option<bool>,
     is_hanging: bool,
     delay: Duration,
     drift: f64,
@@ -75,7 +79,7 @@ impl<N: Node> Faulty<N> {
             now: Duration::ZERO,
             followed: None,
             condition: if plan.late_boot > Duration::ZERO {
-                Condition::Dead(Output::Zero)
+                SWITCHED_OFF
             } else {
                 Condition::Working
             },
@@ -110,7 +114,7 @@ impl<N: Node> Faulty<N> {
 
     /// Checks whether it is dead, and its drive's amplifier is switched off.
     pub fn is_switched_off(&self) -> bool {
-        self.condition == Condition::Dead(Output::Zero)
+        self.condition == SWITCHED_OFF
     }
 
     /// Follows the plan to `now`.
@@ -123,13 +127,11 @@ impl<N: Node> Faulty<N> {
         self.clock.set_rate(now, effects.drift);
         let has_restarted = self.plan.faults.iter().any(|fault| {
             let is_new = before.is_none_or(|before| before < fault.from);
-            fault.kind == FaultKind::Restart
-                && is_new
-                && time.is_some_and(|time| time >= fault.from)
+            fault.name() == "restart" && is_new && time.is_some_and(|time| time >= fault.from)
         });
         let condition = match effects.crash {
-            _ if now < self.plan.late_boot => Condition::Dead(Output::Zero),
-            Some(output) => Condition::Dead(output),
+            _ if now < self.plan.late_boot => SWITCHED_OFF,
+            Some(is_held) => Condition::Dead(is_held),
             None if effects.is_hanging => Condition::Hanging,
             None => Condition::Working,
         };
@@ -170,14 +172,21 @@ impl<N: Node> Faulty<N> {
     fn effects(&self, time: Option<Duration>) -> Effects {
         let mut effects = Effects::default();
         let acts = |fault: &&PlannedFault| time.is_some_and(|time| fault.acts_at(time));
-        for fault in self.plan.faults.iter().filter(acts) {
-            match fault.kind {
-                FaultKind::Crash(output) => effects.crash = effects.crash.or(Some(output)),
-                FaultKind::Hang => effects.is_hanging = true,
-                FaultKind::Slow(delay) => effects.delay += delay,
-                FaultKind::Drift(rate) => effects.drift += rate,
-                FaultKind::LostHeartbeat => effects.loses_heartbeat = true,
-                FaultKind::Restart => {}
+        for planned in self.plan.faults.iter().filter(acts) {
+            let fault = &planned.fault;
+            match planned.name() {
+                "crash" => {
+                    let is_held = fault.says("output", "hold");
+                    effects.crash = effects.crash.or(Some(is_held));
+                }
+                "hang" => effects.is_hanging = true,
+                "slow_cycle" => {
+                    let seconds = fault.number("delay_milliseconds") * 1e-3;
+                    effects.delay += Duration::from_secs_f64(seconds);
+                }
+                "clock_drift" => effects.drift += fault.number("parts_per_million") * 1e-6,
+                "lost_heartbeat" => effects.loses_heartbeat = true,
+                _ => {}
             }
         }
         effects

@@ -12,5 +12,5 @@ mod plan;
 mod stream;
 
 pub use faulty::Faulty;
-pub use plan::{FaultKind, FaultPlan, Output, PlannedFault};
+pub use plan::{FaultPlan, PlannedFault};
 pub use stream::Stream;

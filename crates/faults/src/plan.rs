@@ -4,65 +4,34 @@ use std::time::Duration;
 
 use scenario::fault::{Fault, Faults, Group};
 
-/// Current through the plant while its drive is dead.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Output {
-    /// The amplifier keeps its last command.
-    Hold,
-    /// The current is zero: the amplifier is switched off with its drive.
-    Zero,
-}
-
-/// Kind of a node's fault.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum FaultKind {
-    /// The node is dead; at the end of the fault it boots anew.
-    Crash(Output),
-    /// The node is frozen; at the end of the fault it continues.
-    Hang,
-    /// The node boots anew at once.
-    Restart,
-    /// The frames of the node leave it later by this time.
-    Slow(Duration),
-    /// The node's clock is fast by this fraction of the time.
-    Drift(f64),
-    /// The heartbeats of the node do not leave it.
-    LostHeartbeat,
-}
-
-/// Fault in scenario time.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Fault of a node in scenario time.
+#[derive(Clone, Debug, PartialEq)]
 pub struct PlannedFault {
     /// Start of the fault.
     pub from: Duration,
     /// End of the fault; `Duration::MAX` if it never ends.
     pub until: Duration,
-    /// Kind of the fault.
-    pub kind: FaultKind,
+    /// The fault itself.
+    pub fault: Fault,
 }
 
 impl PlannedFault {
     /// Makes a fault of a node; `None` for a fault of its boot or its data sheet, and for an order that is sent to it.
     fn new(fault: &Fault) -> Option<Self> {
-        let kind = match fault.kind.name {
-            "crash" if fault.says("output", "hold") => FaultKind::Crash(Output::Hold),
-            "crash" => FaultKind::Crash(Output::Zero),
-            "hang" => FaultKind::Hang,
-            "slow_cycle" => {
-                let seconds = fault.number("delay_milliseconds") * 1e-3;
-                FaultKind::Slow(Duration::from_secs_f64(seconds))
-            }
-            "clock_drift" => FaultKind::Drift(fault.number("parts_per_million") * 1e-6),
-            "lost_heartbeat" => FaultKind::LostHeartbeat,
-            "restart" => FaultKind::Restart,
-            _ => return None,
-        };
+        let from_seconds = fault
+            .from_seconds
+            .filter(|_| fault.kind.name != "nmt_stop")?;
         let until = fault.until_seconds;
         Some(Self {
-            from: Duration::from_secs_f64(fault.from_seconds?),
+            from: Duration::from_secs_f64(from_seconds),
             until: until.map_or(Duration::MAX, Duration::from_secs_f64),
-            kind,
+            fault: fault.clone(),
         })
+    }
+
+    /// Returns the name of its kind.
+    pub fn name(&self) -> &'static str {
+        self.fault.kind.name
     }
 
     /// Returns whether it acts at a scenario time.
@@ -101,9 +70,8 @@ impl FaultPlan {
 
     /// Removes the faults that `is_played_elsewhere` accepts.
     #[must_use]
-    pub fn without(mut self, is_played_elsewhere: impl Fn(&FaultKind) -> bool) -> Self {
-        self.faults
-            .retain(|fault| !is_played_elsewhere(&fault.kind));
+    pub fn without(mut self, is_played_elsewhere: impl Fn(&PlannedFault) -> bool) -> Self {
+        self.faults.retain(|fault| !is_played_elsewhere(fault));
         self
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ::faults::{FaultKind, Faulty};
+use ::faults::{Faulty, PlannedFault};
 use can::Node;
 use controller::{ControllerNode, controller_node_of_loops};
 use plant_emulator::plant::InvalidPlant;
@@ -79,9 +79,8 @@ pub fn faulty_controller(plan: &Plan, laws: LawPlace) -> Result<Box<dyn Node>, W
     if !plan.has_faults() {
         return Ok(Box::new(node));
     }
-    let is_caused_by_bench = |kind: &FaultKind| {
-        laws.is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
-    };
+    let is_caused_by_bench =
+        |fault: &PlannedFault| laws.is_real_time && ["crash", "hang"].contains(&fault.name());
     let faults = faults_at(plan, plan.controller()).without(is_caused_by_bench);
     let renew = move |node: &mut ControllerNode| {
         // The first call succeeded, so this one does.

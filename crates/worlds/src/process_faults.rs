@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use faults::FaultKind;
 use plan::Plan;
 use scenario::node::Part;
 
@@ -35,9 +34,9 @@ impl ProcessFaults {
         let mut actions = Vec::new();
         for node in programs.chain([plan.controller()]) {
             for fault in faults_at(plan, node).faults {
-                let (begin, end) = match fault.kind {
-                    FaultKind::Crash(_) => (ProcessAction::Kill, ProcessAction::Start),
-                    FaultKind::Hang => (ProcessAction::Suspend, ProcessAction::Resume),
+                let (begin, end) = match fault.name() {
+                    "crash" => (ProcessAction::Kill, ProcessAction::Start),
+                    "hang" => (ProcessAction::Suspend, ProcessAction::Resume),
                     _ => continue,
                 };
                 actions.push((fault.from, node.name.clone(), begin));

@@ -2,9 +2,9 @@
 
 use can::CanFrame;
 use dbc::Database;
+use scenario::Trial;
 
 use super::*;
-use crate::plan::{Output, PlannedFault};
 
 /// Node that sends a heartbeat every 10 ms, and answers every frame 0x300 at once.
 #[derive(Debug, Default)]
@@ -57,16 +57,13 @@ fn clock() -> ScenarioClock {
     ScenarioClock::new(Database::shipped(), ["drive"]).unwrap()
 }
 
-fn faulty(kind: FaultKind) -> Faulty<Ticker> {
-    let plan = FaultPlan {
-        number: 0x10,
-        late_boot: Duration::ZERO,
-        faults: vec![PlannedFault {
-            from: milliseconds(50),
-            until: milliseconds(100),
-            kind,
-        }],
-    };
+fn faulty(kind: &str, keys: &str) -> Faulty<Ticker> {
+    let text = format!(
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
+         [[fault.node.{kind}]]\nfrom_seconds = 0.05\nuntil_seconds = 0.1\nnode = \"drive\"\n{keys}"
+    );
+    let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+    let plan = FaultPlan::new(&trial.run.faults, 0x10);
     let mut node = Faulty::new(Ticker::default(), plan, clock(), |ticker| {
         *ticker = Ticker::default()
     });
@@ -111,7 +108,7 @@ fn times(sent: &[(u64, u16)], id: u16) -> Vec<u64> {
 
 #[test]
 fn a_dead_node_is_silent_and_boots_anew() {
-    let mut node = faulty(FaultKind::Crash(Output::Hold));
+    let mut node = faulty("crash", "output = \"hold\"\n");
     let sent = run(&mut node, 130);
     assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
     assert_eq!(times(&sent, 0x301), [15, 35, 115]);
@@ -120,7 +117,7 @@ fn a_dead_node_is_silent_and_boots_anew() {
 
 #[test]
 fn a_hanging_node_goes_on_with_what_was_kept_for_it() {
-    let mut node = faulty(FaultKind::Hang);
+    let mut node = faulty("hang", "");
     let sent = run(&mut node, 130);
     assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
     assert_eq!(times(&sent, 0x301), [15, 35, 100, 100, 100, 115]);
@@ -129,16 +126,16 @@ fn a_hanging_node_goes_on_with_what_was_kept_for_it() {
 
 #[test]
 fn a_slow_node_answers_late_and_a_heartbeat_is_lost_alone() {
-    let sent = run(&mut faulty(FaultKind::Slow(milliseconds(3))), 130);
+    let sent = run(&mut faulty("slow_cycle", "delay_milliseconds = 3.0\n"), 130);
     assert_eq!(times(&sent, 0x301), [15, 35, 58, 78, 98, 115]);
-    let sent = run(&mut faulty(FaultKind::LostHeartbeat), 130);
+    let sent = run(&mut faulty("lost_heartbeat", ""), 130);
     assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
     assert_eq!(times(&sent, 0x301), [15, 35, 55, 75, 95, 115]);
 }
 
 #[test]
 fn a_fast_clock_ticks_more_often() {
-    let mut node = faulty(FaultKind::Drift(0.25));
+    let mut node = faulty("clock_drift", "parts_per_million = 250000.0\n");
     let sent = run(&mut node, 110);
     assert_eq!(
         times(&sent, 0x710),
