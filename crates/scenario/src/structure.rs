@@ -330,7 +330,7 @@ pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
 }
 
 /// Joins `reference` and `step` to `reference.step`.
-fn join(path: &str, name: &str) -> String {
+pub(crate) fn join(path: &str, name: &str) -> String {
     match path {
         "" => name.to_owned(),
         _ => format!("{path}.{name}"),

@@ -16,7 +16,7 @@ use crate::document::Document;
 use crate::load::only_one;
 use crate::nearest::nearest;
 use crate::schema::{MULTIPLE_OF, resolve};
-use crate::structure::{broken_limit, out_of_range};
+use crate::structure::{broken_limit, join, out_of_range};
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
@@ -64,25 +64,15 @@ struct Keys<'a>(BTreeMap<String, &'a Value>);
 impl<'a> Keys<'a> {
     fn new(schema: &'a Value, document: &Document<'_>) -> Self {
         let mut keys = Self(BTreeMap::new());
-        keys.collect(schema, schema, document, "", "");
+        keys.collect(schema, schema, document, "");
         keys
     }
 
-    /// Collects the numbers below a table: `key` is its path as users write it, `path` its path in the document.
-    fn collect(
-        &mut self,
-        root: &'a Value,
-        table: &'a Value,
-        document: &Document<'_>,
-        key: &str,
-        path: &str,
-    ) {
+    /// Collects the numbers below the table at a key.
+    fn collect(&mut self, root: &'a Value, table: &'a Value, document: &Document<'_>, key: &str) {
         for (name, property) in table["properties"].as_object().into_iter().flatten() {
-            let below = |parent: &str| match parent {
-                "" => name.clone(),
-                parent => format!("{parent}.{name}"),
-            };
-            let (key, path) = (below(key), below(path));
+            let key = join(key, name);
+            let path = key.replace('[', ".").replace(']', "");
             let is_check =
                 key.starts_with("expect.") && CHECKS.iter().any(|check| key.ends_with(check));
             if is_check || NOT_SWEPT.contains(&key.as_str()) {
@@ -95,16 +85,15 @@ impl<'a> Keys<'a> {
                 }
                 // A table without a default is a choice, such as the law, which a number does not make.
                 Some("object") if document.has(&path) || property.get("default").is_some() => {
-                    self.collect(root, schema, document, &key, &path);
+                    self.collect(root, schema, document, &key);
                     if schema["additionalProperties"].is_object() {
-                        self.collect_table(document, &key, &path);
+                        self.collect_table(document, &key);
                     }
                 }
                 Some("array") => {
                     let items = resolve(root, &schema["items"]);
-                    let places = (0_usize..).map(|place| (place, format!("{path}.{place}")));
-                    for (place, path) in places.take_while(|(_, path)| document.has(path)) {
-                        self.collect(root, items, document, &format!("{key}[{place}]"), &path);
+                    for place in 0..document.entries(&path).len() {
+                        self.collect(root, items, document, &format!("{key}[{place}]"));
                     }
                 }
                 _ => {}
@@ -113,13 +102,12 @@ impl<'a> Keys<'a> {
     }
 
     /// Collects the numbers of a table whose keys the user chooses.
-    fn collect_table(&mut self, document: &Document<'_>, key: &str, path: &str) {
-        for name in document.keys(path) {
-            let value = document
-                .spanned(&format!("{path}.{name}"))
-                .map(Spanned::get_ref);
+    fn collect_table(&mut self, document: &Document<'_>, table: &str) {
+        for name in document.keys(table) {
+            let key = join(table, name);
+            let value = document.spanned(&key).map(Spanned::get_ref);
             if let Some(DeValue::Float(_) | DeValue::Integer(_)) = value {
-                self.0.entry(format!("{key}.{name}")).or_insert(&NUMBER);
+                self.0.entry(key).or_insert(&NUMBER);
             }
         }
     }
