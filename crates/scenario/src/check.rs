@@ -93,16 +93,16 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
 
 /// Checks the facts that all loops share.
 pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
-    name(check, &run.name);
+    name(check, "name", &run.name);
     requirements::names(check, "requirements", &run.requirements);
     faults(check, &run.faults, run.duration_seconds);
 }
 
 /// Refuses control characters: the name goes into terminals, XML and file names.
-pub(crate) fn name(check: &mut Check<'_>, name: &str) {
+pub(crate) fn name(check: &mut Check<'_>, path: &str, name: &str) {
     if name.contains(char::is_control) {
         let message = "`name` has a control character in it";
-        check.at("name", message, "one line of plain text");
+        check.at(path, message, "one line of plain text");
     }
 }
 

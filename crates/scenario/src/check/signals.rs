@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use super::Check;
 use super::limits::{emergency, limit_problem};
+use super::{Check, name};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Expected, Sequence, SignalCheck};
@@ -27,14 +27,12 @@ pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
         check.add(window_problem(document, &path, window, duration_seconds));
         events(check, &path, sequence);
+        let path = format!("{path}.name");
         if !rows.insert(sequence.name.clone()) {
             let message = format!("there are two sequences \"{}\"", sequence.name);
-            check.at(&format!("{path}.name"), message, "another name is needed");
+            check.at(&path, message, "another name is needed");
         }
-        if sequence.name.contains(char::is_control) {
-            let message = "`name` has a control character in it";
-            check.at(&format!("{path}.name"), message, "one line of plain text");
-        }
+        name(check, &path, &sequence.name);
     }
 }
 

@@ -177,7 +177,7 @@ impl Check<'_> {
     /// Returns the problems of a rig file.
     fn of_rig(mut self) -> Vec<Problem> {
         let rig = self.rig;
-        check::name(&mut self, &rig.name);
+        check::name(&mut self, "name", &rig.name);
         self.names();
         self.plants();
         self.node_ids();
