@@ -12,7 +12,6 @@ mod overlay;
 mod patterns;
 mod resolve;
 mod sections;
-mod sweep;
 #[cfg(test)]
 mod tests;
 

@@ -6,8 +6,9 @@ use schemars::JsonSchema;
 
 use crate::bus::Bus;
 use crate::fault::Faults;
+use crate::sweep::Sweep;
 
-/// Facts that all loops of a run share: the keys of a scenario file that are not tables, the bus and the faults.
+/// Facts that all loops of a run share: the keys of a scenario file that are not tables, the sweep, the bus and the faults.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
@@ -31,6 +32,8 @@ pub struct Run {
     /// Length of the run from the first SYNC after Operation Enabled.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub duration_seconds: f64,
+    #[serde(default)]
+    pub(crate) sweep: Option<Sweep>,
     /// Bit rate and cycle of the bus, put in by the loader.
     #[serde(skip)]
     pub bus: Bus,

@@ -14,21 +14,17 @@ use crate::fault;
 use crate::null::TakeNullAway;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
-use crate::sweep::Swept;
 use crate::trial::Trial;
 
 /// Schema of the trial of a loop. Making a schema takes most of the time of loading, so each is made once.
 pub(crate) static TRIAL: LazyLock<Value> = LazyLock::new(schema_of::<Trial>);
-/// Schema of the keys of a scenario that are not tables.
+/// Schema of the keys of a scenario that are not tables, and of `[sweep]`.
 pub(crate) static RUN: LazyLock<Value> = LazyLock::new(schema_of::<Run>);
 /// Schema of rig files.
 pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
 
 /// Schema of `[[expect.contour]]`.
 pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours>);
-
-/// Schema of `[sweep]`.
-pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
 
 /// Schema of `[fault]`.
 pub(crate) static FAULTS: LazyLock<Value> = LazyLock::new(fault::described);

@@ -51,14 +51,6 @@ pub struct Sweep {
     pub whole_numbers: BTreeSet<String>,
 }
 
-/// The `[sweep]` of a scenario, whose other tables are read by themselves.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Swept {
-    #[serde(default)]
-    pub(crate) sweep: Option<Sweep>,
-}
-
 /// A key that takes each of some values.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]

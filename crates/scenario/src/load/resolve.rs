@@ -8,7 +8,6 @@ use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
 use super::sections::{CONTROLLER, SHARED, Selector};
-use super::sweep::read_sweep;
 use super::{KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems};
 use crate::beside::Beside;
 use crate::check::{self, Check, NamedFiles};
@@ -27,8 +26,8 @@ use crate::wiring::Wiring;
 /// Names of both files in messages.
 const SCENARIO: &str = "the scenario";
 const RIG_FILE: &str = "the rig file";
-/// Beginning of paths that belong to the scenario: a rig file has none of these.
-const SWEEP_PREFIX: &str = "sweep.";
+/// Table of a scenario that a rig file does not have.
+const SWEEP: &str = "sweep";
 
 /// Scenario in which a rig idles.
 const IDLE: &str =
@@ -117,7 +116,7 @@ impl Scenario {
         let in_scenario = path_in_scenario(&objection.path, &shared.rig);
         let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
         let is_overlaid = document.has(&in_scenario) || document.has(table);
-        if is_overlaid || objection.path.starts_with(SWEEP_PREFIX) {
+        if is_overlaid || objection.path.starts_with(SWEEP) {
             objection.path = in_scenario;
             return fail(vec![objection.problem(&document)]);
         }
@@ -182,13 +181,13 @@ fn resolve(
         _ => return Err(fail(check.problems)),
     };
     check::faults_of_plants(&mut check, &run.faults, &loops, reading);
+    let mut sweep = run.sweep.clone();
+    if let Some(sweep) = sweep.as_mut().filter(|_| check.problems.is_empty()) {
+        check::sweep(&mut check, sweep);
+    }
     if !check.problems.is_empty() {
         return Err(fail(check.problems));
     }
-    let sweep = match reading {
-        Reading::ToPlay => read_sweep(document, &rig).map_err(fail)?,
-        Reading::Case | Reading::Recorded => None,
-    };
     let shared = Shared {
         run,
         contours,
@@ -228,7 +227,9 @@ impl Resolver<'_> {
         let (faults, wrong_faults) = fault::read(scenario, rig);
         self.has_all_faults = wrong_faults.is_empty();
         self.check.add(wrong_faults);
-        let header = scenario.only(&SHARED);
+        let is_swept = self.asked.reading == Reading::ToPlay;
+        let sweep = is_swept.then_some(SWEEP);
+        let header = scenario.only(&Vec::from_iter(SHARED.into_iter().chain(sweep)));
         match build::<Run>(&header, "the scenario", &schema::RUN) {
             Ok((mut run, found)) => {
                 self.check.add(found);

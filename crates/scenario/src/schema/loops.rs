@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use super::{CONTOURS, RIG, RUN, SWEPT, TRIAL, entries, part_of, resolve};
+use super::{CONTOURS, RIG, RUN, TRIAL, entries, part_of, resolve};
 use crate::document::Quantities;
 use crate::fault;
 use crate::node::Part;
@@ -80,7 +80,7 @@ fn loops_schema(measurands: &[Measurand], travel: Option<Quantities>) -> Value {
     schema
 }
 
-/// Returns the schema of the keys that are not tables, the rig, the tables of a loop, the bus and the sweep.
+/// Returns the schema of the keys that are not tables, the sweep, the rig, the tables of a loop and the bus.
 fn parts_schema() -> Value {
     let mut schema = RUN.clone();
     schema["title"] = "Scenario".into();
@@ -92,7 +92,6 @@ fn parts_schema() -> Value {
         "maxLength": 200,
     });
     schema["properties"]["bus"] = RIG["properties"]["bus"].clone();
-    schema["properties"]["sweep"] = SWEPT["properties"]["sweep"].clone();
     let sections = TRIAL["properties"].as_object();
     for (name, section) in sections.into_iter().flatten() {
         schema["properties"][name] = section.clone();
@@ -100,7 +99,7 @@ fn parts_schema() -> Value {
     if let Some(required) = schema["required"].as_array_mut() {
         required.extend(["controller".into(), "rig".into()]);
     }
-    let parts = [&*TRIAL, &*SWEPT, &*RIG, &*CONTOURS].into_iter();
+    let parts = [&*TRIAL, &*RIG, &*CONTOURS].into_iter();
     let added = parts.flat_map(|part| part["definitions"].as_object());
     for (name, definition) in added.flatten() {
         if schema["definitions"].get(name).is_none() {
