@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use miette::Diagnostic;
 use scenario::node::Part;
 use scenario::overrides::{overridden, set};
-use scenario::rig::nodes::{Rig, controller_in};
+use scenario::rig::nodes::Rig;
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
 use scenario::{Beside, ScenarioError, read_text};
 
@@ -116,9 +116,9 @@ fn led_by(text: String, command: &[String], read: &dyn Fn(&str) -> io::Result<St
         Some(text) => Some(text.to_owned()),
         None => read(rig).ok(),
     });
-    let controller = rig_text
-        .and_then(|rig| controller_in(&rig))
-        .unwrap_or_else(|| Part::Controller.word().to_owned());
+    let rig = rig_text.and_then(|text| Rig::parse(&text, "").ok());
+    let controller = rig.as_ref().and_then(Rig::controller);
+    let controller = controller.map_or(Part::Controller.word(), |(name, _)| name);
     let key = format!("node.{controller}.program");
     match set(&mut document, &key, command.to_vec().into()) {
         Ok(()) => document.to_string(),

@@ -378,15 +378,6 @@ impl Rig {
     }
 }
 
-/// Returns the name of the controller in the text of a rig file, if the text can be read.
-pub fn controller_in(text: &str) -> Option<String> {
-    let rig: toml::Table = text.parse().ok()?;
-    let mut nodes = rig.get("node")?.as_table()?.iter();
-    let is_controller = |node: &toml::Value| Some(node.get("kind")?.as_str()? == "controller");
-    let (name, _) = nodes.find(|(_, node)| is_controller(node) == Some(true))?;
-    Some(name.clone())
-}
-
 /// Values that several nodes share.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
