@@ -95,15 +95,7 @@ pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
         };
         check.add(metric.missing_in(trial).map(needs));
         if !trial.has_loop_faults() {
-            let problem = needs("a [[fault.…]] of this drive");
-            let help =
-                "what another drive's fault does to this one is judged by an [[expect.….sequence]]";
-            let is_elsewhere = !trial.run.faults.is_empty();
-            check.add([if is_elsewhere {
-                problem.with_help(help)
-            } else {
-                problem
-            }]);
+            check.add([needs("a [[fault.…]] of this drive")]);
         }
     }
     for (index, text) in expect.listed("emcy").iter().enumerate() {
