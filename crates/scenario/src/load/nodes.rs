@@ -17,7 +17,7 @@ use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::node::Part;
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, Rig, RigNode};
+use crate::rig::nodes::{LOOPS_MAX, NODES_MAX, Rig, RigNode};
 use crate::rig::{RealDrive, object_address};
 use crate::schema;
 use crate::table;
@@ -44,15 +44,6 @@ const EXTERNAL_KEYS: [&str; 8] = [
 ];
 const CURRENT_PORT: &str = "current_amperes";
 const POSITION_PORT: &str = "position_metres";
-
-/// Returns an input of a plant on which an output of an io node may act, as an example.
-fn an_input(output: &str) -> &'static str {
-    match output {
-        FAN_OUTPUT => "convection_factor",
-        LOAD_OUTPUT => "added_load_kilograms",
-        _ => "PORT",
-    }
-}
 
 impl Rig {
     /// Checks whether a text is meant as a rig file.
@@ -392,8 +383,8 @@ impl Check<'_> {
                 ("sensor.port".to_owned(), port, POSITION_PORT)
             });
             let outputs = node.outputs.iter().flat_map(|outputs| &outputs.0);
-            let outputs = outputs
-                .map(|(output, port)| (format!("outputs.{output}"), Some(port), an_input(output)));
+            let outputs =
+                outputs.map(|(output, port)| (format!("outputs.{output}"), Some(port), "PORT"));
             for (key, port, wanted) in amplifier.chain(sensor).chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
