@@ -11,14 +11,14 @@ use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use scenario::Trial;
 use scenario::contour::Contour;
 use scenario::events::Window;
-use scenario::expect::Limit;
+use scenario::expect::{ExpectedRow, Limit, rounded};
 use scenario::fault::Group;
 use scenario::node::Part;
 
 use crate::attribution::stalls::{Spans, Stretch, longest, shadows};
 use crate::attribution::{Attribution, Commands};
 use crate::circumstances::Circumstances;
-use crate::metric::{Metric, rounded};
+use crate::metric::Metric;
 use crate::quality::reaches;
 
 /// One of several loops, with its timeline.
@@ -271,15 +271,11 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Returns the row of the verdict, if there is one. A value that a node kept from being seen is missed; one that the bench
+    /// Returns a row of the verdict, if there is one. A value that a node kept from being seen is missed; one that the bench
     /// kept from it is not judged, unless what is known of it is too large already.
-    pub(crate) fn row(
-        &self,
-        name: &str,
-        limit: Option<Limit>,
-        measurement: Measurement,
-    ) -> Option<Metric> {
-        let absence = match measurement {
+    pub(crate) fn row(&self, expected: ExpectedRow, measurement: Measurement) -> Option<Metric> {
+        let (name, limit) = (expected.name, expected.limit);
+        let mut row = match measurement {
             Ok(known) => {
                 let mut row = Metric::new(name, Ok(known.value), limit).at(known.at_seconds);
                 if known.is_least {
@@ -287,22 +283,25 @@ impl<'a> Evidence<'a> {
                     let is_too_large = max.is_some_and(|max| rounded(known.value) > max);
                     row.passed = is_too_large.then_some(false);
                 }
-                return Some(row);
+                row
             }
-            Err(absence) => absence,
+            Err(absence) => {
+                let is_judged = match absence.why {
+                    Why::NotAsked => return None,
+                    Why::Meaningless if limit.is_none() => return None,
+                    Why::LeftOut | Why::Unavailable => false,
+                    Why::Unseen(silence) => !self.is_of_the_bench(silence),
+                    Why::NotDone | Why::Meaningless => true,
+                };
+                if is_judged {
+                    Metric::new(name, Err(absence.reason), limit).at(absence.at_seconds)
+                } else {
+                    Metric::not_judged(name, absence.reason, limit)
+                }
+            }
         };
-        let is_judged = match absence.why {
-            Why::NotAsked => return None,
-            Why::Meaningless if limit.is_none() => return None,
-            Why::LeftOut | Why::Unavailable => false,
-            Why::Unseen(silence) => !self.is_of_the_bench(silence),
-            Why::NotDone | Why::Meaningless => true,
-        };
-        Some(if is_judged {
-            Metric::new(name, Err(absence.reason), limit).at(absence.at_seconds)
-        } else {
-            Metric::not_judged(name, absence.reason, limit)
-        })
+        row.requirements = expected.requirements;
+        Some(row)
     }
 
     /// Returns the value of an event in its window. If a part of the window is left out, it is at least that until a stall touches

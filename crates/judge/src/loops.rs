@@ -1,38 +1,34 @@
 //! The verdict of several loops that were played at once.
 
-use plan::{ControlLoop, Plan};
+use plan::Plan;
 use scenario::contour::Contour;
-use scenario::expect::{Expect, Limit};
+use scenario::expect::{Expect, ExpectedRow, Limit};
 use scenario::metrics::is_bus_metric;
 
 use crate::metric::Metric;
-use crate::metrics;
 use crate::verdict::{Outcome, Verdict};
 
-/// Returns the name that a row of one loop has in the whole verdict. Rows of several loops begin with the loop's name; rows that
-/// all loops share appear once.
-pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
-    let is_timing = one.trial.expect.timing.rows().any(|name| name == row);
-    if is_timing || is_bus_metric(row) {
-        row.to_owned()
-    } else {
-        format!("{}{row}", one.prefix())
-    }
+/// Returns the rows of a verdict that have limits, in their order. Rows of several loops begin with the loop's name. Those on
+/// timing come last; a run in virtual time has none.
+pub fn expected_rows(plan: &Plan, is_timed: bool) -> Vec<ExpectedRow> {
+    let of_loops = plan.loops.iter().flat_map(|one| {
+        let mut rows = one.trial.expected_rows();
+        let own = rows.iter_mut().filter(|row| !is_bus_metric(&row.name));
+        own.for_each(|row| row.name.insert_str(0, &one.prefix()));
+        rows
+    });
+    let contours = plan.shared.contours.iter().flat_map(Contour::rows);
+    let contours = contours.filter(|row| row.limit.is_some());
+    let loops = plan.loops.iter().filter(|_| is_timed);
+    let timing = loops.flat_map(|one| one.trial.expect.timing_rows());
+    of_loops.chain(contours).chain(timing).collect()
 }
 
-/// Returns the rows of a verdict that have limits, in their order, except for those on timing.
+/// Returns the rows of a verdict that have limits, with their limits, except for those on timing.
 pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
-    let loop_limits = plan.loops.iter().flat_map(|one| {
-        let limits = metrics::limits(&one.trial).into_iter();
-        limits.map(|(row, limit)| (row_of_loop(one, &row), limit))
-    });
-    let contours = plan
-        .shared
-        .contours
-        .iter()
-        .flat_map(Contour::rows)
-        .filter_map(|(row, limit)| Some((row, limit?)));
-    loop_limits.chain(contours).collect()
+    let rows = expected_rows(plan, false).into_iter();
+    rows.filter_map(|row| Some((row.name, row.limit?)))
+        .collect()
 }
 
 /// Returns the expectations on timing, which all loops share.
@@ -48,7 +44,7 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
         return verdicts.into_iter().next().expect("one for each loop");
     }
     let contours = plan.shared.contours.iter().flat_map(Contour::rows);
-    let contours = Vec::from_iter(contours.map(|(row, _)| row));
+    let contours = Vec::from_iter(contours.map(|row| row.name));
     joined(names.into_iter().zip(verdicts).collect(), &contours)
 }
 

@@ -1,6 +1,6 @@
 //! A row of a verdict: a value and its limit.
 
-use scenario::expect::{Limit, Requirements};
+use scenario::expect::{Limit, Requirements, rounded};
 use serde::{Deserialize, Serialize};
 
 /// Row of a verdict: a metric, or a check of a signal or a sequence.
@@ -67,11 +67,6 @@ impl Metric {
 /// Makes a limit neither met nor missed.
 pub(crate) fn leave_open(row: &mut Metric) {
     row.passed = None;
-}
-
-/// Rounds to six decimals: more than any metric is known to, and the same text on every machine.
-pub(crate) fn rounded(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6
 }
 
 /// Returns the reason why a run cannot pass: limits on values that no node on the bus sends.

@@ -1,8 +1,6 @@
 //! The metrics of a run, each with its limit.
 
-use scenario::Trial;
 use scenario::events::Window;
-use scenario::expect::Limit;
 use scenario::metrics::{METRICS, Subject};
 
 use crate::evidence::{Absence, Evidence, Known, Measurement, MetricValue, largest, mean, worst};
@@ -51,46 +49,28 @@ static MEASURES: &[(&str, Measure)] = &[
 /// Returns all rows of the verdict: the metrics that have a meaning or a limit in the scenario, then its checks, then the
 /// contours whose first axis is this loop.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let expect = &evidence.trial.expect;
     let mut rows = rows_of_metrics(evidence);
     rows.extend(signals::metrics(evidence));
     rows.extend(sequences::metrics(evidence));
-    let requirements = expect.row_requirements();
-    let measurand = &evidence.trial.wiring.feedback.measurand;
-    for row in &mut rows {
-        row.name = measurand.name(&row.name);
-        let own = requirements.get(&row.name);
-        row.requirements = own.cloned().unwrap_or_default();
-    }
     rows.extend(contour::metrics(evidence));
     rows
 }
 
-/// Returns the rows of a scenario's verdict that have a limit, in their order, without those of `[expect.timing]`.
-pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
-    let limited = METRICS.iter().filter_map(|metric| {
-        let limit = trial.expect.limit(metric.name)?;
-        Some((trial.wiring.feedback.measurand.name(metric.name), limit))
-    });
-    limited
-        .chain(signals::limits(trial))
-        .chain(sequences::limits(trial))
-        .collect()
-}
-
 fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let expect = &evidence.trial.expect;
+    let measurand = &evidence.trial.wiring.feedback.measurand;
     let truth = evidence.of_the_truth();
     let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
-        let limit = expect.limit(metric.name);
+        let expected = expect.row(measurand.name(name), expect.limit(name));
         if let Some(missing) = metric.missing_in(evidence.trial) {
-            let lacks = |_| Metric::new(name, Err(format!("the scenario lacks {missing}")), limit);
-            rows.extend(limit.map(lacks));
+            let lacks = Absence::meaningless(format!("the scenario lacks {missing}"));
+            rows.extend(evidence.row(expected, Err(lacks)));
             continue;
         }
-        let mut row = evidence.row(name, limit, measure(evidence));
+        let true_name = format!("true_{}", expected.name);
+        let mut row = evidence.row(expected, measure(evidence));
         // A limit that was met until the bench ended the run may have been missed later.
         if let Some(row) = &mut row
             && is_cut
@@ -102,7 +82,7 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
         if let Some(truth) = &truth
             && metric.subject == Subject::Position
         {
-            rows.extend(truth.row(&format!("true_{name}"), None, measure(truth)));
+            rows.extend(truth.row(expect.row(true_name, None), measure(truth)));
         }
     }
     rows

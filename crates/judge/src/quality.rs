@@ -3,11 +3,11 @@
 use plan::ControlLoop;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
+use scenario::expect::rounded;
 
 use crate::attribution::cause::NamedCause;
 use crate::attribution::{FAULTY_END_SECONDS, is_recorded_to_its_end};
 use crate::evidence::Evidence;
-use crate::metric::rounded;
 
 /// Returns the reason why a recording that ends before its scenario leaves the outcome open.
 pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {

@@ -6,12 +6,11 @@ use recording::events::Event;
 use recording::occurrences::Occurrence;
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::traces::{SignalSample, SignalTrace};
-use scenario::Trial;
 use scenario::events::Window;
-use scenario::expect::{Emergency, Expected, Limit, Sequence, at_most};
+use scenario::expect::{Emergency, Expected, Sequence, rounded};
 
 use crate::evidence::{Absence, Evidence, Known, Measurement, samples_in};
-use crate::metric::{Metric, rounded};
+use crate::metric::Metric;
 use crate::signals::nearest;
 
 /// Returns a row for each event of each sequence.
@@ -23,10 +22,12 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
-    let window = sequence.window(evidence.trial.run.duration_seconds);
+    let duration_seconds = evidence.trial.run.duration_seconds;
+    let window = sequence.window(duration_seconds);
     let mut before: Result<f64, String> = Ok(window.from_seconds);
     let mut metrics = Vec::new();
-    for (place, event) in sequence.event.iter().enumerate() {
+    let rows = sequence.event.iter().zip(sequence.rows(duration_seconds));
+    for (place, (event, expected)) in rows.enumerate() {
         let measurement = match &before {
             Ok(since) => {
                 let rest = Window {
@@ -42,7 +43,6 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
                 Err(Absence::unseen(reason, window))
             }
         };
-        let limit = event_limit(event, window);
         let since = *before.as_ref().unwrap_or(&window.from_seconds);
         let came_at = measurement.as_ref().ok().and_then(|known| known.at_seconds);
         let until = came_at.unwrap_or(window.until_seconds);
@@ -52,26 +52,9 @@ fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
         } else {
             measurement
         };
-        metrics.extend(evidence.row(&sequence.row_name(place), Some(limit), measurement));
+        metrics.extend(evidence.row(expected, measurement));
     }
     metrics
-}
-
-/// Returns the limit of an event's row.
-fn event_limit(event: &Expected, window: Window) -> Limit {
-    let longest = event
-        .within_milliseconds
-        .unwrap_or_else(|| rounded(1e3 * (window.until_seconds - window.from_seconds)));
-    at_most(longest)
-}
-
-/// Returns the rows of all events with their limits.
-pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
-    trial.expect.sequence.iter().flat_map(|sequence| {
-        let window = sequence.window(trial.run.duration_seconds);
-        let events = sequence.event.iter().enumerate();
-        events.map(move |(place, event)| (sequence.row_name(place), event_limit(event, window)))
-    })
 }
 
 /// Returns the next occurrence of an event in a stretch of time, in milliseconds from its start.

@@ -2,49 +2,26 @@
 
 use recording::timeline::Series;
 use recording::traces::{SignalSample, SignalTrace};
-use scenario::Trial;
 use scenario::events::Window;
-use scenario::expect::{Course, Demand, Limit, SignalCheck, at_most};
+use scenario::expect::{Course, Demand, Limit, rounded};
 
 use crate::evidence::{Absence, Evidence, Known, Measurement, margin, samples_in};
-use crate::metric::{Metric, rounded};
+use crate::metric::Metric;
 
 /// Returns a row for each demand.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
+    let duration_seconds = evidence.trial.run.duration_seconds;
     let checks = evidence.trial.expect.signal.iter();
-    checks
-        .flat_map(|check| {
-            let demands = check.demands();
-            demands.filter_map(|demand| metric(evidence, check, &demand))
+    let rows = checks.flat_map(|check| {
+        let demands = check.demands().zip(check.rows(duration_seconds));
+        demands.filter_map(move |(demand, expected)| {
+            let window = check.window(&demand, duration_seconds);
+            let trace = evidence.trace(&check.name);
+            let measurement = trace.and_then(|trace| measure(evidence, trace, window, &demand));
+            evidence.row(expected, measurement)
         })
-        .collect()
-}
-
-fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Option<Metric> {
-    let window = check.window(demand, evidence.trial.run.duration_seconds);
-    let limit = demand_limit(demand, window);
-    let trace = evidence.trace(&check.name);
-    let measurement = trace.and_then(|trace| measure(evidence, trace, window, demand, limit));
-    evidence.row(&check.row_name(demand), Some(limit), measurement)
-}
-
-/// Returns the limit of a demand's row.
-fn demand_limit(demand: &Demand<'_>, window: Window) -> Limit {
-    match demand {
-        Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
-        Demand::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
-        Demand::Follows(course) => at_most(course.tolerance),
-    }
-}
-
-/// Returns the rows of all demands with their limits.
-pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
-    trial.expect.signal.iter().flat_map(|check| {
-        check.demands().map(|demand| {
-            let window = check.window(&demand, trial.run.duration_seconds);
-            (check.row_name(&demand), demand_limit(&demand, window))
-        })
-    })
+    });
+    rows.collect()
 }
 
 /// Measures a signal. An arrival is left out as a whole if stalls explain a piece before it; for other demands each sample is.
@@ -53,7 +30,6 @@ fn measure(
     trace: &SignalTrace,
     window: Window,
     demand: &Demand<'_>,
-    limit: Limit,
 ) -> Measurement {
     let all = samples_in(&trace.samples, window);
     if let Demand::Reaches(wanted) = demand {
@@ -89,6 +65,7 @@ fn measure(
     if let Some(silence) = silence {
         return Err(Absence::silent(silence));
     }
+    let limit = demand.limit(window);
     match demand {
         Demand::RatePerSecond(_) if samples.len() < 2 => Err("a single sample has no rate".into()),
         Demand::RatePerSecond(_) => worst(rates(&samples), limit),
@@ -217,17 +194,12 @@ mod tests {
     }
 
     /// Measures a signal in a run without stalls.
-    fn measured(
-        trace: &SignalTrace,
-        window: Window,
-        demand: &Demand<'_>,
-        limit: Limit,
-    ) -> Measurement {
+    fn measured(trace: &SignalTrace, window: Window, demand: &Demand<'_>) -> Measurement {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
         let timeline = decode(frames(4, |_| Some(10.0)), &plan).unwrap().remove(0);
         let circumstances = Circumstances::default();
         let evidence = Evidence::new(&timeline, plan.only_loop().unwrap(), &circumstances);
-        measure(&evidence, trace, window, demand, limit)
+        measure(&evidence, trace, window, demand)
     }
 
     #[track_caller]
@@ -235,11 +207,10 @@ mod tests {
         trace: &SignalTrace,
         window: Window,
         demand: &Demand<'_>,
-        limit: Limit,
         expected: Result<f64, &str>,
         at_seconds: Option<f64>,
     ) {
-        let (value, at) = match measured(trace, window, demand, limit) {
+        let (value, at) = match measured(trace, window, demand) {
             Ok(known) => (Ok(rounded(known.value)), known.at_seconds),
             Err(absence) => (Err(absence.reason), absence.at_seconds),
         };
@@ -254,8 +225,8 @@ mod tests {
         expected: Result<f64, &str>,
         at: Option<f64>,
     ) {
-        let wanted = limit(0.0, 1.0);
-        check(trace, within, &Demand::Stays(wanted), wanted, expected, at);
+        let demand = Demand::Stays(limit(0.0, 1.0));
+        check(trace, within, &demand, expected, at);
     }
 
     #[test]
@@ -273,21 +244,19 @@ mod tests {
     fn a_rate_is_that_of_two_successive_samples() {
         let jump = every_millisecond(|time| if time < 0.2995 { 0.0 } else { 0.25 });
         let demand = Demand::RatePerSecond(limit(-100.0, 100.0));
-        let wanted = limit(-100.0, 100.0);
         let whole = window(0.0, 1.0);
-        check(&jump, whole, &demand, wanted, Ok(250.0), Some(0.3));
+        check(&jump, whole, &demand, Ok(250.0), Some(0.3));
         let single = Err("a single sample has no rate");
-        check(&jump, window(0.3, 0.301), &demand, wanted, single, None);
+        check(&jump, window(0.3, 0.301), &demand, single, None);
     }
 
     #[test]
     fn an_arrival_counts_from_the_start_of_the_window() {
         let ramp = every_millisecond(|time| 10.0 * time);
         let demand = Demand::Reaches(limit(4.0, 5.0));
-        let any = at_most(1.0);
-        check(&ramp, window(0.1, 1.0), &demand, any, Ok(0.3), Some(0.4));
+        check(&ramp, window(0.1, 1.0), &demand, Ok(0.3), Some(0.4));
         let missed = Err("not reached, only 2.99");
-        check(&ramp, window(0.1, 0.3), &demand, any, missed, Some(0.299));
+        check(&ramp, window(0.1, 0.3), &demand, missed, Some(0.299));
     }
 
     #[test]
@@ -301,14 +270,7 @@ mod tests {
         let demand = Demand::Follows(&course);
         let off = |time: f64| 10.0 * time + if time < 0.6995 { 0.0 } else { 0.2 };
         let whole = window(0.0, 1.0);
-        check(
-            &every_millisecond(off),
-            whole,
-            &demand,
-            at_most(0.1),
-            Ok(0.2),
-            Some(0.7),
-        );
+        check(&every_millisecond(off), whole, &demand, Ok(0.2), Some(0.7));
     }
 
     #[test]
@@ -334,7 +296,7 @@ mod tests {
         check_stays(&nan, window(0.0, 1.0), no_number, Some(0.5));
         let reaches = Demand::Reaches(limit(2.0, 3.0));
         let only = window(0.6, 1.0);
-        check(&nan, only, &reaches, at_most(1.0), no_number, None);
+        check(&nan, only, &reaches, no_number, None);
     }
 
     #[test]
@@ -367,7 +329,7 @@ mod tests {
                 sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
             };
             let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).collect();
-            let Ok(known) = measured(&trace, within, &Demand::Stays(wanted), wanted) else {
+            let Ok(known) = measured(&trace, within, &Demand::Stays(wanted)) else {
                 prop_assert!(seen.is_empty());
                 return Ok(());
             };
@@ -377,9 +339,9 @@ mod tests {
             prop_assert!(seen.contains(&judged));
             // A wider band never turns a pass into a failure, and a signal that keeps a band has reached it at once.
             let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);
-            let again = measured(&trace, within, &Demand::Stays(wider), wider).unwrap();
+            let again = measured(&trace, within, &Demand::Stays(wider)).unwrap();
             prop_assert!(!all || wider.admits(again.value));
-            let reached = measured(&trace, within, &Demand::Reaches(wanted), wanted);
+            let reached = measured(&trace, within, &Demand::Reaches(wanted));
             prop_assert!(!all || reached.unwrap().at_seconds == Some(seen[0].time_seconds));
         }
     }

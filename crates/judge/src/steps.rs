@@ -2,9 +2,9 @@
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::{JudgedStep, Window};
+use scenario::expect::rounded;
 
 use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS, worst};
-use crate::metric::rounded;
 
 /// Half the width of the settling band, relative to the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;

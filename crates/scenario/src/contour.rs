@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::expect::{Limit, Requirements};
+use crate::expect::{ExpectedRow, Limit, Requirements};
 use crate::port::{Measurand, Unit};
 
 /// Keys of a contour's limits.
@@ -39,13 +39,17 @@ pub struct Contour {
 }
 
 impl Contour {
-    /// Returns the rows of the verdict with their limits: the longest distance from the path, and its RMS.
-    pub fn rows(&self) -> [(String, Option<Limit>); 2] {
+    /// Returns the rows of the verdict: the longest distance from the path, and its RMS.
+    pub fn rows(&self) -> [ExpectedRow; 2] {
         let name = self.loops.join("_");
         let measurand = Measurand::position(self.unit.clone());
-        let row = |limit| format!("{name}.{}", measurand.name(limit));
-        let [max, rms] = LIMITS.map(row);
-        [(max, self.error_max), (rms, self.error_rms)]
+        let row = |(key, limit)| ExpectedRow {
+            name: format!("{name}.{}", measurand.name(key)),
+            limit,
+            requirements: self.requirements.clone(),
+        };
+        let [max, rms] = LIMITS;
+        [(max, self.error_max), (rms, self.error_rms)].map(row)
     }
 }
 

@@ -11,9 +11,10 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-pub use crate::limit::Limit;
+pub use crate::limit::{Limit, rounded};
 use crate::metrics::{Form, METRICS, Metric};
 use crate::timing::TimingLimits;
+use crate::trial::Trial;
 
 pub use sequence::{Expected, Sequence};
 pub use signal::{Course, Demand, SignalCheck};
@@ -28,6 +29,17 @@ pub struct Expectation {
     pub limit: Limit,
     /// Texts of a list. The limit is then exactly 0: none of its events may happen, and none of its emergencies may be missing.
     pub texts: Vec<String>,
+}
+
+/// Row that a scenario demands of a verdict.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExpectedRow {
+    /// Name of the row.
+    pub name: String,
+    /// Limit of its value; `None` if the value is only reported.
+    pub limit: Option<Limit>,
+    /// Requirements that it tests.
+    pub requirements: Requirements,
 }
 
 /// Limits on the metrics of a run.
@@ -105,20 +117,20 @@ impl Expect {
         METRICS.iter().filter(is_given).map(|metric| metric.name)
     }
 
-    /// Returns the rows of the verdict that test requirements, each with its requirements.
-    pub fn row_requirements(&self) -> BTreeMap<String, Requirements> {
-        let limits = self.requirements.clone();
-        let checks = self.signal.iter().flat_map(|check| {
-            let rows = check.demands().map(|demand| check.row_name(&demand));
-            rows.map(|row| (row, check.requirements.clone()))
-        });
-        let sequences = self.sequence.iter().flat_map(|sequence| {
-            let rows = (0..sequence.event.len()).map(|place| sequence.row_name(place));
-            rows.map(|row| (row, sequence.requirements.clone()))
-        });
-        let rows = limits.into_iter().chain(checks).chain(sequences);
-        rows.filter(|(_, requirements)| !requirements.is_empty())
-            .collect()
+    /// Returns the rows on the timing of a run in real time.
+    pub fn timing_rows(&self) -> impl Iterator<Item = ExpectedRow> {
+        let limits = self.timing.rows().zip(self.timing.limits());
+        limits.map(|(row, (_, limit))| self.row(row, Some(limit)))
+    }
+
+    /// Returns the row of a metric.
+    pub fn row(&self, name: String, limit: Option<Limit>) -> ExpectedRow {
+        let requirements = self.requirements.get(&name).cloned().unwrap_or_default();
+        ExpectedRow {
+            name,
+            limit,
+            requirements,
+        }
     }
 
     /// Returns the signals that checks and sequences name, each with the path of its name in the file.
@@ -135,6 +147,23 @@ impl Expect {
             })
         });
         checks.chain(events)
+    }
+}
+
+impl Trial {
+    /// Returns the rows of the loop's verdict that have a limit, in their order, without those on timing.
+    pub fn expected_rows(&self) -> Vec<ExpectedRow> {
+        let (expect, duration_seconds) = (&self.expect, self.run.duration_seconds);
+        let metrics = METRICS.iter().filter_map(|metric| {
+            let limit = expect.limit(metric.name)?;
+            let name = self.wiring.feedback.measurand.name(metric.name);
+            Some(expect.row(name, Some(limit)))
+        });
+        let checks = expect.signal.iter();
+        let checks = checks.flat_map(|check| check.rows(duration_seconds));
+        let sequences = expect.sequence.iter();
+        let sequences = sequences.flat_map(|sequence| sequence.rows(duration_seconds));
+        metrics.chain(checks).chain(sequences).collect()
     }
 }
 

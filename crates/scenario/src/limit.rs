@@ -50,3 +50,8 @@ mod tests {
         assert!(!limit.admits(0.999) && !limit.admits(2.001) && !limit.admits(f64::NAN));
     }
 }
+
+/// Rounds to six decimals: more than any metric is known to, and the same text on every machine.
+pub fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}

@@ -201,20 +201,12 @@ fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<Stri
     for id in &plan.shared.run.requirements {
         tested.entry(id.clone()).or_default().push(test(None));
     }
-    let loop_rows = plan.loops.iter().flat_map(|one| {
-        let rows = one.trial.expect.row_requirements().into_iter();
-        rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
-    });
-    let contour_rows = plan.shared.contours.iter().flat_map(|contour| {
-        let rows = contour
-            .rows()
-            .into_iter()
-            .filter(|(_, limit)| limit.is_some());
-        rows.map(|(row, _)| (row, contour.requirements.clone()))
-    });
-    for (row, requirements) in loop_rows.chain(contour_rows) {
-        for id in requirements {
-            tested.entry(id).or_default().push(test(Some(row.clone())));
+    let mut rows = judge::expected_rows(plan, true);
+    rows.sort_by(|one, other| one.name.cmp(&other.name));
+    for row in rows {
+        for id in row.requirements {
+            let tests = tested.entry(id).or_default();
+            tests.push(test(Some(row.name.clone())));
         }
     }
     tested

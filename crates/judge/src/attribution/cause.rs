@@ -3,6 +3,7 @@
 
 use recording::stalls::Who;
 use recording::timeline::{TIME_TOLERANCE_SECONDS, cycle_start_seconds};
+use scenario::expect::rounded;
 use scenario::node::Part;
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +12,6 @@ use super::stalls::Stretch;
 use super::{Cause, Commands, HEARTBEAT_SECONDS, SILENT_AT_END, Stay, Totals};
 use crate::duties::{MISSED_COMMANDS, limited_max};
 use crate::evidence::Evidence;
-use crate::metric::rounded;
 
 /// Cause that kept a run from passing, as `verdict.json` holds it.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]

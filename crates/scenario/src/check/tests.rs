@@ -405,15 +405,11 @@ fn requirements_are_of_demands_that_are_made() {
     );
     let met = with_requirement("current_amperes_rms", "[\"REQ-1\"]")
         + &signal("stays = { max = 1 }\nrequirements = [\"REQ-2\"]");
-    let rows: Vec<_> = parse(&met)
-        .unwrap()
-        .expect
-        .row_requirements()
-        .into_iter()
-        .collect();
+    let rows = parse(&met).unwrap().expected_rows().into_iter();
+    let rows = Vec::from_iter(rows.map(|row| (row.name, row.requirements)));
     let expected = [
-        ("current_amperes stays".to_owned(), vec!["REQ-2".to_owned()]),
         ("current_amperes_rms".to_owned(), vec!["REQ-1".to_owned()]),
+        ("current_amperes stays".to_owned(), vec!["REQ-2".to_owned()]),
     ];
     assert_eq!(rows, expected);
 }

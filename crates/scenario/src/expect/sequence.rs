@@ -5,7 +5,8 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::limit::Limit;
+use super::{ExpectedRow, at_most};
+use crate::limit::{Limit, rounded};
 use crate::window::Window;
 
 /// Events that must come one after the other, each soon enough after the one before.
@@ -64,8 +65,20 @@ impl Sequence {
         )
     }
 
+    /// Returns the rows of its events in the verdict of a run of this duration.
+    pub fn rows(&self, duration_seconds: f64) -> impl Iterator<Item = ExpectedRow> {
+        let window = self.window(duration_seconds);
+        let whole = rounded(1e3 * (window.until_seconds - window.from_seconds));
+        let events = self.event.iter().enumerate();
+        events.map(move |(place, event)| ExpectedRow {
+            name: self.row_name(place),
+            limit: Some(at_most(event.within_milliseconds.unwrap_or(whole))),
+            requirements: self.requirements.clone(),
+        })
+    }
+
     /// Returns the name of an event's row in the verdict.
-    pub fn row_name(&self, place: usize) -> String {
+    fn row_name(&self, place: usize) -> String {
         let (name, number) = (&self.name, place + 1);
         let event = &self.event[place];
         format!("{name}, {number}: {event} within milliseconds")

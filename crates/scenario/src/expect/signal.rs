@@ -3,8 +3,9 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::{ExpectedRow, at_most};
 use crate::curve;
-use crate::limit::Limit;
+use crate::limit::{Limit, rounded};
 use crate::window::Window;
 
 /// Resolution of recordings.
@@ -80,6 +81,15 @@ impl Demand<'_> {
             Self::Follows(_) => "follows",
         }
     }
+
+    /// Returns the limit of its row, if it is judged in this window.
+    pub fn limit(&self, window: Window) -> Limit {
+        match self {
+            Self::Stays(limit) | Self::RatePerSecond(limit) => *limit,
+            Self::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
+            Self::Follows(course) => at_most(course.tolerance),
+        }
+    }
 }
 
 impl Course {
@@ -124,6 +134,15 @@ impl SignalCheck {
         let end = natural.until_seconds.min(duration_seconds);
         let from_seconds = self.from_seconds.unwrap_or(natural.from_seconds);
         Window::new(from_seconds, self.until_seconds.unwrap_or(end))
+    }
+
+    /// Returns the rows of its demands in the verdict of a run of this duration.
+    pub fn rows(&self, duration_seconds: f64) -> impl Iterator<Item = ExpectedRow> {
+        self.demands().map(move |demand| ExpectedRow {
+            name: self.row_name(&demand),
+            limit: Some(demand.limit(self.window(&demand, duration_seconds))),
+            requirements: self.requirements.clone(),
+        })
     }
 
     /// Returns the name of a demand's row in the verdict. A value in another unit than the signal's has that unit at the end of
