@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
-use judge::verdict::{Outcome, Verdict};
+use judge::verdict::Outcome;
 use plan::Plan;
 use recording::session::read_plan;
 use report::terminal;
@@ -68,13 +68,11 @@ impl Play {
         let version = verdict.as_ref().map(|verdict| verdict.version.clone());
         // Without a verdict the run is incomplete.
         let verdict = verdict.unwrap_or_default();
-        let is_untimed = is_decided(verdict.outcome) && verdict.timing.is_none();
-        let untimed = untimed(&plan, is_untimed);
+        let untimed = untimed(&plan, verdict.timing.is_none());
+        // A run counts as a sweep with one case.
+        let run = SweepRow::from_verdict(1, "", &verdict);
         let test = |row: Option<String>| {
-            let outcome = match &row {
-                Some(row) if untimed.contains(row) => Outcome::Inconclusive,
-                row => verdict_outcome(row.as_deref(), &verdict),
-            };
+            let outcome = outcome_in(&run, row.as_ref(), &untimed);
             let mut metrics = verdict.metrics.iter();
             let metric = metrics.find(|metric| row.as_ref() == Some(&metric.name));
             let measured = metric.map(|metric| {
@@ -221,26 +219,6 @@ fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
     rows.filter(|_| is_untimed).collect()
 }
 
-fn is_decided(outcome: Outcome) -> bool {
-    matches!(outcome, Outcome::Pass | Outcome::Fail)
-}
-
-/// Returns the outcome of a row, or of the whole run, according to a verdict.
-fn verdict_outcome(row: Option<&str>, verdict: &Verdict) -> Outcome {
-    let Some(row) = row.filter(|_| is_decided(verdict.outcome)) else {
-        return verdict.outcome;
-    };
-    match verdict.metrics.iter().find(|metric| metric.name == row) {
-        Some(metric) => match metric.passed {
-            Some(true) => Outcome::Pass,
-            Some(false) => Outcome::Fail,
-            None => Outcome::Inconclusive,
-        },
-        // The scenario in the folder is not the one that was judged.
-        None => Outcome::Incomplete,
-    }
-}
-
 /// Returns the outcome of a row, or of the whole run, according to the row of a sweep.
 fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outcome {
     let outcome = match run.ended {
@@ -250,9 +228,11 @@ fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outco
         Ended::Invalid | Ended::Incomplete | Ended::InternalError => Outcome::Incomplete,
     };
     match row {
-        Some(row) if is_decided(outcome) => match () {
+        Some(row) if matches!(outcome, Outcome::Pass | Outcome::Fail) => match () {
             () if run.missed.contains(row) => Outcome::Fail,
             () if untimed.contains(row) || run.undecided.contains(row) => Outcome::Inconclusive,
+            // The scenario in the folder is not the one that was judged.
+            () if run.metric(row).is_none() => Outcome::Incomplete,
             () => Outcome::Pass,
         },
         _ => outcome,
@@ -262,7 +242,7 @@ fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outco
 #[cfg(test)]
 mod tests {
     use super::*;
-    use judge::verdict::Metric;
+    use judge::verdict::{Metric, Verdict};
 
     #[test]
     fn a_row_has_an_outcome_unless_the_run_decides_nothing() {
@@ -281,12 +261,8 @@ mod tests {
                 outcome,
                 ..verdict.clone()
             };
-            // A sweep's row says the same.
             let run = SweepRow::from_verdict(1, "1f", &verdict);
-            let in_sweep = outcome_in(&run, row.map(str::to_owned).as_ref(), &[]);
-            let in_run = verdict_outcome(row, &verdict);
-            assert!(in_sweep == in_run || row == Some("gone"));
-            in_run
+            outcome_in(&run, row.map(str::to_owned).as_ref(), &[])
         };
         assert_eq!(of(Outcome::Fail, Some("met")), Outcome::Pass);
         assert_eq!(of(Outcome::Fail, Some("missed")), Outcome::Fail);
@@ -294,8 +270,9 @@ mod tests {
         assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
         assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
         assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);
-        let none = Verdict::default();
-        assert_eq!(verdict_outcome(Some("met"), &none), Outcome::Incomplete);
+        let none = SweepRow::from_verdict(1, "1f", &Verdict::default());
+        let met = "met".to_owned();
+        assert_eq!(outcome_in(&none, Some(&met), &[]), Outcome::Incomplete);
     }
 
     #[test]
