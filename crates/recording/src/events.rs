@@ -8,6 +8,7 @@ use dbc::{Database, Signal, SignalHandle, names};
 use plan::error_frames::{self, ErrorMessage};
 use platform::terminal::printable;
 use scenario::Trial;
+use scenario::events::Window;
 use scenario::expect::Emergency;
 
 use crate::identifiers::ByIdentifier;
@@ -226,24 +227,51 @@ impl EventReader {
             return Events::default();
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let planned = trial
-            .events(self.node_names.loop_name())
-            .into_iter()
-            .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
-            .map(|event| {
-                let level = if event.is_fault {
-                    Level::Warning
-                } else {
-                    Level::Info
-                };
-                Occurrence::new(event.at_seconds, Event::new(level, &event.text))
-            });
+        let planned = planned(trial, self.node_names.loop_name());
+        let planned = planned.filter(|event| {
+            from_seconds <= event.time_seconds && event.time_seconds < until_seconds
+        });
         // If the scenario never began, times are those of the recording.
         let on_bus = self
             .events
             .take_since(zero.unwrap_or_default().as_secs_f64());
         in_order(on_bus.into_iter().chain(planned))
     }
+}
+
+/// Returns the steps, disturbances and faults of a loop, in no order; `loop_name` is its name, where there are several.
+fn planned(trial: &Trial, loop_name: Option<&str>) -> impl Iterator<Item = Occurrence<Event>> {
+    let event =
+        |at_seconds, level, text: &str| Occurrence::new(at_seconds, Event::new(level, text));
+    let prefix = loop_name.map_or_else(String::new, |name| format!("{name}: "));
+    let named =
+        move |at_seconds, text: &str| event(at_seconds, Level::Info, &format!("{prefix}{text}"));
+    let unit = trial.wiring.feedback.measurand.unit.symbol();
+    let steps = trial.reference.step.iter().map(|step| {
+        let text = format!("step to {} {unit}", step.position);
+        named(step.at_seconds, &text)
+    });
+    let steps = Vec::from_iter(steps);
+    let disturbances = trial.disturbances().into_iter().flat_map(move |one| {
+        let Window {
+            from_seconds,
+            until_seconds,
+        } = one.window;
+        let of = one.text.split([',', ' ']).next().unwrap_or_default();
+        let lasts = until_seconds > from_seconds;
+        let end = lasts.then(|| named(until_seconds, &format!("{of} off")));
+        [Some(named(from_seconds, &one.text)), end]
+    });
+    let faults = trial.loop_faults().flat_map(move |fault| {
+        let is_instant = fault.from_seconds == fault.until_seconds;
+        let until_seconds = fault.until_seconds.filter(|_| !is_instant);
+        let text = fault.text(loop_name.is_some());
+        let end = until_seconds.map(|end| event(end, Level::Info, &format!("{text} over")));
+        let begin = event(fault.from_seconds.unwrap_or(0.0), Level::Warning, &text);
+        [Some(begin), end]
+    });
+    let others = disturbances.chain(faults).flatten();
+    steps.into_iter().chain(others)
 }
 
 fn emergency(node: &str, value: f64) -> Emergency {
@@ -353,6 +381,33 @@ mod tests {
                 "fault: drive hang",
                 "fault: controller hang",
                 "fault: bus load"
+            ]
+        );
+    }
+
+    #[test]
+    fn steps_and_disturbances_are_events_with_their_values() {
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 30.0\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+            [[reference.step]]\nat_seconds = 10.0\nposition_millimetres = 35.0\n\
+            [[reference.step]]\nat_seconds = 20.0\nposition_millimetres = 15.0\n\
+            [[disturbance.fan]]\nfrom_seconds = 12.0\nuntil_seconds = 15.0\nconvection_factor = 5.0\n\
+            [[disturbance.load]]\nat_seconds = 13.0\nadded_grams = 10.0\n\
+            [[disturbance.load]]\nat_seconds = 25.0\nadded_grams = -5.0\n";
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let mut reader = EventReader::new(Database::shipped(), NodeNames::default());
+        let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
+        let events = events.iter();
+        let texts = events.map(|event| format!("{} {}", event.time_seconds, event.text));
+        assert_eq!(
+            Vec::from_iter(texts),
+            [
+                "10 step to 35 mm",
+                "12 fan, convection × 5",
+                "13 load +10 g",
+                "15 fan off",
+                "20 step to 15 mm",
+                "25 load -5 g"
             ]
         );
     }

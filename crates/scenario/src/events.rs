@@ -40,17 +40,6 @@ pub struct JudgedChirp {
     pub turns: f64,
 }
 
-/// Event of a run, for plots.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Event {
-    /// Time of the event.
-    pub at_seconds: f64,
-    /// Description of the event.
-    pub text: String,
-    /// Whether a fault begins. All other events are part of a run without faults, too.
-    pub is_fault: bool,
-}
-
 impl Trial {
     /// Returns the end of the time that the metrics of the loop judge.
     pub fn judged_end_seconds(&self) -> f64 {
@@ -143,45 +132,6 @@ impl Trial {
     fn disturbance_ends(&self) -> impl Iterator<Item = f64> + use<> {
         let windows = self.disturbances().into_iter();
         windows.flat_map(|one| [one.window.from_seconds, one.window.until_seconds])
-    }
-
-    /// Returns the steps, disturbances and faults for plots, in the order of time; `loop_name` is that of the loop,
-    /// where there are several.
-    pub fn events(&self, loop_name: Option<&str>) -> Vec<Event> {
-        let event = |at_seconds, text, is_fault| Event {
-            at_seconds,
-            text,
-            is_fault,
-        };
-        let prefix = loop_name.map_or_else(String::new, |name| format!("{name}: "));
-        let named = |at_seconds, text| event(at_seconds, format!("{prefix}{text}"), false);
-        let unit = self.wiring.feedback.measurand.unit.symbol();
-        let steps = self.reference.step.iter().map(|step| {
-            let text = format!("step to {} {unit}", step.position);
-            named(step.at_seconds, text)
-        });
-        let disturbances = self.disturbances().into_iter().flat_map(|one| {
-            let Window {
-                from_seconds,
-                until_seconds,
-            } = one.window;
-            let of = one.text.split([',', ' ']).next().unwrap_or_default();
-            let lasts = until_seconds > from_seconds;
-            let end = lasts.then(|| named(until_seconds, format!("{of} off")));
-            [Some(named(from_seconds, one.text)), end]
-        });
-        let faults = self.loop_faults().flat_map(|fault| {
-            let is_instant = fault.from_seconds == fault.until_seconds;
-            let until_seconds = fault.until_seconds.filter(|_| !is_instant);
-            let text = fault.text(loop_name.is_some());
-            let end = until_seconds.map(|end| event(end, format!("{text} over"), false));
-            let begin = event(fault.from_seconds.unwrap_or(0.0), text, true);
-            [Some(begin), end]
-        });
-        let others = disturbances.chain(faults).flatten();
-        let mut events = Vec::from_iter(steps.chain(others));
-        events.sort_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
-        events
     }
 
     /// Returns a function from a time to the first of some times after it, or to the end of the judgement if that is earlier.
@@ -312,21 +262,5 @@ mod tests {
             (None, Some(-5.0)),
         ];
         assert_eq!(values, expected);
-        let events: Vec<String> = scenario
-            .events(None)
-            .iter()
-            .map(|event| format!("{} {}", event.at_seconds, event.text))
-            .collect();
-        assert_eq!(
-            events,
-            [
-                "10 step to 35 mm",
-                "12 fan, convection × 5",
-                "13 load +10 g",
-                "15 fan off",
-                "20 step to 15 mm",
-                "25 load -5 g"
-            ]
-        );
     }
 }
