@@ -56,7 +56,7 @@ pub(crate) struct Attribution<'a> {
     pub(crate) due: u64,
     /// Stalls that controller and drive feel.
     felt: [FeltStalls; 2],
-    faults: ScenarioFaults,
+    faults: ScenarioFaults<'a>,
     /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
     /// First cycle from which frames are missing to the end. Such a silence is not taken for an unnoticed stall.
