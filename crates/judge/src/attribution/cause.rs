@@ -130,46 +130,38 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         (!Commands::Missed.are_sound(evidence.timeline)).then(|| super::commands_due(evidence));
     let last_commands = due.and_then(Iterator::last).unwrap_or_default();
     let without_commands = lasting(evidence, &commands, last_commands, broke_off);
-    let stays = without_cycles
-        .into_iter()
-        .chain(without_commands)
-        .map(move |stay| Lasting {
-            duty: match stay.cause {
-                Cause::Node(duty) => duty,
-                _ => stay.first.duty,
-            },
-            from_seconds: stay.first.from_seconds,
-            cause: stay.cause,
-        });
+    let stays = without_cycles.into_iter().chain(without_commands);
+    let stays = stays.map(|stay| {
+        let duty = match stay.cause {
+            Cause::Node(duty) => duty,
+            _ => stay.first.duty,
+        };
+        (duty, stay.first.from_seconds, stay.cause == Cause::Fault)
+    });
     let heartbeats = evidence.timeline.lost_heartbeats.iter();
     let lost = heartbeats.filter(|lost| lost.back_seconds.is_infinite());
     let heartbeats = lost.map(|lost| {
-        let duty = Duty::Heartbeat(lost.node);
-        Lasting {
-            duty,
-            from_seconds: lost.due_seconds,
-            cause: if attribution.is_by_fault(duty, lost.due_seconds) {
-                Cause::Fault
-            } else {
-                Cause::Node(duty)
-            },
-        }
+        let (duty, from) = (Duty::Heartbeat(lost.node), lost.due_seconds);
+        (duty, from, attribution.is_by_fault(duty, from))
     });
-    stays.chain(heartbeats).map(move |one| Lasting {
-        // A stall explains a breach that began in it only if it covers half of the missing time.
-        cause: {
-            let node = one.duty.node();
+    stays
+        .chain(heartbeats)
+        .map(move |(duty, from_seconds, is_by_fault)| {
+            // A stall explains a breach that began in it only if it covers half of the missing time.
             let stall = attribution
-                .stall(node, one.from_seconds, until)
-                .or_else(|| attribution.stood_since(node, one.from_seconds));
-            match (one.cause, stall) {
-                (Cause::Node(_) | Cause::Host(_), Some(stretch)) => Cause::Host(stretch),
-                (Cause::Host(_), None) => Cause::Node(one.duty),
-                (cause, _) => cause,
+                .stall(duty.node(), from_seconds, until)
+                .or_else(|| attribution.stood_since(duty.node(), from_seconds));
+            let cause = match stall {
+                _ if is_by_fault => Cause::Fault,
+                Some(stretch) => Cause::Host(stretch),
+                None => Cause::Node(duty),
+            };
+            Lasting {
+                duty,
+                from_seconds,
+                cause,
             }
-        },
-        ..one
-    })
+        })
 }
 
 /// Returns the stay of breaches that lasts to the end; in a run that was played to its end, it must be long enough for a silence.
