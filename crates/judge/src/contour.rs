@@ -23,20 +23,14 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let name = evidence.control_loop.name();
     let is_first = |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == name);
     let contours = evidence.contours.iter().filter(is_first);
-    let rows = contours.flat_map(|contour| {
-        let axes = contour
-            .loops
-            .iter()
-            .filter_map(|name| evidence.for_loop(name));
-        rows(contour, &Vec::from_iter(axes))
-    });
-    rows.collect()
+    contours
+        .flat_map(|contour| rows(evidence, contour))
+        .collect()
 }
 
-fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
-    let [first, ..] = axes else {
-        return Vec::new();
-    };
+fn rows(evidence: &Evidence<'_>, contour: &Contour) -> Vec<Metric> {
+    let axes = contour.loops.iter();
+    let axes = Vec::from_iter(axes.filter_map(|name| evidence.for_loop(name)));
     let ends = axes.iter().map(|axis| axis.trial.judged_end_seconds());
     let end_seconds = ends.fold(f64::INFINITY, f64::min);
     let window = window(contour, end_seconds);
@@ -46,10 +40,11 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     });
     let (axis, values) = match unseen {
         _ if window.from_seconds >= window.until_seconds => {
-            (first, Err("the window begins behind what is judged".into()))
+            let reason = "the window begins behind what is judged";
+            (evidence, Err(reason.into()))
         }
         Some((axis, absence)) => (axis, Err(absence)),
-        None => (first, values(contour, axes, end_seconds)),
+        None => (evidence, values(contour, &axes, end_seconds)),
     };
     let named = contour.rows().into_iter().enumerate();
     let rows = named.filter_map(|(place, expected)| {

@@ -5,7 +5,6 @@ use canopen::cia402::State;
 use dbc::names;
 use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS};
 use recording::truth::PlantTruth;
-use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::Emergency;
 
@@ -43,7 +42,7 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     if evidence.timeline.truth.is_empty() {
         evidence.seen(evidence.run()).map(drop)?;
     } else if let Some(silence) = silence_of_truth(evidence) {
-        return Err(truth_silence(silence));
+        return Err(silence);
     }
     evidence.of_largest(evidence.run(), largest(temperatures))
 }
@@ -60,7 +59,7 @@ fn unseen_temperature(evidence: &Evidence<'_>) -> Option<String> {
 }
 
 /// Returns the first silence between the plant's first message and the end.
-fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
+fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Absence> {
     let (timeline, truth) = (evidence.timeline, &evidence.timeline.truth);
     let first_seconds = truth.first()?.time_seconds;
     let window = match timeline.zero_seconds {
@@ -77,7 +76,9 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
         .iter()
         .map(|truth| truth.time_seconds)
         .filter(|time| *time < window.until_seconds);
-    evidence.first_silence(times, window, silence_of_truth_seconds_max(evidence))
+    let seconds_max = silence_of_truth_seconds_max(evidence);
+    let silence = evidence.first_silence(times, window, seconds_max);
+    silence.map(truth_silence)
 }
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
@@ -142,16 +143,14 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let Some(first) = truth.first() else {
         return Err(Absence::only_emulated());
     };
-    let fault = first_fault_seconds(trial).max(first.time_seconds);
+    let faults = trial.loop_faults().map(|fault| span(fault).0);
+    let fault = faults.fold(f64::INFINITY, f64::min).max(first.time_seconds);
     let silence_max = silence_of_truth_seconds_max(evidence);
     let window = Window::new(fault, f64::INFINITY);
     let value = |evidence: &Evidence<'_>, window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
-        zero.ok_or_else(|| match silence_of_truth(evidence) {
-            Some(silence) => truth_silence(silence),
-            None => "current flows on".into(),
-        })
+        zero.ok_or_else(|| silence_of_truth(evidence).unwrap_or("current flows on".into()))
     };
     let zero = evidence.of_event(window, true, value)?;
     Ok(Known {
@@ -168,12 +167,6 @@ fn without_faults(evidence: &Evidence<'_>, metric: &str) -> Measurement {
     } else {
         Absence::not_asked()
     })
-}
-
-/// Returns the begin of the first fault.
-fn first_fault_seconds(trial: &Trial) -> f64 {
-    let starts = trial.loop_faults().map(|fault| span(fault).0);
-    starts.fold(f64::INFINITY, f64::min)
 }
 
 /// Returns the start of the first stretch without current after a fault. The current during a silence is unknown.
@@ -212,7 +205,9 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     if !trial.has_loop_faults() {
         return Err(Absence::meaningless("no fault in the scenario"));
     }
-    let from_seconds = last_fault_end_seconds(trial);
+    // Infinite if a fault lasts to the end.
+    let ends = trial.loop_faults().map(|fault| span(fault).1);
+    let from_seconds = ends.fold(0.0, f64::max);
     if from_seconds.is_infinite() {
         return Err(Absence::from("a fault lasts to the end"));
     }
@@ -227,12 +222,6 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
         recovery(evidence, window)
     };
     evidence.of_event(window, true, value)
-}
-
-/// Returns the end of the last fault; infinite if a fault lasts to the end.
-fn last_fault_end_seconds(trial: &Trial) -> f64 {
-    let ends = trial.loop_faults().map(|fault| span(fault).1);
-    ends.fold(0.0, f64::max)
 }
 
 /// Measures safety: 1 if the bench is safe at the end, else 0.
