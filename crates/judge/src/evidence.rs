@@ -11,7 +11,7 @@ use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use scenario::Trial;
 use scenario::contour::Contour;
 use scenario::events::Window;
-use scenario::expect::{ExpectedRow, Limit, rounded};
+use scenario::expect::{ExpectedRow, rounded};
 use scenario::fault::Group;
 use scenario::node::Part;
 
@@ -593,13 +593,6 @@ pub(crate) fn worst(values: impl Iterator<Item = Measurement>) -> Measurement {
         (Err(absence), _) | (_, Err(absence)) => Err(absence),
     });
     worst.unwrap_or_else(|| Err(Absence::nothing()))
-}
-
-/// Returns the distance of a value to a limit; negative beyond the limit.
-pub(crate) fn margin(value: f64, limit: Limit) -> f64 {
-    let above_min = limit.min.map_or(f64::INFINITY, |min| value - min);
-    let below_max = limit.max.map_or(f64::INFINITY, |max| max - value);
-    above_min.min(below_max)
 }
 
 /// Returns the largest of some values, of which there is at least one.

@@ -5,7 +5,7 @@ use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, rounded};
 
-use crate::evidence::{Absence, Evidence, Known, Measurement, margin, samples_in};
+use crate::evidence::{Absence, Evidence, Known, Measurement, samples_in};
 use crate::metric::Metric;
 
 /// Returns a row for each demand.
@@ -110,7 +110,7 @@ fn arrival(
 
 /// Returns the sample that is nearest to the wanted range; the first of several.
 pub(crate) fn nearest(samples: &Series<SignalSample>, wanted: Limit) -> Option<SignalSample> {
-    let outside = |sample: &SignalSample| -margin(sample.value, wanted);
+    let outside = |sample: &SignalSample| -wanted.margin(sample.value);
     let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
     numbers.min_by(|left, right| outside(left).total_cmp(&outside(right)))
 }
@@ -118,7 +118,7 @@ pub(crate) fn nearest(samples: &Series<SignalSample>, wanted: Limit) -> Option<S
 /// Returns the value that is nearest to a limit or farthest beyond it; the first of several.
 fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Measurement {
     let worst = values.reduce(|worst, sample| {
-        if margin(sample.value, limit) < margin(worst.value, limit) {
+        if limit.margin(sample.value) < limit.margin(worst.value) {
             sample
         } else {
             worst

@@ -2,9 +2,7 @@
 
 use scenario::events::JudgedSine;
 
-use crate::evidence::{
-    Absence, CycleSample, Evidence, Known, Measurement, MetricValue, checked, margin,
-};
+use crate::evidence::{Absence, CycleSample, Evidence, Known, Measurement, MetricValue, checked};
 use crate::harmonic::Harmonic;
 
 /// Function of the harmonics of the set-point and of the position.
@@ -42,7 +40,7 @@ fn worst(evidence: &Evidence<'_>, metric: &str, ideal: f64, value: OfSine) -> Me
     let sines = evidence.trial.judged_sines();
     let limit = evidence.trial.expect.limit(metric);
     let goodness = |value: f64| match limit {
-        Some(limit) => margin(value, limit),
+        Some(limit) => limit.margin(value),
         None => -(value - ideal).abs(),
     };
     let mut worst: Option<(f64, f64)> = None;

@@ -23,6 +23,18 @@ impl Limit {
     pub fn admits(&self, value: f64) -> bool {
         self.min.is_none_or(|min| value >= min) && self.max.is_none_or(|max| value <= max)
     }
+
+    /// Returns the distance of a value to the nearer side; negative beyond a side.
+    pub fn margin(&self, value: f64) -> f64 {
+        let (min, max) = self.ends();
+        f64::min(value - min, max - value)
+    }
+
+    /// Returns both sides; one that is not given is infinite.
+    pub fn ends(&self) -> (f64, f64) {
+        let min = self.min.unwrap_or(f64::NEG_INFINITY);
+        (min, self.max.unwrap_or(f64::INFINITY))
+    }
 }
 
 impl fmt::Display for Limit {

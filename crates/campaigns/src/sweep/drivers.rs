@@ -97,7 +97,7 @@ impl<'a> Sampler<'a> {
             let badness = self
                 .limits
                 .get(name)
-                .map_or(1.0, |limit| badness(*limit, *value));
+                .map_or(1.0, |limit| -limit.margin(*value));
             let worst = self.worst.entry(name.clone()).or_default();
             let place = worst.partition_point(|one| one.badness >= badness);
             if place < self.worst_max {
@@ -176,18 +176,11 @@ fn beyond(limit: Limit) -> f64 {
 /// The end of a limit that a value is beyond, or nearest to.
 pub(super) fn nearest_end(limit: Limit, value: f64) -> Limit {
     let (max, min) = (Limit { min: None, ..limit }, Limit { max: None, ..limit });
-    if badness(max, value) >= badness(min, value) {
+    if max.margin(value) <= min.margin(value) {
         max
     } else {
         min
     }
-}
-
-/// Returns how far a value is beyond its limit; negative if it is within.
-fn badness(limit: Limit, value: f64) -> f64 {
-    let above = limit.max.map_or(f64::NEG_INFINITY, |max| value - max);
-    let below = limit.min.map_or(f64::NEG_INFINITY, |min| min - value);
-    above.max(below)
 }
 
 /// Mixes the number of a case, so that no order remains and a sample does not fall in step with a grid (the finaliser of
@@ -271,9 +264,9 @@ mod tests {
             min: Some(0.0),
             max: Some(10.0),
         };
-        let order = [12.0, -1.5, 9.5, 0.7, 5.0].map(|value| badness(limit, value));
+        let order = [12.0, -1.5, 9.5, 0.7, 5.0].map(|value| -limit.margin(value));
         assert!(order.windows(2).all(|pair| pair[0] > pair[1]), "{order:?}");
-        assert_eq!(badness(limit, beyond(limit)), f64::INFINITY);
+        assert_eq!(-limit.margin(beyond(limit)), f64::INFINITY);
         let ends = [9.5, 0.7].map(|value| nearest_end(limit, value));
         assert_eq!(
             ends.map(|end| (end.min, end.max)),

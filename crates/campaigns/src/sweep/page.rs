@@ -167,10 +167,7 @@ fn drawn(spread: &MetricSpread) -> Markup {
     plot.draw(label, Colour::Estimated, Shape::Points, &edge_x, &edge_y);
     plot.patches.extend(spread.limit.map(|limit| Patch {
         class: "band",
-        x: (
-            limit.min.unwrap_or(f64::NEG_INFINITY),
-            limit.max.unwrap_or(f64::INFINITY),
-        ),
+        x: limit.ends(),
         y: (f64::NEG_INFINITY, f64::INFINITY),
     }));
     plot.render()

@@ -56,10 +56,7 @@ fn plot<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: 
                 Demand::Stays(limit) | Demand::Reaches(limit) => plot.patches.push(Patch {
                     class: "band",
                     x: (window.from_seconds, window.until_seconds),
-                    y: (
-                        limit.min.unwrap_or(f64::NEG_INFINITY),
-                        limit.max.unwrap_or(f64::INFINITY),
-                    ),
+                    y: limit.ends(),
                 }),
                 Demand::Follows(course) => {
                     let (x, y): (Vec<f64>, Vec<f64>) = course.rows.iter().copied().unzip();
