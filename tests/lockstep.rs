@@ -270,7 +270,7 @@ impl platform::lockstep::Participant for Asked<'_> {
         _until: Duration,
         frames: &[(Duration, can::CanFrame)],
         answer: &mut platform::lockstep::Answer,
-    ) -> Result<(), platform::lockstep::LockstepError> {
+    ) -> Result<(), platform::lockstep::Failure> {
         self.0.advance(to, to, frames, answer)
     }
 
@@ -278,7 +278,7 @@ impl platform::lockstep::Participant for Asked<'_> {
         &mut self,
         at: Duration,
         answer: &mut platform::lockstep::Answer,
-    ) -> Result<(), platform::lockstep::LockstepError> {
+    ) -> Result<(), platform::lockstep::Failure> {
         self.0.stop(at, answer)
     }
 }

@@ -9,8 +9,7 @@ use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::counting_allocator::allocations;
 use platform::lockstep::{
-    ANSWER_PATIENCE, Answer, Failure, FollowError, LockstepError, Participant, Remote, Setting,
-    channel, follow,
+    ANSWER_PATIENCE, Answer, Failure, FollowError, Participant, Remote, Setting, channel, follow,
 };
 use platform::real_time;
 use platform::recorder::Recorder;
@@ -194,7 +193,7 @@ fn an_interface_that_is_missing_or_down_says_what_to_do() {
 fn step_over_wire(
     name: &'static str,
     on_wire: &[CanFrame],
-) -> (Result<Progress, LockstepError>, Result<(), FollowError>) {
+) -> (Result<Progress, Failure>, Result<(), FollowError>) {
     let vcan = Vcan::new(name);
     let mut coordinator = vcan.join(&[]);
     let (ours, theirs) = channel().unwrap();
@@ -225,7 +224,7 @@ fn carries_the_frames_of_lock_step() {
 
 fn a_foreign_frame_in_lock_step_is_an_error() {
     let (progress, outcome) = step_over_wire("vcan-foreign", &[frame(0x100, 2), frame(0x100, 1)]);
-    assert!(matches!(progress.unwrap_err().failure, Failure::Ended));
+    assert!(matches!(progress.unwrap_err(), Failure::Ended));
     let error = outcome.unwrap_err().to_string();
     assert!(error.contains("is another program sending"), "{error}");
 }

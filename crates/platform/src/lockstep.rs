@@ -28,7 +28,7 @@ mod tests;
 
 pub use answer::Answer;
 pub use audience::Audience;
-pub use error::{Failure, LockstepError};
+pub use error::Failure;
 pub use follow::{FollowError, WIRE_PATIENCE, follow};
 pub use local::Local;
 pub use participant::Participant;

@@ -4,7 +4,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, FilterSet, Progress};
-use platform::lockstep::{Answer, Audience, Participant};
+use platform::lockstep::{Answer, Audience, Failure, Participant};
+
+use crate::error::WorldError;
 
 /// Frame with the time from which it waits, or at which it arrived.
 pub(crate) type Timed = (Duration, CanFrame);
@@ -77,6 +79,13 @@ impl<'a> Slot<'a> {
             _ => None,
         };
         queues_at.map_or(NEVER, nanos)
+    }
+
+    /// Returns the error for a failure of the participant.
+    #[cold]
+    pub(crate) fn failed(&self, failure: Failure) -> WorldError {
+        let name = self.participant.name().to_owned();
+        WorldError::Participant { name, failure }
     }
 
     /// Takes a frame from the bus that it accepts; returns whether it may answer.

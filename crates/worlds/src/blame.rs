@@ -10,12 +10,11 @@ use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::error_frames;
 use plan::{ControlLoop, Plan};
-use platform::lockstep::{Failure, LockstepError};
+use platform::lockstep::Failure;
 use recording::capture::Capture;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
 
-use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
 use crate::names::emulator_name;
 
@@ -72,28 +71,21 @@ pub(crate) fn end_by_node(
                 doing,
             }),
         },
-        WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
-            Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
-        }
-        WorldError::Coordinator(CoordinatorError::Participant(LockstepError {
+        WorldError::Participant {
             failure: Failure::Channel(_),
             ..
-        })) => Err(error),
-        WorldError::Coordinator(ref cause) => {
-            let Some(name) = cause.participant() else {
-                return Err(error);
-            };
-            let what = match cause {
-                CoordinatorError::Participant(LockstepError {
-                    failure: Failure::NoAnswer(patience),
-                    ..
-                }) => format!("no answer within {} s", patience.as_secs()),
-                _ => {
-                    let text = error.to_string();
-                    text.strip_prefix(name).unwrap_or(&text).trim().to_owned()
+        } => Err(error),
+        WorldError::Participant { name, failure } => {
+            let what = match failure {
+                Failure::GaveUp(reason) => {
+                    return Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")));
                 }
+                Failure::NoAnswer(patience) => {
+                    format!("no answer within {} s", patience.as_secs())
+                }
+                failure => failure.to_string(),
             };
-            Ok(seen.end(seen.node(name), None, what + &seen.when()))
+            Ok(seen.end(seen.node(&name), None, what + &seen.when()))
         }
         error => Err(error),
     }

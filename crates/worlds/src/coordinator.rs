@@ -13,7 +13,7 @@ use std::time::Duration;
 use can::frame_bits::{arbitration_key, frame_bits};
 use can::{CanFrame, Progress, earliest};
 use platform::bus::Bus;
-use platform::lockstep::{LockstepError, Participant};
+use platform::lockstep::{Failure, Participant};
 use recording::capture::Capture;
 use recording::log::Stamped;
 
@@ -21,6 +21,7 @@ use crate::agenda::{Agenda, NEVER, Nanos, Slot, Timed, audience, nanos};
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
 use crate::bus_model::faults::{BusFaults, is_truth};
 use crate::bus_model::{BusModel, SUSPEND_BITS};
+use crate::error::WorldError;
 use crate::listeners::Listeners;
 
 /// Largest number of waiting frames of one participant; more mean that the bus cannot carry its traffic.
@@ -45,59 +46,13 @@ impl Wire<'_, '_> {
         time: Duration,
         frame: &CanFrame,
         occupied_bits: u32,
-    ) -> Result<(), CoordinatorError> {
+    ) -> Result<(), WorldError> {
         self.capture
             .record(Stamped::counted(time, *frame, occupied_bits));
-        match &mut self.bus {
-            Some(bus) => bus.send(frame).map_err(|source| CoordinatorError::Wire {
-                frame: *frame,
-                source,
-            }),
-            None => Ok(()),
+        if let Some(bus) = &mut self.bus {
+            bus.send(frame)?;
         }
-    }
-}
-
-/// Reason why virtual time cannot continue.
-#[derive(Debug, thiserror::Error)]
-pub enum CoordinatorError {
-    /// A participant did not answer.
-    #[error(transparent)]
-    Participant(#[from] LockstepError),
-    /// A participant gave up.
-    #[error("{name} failed: {reason}")]
-    Failed {
-        /// Name of the participant.
-        name: String,
-        /// Reason, as the node reports it.
-        reason: String,
-    },
-    /// A participant sends more than the bus carries.
-    #[error(
-        "{name} has more than {QUEUE_LIMIT} frames waiting: the bus cannot carry what it sends"
-    )]
-    Overloaded {
-        /// Name of the participant.
-        name: String,
-    },
-    /// The real bus under the model failed.
-    #[error("the bus does not carry the frame {frame}")]
-    Wire {
-        /// Frame that was not carried.
-        frame: CanFrame,
-        /// Error of the bus.
-        source: platform::bus::BusError,
-    },
-}
-
-impl CoordinatorError {
-    /// Returns the name of the participant that is its cause.
-    pub(crate) fn participant(&self) -> Option<&str> {
-        match self {
-            Self::Participant(error) => Some(&error.name),
-            Self::Failed { name, .. } | Self::Overloaded { name } => Some(name),
-            Self::Wire { .. } => None,
-        }
+        Ok(())
     }
 }
 
@@ -170,7 +125,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     ///
     /// # Errors
     /// If a participant or the wire failed.
-    pub(crate) fn step(&mut self) -> Result<Option<Duration>, CoordinatorError> {
+    pub(crate) fn step(&mut self) -> Result<Option<Duration>, WorldError> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
             self.pass(&passed)?;
@@ -204,7 +159,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     ///
     /// # Errors
     /// As [`Coordinator::step`].
-    pub(crate) fn settle(&mut self) -> Result<(), CoordinatorError> {
+    pub(crate) fn settle(&mut self) -> Result<(), WorldError> {
         self.horizon = self.now;
         while self.slots.iter().any(|slot| slot.answer.reached > self.now) {
             self.step()?;
@@ -216,12 +171,13 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     ///
     /// # Errors
     /// If it failed or does not answer.
-    pub(crate) fn stop(&mut self, index: usize) -> Result<(), CoordinatorError> {
+    pub(crate) fn stop(&mut self, index: usize) -> Result<(), WorldError> {
         // A participant that has gone ahead cannot go back.
         let at = self.now.max(self.slots[index].answer.reached);
         self.advance(index, at, at)?;
         let slot = &mut self.slots[index];
-        slot.participant.stop(at, &mut slot.answer)?;
+        let stopped = slot.participant.stop(at, &mut slot.answer);
+        stopped.map_err(|failure| slot.failed(failure))?;
         self.accept_answer(index)
     }
 
@@ -237,7 +193,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     ///
     /// # Errors
     /// As [`Coordinator::step`].
-    pub(crate) fn put(&mut self, frame: CanFrame) -> Result<(), CoordinatorError> {
+    pub(crate) fn put(&mut self, frame: CanFrame) -> Result<(), WorldError> {
         while self.in_flight.is_some() {
             self.step()?;
         }
@@ -315,7 +271,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     }
 
     /// Ends a transmission: the others receive the frame, or all count the error.
-    fn pass(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
+    fn pass(&mut self, passed: &InFlight) -> Result<(), WorldError> {
         let (now, frame) = (self.now, &passed.frame);
         if let Fate::Whole { occupied_bits } = passed.fate {
             self.wire.put(now, frame, occupied_bits)?;
@@ -337,7 +293,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     }
 
     /// Updates the error counters and reports each changed state.
-    fn count_errors(&mut self, passed: &InFlight) -> Result<(), CoordinatorError> {
+    fn count_errors(&mut self, passed: &InFlight) -> Result<(), WorldError> {
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
@@ -377,7 +333,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
 
     /// Returns stations from bus-off whose time has come.
     #[inline]
-    fn recover(&mut self) -> Result<(), CoordinatorError> {
+    fn recover(&mut self) -> Result<(), WorldError> {
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
@@ -444,21 +400,17 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     }
 
     /// Gives a participant its arrived frames and advances it.
-    fn advance(
-        &mut self,
-        index: usize,
-        to: Duration,
-        until: Duration,
-    ) -> Result<(), CoordinatorError> {
+    fn advance(&mut self, index: usize, to: Duration, until: Duration) -> Result<(), WorldError> {
         let slot = &mut self.slots[index];
         slot.participant
-            .advance(to, until, &slot.inbox, &mut slot.answer)?;
+            .advance(to, until, &slot.inbox, &mut slot.answer)
+            .map_err(|failure| slot.failed(failure))?;
         slot.inbox.clear();
         slot.has_answerable = false;
         self.accept_answer(index)
     }
 
-    fn accept_answer(&mut self, index: usize) -> Result<(), CoordinatorError> {
+    fn accept_answer(&mut self, index: usize) -> Result<(), WorldError> {
         let slot = &mut self.slots[index];
         match &mut self.faults {
             None => slot.outbox.extend(&slot.answer.frames),
@@ -466,15 +418,10 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         }
         self.agenda.note(index, slot);
         if let Progress::Failed(reason) = &slot.answer.progress {
-            return Err(CoordinatorError::Failed {
-                name: slot.participant.name().to_owned(),
-                reason: reason.clone(),
-            });
+            return Err(slot.failed(Failure::GaveUp(reason.clone())));
         }
         if slot.outbox.len() > QUEUE_LIMIT {
-            return Err(CoordinatorError::Overloaded {
-                name: slot.participant.name().to_owned(),
-            });
+            return Err(slot.failed(Failure::Overloaded(QUEUE_LIMIT)));
         }
         Ok(())
     }

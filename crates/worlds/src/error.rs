@@ -5,9 +5,8 @@ use std::io;
 use std::time::Duration;
 
 use dbc::SignalMissing;
+use platform::lockstep::Failure;
 use recording::run_folder::WriteError;
-
-use crate::coordinator::CoordinatorError;
 
 /// Longest time for the nodes until the scenario begins, on the run's clock.
 pub(crate) const START_PATIENCE: Duration = Duration::from_secs(15);
@@ -30,9 +29,14 @@ pub enum Doing {
 /// Reason why a run failed.
 #[derive(Debug, thiserror::Error)]
 pub enum WorldError {
-    /// Virtual time cannot continue.
-    #[error(transparent)]
-    Coordinator(#[from] CoordinatorError),
+    /// Virtual time cannot continue without a participant.
+    #[error("{name} {failure}")]
+    Participant {
+        /// Name of the participant.
+        name: String,
+        /// Reason.
+        failure: Failure,
+    },
     /// The scenario did not begin.
     #[error("the scenario did not begin within {} s: the drive never reported Operation Enabled", patience.as_secs())]
     NoStart {

@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use platform::bus::Bus;
 use platform::clock::Clock;
-use platform::lockstep::{Local, Participant};
+use platform::lockstep::{Failure, Local, Participant};
 
 use crate::after_end;
 use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_model::faults::BusFaults;
-use crate::coordinator::{Coordinator, CoordinatorError, Wire};
+use crate::coordinator::{Coordinator, Wire};
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::law_process::LawPlace;
 use crate::names::{self, BENCH};
@@ -93,8 +93,10 @@ pub(crate) fn play_nodes<P: Participant>(
     all.push(&mut seat);
     let manager = &plan.controller().name;
     all.sort_by_key(|one| (one.name() == manager, one.name() == BENCH));
-    match (play(plan, all, capture, bus), bench.violation()) {
-        (Err(WorldError::Coordinator(CoordinatorError::Failed { .. })), Some(violation)) => {
+    let played = play(plan, all, capture, bus);
+    let gave_up = |failure: &Failure| matches!(failure, Failure::GaveUp(_));
+    match (played, bench.violation()) {
+        (Err(WorldError::Participant { failure, .. }), Some(violation)) if gave_up(&failure) => {
             Err(violation)
         }
         (played, _) => played,
@@ -124,10 +126,8 @@ pub fn play(
     let ended = run.follow();
     let mut left = BTreeSet::from_iter(0..names.len());
     // The participant whose loss ended the run: its process has ended or hangs, or it gave up.
-    if let Err(WorldError::Coordinator(error)) = &ended
-        && let Some(dead) = names
-            .iter()
-            .position(|name| error.participant() == Some(name))
+    if let Err(WorldError::Participant { name, .. }) = &ended
+        && let Some(dead) = names.iter().position(|other| other == name)
     {
         run.coordinator.wire.capture.break_off();
         run.coordinator.leave_out(dead);

@@ -1,14 +1,13 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
 use platform::bus::{Bus, BusAddress};
-use platform::lockstep::{ANSWER_PATIENCE, Failure, LockstepError, Remote, Setting, channel};
+use platform::lockstep::{ANSWER_PATIENCE, Failure, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 
 use crate::blame::end_by_node;
 use crate::bus_choice::RunBus;
 use crate::child::{NodeProcess, Stopped};
-use crate::coordinator::CoordinatorError;
 use crate::error::WorldError;
 use crate::law_process;
 use crate::lockstep;
@@ -109,7 +108,10 @@ fn play(
         let patience = ANSWER_PATIENCE + law_process::processes_patience(plan);
         for (name, channel) in channels {
             let remote = Remote::accept(name, channel, Some(patience), Setting::default());
-            remotes.push(remote.map_err(CoordinatorError::from)?);
+            remotes.push(remote.map_err(|failure| WorldError::Participant {
+                name: name.to_owned(),
+                failure,
+            })?);
         }
         let wire = wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus);
         lockstep::play_nodes(plan, &mut remotes, guests, capture, wire)
@@ -121,10 +123,10 @@ fn play(
 fn with_end(played: Result<End, WorldError>, processes: &mut Processes) -> Result<End, WorldError> {
     // The end of a process says more than its missing answer.
     let played = played.map_err(|error| match &error {
-        WorldError::Coordinator(CoordinatorError::Participant(LockstepError {
+        WorldError::Participant {
             name,
             failure: Failure::Ended,
-        })) => {
+        } => {
             let process = processes.get_mut(name);
             let ended = process.and_then(NodeProcess::awaited_end);
             ended.unwrap_or(error)

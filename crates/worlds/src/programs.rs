@@ -9,16 +9,13 @@ use can::{CanFrame, Filter, Node as CanNode, Progress};
 use faults::{FaultPlan, Faulty};
 use platform::clock::Clock;
 use platform::listener::Listener;
-use platform::lockstep::{
-    ANSWER_PATIENCE, Answer, Failure, Local, LockstepError, Participant, Remote, Setting,
-};
+use platform::lockstep::{ANSWER_PATIENCE, Answer, Failure, Local, Participant, Remote, Setting};
 use platform::program::{
     BUS_VARIABLE, END_PATIENCE, ORDERLY, Order, Program, START_PATIENCE, open_seat,
 };
 use scenario::node::{Node, Part};
 use tempfile::NamedTempFile;
 
-use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
 use crate::law_process::{CLOSED_PATIENCE, output_end};
 use crate::part;
@@ -181,7 +178,7 @@ impl ProgramOrder {
                 program,
                 remote,
             }),
-            Err(error) => Err(explained(program, error.into())),
+            Err(failure) => Err(explained(program, name, failure)),
         }
     }
 }
@@ -251,30 +248,24 @@ fn broken_off(name: &str, how: String, output: &str, doing: Doing) -> WorldError
     }
 }
 
-/// Explains an error of virtual time that a node caused, if canrig started its program: one that went silent, by its end.
-fn explained(program: Option<StartedProgram>, error: CoordinatorError) -> WorldError {
-    let (Some(program), Some(name)) = (program, error.participant()) else {
-        return error.into();
-    };
-    match &error {
-        CoordinatorError::Participant(LockstepError { failure, .. }) => match failure {
-            Failure::Ended => {
-                program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE)
-            }
-            Failure::NoAnswer(patience) => {
-                let what = format!("gave no answer within {} s", patience.as_secs());
-                program.silent(name, what, Duration::ZERO)
-            }
-            Failure::Protocol(_) => program.broken(name, failure.to_string()),
-            Failure::Step(source) => program.broken(name, source.to_string()),
-            Failure::Channel(_) => error.into(),
-        },
-        CoordinatorError::Overloaded { .. } => {
-            let what = error.to_string();
-            let what = what.strip_prefix(name).unwrap_or(&what).trim();
-            program.broken(name, what.to_owned())
+/// Explains a failure of a node, if canrig started its program: of one that went silent, by its end.
+fn explained(program: Option<StartedProgram>, name: &str, failure: Failure) -> WorldError {
+    match (program, failure) {
+        (Some(program), Failure::Ended) => {
+            program.silent(name, "closed its channel".to_owned(), CLOSED_PATIENCE)
         }
-        _ => error.into(),
+        (Some(program), Failure::NoAnswer(patience)) => {
+            let what = format!("gave no answer within {} s", patience.as_secs());
+            program.silent(name, what, Duration::ZERO)
+        }
+        (Some(program), Failure::Step(source)) => program.broken(name, source.to_string()),
+        (Some(program), failure @ (Failure::Protocol(_) | Failure::Overloaded(_))) => {
+            program.broken(name, failure.to_string())
+        }
+        (_, failure) => WorldError::Participant {
+            name: name.to_owned(),
+            failure,
+        },
     }
 }
 
@@ -298,9 +289,10 @@ impl ProgramNode {
                 let ended = self.program.map(|mut program| program.end(name));
                 ended.unwrap_or(Ok(())).map(|()| played)
             }
-            Err(WorldError::Coordinator(error)) if error.participant() == Some(name) => {
-                Err(explained(self.program, error))
-            }
+            Err(WorldError::Participant {
+                name: lost,
+                failure,
+            }) if lost == name => Err(explained(self.program, name, failure)),
             Err(error) => Err(error),
         }
     }
@@ -333,15 +325,16 @@ impl Asked {
         }
     }
 
-    fn ask(&mut self, ask: impl FnOnce(&mut Remote, &mut Answer) -> Result<(), LockstepError>) {
+    fn ask(&mut self, ask: impl FnOnce(&mut Remote, &mut Answer) -> Result<(), Failure>) {
         let Some(node) = &mut self.node else { return };
         match ask(&mut node.remote, &mut self.answer) {
             Ok(()) => self
                 .queued
                 .extend(self.answer.frames.iter().map(|(_, frame)| *frame)),
-            Err(error) => {
+            Err(failure) => {
+                let name = node.order.name().to_owned();
                 let program = self.node.take().and_then(|node| node.program);
-                let failure = explained(program, error.into());
+                let failure = explained(program, &name, failure);
                 self.answer.next_deadline = None;
                 self.answer.progress = Progress::Failed(failure.to_string());
                 self.failure = Some(failure);

@@ -1,4 +1,4 @@
-//! Errors of a coordinator.
+//! Failures of participants.
 
 use std::io;
 use std::time::Duration;
@@ -6,17 +6,7 @@ use std::time::Duration;
 use super::step::StepError;
 use crate::seat::Misread;
 
-/// Error of a participant.
-#[derive(Debug, thiserror::Error)]
-#[error("{name} {failure}")]
-pub struct LockstepError {
-    /// The participant.
-    pub name: String,
-    /// Reason why the coordinator got no answer.
-    pub failure: Failure,
-}
-
-/// Reason why the coordinator got no answer.
+/// Reason why a participant does not continue, as a text that follows its name.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
     /// The process did not answer within this time.
@@ -34,4 +24,10 @@ pub enum Failure {
     /// The channel failed.
     #[error("cannot be reached: {0}")]
     Channel(io::Error),
+    /// The node gave up, with this reason.
+    #[error("failed: {0}")]
+    GaveUp(String),
+    /// The node sends more than the bus carries: more than this number of its frames wait.
+    #[error("has more than {0} frames waiting: the bus cannot carry what it sends")]
+    Overloaded(usize),
 }

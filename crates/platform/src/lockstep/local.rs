@@ -6,10 +6,10 @@ use can::{CanFrame, Node};
 
 use super::answer::Answer;
 use super::audience::Audience;
-use super::error::LockstepError;
+use super::error::Failure;
 use super::participant::Participant;
 use super::protocol::Hello;
-use super::step::{StepError, Stepper};
+use super::step::Stepper;
 
 /// Node in this process.
 pub struct Local<'a> {
@@ -27,13 +27,6 @@ impl<'a> Local<'a> {
             hello: Hello::of(node),
             stepper: Stepper::new(node),
             node,
-        }
-    }
-
-    fn error(&self, error: StepError) -> LockstepError {
-        LockstepError {
-            name: self.name.clone(),
-            failure: error.into(),
         }
     }
 }
@@ -57,13 +50,12 @@ impl Participant for Local<'_> {
         until: Duration,
         frames: &[(Duration, CanFrame)],
         answer: &mut Answer,
-    ) -> Result<(), LockstepError> {
-        let step = self.stepper.advance(self.node, (to, until), frames, answer);
-        step.map_err(|error| self.error(error))
+    ) -> Result<(), Failure> {
+        let times = (to, until);
+        Ok(self.stepper.advance(self.node, times, frames, answer)?)
     }
 
-    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {
-        let step = self.stepper.stop(self.node, at, answer);
-        step.map_err(|error| self.error(error))
+    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), Failure> {
+        Ok(self.stepper.stop(self.node, at, answer)?)
     }
 }

@@ -6,7 +6,7 @@ use can::CanFrame;
 
 use super::answer::Answer;
 use super::audience::Audience;
-use super::error::LockstepError;
+use super::error::Failure;
 use super::protocol::Hello;
 
 /// Node as the coordinator sees it.
@@ -34,11 +34,11 @@ pub trait Participant {
         until: Duration,
         frames: &[(Duration, CanFrame)],
         answer: &mut Answer,
-    ) -> Result<(), LockstepError>;
+    ) -> Result<(), Failure>;
 
     /// Asks the node for its safe state at `at`, which is not before its current time.
     ///
     /// # Errors
     /// As [`Participant::advance`].
-    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError>;
+    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), Failure>;
 }

@@ -11,7 +11,7 @@ use rustix::net::{AddressFamily, SendFlags, SocketFlags, SocketType};
 
 use super::answer::Answer;
 use super::audience::Audience;
-use super::error::{Failure, LockstepError};
+use super::error::Failure;
 use super::participant::Participant;
 use super::protocol::{self, Asked, FRAMES_MAX, Hello, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
@@ -66,7 +66,7 @@ impl Remote {
         channel: OwnedFd,
         patience: Option<Duration>,
         setting: Setting,
-    ) -> Result<Self, LockstepError> {
+    ) -> Result<Self, Failure> {
         let mut remote = Self {
             name: name.into(),
             channel,
@@ -80,23 +80,16 @@ impl Remote {
             was_halted: false,
             packet: Vec::with_capacity(MESSAGE_BYTES_MAX),
         };
-        remote
-            .meet_process()
-            .map_err(|failure| remote.error(failure))?;
+        set_socket_timeout(&remote.channel, Timeout::Recv, Some(WAIT))
+            .map_err(|errno| remote.failed(errno))?;
+        remote.receive()?;
+        remote.hello = protocol::decode_hello(&remote.packet)?;
         Ok(remote)
     }
 
     /// Tells the process, with the next question, that it was halted until then.
     pub fn was_halted(&mut self) {
         self.was_halted = true;
-    }
-
-    fn meet_process(&mut self) -> Result<(), Failure> {
-        set_socket_timeout(&self.channel, Timeout::Recv, Some(WAIT))
-            .map_err(|errno| self.failed(errno))?;
-        self.receive()?;
-        self.hello = protocol::decode_hello(&self.packet)?;
-        Ok(())
     }
 
     fn welcome(&mut self, quiet: &[Filter]) -> Result<(), Failure> {
@@ -168,13 +161,6 @@ impl Remote {
             errno => Failure::Channel(errno.into()),
         }
     }
-
-    fn error(&self, failure: Failure) -> LockstepError {
-        LockstepError {
-            name: self.name.clone(),
-            failure,
-        }
-    }
 }
 
 impl Participant for Remote {
@@ -199,13 +185,12 @@ impl Participant for Remote {
         until: Duration,
         frames: &[(Duration, CanFrame)],
         answer: &mut Answer,
-    ) -> Result<(), LockstepError> {
+    ) -> Result<(), Failure> {
         let (mut rest, mut queued) = (frames, Vec::new());
         while let Some((part, later)) = rest.split_at_checked(FRAMES_MAX)
             && let (Some((last, _)), false) = (part.last(), later.is_empty())
         {
-            let asked = self.ask((*last, *last), Some(part), answer);
-            asked.map_err(|failure| self.error(failure))?;
+            self.ask((*last, *last), Some(part), answer)?;
             queued.append(&mut answer.frames);
             rest = later;
             if answer.progress != Progress::Running {
@@ -213,8 +198,7 @@ impl Participant for Remote {
                 return Ok(());
             }
         }
-        let asked = self.ask((to, until), Some(rest), answer);
-        asked.map_err(|failure| self.error(failure))?;
+        self.ask((to, until), Some(rest), answer)?;
         if !queued.is_empty() {
             queued.append(&mut answer.frames);
             answer.frames = queued;
@@ -222,13 +206,12 @@ impl Participant for Remote {
         let (at, times) = self.reached;
         // A node whose deadline does not move.
         if times > TICKS_PER_INSTANT_MAX {
-            return Err(self.error(StepError::stuck(at).into()));
+            return Err(StepError::stuck(at).into());
         }
         Ok(())
     }
 
-    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {
-        let asked = self.ask((at, at), None, answer);
-        asked.map_err(|failure| self.error(failure))
+    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), Failure> {
+        self.ask((at, at), None, answer)
     }
 }
