@@ -10,8 +10,8 @@ use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, read_answer, read_hello, write_numbers, write_welcome,
 };
 
-/// Reason why a process is not ready.
-pub enum NotReady {
+/// Reason why a process gives no answer.
+pub enum NoAnswer {
     /// It ended: how, and its last output.
     Ended((String, String)),
     /// It took too long.
@@ -68,35 +68,42 @@ impl PortSeat {
         seed: u64,
         part: &[u8],
         closed_patience: Duration,
-    ) -> Result<(), NotReady> {
+    ) -> Result<(), NoAnswer> {
         if !self.program.accept().map_err(unreachable)? {
             let seconds = START_PATIENCE.as_secs();
-            let late = || NotReady::Late(format!("did not come to its seat in {seconds} s"));
+            let late = || NoAnswer::Late(format!("did not come to its seat in {seconds} s"));
             let ended = self.program.ended(Duration::ZERO);
-            return Err(ended.map_or_else(late, NotReady::Ended));
+            return Err(ended.map_or_else(late, NoAnswer::Ended));
         }
-        read_hello(self.first_answer(closed_patience)?)
-            .map_err(|wrong| NotReady::Wrong(format!("spoke what is no HELLO: {wrong}")))?;
+        read_hello(self.answer(START_PATIENCE, closed_patience)?)
+            .map_err(|wrong| NoAnswer::Wrong(format!("spoke what is no HELLO: {wrong}")))?;
         write_welcome(&mut self.message, seed, part);
         self.program.send(&self.message).map_err(unreachable)?;
-        let ready =
-            read_answer(self.first_answer(closed_patience)?, Kind::Done, 0).map_err(|wrong| {
-                NotReady::Wrong(format!("answered WELCOME with what is no answer: {wrong}"))
-            })?;
-        ready.map(drop).map_err(NotReady::GaveUp)
+        let answer = self.answer(START_PATIENCE, closed_patience)?;
+        let ready = read_answer(answer, Kind::Done, 0).map_err(|wrong| {
+            NoAnswer::Wrong(format!("answered WELCOME with what is no answer: {wrong}"))
+        })?;
+        ready.map(drop).map_err(NoAnswer::GaveUp)
     }
 
-    /// Waits for the message before the first step.
-    fn first_answer(&mut self, closed_patience: Duration) -> Result<&[u8], NotReady> {
-        let received = self.program.receive(&mut self.answer, START_PATIENCE);
+    /// Waits for an answer. A process that closed its channel has `closed_patience` to end.
+    ///
+    /// # Errors
+    /// If there is none in time, or the process is gone or cannot be reached.
+    pub fn answer(
+        &mut self,
+        patience: Duration,
+        closed_patience: Duration,
+    ) -> Result<&[u8], NoAnswer> {
+        let received = self.program.receive(&mut self.answer, patience);
         if !received.map_err(unreachable)? {
-            let seconds = START_PATIENCE.as_secs();
-            return Err(NotReady::Late(format!("was not ready in {seconds} s")));
+            let seconds = patience.as_secs();
+            return Err(NoAnswer::Late(format!("was not ready in {seconds} s")));
         }
         if self.answer.is_empty() {
-            let closed = || NotReady::Wrong(CLOSED.to_owned());
+            let closed = || (CLOSED.to_owned(), String::new());
             let ended = self.program.ended(closed_patience);
-            return Err(ended.map_or_else(closed, NotReady::Ended));
+            return Err(NoAnswer::Ended(ended.unwrap_or_else(closed)));
         }
         Ok(&self.answer)
     }
@@ -130,6 +137,6 @@ impl PortSeat {
 /// Description of a process that closed its channel and does not end then.
 pub const CLOSED: &str = "closed its channel";
 
-fn unreachable(error: io::Error) -> NotReady {
-    NotReady::Wrong(format!("cannot be reached: {error}"))
+fn unreachable(error: io::Error) -> NoAnswer {
+    NoAnswer::Wrong(format!("cannot be reached: {error}"))
 }

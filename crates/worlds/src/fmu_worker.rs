@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fmu::{Configuration, Fault, FmuError, Instance, Unpacked};
 use platform::listener::Listener;
-use platform::port_seat::{CLOSED, NotReady, PortSeat};
+use platform::port_seat::{NoAnswer, PortSeat};
 use platform::program::{START_PATIENCE, Seat};
 use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
 
@@ -31,7 +31,6 @@ pub struct RemoteFmu {
     file: PathBuf,
     seat: PortSeat,
     asked: u32,
-    has_failed: bool,
 }
 
 impl RemoteFmu {
@@ -62,7 +61,6 @@ impl RemoteFmu {
             file,
             seat,
             asked: 0,
-            has_failed: false,
         };
         let inputs = vec![0.0; configuration.inputs.len()];
         let loaded = remote
@@ -98,12 +96,7 @@ impl RemoteFmu {
             )));
         }
         let met = self.seat.meet(0, &part, CLOSED_PATIENCE);
-        met.map_err(|why| match why {
-            NotReady::Ended(ended) => died(LOADED, ended),
-            NotReady::Late(_) => hangs(LOADED, START_PATIENCE),
-            NotReady::GaveUp(text) => told_by(LOADED, text),
-            NotReady::Wrong(what) => of_worker(&what),
-        })
+        met.map_err(|why| unanswered(LOADED, START_PATIENCE, why))
     }
 
     /// Lets the worker step, and takes the outputs.
@@ -119,25 +112,15 @@ impl RemoteFmu {
             number: self.asked,
             ..Header::of(Kind::Step)
         };
-        let sent = self.seat.step(header, to_seconds, inputs);
-        // The worker's end, if it is gone, says more.
-        let received = match sent {
-            Ok(()) => self.seat.receive(STEP_PATIENCE),
-            Err(_) => Ok(Some(&[][..])),
-        };
-        let answer = match received {
-            Ok(Some(answer @ [_, ..])) => answer,
-            Ok(Some([])) => {
-                let ended = self.seat.program.ended(CLOSED_PATIENCE);
-                let closed = || (CLOSED.to_owned(), String::new());
-                return Err(died(doing, ended.unwrap_or_else(closed)));
-            }
-            Ok(None) => return Err(hangs(doing, STEP_PATIENCE)),
-            Err(error) => return Err(of_worker(&format!("cannot be reached: {error}"))),
-        };
-        let told = read_values(answer, self.asked, outputs.len())
-            .map_err(|_| of_worker("answered what is no answer"))?;
-        let values = told.map_err(|text| told_by(doing, text))?;
+        // Of a worker that is gone, its end says more.
+        let _ = self.seat.step(header, to_seconds, inputs);
+        let answered = self.seat.answer(STEP_PATIENCE, CLOSED_PATIENCE);
+        let values = answered.and_then(|answer| {
+            let told = read_values(answer, self.asked, outputs.len())
+                .map_err(|_| NoAnswer::Wrong("answered what is no answer".to_owned()))?;
+            told.map_err(NoAnswer::GaveUp)
+        });
+        let values = values.map_err(|why| unanswered(doing, STEP_PATIENCE, why))?;
         let values = outputs.iter_mut().zip(numbers(values));
         values.for_each(|(output, value)| *output = value);
         Ok(())
@@ -145,7 +128,6 @@ impl RemoteFmu {
 
     /// Ends the worker of an FMU that failed.
     fn failed(&mut self, fault: Fault) -> FmuError {
-        self.has_failed = true;
         self.seat.program.kill();
         let file = self.file.clone();
         FmuError { file, fault }
@@ -155,39 +137,34 @@ impl RemoteFmu {
 impl Drop for RemoteFmu {
     /// Terminates the FMU as FMI demands, since some FMUs write their files then. An error comes too late to report.
     fn drop(&mut self) {
-        if !self.has_failed && !self.seat.has_stopped(TERMINATE_PATIENCE) {
+        if !self.seat.has_stopped(TERMINATE_PATIENCE) {
             self.seat.program.kill();
         }
     }
 }
 
-fn died(doing: &str, (how, log): (String, String)) -> Fault {
-    let said = fmu::said(&log);
-    told_by(
-        doing,
-        format!(
-            "the process that had it loaded {how} while it {doing}; only this run is lost{said}"
-        ),
-    )
-}
-
-fn hangs(doing: &str, patience: Duration) -> Fault {
-    told_by(
-        doing,
-        format!("it did not return within {patience:?} while it {doing}; its process was ended"),
-    )
-}
-
-fn told_by(doing: &str, text: String) -> Fault {
+/// Returns the fault of an FMU whose worker gave no answer in time.
+fn unanswered(doing: &str, patience: Duration, why: NoAnswer) -> Fault {
+    let text = match why {
+        NoAnswer::Ended((how, log)) => {
+            let said = fmu::said(&log);
+            format!(
+                "the process that had it loaded {how} while it {doing}; only this run is lost{said}"
+            )
+        }
+        NoAnswer::Late(_) => {
+            format!("it did not return within {patience:?} while it {doing}; its process was ended")
+        }
+        NoAnswer::GaveUp(text) => text,
+        NoAnswer::Wrong(what) => {
+            return Fault::Invalid(format!("the process that is to load it {what}"));
+        }
+    };
     if doing == STEPPED {
         Fault::InRun(text)
     } else {
         Fault::Invalid(text)
     }
-}
-
-fn of_worker(what: &str) -> Fault {
-    Fault::Invalid(format!("the process that is to load it {what}"))
 }
 
 /// Runs the hidden subcommand: takes the seat that the environment names, loads an FMU whose files are in a folder, and steps it.

@@ -14,7 +14,7 @@ use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
 use platform::listener::Listener;
-use platform::port_seat::{CLOSED, NotReady, PortSeat};
+use platform::port_seat::{CLOSED, NoAnswer, PortSeat};
 use platform::program::{START_PATIENCE, open_seat};
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
@@ -202,9 +202,9 @@ impl LawProcess {
         let welcome = welcome.to_string();
         let met = self.seat.meet(seed, welcome.as_bytes(), CLOSED_PATIENCE);
         met.map_err(|why| match why {
-            NotReady::Ended(ended) => end_text(&ended),
-            NotReady::Late(what) | NotReady::Wrong(what) => what,
-            NotReady::GaveUp(text) => format!("gave up: {text}"),
+            NoAnswer::Ended(ended) => end_text(&ended),
+            NoAnswer::Late(what) | NoAnswer::Wrong(what) => what,
+            NoAnswer::GaveUp(text) => format!("gave up: {text}"),
         })
     }
 
