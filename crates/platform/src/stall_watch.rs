@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -37,11 +37,11 @@ pub struct SeenStall<T> {
 }
 
 /// Request to watch some threads.
-enum Order<T> {
-    /// All threads of a process.
-    Process(T, u32),
-    /// One thread of this process, by its name.
-    OwnThread(T, &'static str),
+struct Order<T> {
+    who: T,
+    process: u32,
+    /// Name of the thread; all threads of the process if `None`.
+    thread: Option<&'static str>,
 }
 
 /// Watch over this machine, until it is stopped.
@@ -60,10 +60,11 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
     /// If no thread can be started.
     pub fn start(longer_than: Duration) -> std::io::Result<Self> {
         let (orders, received) = channel();
+        let is_over = Arc::new(AtomicBool::new(false));
+        let is_watch_over = Arc::clone(&is_over);
         let thread = std::thread::Builder::new()
             .name("stall-watch".into())
-            .spawn(move || watch(longer_than, &received))?;
-        let is_over = Arc::new(AtomicBool::new(false));
+            .spawn(move || watch(longer_than, &received, &is_watch_over))?;
         let processors = processors().into_iter().map(|processor| {
             let is_over = Arc::clone(&is_over);
             std::thread::Builder::new()
@@ -78,20 +79,19 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
         })
     }
 
-    /// Watches all threads of a process from now on.
-    pub fn process(&self, who: T, process: u32) {
+    /// Watches the threads of a process from now on, all or those of one name.
+    pub fn watch(&self, who: T, process: u32, thread: Option<&'static str>) {
+        let order = Order {
+            who,
+            process,
+            thread,
+        };
         // A watch that has ended takes no more orders.
-        let _ = self.orders.send(Order::Process(who, process));
-    }
-
-    /// Watches the thread with this name in this process.
-    pub fn thread_named(&self, who: T, name: &'static str) {
-        let _ = self.orders.send(Order::OwnThread(who, name));
+        let _ = self.orders.send(order);
     }
 
     /// Stops the watch; returns the stalls in the order of their ends.
     pub fn stop(self) -> Vec<SeenStall<T>> {
-        drop(self.orders);
         self.is_over.store(true, Ordering::Relaxed);
         let threads = [self.thread].into_iter().chain(self.processors);
         merged(threads.flat_map(|thread| {
@@ -135,22 +135,21 @@ fn watch_processor<T: Copy + PartialEq>(
     let mut seen = Vec::new();
     // No statement is possible if the system refuses to pin the thread or does not count.
     let pinned = sched_setaffinity(None, &processor);
-    let (Ok(()), Ok(count)) = (pinned, File::open("/proc/thread-self/schedstat")) else {
+    let this = Thread::open((), Path::new("/proc/thread-self"));
+    let (Ok(()), Some(mut this)) = (pinned, this) else {
         return seen;
     };
     let _ = request_fifo(NODE_PRIORITY);
     let tick = tick_for(longer_than);
-    let (mut last, mut waited_before) = (monotonic(), waited_in_all(&count));
+    let mut last = monotonic();
     while !is_over.load(Ordering::Relaxed) {
         sleep(tick);
-        let (now, waited) = (monotonic(), waited_in_all(&count));
-        let (Some(before), Some(waited)) = (waited_before, waited) else {
-            return seen;
-        };
-        if now > last + tick + (waited - before) + longer_than {
+        let now = monotonic();
+        let Some(waited) = this.waited() else { break };
+        if now > last + tick + waited + longer_than {
             note(&mut seen, None, last, now);
         }
-        (last, waited_before) = (now, Some(waited));
+        last = now;
     }
     seen
 }
@@ -163,6 +162,7 @@ fn tick_for(longer_than: Duration) -> Duration {
 fn watch<T: Copy + PartialEq>(
     longer_than: Duration,
     orders: &Receiver<Order<T>>,
+    is_over: &AtomicBool,
 ) -> Vec<SeenStall<T>> {
     // The watch has the priority of the nodes, so that it is held up exactly when they are. If refused, the nodes were refused
     // too.
@@ -173,15 +173,10 @@ fn watch<T: Copy + PartialEq>(
     let mut seen = Vec::new();
     let mut last = monotonic();
     let mut searched_at = None;
-    loop {
-        match orders.try_recv() {
-            Ok(order) => {
-                watched.push(order);
-                searched_at = None;
-                continue;
-            }
-            Err(TryRecvError::Empty) => {}
-            Err(TryRecvError::Disconnected) => return seen,
+    while !is_over.load(Ordering::Relaxed) {
+        for order in orders.try_iter() {
+            watched.push(order);
+            searched_at = None;
         }
         if searched_at.is_none_or(|at| last >= at + SEARCH_PERIOD) {
             searched_at = Some(last);
@@ -194,17 +189,16 @@ fn watch<T: Copy + PartialEq>(
         if is_held_up(last, asleep) || is_held_up(asleep + tick, now) {
             note(&mut seen, None, last, now);
         }
-        threads.retain_mut(|thread| match thread.waited() {
-            Some(waited) => {
-                if waited > longer_than {
-                    note(&mut seen, Some(thread.who), last, now);
-                }
-                true
+        threads.retain_mut(|thread| {
+            let waited = thread.waited();
+            if waited.is_some_and(|waited| waited > longer_than) {
+                note(&mut seen, Some(thread.who), last, now);
             }
-            None => false,
+            waited.is_some()
         });
         last = now;
     }
+    seen
 }
 
 /// Adds a stall, or extends the last one of the same owner if they meet.
@@ -264,17 +258,18 @@ fn waited_in_all(count: &File) -> Option<Duration> {
 
 /// Adds the threads that are not watched yet.
 fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
-    for order in watched {
-        let (who, process, name) = match order {
-            Order::Process(who, process) => (*who, process.to_string(), None),
-            Order::OwnThread(who, name) => (*who, "self".to_owned(), Some(*name)),
-        };
+    for Order {
+        who,
+        process,
+        thread,
+    } in watched
+    {
         let tasks = fs::read_dir(format!("/proc/{process}/task"));
         for task in tasks.into_iter().flatten().flatten() {
             let place = task.path();
             let is_new = threads.iter().all(|known| known.place != place);
-            if is_new && name.is_none_or(|name| is_called(&place, name)) {
-                threads.extend(Thread::open(who, &place));
+            if is_new && thread.is_none_or(|name| is_called(&place, name)) {
+                threads.extend(Thread::open(*who, &place));
             }
         }
     }
@@ -340,7 +335,7 @@ mod tests {
                 thread.spawn_scoped(scope, busy).unwrap();
             }
             let watch = StallWatch::start(MS / 2).unwrap();
-            watch.thread_named('v', "victim");
+            watch.watch('v', std::process::id(), Some("victim"));
             sleep(300 * MS);
             is_over.store(true, Ordering::Relaxed);
             watch.stop()

@@ -31,7 +31,7 @@ impl StallRecorder {
     pub(super) fn start(plan: &Plan, processes: &Processes) -> Result<Self, WorldError> {
         let longer_than = plan.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(WorldError::spawn(BENCH))?;
-        watch.thread_named(Who::Bus, HUB_THREAD);
+        watch.watch(Who::Bus, std::process::id(), Some(HUB_THREAD));
         let recorder = Self {
             watch,
             controller: plan.controller().name.clone(),
@@ -46,8 +46,8 @@ impl StallRecorder {
     /// Watches the process of a node, too.
     pub(super) fn watch(&self, process: &NodeProcess) {
         if let Some(number) = process.number() {
-            self.watch
-                .process(who(process.name(), &self.controller), number);
+            let who = who(process.name(), &self.controller);
+            self.watch.watch(who, number, None);
         }
     }
 
