@@ -26,7 +26,7 @@ const LOG_TAIL_BYTES: usize = 4096;
 /// Period of the check whether a process has ended.
 const LOOK: Duration = Duration::from_millis(2);
 /// Longest wall time for the orderly end of a process.
-const END_PATIENCE: Duration = Duration::from_secs(3);
+pub(super) const END_PATIENCE: Duration = Duration::from_secs(3);
 /// Exit codes of a node's process that attribute its end; any other attributes it to the node.
 const NOT_SET_UP: i32 = 3;
 const BUS_FAILED: i32 = 4;
@@ -153,54 +153,40 @@ impl NodeProcess {
 
     /// Kills, suspends or resumes the process as a fault of the scenario, unless one has killed it.
     pub(super) fn play_fault(&mut self, action: ProcessAction) -> Result<(), WorldError> {
-        if !self.is_killed_by_fault {
-            let signalled = self.signal(action);
-            signalled.map_err(WorldError::control(self.name(), "signalled"))?;
-            self.is_killed_by_fault = action == ProcessAction::Kill;
+        if self.is_killed_by_fault {
+            return Ok(());
         }
+        let signalled = match (&mut self.process, action) {
+            (Process::Own(node), ProcessAction::Suspend(is_suspended)) => {
+                process::suspend(node.child.id(), is_suspended)
+            }
+            (Process::Own(node), _) => node.kill(),
+            (Process::Program(_, started), ProcessAction::Suspend(is_suspended)) => {
+                started.program.suspend(is_suspended);
+                Ok(())
+            }
+            (Process::Program(_, started), _) => {
+                started.program.kill();
+                Ok(())
+            }
+        };
+        signalled.map_err(WorldError::control(self.name(), "signalled"))?;
+        self.is_killed_by_fault = action == ProcessAction::Kill;
         Ok(())
     }
 
-    fn signal(&mut self, action: ProcessAction) -> io::Result<()> {
-        match (&mut self.process, action) {
-            (Process::Own(node), ProcessAction::Kill) => node.kill()?,
-            (Process::Own(node), ProcessAction::Suspend) => {
-                process::suspend(node.child.id(), true)?
-            }
-            (Process::Own(node), ProcessAction::Resume) => {
-                process::suspend(node.child.id(), false)?
-            }
-            (Process::Program(_, started), ProcessAction::Kill) => started.program.kill(),
-            (Process::Program(_, started), ProcessAction::Suspend) => started.program.suspend(true),
-            (Process::Program(_, started), ProcessAction::Resume) => started.program.suspend(false),
-            // A start makes another process: see `again`.
-            (_, ProcessAction::Start) => {}
-        }
-        Ok(())
-    }
-
-    /// Returns the error for a process that has ended before the request to stop. A process that a fault killed has not ended
-    /// early.
-    pub(super) fn early_end(&mut self) -> Option<WorldError> {
+    /// Returns the error for a process that ends within a patience, before the request to stop. A process that a fault killed has
+    /// not ended early.
+    pub(super) fn early_end(&mut self, patience: Duration) -> Option<WorldError> {
         match &mut self.process {
             _ if self.is_killed_by_fault => None,
-            Process::Own(node) => match node.child.try_wait() {
+            Process::Own(node) => match node.wait(patience) {
                 Ok(status) => Some(node.failure(status?, EARLY)),
-                Err(source) => Some(WorldError::control(&node.name, "awaited")(source)),
+                Err(error) => Some(error),
             },
-            Process::Program(order, started) => started.early_end(order.name()),
-        }
-    }
-
-    /// Waits for the end of a process that has closed its channel; returns the error for it.
-    pub(super) fn awaited_end(&mut self) -> Option<WorldError> {
-        let clock = Clock::start();
-        loop {
-            let end = self.early_end();
-            if end.is_some() || clock.now() > END_PATIENCE {
-                return end;
+            Process::Program(order, started) => {
+                started.end_by_itself(order.name(), patience, EARLY)
             }
-            sleep(LOOK);
         }
     }
 
@@ -213,7 +199,7 @@ impl NodeProcess {
             Process::Program(order, started) => {
                 // It may still be suspended.
                 started.program.suspend(false);
-                let early = started.early_end(order.name());
+                let early = started.end_by_itself(order.name(), Duration::ZERO, EARLY);
                 (None, early.map_or_else(|| started.end(order.name()), Err))
             }
         };
@@ -264,19 +250,23 @@ impl OwnProcess {
         (Some(report), ended)
     }
 
+    /// Waits for its end, no longer than `patience`.
+    fn wait(&mut self, patience: Duration) -> Result<Option<ExitStatus>, WorldError> {
+        let clock = Clock::start();
+        loop {
+            match self.child.try_wait() {
+                Ok(None) if clock.now() < patience => sleep(LOOK),
+                ended => return ended.map_err(WorldError::control(&self.name, "awaited")),
+            }
+        }
+    }
+
     /// Waits for its end.
     ///
     /// # Errors
     /// If it does not end in time, or ends badly.
     fn end(&mut self, when: &str) -> Result<(), WorldError> {
-        let clock = Clock::start();
-        let ended = loop {
-            match self.child.try_wait() {
-                Ok(None) if clock.now() < self.end_patience => sleep(LOOK),
-                ended => break ended,
-            }
-        };
-        match ended.map_err(WorldError::control(&self.name, "awaited"))? {
+        match self.wait(self.end_patience)? {
             Some(status) if status.success() => {
                 if fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0) {
                     // A remaining empty file does no harm.

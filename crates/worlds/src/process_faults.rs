@@ -15,10 +15,8 @@ pub(super) enum ProcessAction {
     Kill,
     /// Start of a new process in its place.
     Start,
-    /// SIGSTOP.
-    Suspend,
-    /// SIGCONT.
-    Resume,
+    /// SIGSTOP if true, otherwise SIGCONT.
+    Suspend(bool),
 }
 
 /// Actions of a scenario's faults on these processes, by the names of their nodes, in the order of scenario time.
@@ -36,7 +34,7 @@ impl ProcessFaults {
             for fault in faults_at(plan, node).faults {
                 let (begin, end) = match fault.name() {
                     "crash" => (ProcessAction::Kill, ProcessAction::Start),
-                    "hang" => (ProcessAction::Suspend, ProcessAction::Resume),
+                    "hang" => (ProcessAction::Suspend(true), ProcessAction::Suspend(false)),
                     _ => continue,
                 };
                 actions.push((fault.from, node.name.clone(), begin));
@@ -80,7 +78,7 @@ mod tests {
         assert_eq!(
             all,
             [
-                ProcessAction::Suspend,
+                ProcessAction::Suspend(true),
                 ProcessAction::Kill,
                 ProcessAction::Start
             ]

@@ -1,5 +1,7 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
+use std::time::Duration;
+
 use platform::bus::{Bus, BusAddress};
 use platform::lockstep::{ANSWER_PATIENCE, Failure, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
@@ -7,7 +9,7 @@ use platform::scheduling::OneProcessor;
 
 use crate::blame::end_by_node;
 use crate::bus_choice::RunBus;
-use crate::child::{NodeProcess, Stopped};
+use crate::child::{END_PATIENCE, NodeProcess, Stopped};
 use crate::error::WorldError;
 use crate::law_process;
 use crate::lockstep;
@@ -42,7 +44,8 @@ impl Processes {
 
     /// Returns the error for one of them that has ended before its time.
     pub(super) fn early_end(&mut self) -> Option<WorldError> {
-        self.all.iter_mut().rev().find_map(NodeProcess::early_end)
+        let mut processes = self.all.iter_mut().rev();
+        processes.find_map(|process| process.early_end(Duration::ZERO))
     }
 
     /// Stops the manager, or all others.
@@ -128,7 +131,7 @@ fn with_end(played: Result<End, WorldError>, processes: &mut Processes) -> Resul
             failure: Failure::Ended,
         } => {
             let process = processes.get_mut(name);
-            let ended = process.and_then(NodeProcess::awaited_end);
+            let ended = process.and_then(|process| process.early_end(END_PATIENCE));
             ended.unwrap_or(error)
         }
         _ => error,

@@ -192,13 +192,13 @@ pub(crate) struct StartedProgram {
 }
 
 impl StartedProgram {
-    /// Returns the error for its end before the request to stop, if it has ended.
-    pub(crate) fn early_end(&mut self, name: &str) -> Option<WorldError> {
-        self.end_by_itself(name, Duration::ZERO, " in the middle of the run")
-    }
-
     /// Returns the error for an end that nobody asked for, if it comes within a patience.
-    fn end_by_itself(&mut self, name: &str, patience: Duration, when: &str) -> Option<WorldError> {
+    pub(crate) fn end_by_itself(
+        &mut self,
+        name: &str,
+        patience: Duration,
+        when: &str,
+    ) -> Option<WorldError> {
         let (how, output) = self.program.ended(patience)?;
         let doing = if how.starts_with("cannot be started") {
             Doing::NotSetUp
