@@ -36,13 +36,8 @@ pub struct SeenStall<T> {
     pub until: Duration,
 }
 
-/// Request to watch some threads.
-struct Order<T> {
-    who: T,
-    process: u32,
-    /// Name of the thread; all threads of the process if `None`.
-    thread: Option<&'static str>,
-}
+/// Request to watch the threads of a process: their owner, the process, and the name of the threads if not all are meant.
+type Order<T> = (T, u32, Option<&'static str>);
 
 /// Watch over this machine, until it is stopped.
 #[derive(Debug)]
@@ -81,13 +76,8 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
 
     /// Watches the threads of a process from now on, all or those of one name.
     pub fn watch(&self, who: T, process: u32, thread: Option<&'static str>) {
-        let order = Order {
-            who,
-            process,
-            thread,
-        };
         // A watch that has ended takes no more orders.
-        let _ = self.orders.send(order);
+        let _ = self.orders.send((who, process, thread));
     }
 
     /// Stops the watch; returns the stalls in the order of their ends.
@@ -258,12 +248,7 @@ fn waited_in_all(count: &File) -> Option<Duration> {
 
 /// Adds the threads that are not watched yet.
 fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
-    for Order {
-        who,
-        process,
-        thread,
-    } in watched
-    {
+    for (who, process, thread) in watched {
         let tasks = fs::read_dir(format!("/proc/{process}/task"));
         for task in tasks.into_iter().flatten().flatten() {
             let place = task.path();
