@@ -14,9 +14,7 @@
 //! - frames that the node queues carry the time at which it queued them;
 //! - the step ends early when the node has stopped or failed.
 
-mod answer;
 mod audience;
-mod error;
 mod follow;
 mod local;
 mod participant;
@@ -26,12 +24,10 @@ mod step;
 #[cfg(test)]
 mod tests;
 
-pub use answer::Answer;
 pub use audience::Audience;
-pub use error::Failure;
 pub use follow::{FollowError, WIRE_PATIENCE, follow};
 pub use local::Local;
-pub use participant::Participant;
+pub use participant::{Answer, Failure, Participant};
 pub use protocol::{FRAMES_MAX, Hello, Setting};
 pub use remote::{ANSWER_PATIENCE, Remote, channel};
 pub use step::StepError;

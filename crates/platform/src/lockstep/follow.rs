@@ -8,7 +8,7 @@ use can::{CanFrame, Node, Progress};
 use rustix::io::Errno;
 use rustix::net::SendFlags;
 
-use super::answer::Answer;
+use super::participant::Answer;
 use super::protocol::{self, FRAMES_MAX, Hello, Request};
 
 use super::step::Stepper;

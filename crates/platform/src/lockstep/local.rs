@@ -4,10 +4,8 @@ use std::time::Duration;
 
 use can::{CanFrame, Node};
 
-use super::answer::Answer;
 use super::audience::Audience;
-use super::error::Failure;
-use super::participant::Participant;
+use super::participant::{Answer, Failure, Participant};
 use super::protocol::Hello;
 use super::step::Stepper;
 

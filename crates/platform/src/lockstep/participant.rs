@@ -1,13 +1,53 @@
 //! Interface between the coordinator and a node in any process.
 
+use std::io;
 use std::time::Duration;
 
-use can::CanFrame;
+use can::{CanFrame, Progress};
 
-use super::answer::Answer;
 use super::audience::Audience;
-use super::error::Failure;
 use super::protocol::Hello;
+use super::step::StepError;
+use crate::seat::Misread;
+
+/// Result of a participant's step.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Answer {
+    /// Frames that it queued, oldest first, each with the time at which it was queued.
+    pub frames: Vec<(Duration, CanFrame)>,
+    /// Time of its next tick; `None` if only a frame can wake it.
+    pub next_deadline: Option<Duration>,
+    /// Time that it has reached.
+    pub reached: Duration,
+    /// Progress of the node.
+    pub progress: Progress,
+}
+
+/// Reason why a participant does not continue, as a text that follows its name.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// The process did not answer within this time.
+    #[error("gave no answer within {} s; see the end of its log", .0.as_secs())]
+    NoAnswer(Duration),
+    /// The process closed its side channel.
+    #[error("ended before it answered; see the end of its log")]
+    Ended,
+    /// The process sent a packet that breaks the protocol.
+    #[error("answered with what is no answer: {0}")]
+    Protocol(#[from] Misread),
+    /// The step was not possible.
+    #[error("could not be stepped: {0}")]
+    Step(#[from] StepError),
+    /// The channel failed.
+    #[error("cannot be reached: {0}")]
+    Channel(io::Error),
+    /// The node gave up, with this reason.
+    #[error("failed: {0}")]
+    GaveUp(String),
+    /// The node sends more than the bus carries: more than this number of its frames wait.
+    #[error("has more than {0} frames waiting: the bus cannot carry what it sends")]
+    Overloaded(usize),
+}
 
 /// Node as the coordinator sees it.
 ///

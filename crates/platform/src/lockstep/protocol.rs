@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter, FilterSet, Node, Progress};
 
-use super::answer::Answer;
+use super::participant::Answer;
 use crate::seat::{
     FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, bytes_at, fitting_text,
     read_hello_at, split, write_name,

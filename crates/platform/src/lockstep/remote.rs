@@ -9,10 +9,8 @@ use rustix::io::Errno;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SendFlags, SocketFlags, SocketType};
 
-use super::answer::Answer;
 use super::audience::Audience;
-use super::error::Failure;
-use super::participant::Participant;
+use super::participant::{Answer, Failure, Participant};
 use super::protocol::{self, Asked, FRAMES_MAX, Hello, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
 use crate::seat::{MESSAGE_BYTES_MAX, receive_packet};

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use can::{CanFrame, FilterSet, Node, Progress};
 
-use super::answer::Answer;
+use super::participant::Answer;
 use super::protocol::FRAMES_MAX;
 
 /// Largest number of ticks at one instant before a node counts as stuck.
