@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::listener::Listener;
-use crate::program::{Order, PORTS_VARIABLE, Program, START_PATIENCE};
+use crate::program::{Order, PORTS_VARIABLE, Program, START_PATIENCE, open_seat};
 use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, read_answer, read_hello, write_numbers, write_welcome,
 };
@@ -32,24 +32,20 @@ pub struct PortSeat {
 }
 
 impl PortSeat {
-    /// Starts a process for a seat, with `folder` as its working directory and with these variables besides that of the seat.
-    /// `log` is the file of its output.
+    /// Starts a process for a seat, whose variable is added to its environment. The socket is in the folder `place`, or in the
+    /// system's folder for temporary files.
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn start(
-        listener: Listener,
-        command: &[String],
-        folder: &Path,
-        log: Option<&Path>,
-        variables: &[(&'static str, String)],
-    ) -> io::Result<Self> {
+    pub fn start(order: &Order<'_>, place: Option<&Path>) -> io::Result<Self> {
+        let listener = match place {
+            Some(place) => Listener::open_in(place, "s-", 1)?,
+            None => open_seat()?,
+        };
         let seat = (PORTS_VARIABLE, listener.path().display().to_string());
         let order = Order {
-            command,
-            folder,
-            log,
-            environment: &[variables, &[seat]].concat(),
+            environment: &[order.environment, &[seat]].concat(),
+            ..*order
         };
         Ok(Self {
             program: Program::start(&order, Some(listener))?,

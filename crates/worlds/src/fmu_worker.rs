@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use fmu::{Configuration, Fault, FmuError, Instance, Unpacked};
-use platform::listener::Listener;
 use platform::port_seat::{NoAnswer, PortSeat};
-use platform::program::{START_PATIENCE, Seat};
+use platform::program::{Order, START_PATIENCE, Seat};
 use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
 
 use crate::law_worker::{Loaded, command, told};
@@ -45,10 +44,15 @@ impl RemoteFmu {
     ) -> Result<Self, FmuError> {
         let file = unpacked.file.clone();
         let command = command(SUBCOMMAND, &[unpacked.folder()]);
-        // Where a kill leaves the seat, it goes with the unpacked files.
-        let started = Listener::open_in(unpacked.folder(), "s-", 1).and_then(|listener| {
-            let command = command.map_err(io::Error::other)?;
-            PortSeat::start(listener, &command, Path::new("."), None, &[])
+        let started = command.map_err(io::Error::other).and_then(|command| {
+            let order = Order {
+                command: &command,
+                folder: Path::new("."),
+                log: None,
+                environment: &[],
+            };
+            // Where a kill leaves the seat, it goes with the unpacked files.
+            PortSeat::start(&order, Some(unpacked.folder()))
         });
         let seat = started.map_err(|source| FmuError {
             file: file.clone(),

@@ -13,9 +13,8 @@ use controller::process_law::{Player, Window};
 use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
-use platform::listener::Listener;
 use platform::port_seat::{CLOSED, NoAnswer, PortSeat};
-use platform::program::{START_PATIENCE, open_seat};
+use platform::program::{Order, START_PATIENCE};
 use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
 use scenario::node::Part;
 use scenario::process_law::{LawSetup, Plays, ProcessLaw};
@@ -85,19 +84,18 @@ impl LawPlace {
             ),
         };
         let log = self.logs.as_ref().map(|logs| logs.join(log_name));
-        let variables = [
-            ("CANRIG_CLOCK", clock.to_owned()),
-            ("CANRIG_SEED", self.seed.to_string()),
-        ];
-        // Where a kill leaves the seat, it goes with the unpacked files.
-        let listener = match &unpacked {
-            Some(unpacked) => Listener::open_in(unpacked.folder(), "s-", 1),
-            None => open_seat(),
+        let order = Order {
+            command: &words,
+            folder: &self.folder,
+            log: log.as_deref(),
+            environment: &[
+                ("CANRIG_CLOCK", clock.to_owned()),
+                ("CANRIG_SEED", self.seed.to_string()),
+            ],
         };
-        let seat = listener
-            .and_then(|listener| {
-                PortSeat::start(listener, &words, &self.folder, log.as_deref(), &variables)
-            })
+        // Where a kill leaves the seat, it goes with the unpacked files.
+        let place = unpacked.as_ref().map(|unpacked| unpacked.folder());
+        let seat = PortSeat::start(&order, place)
             .map_err(|error| format!("no process for the law `{law}` can be started: {error}"))?;
         let mut law = LawProcess {
             who,
