@@ -45,18 +45,6 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// the requests to the drives after a run that broke off.
 const SOCKETS: usize = 3;
 
-/// Reason why there is no private bus.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct PrivateBusError(String);
-
-/// Converts an error of the helper, which could not be started or heard.
-impl From<io::Error> for PrivateBusError {
-    fn from(error: io::Error) -> Self {
-        Self(format!("the helper for a private bus failed: {error}"))
-    }
-}
-
 /// Private bus; it ends on drop.
 pub struct PrivateBus {
     /// The helper ends when this is closed; it is before `helper`, which waits for that.
@@ -81,7 +69,7 @@ impl PrivateBus {
     ///
     /// # Errors
     /// With the step that the system refuses.
-    pub fn start() -> Result<Self, PrivateBusError> {
+    pub fn start() -> io::Result<Self> {
         let (ours, theirs) = channel()?;
         let mut command = process::myself()?;
         let helper = command
@@ -100,7 +88,7 @@ impl PrivateBus {
         let (text, sockets) = receive(&bus.channel)?;
         bus.sockets.extend(sockets.into_iter().map(CanSocket::from));
         if bus.sockets.len() < SOCKETS {
-            return Err(PrivateBusError(text));
+            return Err(io::Error::other(text));
         }
         Ok(bus)
     }
@@ -257,7 +245,7 @@ fn send(channel: &OwnedFd, text: &str, sockets: &[CanSocket]) -> io::Result<()> 
 /// Receives the helper's text and the sockets.
 fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
     if !wait_ready(channel.as_fd(), PollFlags::IN, PATIENCE)? {
-        return Err(io::Error::other("it gave no answer"));
+        return Err(io::Error::other("its helper gave no answer"));
     }
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(SOCKETS))];
     let mut control = RecvAncillaryBuffer::new(&mut space);
@@ -269,7 +257,7 @@ fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
         RecvFlags::CMSG_CLOEXEC,
     )?;
     if received.bytes == 0 {
-        return Err(io::Error::other("it ended without an answer"));
+        return Err(io::Error::other("its helper ended without an answer"));
     }
     let mut sockets = Vec::new();
     for message in control.drain() {

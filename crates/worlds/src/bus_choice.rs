@@ -64,7 +64,7 @@ pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, Wo
         Some(RunBus::Interface(name)) => {
             platform::open(&BusAddress::Interface(name.clone()), &[])?;
         }
-        Some(RunBus::Private) => drop(PrivateBus::start()?),
+        Some(RunBus::Private) => drop(PrivateBus::start().map_err(WorldError::Private)?),
         Some(RunBus::Embedded { .. }) | None => {}
     }
     let kernel = probe::kernel_can();

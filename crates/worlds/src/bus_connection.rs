@@ -48,7 +48,7 @@ impl BusConnection {
                 (address, Recorder::on_interface(name)?)
             }
             RunBus::Private => {
-                let made = private.insert(PrivateBus::start()?);
+                let made = private.insert(PrivateBus::start().map_err(WorldError::Private)?);
                 (BusAddress::Private(made.process()), made.recorder()?)
             }
         };

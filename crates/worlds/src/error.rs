@@ -97,7 +97,7 @@ pub enum WorldError {
     },
     /// The private bus cannot be made.
     #[error("no private bus: {0}")]
-    Private(#[from] platform::private_bus::PrivateBusError),
+    Private(io::Error),
     /// The bench's own node failed.
     #[error("the bench's own node failed: {0}")]
     Bench(platform::real_time::RunError),

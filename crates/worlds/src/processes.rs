@@ -92,7 +92,7 @@ fn play(
             (Some(platform::open(&address, &[])?), Some(address), None)
         }
         RunBus::Private => {
-            let mut private = PrivateBus::start()?;
+            let mut private = PrivateBus::start().map_err(WorldError::Private)?;
             let address = BusAddress::Private(private.process());
             (Some(private.join(&[])?), Some(address), Some(private))
         }
