@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 
 use can::Node;
 use clap::{Args, Command, CommandFactory, FromArgMatches, Parser, ValueEnum};
@@ -217,7 +216,7 @@ fn refusals(priority: Option<Refused>) -> impl Iterator<Item = String> {
 }
 
 /// Returns the report that the bench receives at the end.
-fn node_report(report: &RunReport, refused: Vec<String>, late: &AtomicU64) -> NodeReport {
+fn node_report(report: RunReport, refused: Vec<String>, late: &AtomicU64) -> NodeReport {
     NodeReport {
         ticks: report.ticks,
         overruns: report.overruns,
@@ -227,16 +226,8 @@ fn node_report(report: &RunReport, refused: Vec<String>, late: &AtomicU64) -> No
         late_answers: late.load(Ordering::Relaxed),
         refused,
         sent: report.sent_frames().collect(),
-        late: report
-            .late
-            .iter()
-            .map(|times| times.map(nanoseconds))
-            .collect(),
+        late: report.late,
     }
-}
-
-fn nanoseconds(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 fn run_node(
@@ -265,7 +256,7 @@ fn run_node(
         (false, Some(bus)) => {
             let refused = refusals(refused_priority).collect();
             let (report, ended) = real_time::run_reporting(node, bus, &stop);
-            let report = node_report(&report, refused, late);
+            let report = node_report(report, refused, late);
             print(&serde_json::to_string(&report).map_err(on_bus)?);
             ended.map_err(in_loop)
         }

@@ -66,6 +66,11 @@ impl Clock {
     }
 }
 
+/// Converts a time, which fits: 64 bits are 584 years.
+pub(crate) fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
 /// Reads `CLOCK_MONOTONIC`. Where that is a system call, as in user-mode Linux, it costs as much as a frame.
 pub(crate) fn monotonic() -> Duration {
     duration(clock_gettime(ClockId::Monotonic))

@@ -15,7 +15,7 @@ use hdrhistogram::Histogram;
 use rustix::io::Errno;
 
 use crate::bus::{Bus, BusError};
-use crate::clock::Clock;
+use crate::clock::{Clock, nanoseconds};
 use crate::stop::StopSignal;
 use crate::wait::wait_for_any;
 use timer::Timer;
@@ -58,8 +58,8 @@ pub struct RunReport {
     /// Number of frames that waited for room in a full queue before they were sent.
     pub frames_delayed: u64,
     /// Deadlines before which the loop waited and after which it woke up more than [`LATE_MIN`] late, each with the time of the
-    /// wake-up, on the monotonic clock of the system. The node did not cause these.
-    pub late: Vec<[Duration; 2]>,
+    /// wake-up, in nanoseconds of the monotonic clock of the system. The node did not cause these.
+    pub late: Vec<[u64; 2]>,
 }
 
 impl RunReport {
@@ -253,7 +253,7 @@ impl Cycle<'_> {
         self.note_late(deadline, woken_at);
         // Frames came first, so the tick is later than the wake-up.
         let now = self.clock.now();
-        let late = u64::try_from((now - deadline).as_nanos()).unwrap_or(u64::MAX);
+        let late = nanoseconds(now - deadline);
         self.report.lateness_nanoseconds.saturating_record(late);
         self.report.ticks += 1;
         self.node.on_tick(now);
@@ -269,7 +269,8 @@ impl Cycle<'_> {
     fn note_late(&mut self, deadline: Duration, woken_at: Duration) {
         let is_late = self.waits_since <= deadline && woken_at > deadline + LATE_MIN;
         if is_late && self.report.late.len() < LATE_COUNT_MAX {
-            let times = [deadline, woken_at].map(|time| self.clock.on_monotonic(time));
+            let on_monotonic = |time| nanoseconds(self.clock.on_monotonic(time));
+            let times = [deadline, woken_at].map(on_monotonic);
             self.report.late.push(times);
         }
     }

@@ -6,6 +6,7 @@ use std::time::Duration;
 use can::{CanFrame, Filter, FilterSet, Node, Progress};
 
 use super::participant::Answer;
+use crate::clock::nanoseconds;
 use crate::seat::{
     FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, bytes_at, fitting_text,
     read_hello_at, split, write_name,
@@ -387,11 +388,6 @@ fn counted(count: usize, limit: usize, what: &str, byte: usize) -> Result<u16, M
         return Err(Misread::new(byte, what));
     }
     Ok(count as u16)
-}
-
-/// Converts a virtual time, which fits: 64 bits are 584 years.
-fn nanoseconds(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(NEVER)
 }
 
 fn deadline(deadline: Option<Duration>) -> u64 {
