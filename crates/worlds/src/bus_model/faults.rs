@@ -27,29 +27,17 @@ const LOSE: &str = "lose";
 /// Names of the faults that are foreign nodes.
 const FOREIGN: [&str; 2] = ["babble", "load"];
 
-/// CAN controller on a bus, named by the node-ID of its owner; 0 for canrig's own node.
-type Seat = u8;
-
-/// Returns the CAN controller of a participant: that of a node, or of the first drive for a plant's emulator.
-fn seat_of(participant: &str, plan: &Plan) -> Seat {
-    let node = plan.nodes().find(|node| node.name == participant);
-    let first = || drives_of(participant, plan).min();
-    node.map(|node| node.id).or_else(first).unwrap_or_default()
-}
-
-/// Returns the node-IDs of the drives that move the plant of a drive, with its own.
-fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
-    let mut loops = plan.loops.iter();
-    let its_loop = loops.find(|one| one.nodes.drive.id == drive);
-    let beside = its_loop.map(|one| drives_of(emulator_name(one), plan));
-    beside.into_iter().flatten().collect()
-}
-
-/// Returns the node-IDs of the drives that move the plant of an emulator.
-fn drives_of(emulator: &str, plan: &Plan) -> impl Iterator<Item = u8> {
+/// Returns the node-IDs behind the CAN controller of a participant, in order: of a node, or of the drives of an emulator. There are
+/// none behind that of canrig's own node.
+fn nodes_behind(participant: &str, plan: &Plan) -> Vec<u8> {
+    if let Some(node) = plan.nodes().find(|node| node.name == participant) {
+        return vec![node.id];
+    }
     let loops = plan.loops.iter();
-    let its_loops = loops.filter(move |one| emulator_name(one) == emulator);
-    its_loops.map(|one| one.nodes.drive.id)
+    let emulated = loops.filter(|one| emulator_name(one) == participant);
+    let mut nodes = Vec::from_iter(emulated.map(|one| one.nodes.drive.id));
+    nodes.sort_unstable();
+    nodes
 }
 
 /// Fault that hits frames, with its random numbers.
@@ -58,10 +46,8 @@ struct Hitting {
     fault: Fault,
     /// Identifier of the frames to hit; all frames if `None`.
     identifier: Option<u16>,
-    /// CAN controller to hit; all if `None`.
-    seat: Option<Seat>,
-    /// Node-ID of a drive that shares a CAN controller with others, by which its own frames are known.
-    sender: Option<u8>,
+    /// Node-ID of the node to hit; all nodes if `None`.
+    node: Option<u8>,
     stream: Stream,
     /// Number of frames left in the present burst.
     burst_left: u32,
@@ -70,35 +56,31 @@ struct Hitting {
 impl Hitting {
     fn new(plan: &Plan, fault: Fault) -> Self {
         let node = fault.node.as_ref();
-        let drive = node
-            .filter(|node| node.part == Part::Drive)
-            .map(|node| node.id);
-        let is_of_sender = fault.kind.name != LOSE;
-        let beside = node.map_or_else(Vec::new, |node| drives_beside(node.id, plan));
+        let drive = node.filter(|node| node.part == Part::Drive);
         let run_seed = plan.shared.run.seed;
-        let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive));
+        let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive.id));
         Self {
             identifier: identifier(&fault),
-            // The drives of a plant share the first drive's.
-            seat: node.map(|node| beside.iter().copied().min().unwrap_or(node.id)),
-            sender: drive.filter(|_| is_of_sender && beside.len() > 1),
+            node: node.map(|node| node.id),
             stream: Stream::for_fault(seed, &fault),
             burst_left: 0,
             fault,
         }
     }
 
-    /// Returns whether this frame is hit. Call it once for each matching frame.
-    fn hits(&mut self, time_seconds: f64, frame: &CanFrame) -> bool {
+    /// Returns whether this frame is hit at the CAN controller of these nodes. Call it once for each matching frame.
+    fn hits(&mut self, nodes: &[u8], time_seconds: f64, frame: &CanFrame) -> bool {
         let is_meant = |id| frame.standard_id() == Some(id);
-        let is_its = |node_id| {
-            frame
-                .standard_id()
-                .is_some_and(|id| id & NODE_ID_BITS == u16::from(node_id))
+        let is_its = |node: u8| {
+            let id = frame.standard_id();
+            id.is_some_and(|id| id & NODE_ID_BITS == u16::from(node))
         };
+        // A drive that shares its CAN controller with others is known by its own frames, if it is the sender.
+        let is_alone = nodes.len() == 1 || self.fault.kind.name == LOSE;
+        let is_hit = |node: u8| nodes.contains(&node) && (is_alone || is_its(node));
         if !self.fault.acts_at(time_seconds)
             || !self.identifier.is_none_or(is_meant)
-            || !self.sender.is_none_or(is_its)
+            || !self.node.is_none_or(is_hit)
         {
             return false;
         }
@@ -159,7 +141,8 @@ impl Foreign {
 /// All faults of the bus.
 #[derive(Debug)]
 pub(crate) struct BusFaults {
-    seats: Vec<Seat>,
+    /// Node-IDs behind the CAN controller of each participant.
+    nodes: Vec<Vec<u8>>,
     hitting: Vec<Hitting>,
     foreign: Vec<Foreign>,
     /// Frames that each station's gateway holds until the next one has overtaken them.
@@ -182,8 +165,8 @@ impl BusFaults {
             return Ok(None);
         }
         let foreign = FOREIGN.into_iter().flat_map(|kind| faults.of(kind));
-        let seats = participants.iter().map(|name| seat_of(name, plan));
-        let seats = Vec::from_iter(seats);
+        let nodes = participants.iter().map(|name| nodes_behind(name, plan));
+        let nodes = Vec::from_iter(nodes);
         let loops = plan.loops.iter();
         let truths = loops.map(|one| one.trial.wiring.identifiers.truth);
         Ok(Some(Self {
@@ -193,11 +176,11 @@ impl BusFaults {
                 .map(|fault| Hitting::new(plan, fault.clone()))
                 .collect(),
             foreign: foreign.map(Foreign::new).collect(),
-            held: vec![Vec::new(); seats.len()],
+            held: vec![Vec::new(); nodes.len()],
             truths: truths.collect(),
-            states: vec![ErrorState::default(); seats.len()],
+            states: vec![ErrorState::default(); nodes.len()],
             clock: plan.scenario_clock()?,
-            seats,
+            nodes,
         }))
     }
 
@@ -215,12 +198,10 @@ impl BusFaults {
         seconds: f64,
         frame: CanFrame,
     ) -> impl Iterator<Item = &mut Hitting> {
-        let seat = self.seats[index];
-        let is_meant = move |one: &Hitting| {
-            one.fault.kind.name == kind && one.seat.is_none_or(|hit| hit == seat)
-        };
+        let nodes = &self.nodes[index];
         let faults = self.hitting.iter_mut();
-        faults.filter_map(move |one| (is_meant(one) && one.hits(seconds, &frame)).then_some(one))
+        let of_kind = faults.filter(move |one| one.fault.kind.name == kind);
+        of_kind.filter_map(move |one| one.hits(nodes, seconds, &frame).then_some(one))
     }
 
     fn seconds(&self, time: Duration) -> Option<f64> {
@@ -324,9 +305,9 @@ impl BusFaults {
         kinds.any(|kind| kind == "bit_error")
     }
 
-    /// Returns the number of a participant's node, for its error messages.
+    /// Returns the number of a participant's first node, for its error messages.
     pub(crate) fn node_number(&self, index: usize) -> u8 {
-        self.seats[index]
+        self.nodes[index].first().copied().unwrap_or_default()
     }
 }
 
