@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter, Node as CanNode, Progress};
 use faults::{FaultPlan, Faulty};
-use platform::clock::Clock;
 use platform::listener::Listener;
 use platform::lockstep::{ANSWER_PATIENCE, Answer, Failure, Local, Participant, Remote, Setting};
 use platform::program::{
@@ -23,8 +22,6 @@ use plan::{Plan, each_once};
 
 /// Time for a node that canrig does not start to come to its seat.
 const EXPECTED_PATIENCE: Duration = Duration::from_secs(15);
-/// Period of the check whether it has come.
-const LOOK: Duration = Duration::from_millis(100);
 
 /// Settings for the hosting of programs.
 #[derive(Clone, Copy)]
@@ -155,13 +152,8 @@ impl ProgramOrder {
             }
             (started.program.take_channel(), Some(started))
         } else {
-            announce(&format!("{}: expected at {bus}", self.node.name));
-            let clock = Clock::start();
-            let mut channel = None;
-            while channel.is_none() && clock.now() < EXPECTED_PATIENCE {
-                channel = listener.accept(LOOK).map_err(refused)?;
-            }
-            (channel, None)
+            announce(&format!("{name}: expected at {bus}"));
+            (listener.accept(EXPECTED_PATIENCE).map_err(refused)?, None)
         };
         let Some(channel) = channel else {
             let seconds = EXPECTED_PATIENCE.as_secs();
