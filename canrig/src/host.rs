@@ -116,10 +116,8 @@ fn on_bus(error: impl ToString) -> Failure {
 /// Returns the failure of a node's loop. The exit code tells the bench which part has caused it.
 fn in_loop(error: RunError) -> Failure {
     match error {
-        RunError::Bus(_) | RunError::System { .. } => on_bus(error),
-        RunError::Node(_) | RunError::NotStopped | RunError::Stuck { .. } => {
-            Exit::VerdictFailed.because(error)
-        }
+        RunError::Bus(_) | RunError::System(_) => on_bus(error),
+        RunError::Node(_) => Exit::VerdictFailed.because(error),
     }
 }
 

@@ -31,3 +31,4 @@ pub use participant::{Answer, Failure, Participant};
 pub use protocol::{FRAMES_MAX, Hello, Setting};
 pub use remote::{ANSWER_PATIENCE, Remote, channel};
 pub use step::StepError;
+pub(crate) use step::TICKS_PER_INSTANT_MAX;

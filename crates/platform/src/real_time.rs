@@ -16,6 +16,7 @@ use rustix::io::Errno;
 
 use crate::bus::{Bus, BusError};
 use crate::clock::{Clock, nanoseconds};
+use crate::lockstep::{StepError, TICKS_PER_INSTANT_MAX};
 use crate::stop::StopSignal;
 use crate::wait::wait_for_any;
 use timer::Timer;
@@ -25,9 +26,6 @@ pub const STOP_PATIENCE: Duration = Duration::from_millis(500);
 
 /// Largest number of frames taken in a row, before ticks and the stop signal have their turn.
 const BATCH_FRAMES: usize = 64;
-
-/// Largest number of ticks in a row that leave the deadline unchanged before the node counts as stuck.
-const TICKS_PER_DEADLINE_MAX: u32 = 1000;
 
 /// Largest lateness that is counted; above 10 s it counts as 10 s.
 const LATENESS_NANOSECONDS_MAX: u64 = 10_000_000_000;
@@ -112,28 +110,12 @@ pub enum RunError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The node itself gave up.
+    /// The node itself gave up, did not reach its safe state, or has a deadline that does not move.
     #[error("{0}")]
     Node(String),
-    /// The node did not reach its safe state.
-    #[error("the node did not stop within {} ms", STOP_PATIENCE.as_millis())]
-    NotStopped,
-    /// The node's deadline does not move.
-    #[error(
-        "the node wants more than {TICKS_PER_DEADLINE_MAX} ticks at {at:?}: its deadline does not move"
-    )]
-    Stuck {
-        /// The deadline.
-        at: Duration,
-    },
     /// The system refused a timer or a wait.
-    #[error("the loop could not {action}: {source}")]
-    System {
-        /// Action that failed.
-        action: &'static str,
-        /// The system's error.
-        source: Errno,
-    },
+    #[error("{0}")]
+    System(String),
 }
 
 /// Runs `node` until it has stopped. Its time begins now. When `stop` is raised, the node is asked for its safe state and has
@@ -282,8 +264,8 @@ impl Cycle<'_> {
         } else {
             0
         };
-        if self.ticks_at_deadline > TICKS_PER_DEADLINE_MAX {
-            return Err(RunError::Stuck { at: deadline });
+        if self.ticks_at_deadline > TICKS_PER_INSTANT_MAX {
+            return Err(RunError::Node(StepError::stuck(deadline).to_string()));
         }
         Ok(())
     }
@@ -296,7 +278,10 @@ impl Cycle<'_> {
 
     fn check_stop_patience(&self, now: Duration) -> Result<(), RunError> {
         match self.stop_asked_at {
-            Some(asked) if now >= asked + STOP_PATIENCE => Err(RunError::NotStopped),
+            Some(asked) if now >= asked + STOP_PATIENCE => Err(RunError::Node(format!(
+                "the node did not stop within {} ms",
+                STOP_PATIENCE.as_millis()
+            ))),
             _ => Ok(()),
         }
     }
@@ -329,5 +314,5 @@ impl Cycle<'_> {
 }
 
 fn system(action: &'static str) -> impl Fn(Errno) -> RunError {
-    move |source| RunError::System { action, source }
+    move |errno| RunError::System(format!("the loop could not {action}: {errno}"))
 }

@@ -8,7 +8,7 @@ use super::participant::Answer;
 use super::protocol::FRAMES_MAX;
 
 /// Largest number of ticks at one instant before a node counts as stuck.
-pub(super) const TICKS_PER_INSTANT_MAX: u32 = 1000;
+pub(crate) const TICKS_PER_INSTANT_MAX: u32 = 1000;
 
 /// Reason why a step was not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -26,7 +26,7 @@ impl StepError {
 
     /// Returns the error for a node whose deadline does not move.
     #[cold]
-    pub(super) fn stuck(at: Duration) -> Self {
+    pub(crate) fn stuck(at: Duration) -> Self {
         Self(format!(
             "the node wants more than {TICKS_PER_INSTANT_MAX} ticks at {at:?}: its deadline does not move"
         ))

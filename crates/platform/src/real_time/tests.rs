@@ -193,7 +193,7 @@ fn a_node_that_does_not_stop_ends_the_loop() {
     let clock = Clock::start();
     bench.stop();
     let error = bench.echo.join().unwrap().1.unwrap_err();
-    assert!(matches!(error, RunError::NotStopped), "{error}");
+    assert_eq!(error.to_string(), "the node did not stop within 500 ms");
     assert!(clock.now() >= STOP_PATIENCE);
 }
 
@@ -201,7 +201,8 @@ fn a_node_that_does_not_stop_ends_the_loop() {
 fn a_deadline_that_does_not_move_ends_the_loop() {
     let bench = bench(Echo::new(Duration::ZERO));
     let error = bench.echo.join().unwrap().1.unwrap_err();
-    assert!(matches!(error, RunError::Stuck { .. }), "{error}");
+    let error = error.to_string();
+    assert!(error.ends_with("its deadline does not move"), "{error}");
 }
 
 #[test]
