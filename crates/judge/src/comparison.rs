@@ -14,10 +14,9 @@ use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
 use recording::timeline::{Series, Timeline};
 use recording::work::Pass;
-use shared::{Shared, deviation, outside};
+use shared::{Shared, deviation, outside, reach};
 
 pub use difference::{Comparison, MetricDifference, SignalDifference};
-pub use shared::reach;
 pub use tolerance::{GivenTolerance, Scale, Tolerances};
 
 /// Prefixes of the signals that the controller publishes of itself. They come with every tenth cycle only, and may be late by as
@@ -128,7 +127,8 @@ fn signal(
     let later = if is_published { CONTROLLER_CYCLES } else { 0 };
     let reach = reach(tolerances.time_seconds, shared.period_seconds) + later;
     let (one, other) = (outside(&a, &b, reach), outside(&b, &a, reach));
-    let differences = one.iter().zip(&other).map(|(one, other)| one.max(other));
+    let pairs = one.iter().zip(&other);
+    let differences = pairs.map(|(one, other)| one.abs().max(other.abs()));
     let (rms, lag_seconds) = deviation(&a, &b, shared.period_seconds).unzip();
     let mut difference = SignalDifference {
         name: format!("{prefix}{name}"),
@@ -136,10 +136,23 @@ fn signal(
         tolerance: tolerance.is_finite().then_some(tolerance),
         rms,
         lag_seconds,
+        reach,
         ..SignalDifference::default()
     };
     difference.judge(differences.zip(&shared.time_seconds), tolerance);
     difference
+}
+
+/// Returns the times of the shared cycles, and the distances of the values of B from those of A a little before and after, with their
+/// signs.
+pub fn distances(
+    signal: &SignalDifference,
+    [a, b]: [&Timeline; 2],
+    [a_values, b_values]: [&Series<f64>; 2],
+) -> (Series<f64>, Series<f64>) {
+    let shared = Shared::of(a, b);
+    let [a, b] = shared.values(a_values, b_values);
+    (shared.time_seconds, outside(&b, &a, signal.reach))
 }
 
 fn metrics(tolerances: &Tolerances<'_>, a: &Verdict, b: &Verdict) -> Vec<MetricDifference> {

@@ -23,6 +23,9 @@ pub struct SignalDifference {
     pub diverges_at_seconds: Option<f64>,
     /// Percentage of the cycles in which it differs by more than the tolerance.
     pub beyond_percent: f64,
+    /// Number of cycles before and after each that count as the same time.
+    #[serde(skip)]
+    pub(super) reach: usize,
 }
 
 impl SignalDifference {

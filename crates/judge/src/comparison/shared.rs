@@ -62,7 +62,7 @@ impl Shared {
 }
 
 /// Returns the number of rows before and after that count as the same time.
-pub fn reach(time_seconds: f64, period_seconds: f64) -> usize {
+pub(super) fn reach(time_seconds: f64, period_seconds: f64) -> usize {
     let rows = libm::floor(time_seconds / period_seconds + 1e-6).clamp(0.0, 100_000.0);
     #[expect(
         clippy::cast_possible_truncation,
@@ -150,7 +150,7 @@ fn add_square((sum, count): &mut (f64, f64), value: f64, other: f64) {
     }
 }
 
-/// Returns the distance of each value from the range of the others within `reach` rows; NaN if either has none.
+/// Returns the distance of each value from the range of the others within `reach` rows, positive above it; NaN if either has none.
 pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) -> Series<f64> {
     let (lows, highs) = (
         running(others, reach, |new, old| new <= old),
@@ -158,11 +158,13 @@ pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) 
     );
     let ranges = lows.iter().zip(&highs);
     let distances = values.iter().zip(ranges).map(|(value, (low, high))| {
-        // A value is NaN if it or the others are missing, which max would hide.
+        // A value is NaN if it or the others are missing.
         if value.is_nan() || low.is_nan() {
             f64::NAN
+        } else if (low..=high).contains(&value) {
+            0.0
         } else {
-            f64::max(f64::max(low - value, value - high), 0.0)
+            value - value.clamp(low, high)
         }
     });
     distances.collect()

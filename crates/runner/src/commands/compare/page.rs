@@ -1,13 +1,11 @@
 //! Differences between two runs: as a table for the terminal and as a page with plots.
 
-use std::collections::VecDeque;
-
 use maud::{Markup, html};
 
 use crate::play_record::PlayRecord;
 use crate::recorded::Recorded;
 use dbc::names;
-use judge::comparison::{Comparison, MetricDifference, SignalDifference, reach};
+use judge::comparison::{Comparison, MetricDifference, SignalDifference, distances};
 use judge::verdict::Verdict;
 use platform::series::Series;
 use recording::timeline::{self, Timeline};
@@ -300,7 +298,9 @@ fn drawn(signal: &SignalDifference, compared: &Compared<'_>) -> Vec<Markup> {
     if !differs(signal) {
         return vec![both(signal, compared.timelines, &[])];
     }
-    let (rows, difference) = difference(signal, compared);
+    let [a, b] = compared.timelines;
+    let both_values = [&values(a, signal), &values(b, signal)];
+    let (rows, difference) = distances(signal, [&a[0], &b[0]], both_values);
     let marked = stretches(signal, &rows, &difference);
     vec![
         both(signal, compared.timelines, &marked),
@@ -327,37 +327,6 @@ fn both(signal: &SignalDifference, runs: [&[Timeline]; 2], marked: &[Patch]) -> 
     }
     plot.patches.extend(marked);
     plot.render()
-}
-
-/// Returns the distances of B from the values of A a little before and after, at the cycles of A: with their signs, and 0 if B is
-/// among these values.
-fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64>, Series<f64>) {
-    let [a_values, b_values] = compared.timelines.map(|run| values(run, signal));
-    let [a, b] = compared.timelines.map(|run| &run[0]);
-    let mut others = b.cycle.iter().zip(&b_values).peekable();
-    let mut at = |cycle: u64| {
-        while others.next_if(|(other, _)| *other < cycle).is_some() {}
-        let found = others.next_if(|(other, _)| *other == cycle);
-        found.map(|(_, value)| value)
-    };
-    let reach = reach(compared.time_tolerance_seconds, a.period_seconds);
-    // Values of A a little before and after.
-    let mut ahead = a_values.iter();
-    let mut near = VecDeque::from_iter(ahead.by_ref().take(reach));
-    let rows = a.cycle.iter().zip(&a_values).enumerate();
-    let differences = rows.map(|(row, (cycle, in_a))| {
-        near.extend(ahead.next());
-        if row > reach {
-            near.pop_front();
-        }
-        let Some(value) = at(cycle).filter(|_| in_a.is_finite()) else {
-            return f64::NAN;
-        };
-        let low = near.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = near.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        value - value.clamp(low, high)
-    });
-    (a.time_seconds.clone(), differences.collect())
 }
 
 fn difference_plot(
