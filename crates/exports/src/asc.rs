@@ -17,11 +17,7 @@ use recording::log::Stamped;
 /// # Errors
 /// If the output does not take it.
 pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
-    let start = frames
-        .iter()
-        .next()
-        .map_or(Duration::ZERO, |first| first.time);
-    let start = Duration::from_secs(start.as_secs());
+    let start = Duration::from_secs(frames.start().unwrap_or_default().as_secs());
     let date = date(start);
     write!(
         output,

@@ -28,11 +28,8 @@ const REMOTE: u8 = 0x80;
 /// # Errors
 /// If the output does not take it.
 pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
-    let start = frames
-        .iter()
-        .next()
-        .map_or(Duration::ZERO, |first| first.time);
-    let start = Duration::from_millis(u64::try_from(start.as_millis()).unwrap_or(u64::MAX));
+    let start_millis = frames.start().unwrap_or_default().as_millis();
+    let start = Duration::from_millis(u64::try_from(start_millis).unwrap_or(u64::MAX));
     let (mut end, mut bytes) = (start, 0);
     write_containers(frames, start, |container, last| {
         (end, bytes) = (last, bytes + container.len());

@@ -50,10 +50,15 @@ impl Frames {
         self.len() == 0
     }
 
+    /// Returns the time of the first frame; `None` without frames.
+    pub fn start(&self) -> Option<Duration> {
+        self.iter().next().map(|first| first.time)
+    }
+
     /// Returns the clock of the frames' times; `None` without frames.
     pub fn clock(&self) -> Option<Clock> {
-        self.iter().next().map(|first| match first.time {
-            time if time < WALL_CLOCK_FROM => Clock::Virtual,
+        self.start().map(|start| match start {
+            start if start < WALL_CLOCK_FROM => Clock::Virtual,
             _ => Clock::Wall,
         })
     }

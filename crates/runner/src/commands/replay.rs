@@ -99,10 +99,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     }
     let (mut queues, shows) = viewers.show(&recorded.plan, WhenFull::Wait);
     let frames = &recorded.log.frames;
-    let begin = frames
-        .iter()
-        .next()
-        .map_or(Duration::ZERO, |first| first.time);
+    let begin = frames.start().unwrap_or_default();
     let clock = Clock::start();
     for stamped in frames.iter() {
         let since = stamped.time.saturating_sub(begin);
