@@ -1,42 +1,9 @@
-//! Index of the frames that a reader reads, and of their purpose: looked up for every frame of a recording.
+//! Index of values by the identifiers of frames: looked up for every frame of a recording.
 
 use std::collections::BTreeMap;
 
 /// Number of identifiers of 11 bits.
 const STANDARD: usize = 0x800;
-
-/// Index of several readers by frame. Each reader is named by its place.
-pub(crate) struct Readers {
-    /// Readers by identifier of 11 bits.
-    standard: Vec<Vec<usize>>,
-    /// Readers of the longer identifiers: all.
-    all: Vec<usize>,
-}
-
-impl Readers {
-    /// Makes the index from the identifiers that each of them reads.
-    pub(crate) fn new<R: Iterator<Item = u32>>(read: impl IntoIterator<Item = R>) -> Self {
-        let mut standard = vec![Vec::new(); STANDARD];
-        let mut all = Vec::new();
-        for (place, raw_ids) in read.into_iter().enumerate() {
-            for raw_id in raw_ids {
-                if let Some(readers) = standard.get_mut(raw_id as usize)
-                    && readers.last() != Some(&place)
-                {
-                    readers.push(place);
-                }
-            }
-            all.push(place);
-        }
-        Self { standard, all }
-    }
-
-    /// Returns the readers of a frame, in their order.
-    #[inline]
-    pub(crate) fn of(&self, raw_id: u32) -> &[usize] {
-        self.standard.get(raw_id as usize).unwrap_or(&self.all)
-    }
-}
 
 /// Map of values by the identifiers of messages.
 pub(crate) struct ByIdentifier<T> {
@@ -56,15 +23,38 @@ impl<T> ByIdentifier<T> {
     }
 
     #[inline]
+    pub(crate) fn get(&self, raw_id: u32) -> Option<&T> {
+        let (_, value) = self.values.get(self.place(raw_id)?)?;
+        Some(value)
+    }
+
+    #[inline]
     pub(crate) fn get_mut(&mut self, raw_id: u32) -> Option<&mut T> {
-        let place = match self.standard.get(raw_id as usize) {
-            Some(place) => usize::from(place.checked_sub(1)?),
+        let place = self.place(raw_id)?;
+        self.values.get_mut(place).map(|(_, value)| value)
+    }
+
+    #[inline]
+    fn place(&self, raw_id: u32) -> Option<usize> {
+        match self.standard.get(raw_id as usize) {
+            Some(place) => Some(usize::from(place.checked_sub(1)?)),
             None => (self
                 .values
                 .binary_search_by_key(&raw_id, |(raw_id, _)| *raw_id))
-            .ok()?,
-        };
-        self.values.get_mut(place).map(|(_, value)| value)
+            .ok(),
+        }
+    }
+}
+
+impl ByIdentifier<Vec<usize>> {
+    /// Makes an index of readers, each named by its place, from the identifiers that each of them reads.
+    pub(crate) fn of_readers<R: Iterator<Item = u32>>(read: impl IntoIterator<Item = R>) -> Self {
+        let mut readers: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (place, raw_ids) in read.into_iter().enumerate() {
+            raw_ids.for_each(|raw_id| readers.entry(raw_id).or_default().push(place));
+        }
+        readers.values_mut().for_each(Vec::dedup);
+        readers.into_iter().collect()
     }
 }
 
@@ -91,14 +81,12 @@ mod tests {
     fn a_frame_is_for_those_who_read_it() {
         let [first, second] = [vec![0x000, 0x190, 0x000], vec![0x7FF, 0x190, 0x8000_0190]];
         let read = [first, second, Vec::new()].map(Vec::into_iter);
-        let readers = Readers::new(read);
-        assert_eq!(readers.of(0x000), [0]);
-        assert_eq!(readers.of(0x190), [0, 1]);
-        assert_eq!(readers.of(0x7FF), [1]);
-        assert_eq!(readers.of(0x191), [0; 0]);
-        for unlisted in [0x800, 0x2000_0004, 0x8000_0190] {
-            assert_eq!(readers.of(unlisted), [0, 1, 2], "{unlisted:#x}");
-        }
+        let readers = ByIdentifier::of_readers(read);
+        let of = |raw_id| readers.get(raw_id).map(Vec::as_slice);
+        assert_eq!(of(0x000), Some(&[0][..]));
+        assert_eq!(of(0x190), Some(&[0, 1][..]));
+        assert_eq!([0x7FF, 0x8000_0190].map(of), [Some(&[1][..]); 2]);
+        assert_eq!([0x191, 0x800, 0x2000_0004].map(of), [None; 3]);
     }
 
     #[test]

@@ -16,7 +16,7 @@ use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passing, Traffic};
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
-use crate::identifiers::Readers;
+use crate::identifiers::ByIdentifier;
 use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
@@ -54,7 +54,7 @@ pub fn decode(
 
 /// Gives each frame to its readers. The common properties and the events of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
-    let read_by = Readers::new(readers.iter().map(TimelineReader::raw_ids));
+    let read_by = ByIdentifier::of_readers(readers.iter().map(TimelineReader::raw_ids));
     for stamped in frames {
         let stamped = stamped.borrow();
         let time = readers[0].passing.on_frame(stamped);
@@ -63,7 +63,7 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
         }
         readers[0].events.on_frame(stamped);
         let id = stamped.frame.raw_id();
-        for place in read_by.of(id) {
+        for place in read_by.get(id).into_iter().flatten() {
             readers[*place].on_read_frame(id, stamped, time);
         }
     }
