@@ -8,11 +8,12 @@ use maud::{Markup, html};
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use judge::verdict::{Metric, Outcome, Verdict};
-use recording::frames::Clock;
+use crate::run::Run;
+use judge::verdict::{Metric, Outcome};
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
 use scenario::port::Measurand;
+use scenario::reference::Reference;
 
 /// Largest number of runs whose positions share a plot; more cannot be distinguished.
 const RUNS_IN_A_PLOT: usize = 7;
@@ -29,27 +30,19 @@ pub struct ListedRun<'a> {
     pub folder: String,
     /// Path to the page of the run.
     pub page: Option<String>,
-    /// Decoded recording of each loop.
-    pub timelines: &'a [Timeline],
-    /// Verdict of the run.
-    pub verdict: &'a Verdict,
     /// Time of the play; `None` if it is unknown.
     pub played: Option<String>,
-    /// The values of `--set`.
-    pub set: Vec<String>,
-    /// Duration of the scenario.
-    pub duration_seconds: f64,
-    /// Clock of the recording; `None` if it has no frames.
-    pub clock: Option<Clock>,
+    /// Run with its recording and verdict.
+    pub judged: Run<'a>,
 }
 
 impl ListedRun<'_> {
     fn scenario(&self) -> &str {
-        &self.verdict.scenario
+        &self.judged.verdict.scenario
     }
 
     fn metric(&self, name: &str) -> Option<&Metric> {
-        let mut metrics = self.verdict.metrics.iter();
+        let mut metrics = self.judged.verdict.metrics.iter();
         metrics.find(|metric| metric.name == name)
     }
 
@@ -60,16 +53,17 @@ impl ListedRun<'_> {
 
     /// Returns the course of each loop.
     fn courses(&self, number: usize) -> impl Iterator<Item = Course<'_>> {
-        self.timelines.iter().map(move |timeline| Course {
+        self.judged.loops().map(move |one| Course {
             run: self,
             number,
-            timeline,
+            timeline: one.timeline,
+            reference: &one.control_loop.trial.reference,
         })
     }
 
     /// Returns the rows of the verdict that are no metrics but checks of the scenario, with their names in words.
     fn checks(&self) -> impl Iterator<Item = &Metric> {
-        let metrics = self.verdict.metrics.iter();
+        let metrics = self.judged.verdict.metrics.iter();
         metrics.filter(|metric| !is_key(&metric.name))
     }
 }
@@ -80,6 +74,7 @@ struct Course<'a> {
     /// The number of the run on the page.
     number: usize,
     timeline: &'a Timeline,
+    reference: &'a Reference,
 }
 
 /// Returns whether a row of a verdict is a metric, which other runs have, too.
@@ -91,11 +86,11 @@ fn is_key(name: &str) -> bool {
 pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let passed = runs
         .iter()
-        .filter(|run| run.verdict.outcome == Outcome::Pass)
+        .filter(|run| run.judged.verdict.outcome == Outcome::Pass)
         .count();
     let title = format!("{passed} of {} runs passed", runs.len());
     let mut runs = Vec::from_iter(runs);
-    runs.sort_by_key(|run| Reverse(run.verdict.outcome));
+    runs.sort_by_key(|run| Reverse(run.judged.verdict.outcome));
     let runs = &runs[..];
     let (limited, others) = columns(runs);
     let (first, further) = most_limited(&limited, runs);
@@ -123,7 +118,7 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
 
 /// Returns the metrics that any run limits, then those of which any has a value, each in the order of verdicts.
 fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
-    let metrics = runs.iter().flat_map(|run| &run.verdict.metrics);
+    let metrics = runs.iter().flat_map(|run| &run.judged.verdict.metrics);
     let known = metrics.filter(|metric| metric.value.is_some() || metric.limit.is_some());
     let each: BTreeSet<&str> = known
         .map(|metric| metric.name.as_str())
@@ -165,12 +160,12 @@ fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup
                 @if has_every_run { th { "played" } }
                 @for name in names { th.number { (page::name(name)) } }
             } }
-            tbody { @for (number, run) in runs.iter().enumerate().filter(is_listed) { tr data-run=(number) data-outcome=(page::word(run.verdict.outcome)) {
+            tbody { @for (number, run) in runs.iter().enumerate().filter(is_listed) { tr data-run=(number) data-outcome=(page::word(run.judged.verdict.outcome)) {
                 td.name { (linked(run, runs)) }
                 (result(run))
                 @if has_every_run { td.nowrap data-name="played" { div {
                     (run.played.as_deref().unwrap_or_default())
-                    div.soft { (run.duration_seconds) " s" @if let Some(clock) = run.clock { " in " (page::time_by(clock)) } }
+                    div.soft { (run.judged.plan.shared.run.duration_seconds) " s" @if let Some(clock) = run.judged.frames.clock() { " in " (page::time_by(clock)) } }
                 } } }
                 @for name in names { (cell(run, name)) }
             } } }
@@ -184,12 +179,12 @@ fn checks(runs: &[&ListedRun<'_>]) -> Markup {
         h2 { "Checks of signals and sequences" }
         div.wide { table.stacked.listed {
             thead { tr { th { "scenario" } th { "check" } th.number { "measured" } th.number { "limit" } th { "result" } } }
-            tbody { @for run in runs { @for check in run.checks() { tr data-outcome=(page::word(run.verdict.outcome)) {
+            tbody { @for run in runs { @for check in run.checks() { tr data-outcome=(page::word(run.judged.verdict.outcome)) {
                 td.name { (linked(run, runs)) }
                 td.words data-name="check" { (page::name(&check.name)) }
                 td.number data-name="measured" { (terminal::measured(check)) }
                 td.number data-name="limit" { (terminal::limit(&check.name, check.limit)) }
-                td data-name="result" { (page::result(check, run.verdict.outcome)) }
+                td data-name="result" { (page::result(check, run.judged.verdict.outcome)) }
             } } } }
         } }
     } } }
@@ -199,7 +194,7 @@ fn checks(runs: &[&ListedRun<'_>]) -> Markup {
 fn linked(run: &ListedRun<'_>, runs: &[&ListedRun<'_>]) -> Markup {
     html! { div {
         @match &run.page { Some(page) => a href=(page) { (run.scenario()) }, None => (run.scenario()) }
-        @for set in &run.set { div.soft { (page::set(set)) } }
+        @for set in run.judged.set { div.soft { (page::set(set)) } }
         @if !is_alone(run, runs.iter().copied()) { div.soft { (run.folder) } }
     } }
 }
@@ -210,7 +205,7 @@ fn is_alone<'a>(run: &ListedRun<'_>, mut runs: impl Iterator<Item = &'a ListedRu
 }
 
 fn result(run: &ListedRun<'_>) -> Markup {
-    let outcome = run.verdict.outcome;
+    let outcome = run.judged.verdict.outcome;
     html! { td data-name="result" { span.(page::class(outcome)) { (page::word(outcome)) } } }
 }
 
@@ -234,7 +229,7 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
         let is_alike = |other: &Course<'_>| {
             other.timeline.loop_name == course.timeline.loop_name
                 && other.timeline.measurand == course.timeline.measurand
-                && has_same_set_point(other.timeline, course.timeline)
+                && other.reference == course.reference
         };
         match groups.iter_mut().find(|group| is_alike(&group[0])) {
             Some(group) => group.push(course),
@@ -242,20 +237,6 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
         }
     }
     groups
-}
-
-fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
-    let ahead = |timeline: &Timeline| timeline.cycle.last();
-    // Runs of one scenario may lack different cycles, so a few instants of the shorter one are compared.
-    let last = ahead(a).min(ahead(b)).unwrap_or(0);
-    let at = |timeline: &Timeline, cycle: u64| {
-        let row = timeline.cycle.partition_point(|number| number < cycle);
-        timeline.set_point.get(row).unwrap_or(f64::NAN)
-    };
-    (0..=50).map(|part| last * part / 50).all(|cycle| {
-        let (a, b) = (at(a, cycle), at(b, cycle));
-        (a - b).abs() < 1e-6 || (a.is_nan() && b.is_nan())
-    })
 }
 
 /// Returns the measurand of all loops, if it is the same.

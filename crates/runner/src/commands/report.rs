@@ -47,22 +47,12 @@ fn reported(args: &ReportArgs) -> Result<(), Exit> {
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;
-        let played = judged.record.as_ref().map(PlayRecord::place);
-        let run = Run {
-            plan: &recorded.plan,
-            frames: &recorded.log.frames,
-            timelines: &judged.timelines,
-            verdict: &judged.verdict,
-            set: judged.set(),
-            played: played.as_deref(),
-            is_long: recorded.is_long,
-        };
         let place = match &args.output {
             Some(output) if is_of_one => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
         let remarks = recorded.log.unread.remarks();
-        html::to_html(&run, &remarks).map(|text| (place, text))
+        html::to_html(&judged.run(), &remarks).map(|text| (place, text))
     });
     let pages: Vec<_> = pages.collect();
     drop(bar);
@@ -93,11 +83,21 @@ struct Judged {
     verdict: Verdict,
     /// Record of the play; `None` if it is missing or damaged, which only `coverage` refuses.
     record: Option<PlayRecord>,
+    /// Date and host of the play.
+    played: Option<String>,
 }
 
 impl Judged {
-    fn set(&self) -> &[String] {
-        self.record.as_ref().map_or(&[], |record| &record.set)
+    fn run(&self) -> Run<'_> {
+        Run {
+            plan: &self.recorded.plan,
+            frames: &self.recorded.log.frames,
+            timelines: &self.timelines,
+            verdict: &self.verdict,
+            set: self.record.as_ref().map_or(&[], |record| &record.set),
+            played: self.played.as_deref(),
+            is_long: self.recorded.is_long,
+        }
     }
 }
 
@@ -108,6 +108,7 @@ fn read(path: &Path) -> Result<Judged, RecordedError> {
     let verdict = recorded.verdict(&timelines)?;
     let record = PlayRecord::read(&recorded.path).ok().flatten();
     Ok(Judged {
+        played: record.as_ref().map(PlayRecord::place),
         recorded,
         timelines,
         verdict,
@@ -119,12 +120,8 @@ fn together(runs: &[Judged], output: &Path) -> String {
     let listed = runs.iter().map(|judged| overview::ListedRun {
         folder: folder_name(&judged.recorded.path),
         page: link(output, &judged.recorded.path.join(file::REPORT)),
-        timelines: &judged.timelines,
-        verdict: &judged.verdict,
         played: judged.record.as_ref().map(PlayRecord::date),
-        set: judged.set().to_vec(),
-        duration_seconds: judged.recorded.plan.shared.run.duration_seconds,
-        clock: judged.recorded.log.frames.clock(),
+        judged: judged.run(),
     });
     overview::to_html(&Vec::from_iter(listed))
 }
