@@ -6,8 +6,8 @@ use std::time::Duration;
 use dbc::SignalMissing;
 use plan::ControlLoop;
 
-use dbc::scenario_clock::SYNC_COB_ID;
 use recording::frames::Frames;
+use recording::latency::{CycleReader, CycleStage};
 
 /// Number of stretches of time in which the load is counted.
 const LOAD_STRETCHES: u32 = 200;
@@ -20,10 +20,9 @@ pub(super) type Microseconds = u64;
 pub(super) struct Durations(BTreeMap<Microseconds, usize>);
 
 impl Durations {
-    fn extend(&mut self, durations: impl IntoIterator<Item = Microseconds>) {
-        for duration in durations {
-            *self.0.entry(duration).or_default() += 1;
-        }
+    fn add(&mut self, duration: Duration) {
+        let microseconds = u64::try_from(duration.as_micros()).unwrap_or(u64::MAX);
+        *self.0.entry(microseconds).or_default() += 1;
     }
 
     /// Returns the least, the median, the 99th percentile and the largest; `None` if there are no durations.
@@ -46,10 +45,8 @@ impl Durations {
 pub(super) struct BusTiming {
     /// Times between two SYNCs.
     pub(super) cycles: Durations,
-    /// Times from a SYNC to the drive's answer.
-    pub(super) answers: Durations,
-    /// Times from a SYNC to the controller's command.
-    pub(super) commands: Durations,
+    /// For each loop, times from a SYNC to the drive's answer, and to the controller's command that follows from it.
+    pub(super) loops: Vec<[Durations; 2]>,
     /// Middle of each stretch in scenario time.
     pub(super) load_seconds: Vec<f64>,
     /// Percentage of each stretch in which a frame was on the bus.
@@ -57,41 +54,38 @@ pub(super) struct BusTiming {
 }
 
 impl BusTiming {
-    /// Reads the stamps.
+    /// Reads the stamps of some loops of one bus.
     ///
     /// # Errors
-    /// The database lacks a message of the drive.
-    pub(super) fn new(frames: &Frames, one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let answer = one.position()?.raw_id();
-        let command = one.target_current()?.raw_id();
-        let mut clock = one.scenario_clock()?;
-        let run = &one.trial.run;
+    /// The database lacks a message of a drive.
+    pub(super) fn new(frames: &Frames, loops: &[ControlLoop]) -> Result<Self, SignalMissing> {
+        let readers = loops.iter().map(CycleReader::new);
+        let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
+        let run = &loops[0].trial.run;
         let duration = Duration::from_secs_f64(run.duration_seconds);
-        let mut timing = Self::default();
         let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
-        let mut bits = Vec::new();
-        let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
+        let mut timing = Self {
+            loops: vec![Default::default(); loops.len()],
+            ..Self::default()
+        };
+        let (mut bits, mut sync) = (Vec::new(), None);
         for stamped in frames.iter() {
-            let now = stamped.time;
-            clock.on_frame(now, &stamped.frame);
-            let Some(zero) = clock.zero() else { continue };
-            let scenario_time = now.saturating_sub(zero);
-            if scenario_time >= duration {
-                break;
+            let (mut time, mut is_sync) = (None, false);
+            for (reader, [answers, commands]) in readers.iter_mut().zip(&mut timing.loops) {
+                time = reader.on_frame(&stamped).filter(|time| *time < duration);
+                match time.and_then(|_| reader.stage(&stamped)) {
+                    Some(CycleStage::Sync) => is_sync = true,
+                    Some(CycleStage::Position { after_sync }) => answers.add(after_sync),
+                    Some(CycleStage::Command { after_sync, .. }) => commands.add(after_sync),
+                    None => {}
+                }
             }
-            let place = scenario_time.as_nanos() / stretch.as_nanos();
-            let place = usize::try_from(place).unwrap_or_default();
+            let Some(time) = time else { continue };
+            let place = usize::try_from(time.as_nanos() / stretch.as_nanos()).unwrap_or_default();
             bits.resize(bits.len().max(place + 1), 0);
             bits[place] += u64::from(stamped.occupied_bits);
-            let since_sync = |sync: Duration| microseconds(now.saturating_sub(sync));
-            let id = stamped.frame.raw_id();
-            if id == u32::from(SYNC_COB_ID) {
-                timing.cycles.extend(sync.replace(now).map(since_sync));
-                (is_answered, is_commanded) = (false, false);
-            } else if id == answer && !std::mem::replace(&mut is_answered, true) {
-                timing.answers.extend(sync.map(since_sync));
-            } else if id == command && !std::mem::replace(&mut is_commanded, true) {
-                timing.commands.extend(sync.map(since_sync));
+            if is_sync && let Some(before) = sync.replace(time) {
+                timing.cycles.add(time.saturating_sub(before));
             }
         }
         // The last stretch may be cut.
@@ -107,10 +101,6 @@ impl BusTiming {
         }
         Ok(timing)
     }
-}
-
-fn microseconds(duration: Duration) -> Microseconds {
-    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
 }
 
 /// Returns a histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
@@ -160,18 +150,24 @@ const FLOOR: f64 = -0.3;
 mod tests {
     use super::*;
 
+    fn durations(microseconds: impl IntoIterator<Item = Microseconds>) -> Durations {
+        let mut durations = Durations::default();
+        for microseconds in microseconds {
+            durations.add(Duration::from_micros(microseconds));
+        }
+        durations
+    }
+
     #[test]
     fn percentiles_are_ranks() {
-        let mut durations = Durations::default();
-        durations.extend(1..=101);
+        let durations = durations(1..=101);
         assert_eq!(durations.spread(), Some([1, 51, 100, 101]));
         assert_eq!(Durations::default().spread(), None);
     }
 
     #[test]
     fn a_histogram_counts_everything() {
-        let mut durations = Durations::default();
-        durations.extend([1000, 1000, 1000, 1001, 1240]);
+        let durations = durations([1000, 1000, 1000, 1001, 1240]);
         let (edges, heights) = histogram(&durations);
         assert_eq!(edges.len(), heights.len());
         let total: f64 = heights[1..heights.len() - 1]

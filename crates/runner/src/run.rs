@@ -120,11 +120,11 @@ pub fn run(
     })
 }
 
-/// Returns the number of passes over the frames and cycles of a long run after its play: for the timelines, the verdict, and the
-/// signals; for each loop, for the page, for the viewer, and for its times in real time.
+/// Returns the number of passes over the frames and cycles of a long run after its play: for the timelines, the verdict, the
+/// signals, and the page; for each loop, for the viewer, and for its times in real time.
 pub(crate) fn passes_to_files(played: &Played, loops: usize) -> u64 {
-    let passes_of_loop = if played.host.is_some() { 3 } else { 2 };
-    3 + passes_of_loop * loops as u64
+    let passes_of_loop = if played.host.is_some() { 2 } else { 1 };
+    4 + passes_of_loop * loops as u64
 }
 
 /// Makes the folder of a run with its input and a verdict "incomplete", which a reader finds if the run breaks off.

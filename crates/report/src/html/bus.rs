@@ -10,22 +10,19 @@ use judge::timing::Timing;
 
 /// Returns the section. All loops share the bus; answers and commands are listed by loop.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
-    let loops = run.plan.loops.iter();
-    let read = loops.map(|one| BusTiming::new(run.frames, one));
-    let timings = read.collect::<Result<Vec<_>, _>>()?;
-    let timing = &timings[0];
+    let timing = BusTiming::new(run.frames, &run.plan.loops)?;
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;
     let (times, percent) = (&timing.load_seconds, &timing.load_percent);
     load.draw("load", Colour::Measured, Shape::Line, times, percent);
     let mut sets = vec![("SYNC to SYNC".to_owned(), &timing.cycles)];
-    for (one, timing) in run.plan.loops.iter().zip(&timings) {
+    for (one, [answers, commands]) in run.plan.loops.iter().zip(&timing.loops) {
         let [answer, command] = match one.loop_name() {
             None => ["the drive's answer", "the controller's command"].map(str::to_owned),
             Some(name) => ["the answer of", "the command to"].map(|what| format!("{what} {name}")),
         };
-        sets.push((format!("SYNC to {answer}"), &timing.answers));
-        sets.push((format!("SYNC to {command}"), &timing.commands));
+        sets.push((format!("SYNC to {answer}"), answers));
+        sets.push((format!("SYNC to {command}"), commands));
     }
     let bars = |title: &str, durations| {
         let mut plot = Plot::over_time(title, "cycles");

@@ -16,7 +16,7 @@ use recording::timeline::Timeline;
 use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
 
-/// Number of passes over the frames: to read, to decode and to judge them, and for the page of a loop.
+/// Number of passes over the frames: to read, to decode and to judge them, and for the page.
 const PASSES: u64 = 4;
 
 /// Arguments of `report`.
@@ -41,9 +41,6 @@ fn reported(args: &ReportArgs) -> Result<(), Exit> {
     let bar = WorkBar::new(PASSES * paths.len() as u64, true);
     let runs = paths.into_iter().map(read);
     let runs = runs.collect::<Result<Vec<Judged>, _>>().map_err(refuse)?;
-    let further_loops = |run: &Judged| run.recorded.plan.loops.len() as u64 - 1;
-    let further = runs.iter().map(further_loops);
-    bar.expect(PASSES * runs.len() as u64 + further.sum::<u64>());
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;
