@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use recording::frames::Frames;
 use recording::run_folder::file as run_file;
-use recording::timeline::{self, SignalRows as Signal, Timeline};
+use recording::timeline::{self, Column, Timeline};
 use recording::work::Pass;
 
 /// Address of the header block.
@@ -41,12 +41,16 @@ pub fn write(
     dbc: &str,
     start: Duration,
 ) -> io::Result<()> {
-    write_file(output, &signals(timelines), frames, dbc, start)
+    let mut signals = timeline::signals(timelines);
+    if let Some(time) = signals.first_mut() {
+        "time".clone_into(&mut time.name);
+    }
+    write_file(output, &signals, frames, dbc, start)
 }
 
 fn write_file(
     mut output: impl Write,
-    signals: &[Signal],
+    signals: &[Column],
     frames: &Frames,
     dbc: &str,
     start: Duration,
@@ -68,20 +72,8 @@ fn write_file(
     output.write_all(&file.bytes[from..])
 }
 
-/// Returns all signals, of which the first is the time.
-fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
-    let time = timelines.first().map(|timeline| Signal {
-        name: "time".to_owned(),
-        unit: "s",
-        values: &timeline.time_seconds,
-    });
-    time.into_iter()
-        .chain(timeline::signals(timelines))
-        .collect()
-}
-
 /// Writes the rows, each with one number of every signal.
-fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
+fn write_rows(output: &mut impl Write, signals: &[Column]) -> io::Result<()> {
     let rows = signals.first().map_or(0, |time| time.values.len());
     let mut pass = Pass::new(wide(rows));
     let mut columns: Vec<_> = signals.iter().map(|signal| signal.values.iter()).collect();
@@ -191,14 +183,14 @@ impl Mf4File {
     }
 
     /// Appends a group of all signals, before the group `next`.
-    fn signals(&mut self, signals: &[Signal], next: u64) -> u64 {
+    fn signals(&mut self, signals: &[Column], next: u64) -> u64 {
         let mut records = Records {
             count: signals.first().map_or(0, |time| time.values.len()),
             ..Records::default()
         };
         let mut channels = Vec::new();
         for signal in signals {
-            channels.push(Channel::float(&signal.name, signal.unit, records.bytes));
+            channels.push(Channel::float(&signal.name, &signal.unit, records.bytes));
             records.bytes += VALUE_BYTES;
         }
         let data = self.data(Data::Signals, &records);
@@ -366,11 +358,10 @@ mod tests {
                 _ => Stamped::new(at(micros), CanFrame::new(0x190, &[1, 2])),
             })
             .collect();
-        let values = Series::from(vec![0.0, 0.5, 1.0]);
-        let signals = ["time", "position"].map(|name| Signal {
+        let signals = ["time", "position"].map(|name| Column {
             name: name.to_owned(),
-            unit: "",
-            values: &values,
+            unit: String::new(),
+            values: Series::from(vec![0.0, 0.5, 1.0]),
         });
         let mut file = Vec::new();
         let dbc = "VERSION \"\"\n";

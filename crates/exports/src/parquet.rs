@@ -91,11 +91,9 @@ pub fn write_signals(
         return Ok(());
     };
     let signals = timeline::signals(timelines);
-    let mut numbers = vec![("time_seconds", &timeline.time_seconds)];
-    numbers.extend(signals.iter().map(|one| (one.name.as_str(), one.values)));
     let mut columns = vec![("cycle", Cells::Count(Series::default()))];
     let no_number = || Cells::Number(Series::default());
-    columns.extend(numbers.iter().map(|(name, _)| (*name, no_number())));
+    columns.extend(signals.iter().map(|one| (one.name.as_str(), no_number())));
     let mut table = ParquetTable::new(output, "signals", &columns)?;
     let rows = timeline.cycle.len();
     let mut pass = Pass::new(rows as u64);
@@ -103,9 +101,9 @@ pub fn write_signals(
         let group = begin..rows.min(begin + GROUP_ROWS);
         pass.advance(group.len());
         let cycles = Cells::Count(timeline.cycle.part(group.clone()));
-        let numbers = numbers
+        let numbers = signals
             .iter()
-            .map(|(_, values)| Cells::Number(values.part(group.clone())));
+            .map(|one| Cells::Number(one.values.part(group.clone())));
         table.write([cycles].into_iter().chain(numbers))?;
     }
     table.finish().map(drop)

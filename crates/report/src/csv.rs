@@ -20,12 +20,10 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
         return Ok(());
     };
     let signals = timeline::signals(timelines);
-    let time = ["cycle", "time_seconds"].into_iter();
-    let names = time.chain(signals.iter().map(|signal| signal.name.as_str()));
-    writeln!(output, "{}", heading(names))?;
-    let values = signals.iter().map(|signal| signal.values);
-    let columns = [&first.time_seconds].into_iter().chain(values);
-    let mut columns: Vec<_> = columns.map(|values| (values.iter(), None)).collect();
+    let names = signals.iter().map(|signal| signal.name.as_str());
+    writeln!(output, "{}", heading(["cycle"].into_iter().chain(names)))?;
+    let columns = signals.iter().map(|signal| (signal.values.iter(), None));
+    let mut columns = Vec::from_iter(columns);
     let mut cells = vec![String::new(); columns.len()];
     let mut pass = Pass::new(first.cycle.len() as u64);
     for cycle in &first.cycle {

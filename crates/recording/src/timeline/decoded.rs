@@ -208,31 +208,29 @@ impl Timeline {
     }
 }
 
-/// Signal over all cycles, with its unique name among all loops.
-#[derive(Clone, Debug)]
-pub struct SignalRows<'a> {
-    /// Name of the signal.
-    pub name: String,
-    /// Unit of the signal; empty for a number without one.
-    pub unit: &'a str,
-    /// Value per cycle.
-    pub values: &'a Series<f64>,
-}
-
-/// Returns the signals of loops that were played at once: for each loop its set-point, then the signals on the bus.
-pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
-    let mut all = Vec::new();
+/// Returns the columns of a table of loops that were played at once, with unique names: the time, then for each loop its set-point
+/// and the signals on the bus.
+pub fn signals(timelines: &[Timeline]) -> Vec<Column> {
+    let time = timelines.first().map(|first| Column {
+        name: "time_seconds".to_owned(),
+        unit: "s".to_owned(),
+        values: first.time_seconds.clone(),
+    });
+    let mut all = Vec::from_iter(time);
     for timeline in timelines {
         let (prefix, measurand) = (timeline.prefix(), &timeline.measurand);
-        let rows = |name: &str, unit, values| SignalRows {
-            name: format!("{prefix}{name}"),
-            unit,
-            values,
+        let set_point = Column {
+            name: measurand.name(SET_POINT),
+            unit: measurand.unit.symbol().to_owned(),
+            values: timeline.set_point.clone(),
         };
-        let (name, unit) = (measurand.name(SET_POINT), measurand.unit.symbol());
-        all.push(rows(&name, unit, &timeline.set_point));
-        let columns = timeline.columns.iter();
-        all.extend(columns.map(|column| rows(&column.name, &column.unit, &column.values)));
+        for mut column in [set_point]
+            .into_iter()
+            .chain(timeline.columns.iter().cloned())
+        {
+            column.name.insert_str(0, &prefix);
+            all.push(column);
+        }
     }
     all
 }

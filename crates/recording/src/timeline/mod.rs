@@ -7,8 +7,7 @@ mod passing;
 mod reader;
 
 pub use decoded::{
-    Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, all_events, cycle_start_seconds,
-    has_values, signals,
+    Column, TIME_TOLERANCE_SECONDS, Timeline, all_events, cycle_start_seconds, has_values, signals,
 };
 pub use platform::series::{Series, SeriesWriter};
 pub use reader::{TimelineReader, decode};

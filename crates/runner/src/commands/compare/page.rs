@@ -311,7 +311,7 @@ fn drawn(signal: &SignalDifference, compared: &Compared<'_>) -> Vec<Markup> {
 fn values(run: &[Timeline], signal: &SignalDifference) -> Series<f64> {
     let mut signals = timeline::signals(run).into_iter();
     let found = signals.find(|rows| rows.name == signal.name);
-    found.map_or_else(Series::default, |rows| rows.values.clone())
+    found.map_or_else(Series::default, |rows| rows.values)
 }
 
 fn both(signal: &SignalDifference, runs: [&[Timeline]; 2], marked: &[Patch]) -> Markup {
