@@ -11,7 +11,6 @@ use std::collections::BTreeSet;
 use std::iter;
 
 use crate::verdict::Verdict;
-use dbc::names::SET_POINT;
 use recording::timeline::{Series, Timeline};
 use recording::work::Pass;
 use shared::{Shared, deviation, outside, reach};
@@ -91,10 +90,7 @@ fn signals_of_loop(
     mut done: impl FnMut(),
 ) -> Vec<SignalDifference> {
     let prefix = &a.prefix();
-    let name = &a.measurand.name(SET_POINT);
-    let what = (prefix.as_str(), name.as_str(), a.measurand.unit.symbol());
-    let set_points = [&a.set_point, &b.set_point];
-    let mut signals = vec![signal(tolerances, what, shared, set_points)];
+    let mut signals = Vec::new();
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
             let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());

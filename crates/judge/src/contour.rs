@@ -137,7 +137,7 @@ impl Path {
         let (from, until) = (at(rows.start), at(rows.end - 1));
         let begin = times.partition_point(|time| time < from - SEARCH_SECONDS);
         let end = times.partition_point(|time| time <= until + SEARCH_SECONDS);
-        let set_points = axes.iter().map(|axis| axis.set_point.range(begin..end));
+        let set_points = axes.iter().map(|axis| axis.set_point().range(begin..end));
         Self {
             axes: set_points.map(Iterator::collect).collect(),
             times: times.range(begin..end).collect(),

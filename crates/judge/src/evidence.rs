@@ -424,7 +424,7 @@ impl<'a> Evidence<'a> {
         let timeline = self.timeline;
         let rows = self.rows(window);
         let times = timeline.time_seconds.range(rows.clone());
-        let set_points = timeline.set_point.range(rows.clone());
+        let set_points = timeline.set_point().range(rows.clone());
         // The true position holds until the drive sends another; while the drive is silent there is none.
         let measured = timeline.position().range(rows.clone());
         let positions = self.position.range(rows).zip(measured);

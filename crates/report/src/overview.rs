@@ -282,7 +282,7 @@ fn positions(courses: &[Course<'_>]) -> Markup {
         let (colour, times) = (Colour::Run(number), &timeline.time_seconds);
         plot.draw(name, colour, Shape::Line, times, timeline.position());
     }
-    let (times, set_point) = (&first.timeline.time_seconds, &first.timeline.set_point);
+    let (times, set_point) = (&first.timeline.time_seconds, first.timeline.set_point());
     plot.draw("set-point", Colour::Wanted, Shape::Dashed, times, set_point);
     plot.render()
 }

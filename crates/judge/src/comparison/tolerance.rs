@@ -110,8 +110,7 @@ impl Tolerances<'_> {
             let in_loop = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
             let unit = symbol_of(name);
             let mut columns = timeline.columns.iter();
-            in_loop == timeline.measurand.name(SET_POINT)
-                || columns.any(|column| column.name == in_loop || column.unit == unit)
+            columns.any(|column| column.name == in_loop || column.unit == unit)
         };
         let is_known = |name: &str| {
             let mut metrics = verdicts.iter().flat_map(|verdict| &verdict.metrics);

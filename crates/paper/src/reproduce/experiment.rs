@@ -256,7 +256,7 @@ impl Signals {
         };
         Self {
             time_seconds: part(times),
-            set_point_millimetres: part(&timeline.set_point),
+            set_point_millimetres: part(timeline.set_point()),
             position_millimetres: part(timeline.position()),
             current_amperes: timeline.current().map(part).unwrap_or_default(),
             temperature_celsius: column("wire_temperature_celsius"),

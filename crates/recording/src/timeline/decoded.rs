@@ -3,7 +3,6 @@
 use std::ops::Range;
 use std::time::Duration;
 
-use dbc::names::SET_POINT;
 use plan::loop_prefix;
 use platform::series::Series;
 use scenario::port::Measurand;
@@ -76,10 +75,9 @@ pub struct Timeline {
     pub lost_heartbeats: Vec<LostHeartbeat>,
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
     pub temperature_silence: Option<(f64, f64)>,
-    /// Raw set-point of the scenario per row; NaN if the scenario has none.
-    pub set_point: Series<f64>,
     /// Quantity that the loop measures; `position_millimetres` is its name in this code.
     pub measurand: Measurand,
+    /// Raw set-point of the scenario, which is NaN if the scenario has none, then the signals on the bus.
     pub columns: Vec<Column>,
     /// Counts of the frames that canrig's nodes may send.
     pub sources: Sources,
@@ -120,6 +118,11 @@ impl Timeline {
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
         by(name).or_else(|| by(&self.measurand.name(name)))
+    }
+
+    /// Returns the raw set-point of the scenario; NaN if the scenario has none.
+    pub fn set_point(&self) -> &Series<f64> {
+        &self.columns[0].values
     }
 
     /// Returns the measured position that the loop follows, in its unit.
@@ -173,7 +176,6 @@ impl Timeline {
             period_seconds: self.period_seconds,
             cycle: self.cycle.part(rows.clone()),
             time_seconds: part(&self.time_seconds),
-            set_point: part(&self.set_point),
             columns: columns.collect(),
             position: self.position,
             measured_position: self.measured_position,
@@ -218,16 +220,8 @@ pub fn signals(timelines: &[Timeline]) -> Vec<Column> {
     });
     let mut all = Vec::from_iter(time);
     for timeline in timelines {
-        let (prefix, measurand) = (timeline.prefix(), &timeline.measurand);
-        let set_point = Column {
-            name: measurand.name(SET_POINT),
-            unit: measurand.unit.symbol().to_owned(),
-            values: timeline.set_point.clone(),
-        };
-        for mut column in [set_point]
-            .into_iter()
-            .chain(timeline.columns.iter().cloned())
-        {
+        let prefix = timeline.prefix();
+        for mut column in timeline.columns.iter().cloned() {
             column.name.insert_str(0, &prefix);
             all.push(column);
         }

@@ -267,7 +267,6 @@ impl TimelineReader {
         let time_seconds: Series<f64> = starts
             .map(|cycle| cycle_start_seconds(cycle, period_seconds))
             .collect();
-        let columns = self.columns.take_rows(rows);
         if self.passing.is_order_lost {
             self.sources.lose_order();
         }
@@ -279,10 +278,16 @@ impl TimelineReader {
         let wiring = &trial.wiring;
         let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
         let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
+        let set_point = Column {
+            name: measurand.name(names::SET_POINT),
+            unit: measurand.unit.symbol().to_owned(),
+            values: set_points(trial, &time_seconds),
+        };
+        let on_bus = self.columns.take_rows(rows);
+        let columns = Vec::from_iter([set_point].into_iter().chain(on_bus));
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,
-            set_point: set_points(trial, &time_seconds),
             measurand: measurand.clone(),
             cycle,
             time_seconds,

@@ -45,7 +45,7 @@ fn plane<'a>(contour: &'a Contour, axes: [RunLoop<'a>; 2]) -> Plot<'a> {
     plot.extent = Extent::Plane;
     let [right, high] = [x, y].map(|axis| axis.position().part(rows.clone()));
     plot.draw("measured", Colour::Measured, Shape::Path, right, high);
-    let [right, high] = [x, y].map(|axis| axis.set_point.part(rows.clone()));
+    let [right, high] = [x, y].map(|axis| axis.set_point().part(rows.clone()));
     plot.draw("set-point", Colour::Wanted, Shape::DashedPath, right, high);
     plot
 }

@@ -51,7 +51,7 @@ const PARTS_OF_LAW: [Drawn<'static>; 2] = [
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let (timeline, control_loop) = (run.timeline, run.control_loop);
-    let pairs = timeline.set_point.iter().zip(timeline.position());
+    let pairs = timeline.set_point().iter().zip(timeline.position());
     let error: Series<f64> = pairs.map(|(wanted, measured)| wanted - measured).collect();
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
@@ -145,7 +145,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
         let label = "filtered reference";
         draw(&mut plot, timeline, label, Estimated, &column.values);
     }
-    let (times, set_point) = (&timeline.time_seconds, &timeline.set_point);
+    let (times, set_point) = (&timeline.time_seconds, timeline.set_point());
     plot.draw("set-point", Wanted, Shape::Dashed, times, set_point);
     plot
 }

@@ -65,7 +65,7 @@ fn log_plane(
         let [across, up] = [x, y].map(|axis| of(axis).range(rows.clone()));
         across.zip(up).map(|(across, up)| [across, up])
     };
-    let set_points = series(|axis| &axis.set_point);
+    let set_points = series(|axis| axis.set_point());
     let samples = set_points.zip(series(Timeline::position));
     for (row, (set_points, positions)) in rows.clone().zip(samples) {
         wanted.add(row, set_points);

@@ -173,7 +173,7 @@ impl Drawing {
             .filter_map(|name| timeline.column(name))
             .find(|column| has_values(&column.values))
             .map(|column| column.values.iter());
-        let samples = timeline.position().iter().zip(&timeline.set_point);
+        let samples = timeline.position().iter().zip(timeline.set_point());
         let mut poses = Vec::new();
         for (moment, (position, set_point)) in times::moments(timeline).zip(samples) {
             let celsius = celsius.as_mut().and_then(Iterator::next);

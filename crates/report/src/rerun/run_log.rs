@@ -20,7 +20,6 @@ use super::hysteresis::{self, Hysteresis};
 use super::output::{Folder, Output, send_look, send_rows, send_scalars, send_static};
 use super::times;
 use crate::terminal;
-use dbc::names::SET_POINT;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
 use plan::{ControlLoop, Plan};
@@ -130,7 +129,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
 
     /// Logs set-point, error, disturbances and all signals of the bus.
     fn log_signals(&mut self, timeline: &Timeline) -> Result<(), ReportError> {
-        let samples = timeline.set_point.iter().zip(timeline.position());
+        let samples = timeline.set_point().iter().zip(timeline.position());
         let error: Series<f64> = samples
             .map(|(set_point, position)| set_point - position)
             .collect();
@@ -138,10 +137,8 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         let changes = trial.disturbance.changes();
         let factors = asked(timeline, &changes, FAN_OUTPUT, 1.0);
         let grams = asked(timeline, &changes, LOAD_OUTPUT, 0.0);
-        let [set_point, error_name] =
-            [SET_POINT, "error_{unit}"].map(|name| timeline.measurand.name(name));
+        let error_name = timeline.measurand.name("error_{unit}");
         let computed = [
-            (set_point.as_str(), &timeline.set_point),
             (error_name.as_str(), &error),
             ("scenario_convection_factor", &factors),
             ("scenario_added_load_grams", &grams),
