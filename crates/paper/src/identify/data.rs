@@ -10,7 +10,6 @@ use scenario::Trial;
 use scenario::rig::RealDrive;
 use scenario::rig::nodes::Sensor;
 
-use dbc::scenario_clock::SYNC_COB_ID;
 use plan::{ControlLoop, Plan};
 use recording::frames::Frames;
 use recording::log::Stamped;
@@ -286,17 +285,13 @@ fn check_frames(frames: &Frames, one: &ControlLoop, timeline: &Timeline) -> Resu
             "none of its {count} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
         ));
     }
-    let is_sync = |stamped: Stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID);
-    let missing = if !frames.iter().any(is_sync) {
-        "it has no SYNC (0x080)"
-    } else if timeline.cycle.is_empty() {
-        "the drive never reports Operation Enabled"
-    } else {
-        return Ok(());
-    };
-    Err(format!(
-        "{missing}, so scenario time never begins: is it the right DBC?"
-    ))
+    if timeline.cycle.is_empty() {
+        return Err(
+            "it has no SYNC (0x080) after the drive reports Operation Enabled, so scenario time never begins: is it the right DBC?"
+                .to_owned(),
+        );
+    }
+    Ok(())
 }
 
 fn check_values(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
