@@ -16,6 +16,7 @@ mod run_log;
 #[cfg(test)]
 mod tests;
 mod times;
+mod trail;
 
 use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};

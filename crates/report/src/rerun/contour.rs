@@ -6,8 +6,9 @@ use re_sdk_types::components::Radius;
 use scenario::contour::Contour;
 
 use super::bus::stretch_seconds;
-use super::output::{Output, send_look, send_places, send_static};
+use super::output::{Output, send_look, send_static};
 use super::times;
+use super::trail::{Trail, log_moves};
 use super::{POINTS_MAX, ReportError, groups, thin};
 use crate::contour::{axes, window};
 use crate::plot::range::{NOTHING, extended};
@@ -48,16 +49,14 @@ fn log_plane(
 ) -> Result<Option<Plane>, ReportError> {
     let [x, y] = axes.map(|axis| axis.timeline);
     let [across, up] = axes.map(|axis| axis.control_loop.name());
-    let pause_rows = if is_long {
-        let cycles = x.cycles_in(stretch_seconds(&axes[0].control_loop.trial));
-        usize::try_from(cycles).unwrap_or(usize::MAX)
+    let pause_seconds = if is_long {
+        stretch_seconds(&axes[0].control_loop.trial)
     } else {
-        0
+        0.0
     };
     let group = format!("contour/{across}_{up}");
     let now = format!("{group}/now");
-    let mut wanted = Path::new(pause_rows);
-    let mut measured = Path::new(pause_rows);
+    let [mut wanted, mut measured] = [(); 2].map(|()| Trail::new(pause_seconds));
     // Number of measured points that are logged already.
     let mut logged = 0;
     let rows = window(contour, axes);
@@ -67,15 +66,16 @@ fn log_plane(
     };
     let set_points = series(|axis| axis.set_point());
     let samples = set_points.zip(series(Timeline::position));
-    for (row, (set_points, positions)) in rows.clone().zip(samples) {
-        wanted.add(row, set_points);
-        measured.add(row, positions);
-        if pause_rows > 0 && measured.points.len() > POINTS_MAX {
-            log_moves(output, &now, x, &measured.points[logged..])?;
+    let moments = times::moments(x).skip(rows.start);
+    for (moment, (set_points, positions)) in moments.zip(samples) {
+        wanted.add(moment, set_points, is_far);
+        measured.add(moment, positions, is_far);
+        if is_long && measured.points.len() > POINTS_MAX {
+            log_moves(output, &now, &measured.points[logged..], place)?;
             thin(&mut measured.points);
             logged = measured.points.len();
         }
-        if pause_rows > 0 {
+        if is_long {
             thin(&mut wanted.points);
         }
     }
@@ -96,7 +96,7 @@ fn log_plane(
         send_static(output, format!("{group}/{name}"), &strip)?;
     }
     send_look(output, &now, groups::SKY)?;
-    log_moves(output, &now, x, &measured.points[logged..])?;
+    log_moves(output, &now, &measured.points[logged..], place)?;
     Ok(Some(Plane {
         title: format!("{up} over {across} ({})", shown_unit(contour.unit.symbol())),
         group,
@@ -104,58 +104,18 @@ fn log_plane(
     }))
 }
 
-/// Logs positions of the point, each with its row.
-fn log_moves(
-    output: &mut dyn Output,
-    entity: &str,
-    timeline: &Timeline,
-    points: &[(usize, Point)],
-) -> Result<(), ReportError> {
-    let rows = Vec::from_iter(points.iter().map(|(row, _)| *row));
-    let places = points.iter().map(|(_, point)| place(*point));
-    send_places(output, entity, times::at_rows(timeline, &rows), places)
-}
-
-type Point = [f64; 2];
-
-/// Points in the plane, each with its row.
-struct Path {
-    points: Vec<(usize, Point)>,
-    last: Option<(usize, Point)>,
-    /// Least number of rows between two points.
-    pause_rows: usize,
-}
-
-impl Path {
-    fn new(pause_rows: usize) -> Self {
-        Self {
-            points: Vec::new(),
-            last: None,
-            pause_rows,
-        }
-    }
-
-    /// Adds a point, unless it is at the place of the last one.
-    fn add(&mut self, row: usize, point: Point) {
-        let is_new = self.last.is_none_or(|(before, last)| {
-            let [right, up] = [point[0] - last[0], point[1] - last[1]];
-            row - before >= self.pause_rows && right.hypot(up) >= STEP_MILLIMETRES
-        });
-        if is_new && point.iter().all(|value| value.is_finite()) {
-            self.points.push((row, point));
-            self.last = Some((row, point));
-        }
-    }
+fn is_far(here: [f64; 2], last: [f64; 2]) -> bool {
+    (here[0] - last[0]).hypot(here[1] - last[1]) >= STEP_MILLIMETRES
 }
 
 /// Converts a point to the viewer's coordinates, of which the second one points down.
 #[expect(clippy::cast_possible_truncation, reason = "for the eye")]
-fn place([across, up]: Point) -> [f32; 2] {
+fn place([across, up]: [f64; 2]) -> [f32; 2] {
     [across as f32, -up as f32]
 }
 
-fn bounds<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Option<[[f64; 2]; 2]> {
-    let range = |place: fn(&Point) -> f64| extended(NOTHING, points.clone().map(place));
+fn bounds<'a>(points: impl Iterator<Item = &'a [f64; 2]> + Clone) -> Option<[[f64; 2]; 2]> {
+    let range = |place: fn(&[f64; 2]) -> f64| extended(NOTHING, points.clone().map(place));
     let ranges = [range(|[across, _]| *across), range(|[_, up]| -up)];
     let size = ranges
         .iter()
@@ -163,30 +123,4 @@ fn bounds<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Option<[[f64; 
     let room = MARGIN * size;
     let has_points = points.clone().next().is_some();
     has_points.then(|| ranges.map(|(low, high)| [low - room, high + room]))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_path_of_a_long_run_stays_short() {
-        let mut path = Path::new(100);
-        let mut longest = 0;
-        for row in 0..10_000_000 {
-            let angle = f64::from(row) * 1e-3;
-            let row = usize::try_from(row).unwrap();
-            path.add(
-                row,
-                [libm::cos(angle), libm::sin(angle)].map(|part| 10.0 * part),
-            );
-            thin(&mut path.points);
-            longest = longest.max(path.points.len());
-        }
-        assert!(
-            (POINTS_MAX / 2..=POINTS_MAX).contains(&longest),
-            "{longest}"
-        );
-        assert!(path.points.is_sorted_by_key(|(row, _)| *row));
-    }
 }

@@ -6,8 +6,9 @@
 use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
 
-use super::output::{Output, send_places, send_static};
-use super::times::{self, Moment};
+use super::output::{Output, send_static};
+use super::times;
+use super::trail::{Trail, log_moves};
 use super::{ReportError, groups, thin};
 use crate::plot::range::{NOTHING, extended};
 use platform::series::Series;
@@ -40,31 +41,16 @@ const GRID_CELSIUS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
 const GRID_FRACTION: [f64; 5] = [0.01, 0.02, 0.05, 0.1, 0.2];
 const GRID_STEPS_MAX: u8 = 6;
 
-/// Point of the path.
-#[derive(Clone, Copy)]
-struct Point {
-    moment: Moment,
-    celsius: f64,
-    fraction: f64,
-}
-
-impl Point {
-    fn place(&self, frame: &Frame) -> [f32; 2] {
-        frame.place(self.celsius, self.fraction)
-    }
-}
-
 /// Path so far, and the frame that holds it.
 pub(super) struct Hysteresis {
     /// Least and largest values so far.
     celsius: (f64, f64),
     fraction: (f64, f64),
     frame: Option<Frame>,
-    points: Vec<Point>,
+    /// Temperatures and fractions.
+    trail: Trail,
     is_path_old: bool,
     drawn_at_seconds: f64,
-    /// Least time between two points.
-    pause_seconds: f64,
 }
 
 impl Hysteresis {
@@ -74,10 +60,9 @@ impl Hysteresis {
             celsius: NOTHING,
             fraction: NOTHING,
             frame: None,
-            points: Vec::new(),
+            trail: Trail::new(pause_seconds),
             is_path_old: false,
             drawn_at_seconds: 0.0,
-            pause_seconds,
         }
     }
 
@@ -108,35 +93,21 @@ impl Hysteresis {
             frame.log(output)?;
         }
         // A new frame moves every point.
-        let first = if is_new_frame { 0 } else { self.points.len() };
-        let mut last = self.points.last().map(|point| point.place(frame));
-        let mut next_seconds = self.points.last().map_or(f64::NEG_INFINITY, |point| {
-            point.moment.seconds + self.pause_seconds
-        });
+        let trail = &mut self.trail;
+        let first = if is_new_frame { 0 } else { trail.points.len() };
         for ((row, moment), (celsius, fraction)) in rows {
-            let here = frame.place(celsius, fraction);
-            let is_soon = moment.seconds < next_seconds;
-            if is_soon || last.is_some_and(|last| !is_far(here, last)) {
-                continue;
-            }
-            let moment = if row == 0 && last.is_none() {
+            let moment = if row == 0 && trail.points.is_empty() {
                 times::first_moment(timeline, moment)
             } else {
                 moment
             };
-            self.points.push(Point {
-                moment,
-                celsius,
-                fraction,
+            trail.add(moment, [celsius, fraction], |here, last| {
+                is_far(frame.place(here), frame.place(last))
             });
-            last = Some(here);
-            next_seconds = moment.seconds + self.pause_seconds;
         }
-        let new = &self.points[first..];
+        let new = &trail.points[first..];
         if !new.is_empty() {
-            let times = times::columns(new.iter().map(|point| point.moment));
-            let places = new.iter().map(|point| point.place(frame));
-            send_places(output, NOW, times, places)?;
+            log_moves(output, NOW, new, |point| frame.place(point))?;
             self.is_path_old = true;
         }
         let now_seconds = timeline.end_seconds();
@@ -169,11 +140,12 @@ impl Hysteresis {
             return Ok(());
         };
         self.is_path_old = false;
-        let path: Vec<[f32; 2]> = self.points.iter().map(|point| point.place(frame)).collect();
-        let strip = LineStrips2D::new([path])
+        let points = self.trail.points.iter();
+        let path = points.map(|(_, point)| frame.place(*point));
+        let strip = LineStrips2D::new([Vec::from_iter(path)])
             .with_colors([groups::GREEN])
             .with_radii([Radius::new_ui_points(1.0)]);
-        thin(&mut self.points);
+        thin(&mut self.trail.points);
         send_static(output, "hysteresis/path", &strip)
     }
 }
@@ -250,7 +222,7 @@ impl Frame {
         [(right * WIDTH) as f32, ((1.0 - up) * HEIGHT) as f32]
     }
 
-    fn place(&self, celsius: f64, fraction: f64) -> [f32; 2] {
+    fn place(&self, [celsius, fraction]: [f64; 2]) -> [f32; 2] {
         let right = self.celsius.part(celsius);
         Self::at(right, self.fraction.part(fraction))
     }

@@ -1,0 +1,83 @@
+//! Path of a point that moves in the plane.
+
+use super::ReportError;
+use super::output::{Output, send_places};
+use super::times::{self, Moment};
+
+/// Place in the plane, with the time at which the point was there.
+pub(super) type Passed = (Moment, [f64; 2]);
+
+/// Places of the point that can be distinguished.
+pub(super) struct Trail {
+    pub(super) points: Vec<Passed>,
+    last: Option<Passed>,
+    /// Least time between two places.
+    pause_seconds: f64,
+}
+
+impl Trail {
+    /// Returns a path without places.
+    pub(super) fn new(pause_seconds: f64) -> Self {
+        Self {
+            points: Vec::new(),
+            last: None,
+            pause_seconds,
+        }
+    }
+
+    /// Adds a place, unless it is the last one.
+    pub(super) fn add(
+        &mut self,
+        moment: Moment,
+        point: [f64; 2],
+        is_far: impl Fn([f64; 2], [f64; 2]) -> bool,
+    ) {
+        let is_new = self.last.is_none_or(|(before, last)| {
+            moment.seconds - before.seconds >= self.pause_seconds && is_far(point, last)
+        });
+        if is_new && point.iter().all(|value| value.is_finite()) {
+            self.points.push((moment, point));
+            self.last = Some((moment, point));
+        }
+    }
+}
+
+/// Logs some places of the point.
+pub(super) fn log_moves(
+    output: &mut dyn Output,
+    entity: &str,
+    points: &[Passed],
+    place: impl Fn([f64; 2]) -> [f32; 2],
+) -> Result<(), ReportError> {
+    let times = times::columns(points.iter().map(|(moment, _)| *moment));
+    let places = points.iter().map(|(_, point)| place(*point));
+    send_places(output, entity, times, places)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{POINTS_MAX, thin};
+    use super::*;
+
+    #[test]
+    fn the_path_of_a_long_run_stays_short() {
+        let mut path = Trail::new(0.1);
+        let mut longest = 0;
+        for cycle in 0..10_000_000_i32 {
+            let seconds = f64::from(cycle) * 1e-3;
+            let moment = Moment {
+                seconds,
+                cycle: cycle.into(),
+            };
+            let point = [libm::cos(seconds), libm::sin(seconds)].map(|part| 10.0 * part);
+            path.add(moment, point, |_, _| true);
+            thin(&mut path.points);
+            longest = longest.max(path.points.len());
+        }
+        assert!(
+            (POINTS_MAX / 2..=POINTS_MAX).contains(&longest),
+            "{longest}"
+        );
+        assert!(path.points.is_sorted_by_key(|(moment, _)| moment.cycle));
+    }
+}
