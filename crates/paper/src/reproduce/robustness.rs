@@ -30,25 +30,13 @@ const TARGETS: [f64; 2] = [0.21, 2.5];
 /// Number of the worst plants that are named.
 const WORST: usize = 3;
 
-/// A law on the unknown plants.
-#[derive(Clone, Copy)]
-struct Contestant {
-    law: ComparedLaw,
-    /// Whether it is tuned over plants. The shipped PID is tuned on a single one.
-    is_tuned: bool,
-    label: &'static str,
-}
+/// Label of the PID that is tuned over plants. The shipped one is tuned on a single plant.
+const TUNED: &str = "pid, tuned over plants";
 
-/// Returns the laws that are compared on the unknown plants.
-fn contestants() -> impl Iterator<Item = Contestant> {
-    let shipped = ComparedLaw::ALL.map(|law| (law, false, law.name()));
-    let tuned = (ComparedLaw::Pid, true, "pid, tuned over plants");
-    let all = shipped.into_iter().chain([tuned]);
-    all.map(|(law, is_tuned, label)| Contestant {
-        law,
-        is_tuned,
-        label,
-    })
+/// Returns the laws that are compared on the unknown plants, with their labels.
+fn contestants() -> impl Iterator<Item = (ComparedLaw, &'static str)> {
+    let shipped = ComparedLaw::ALL.map(|law| (law, law.name()));
+    shipped.into_iter().chain([(ComparedLaw::Pid, TUNED)])
 }
 
 /// Returns the experiments of this file.
@@ -59,12 +47,8 @@ pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
 fn plants(is_reduced: bool) -> Experiment {
     let count = if is_reduced { PLANTS_REDUCED } else { PLANTS };
     let plants = Vec::from_iter(unknown_plants(count));
-    let contestant_runs = |Contestant {
-                               law,
-                               is_tuned,
-                               label,
-                           }| {
-        let controller = is_tuned.then(bases::pid_over_plants);
+    let contestant_runs = |(law, label): (ComparedLaw, &'static str)| {
+        let controller = (label == TUNED).then(bases::pid_over_plants);
         let decided_seconds = match law {
             ComparedLaw::Pid => DECIDED_SECONDS_PID,
             _ => DECIDED_SECONDS,
@@ -107,12 +91,7 @@ fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
 fn distributions(runs: &[Kept]) -> Evaluation {
     let mut evaluation = Evaluation::default();
     let mut rows = Vec::new();
-    for Contestant {
-        law,
-        is_tuned,
-        label,
-    } in contestants()
-    {
+    for (law, label) in contestants() {
         let kept: Vec<&Kept> = runs.iter().filter(|run| run.label == label).collect();
         let sorted = |name: &str| {
             let mut values: Vec<f64> = kept
@@ -151,7 +130,7 @@ fn distributions(runs: &[Kept]) -> Evaluation {
                 .chain(spread(&peaks, 1))
                 .collect(),
         );
-        if !is_tuned {
+        if label != TUNED {
             evaluation.figures.extend([
                 distribution(law, "settling time (s)", &times, time_max),
                 distribution(law, "overshoot (%)", &peaks, peak_max),
