@@ -165,11 +165,8 @@ fn drawn(spread: &MetricSpread) -> Markup {
     let [least, .., greatest] = spread.quantiles.map(|value| terminal::value(name, value));
     let label = format!("{outliers} ({least} to {greatest})");
     plot.draw(label, Colour::Estimated, Shape::Points, &edge_x, &edge_y);
-    plot.patches.extend(spread.limit.map(|limit| Patch {
-        class: "band",
-        x: limit.ends(),
-        y: (f64::NEG_INFINITY, f64::INFINITY),
-    }));
+    let band = |limit: Limit| Patch::stretch("band", limit.ends());
+    plot.patches.extend(spread.limit.map(band));
     plot.render()
 }
 

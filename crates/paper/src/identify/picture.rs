@@ -2,7 +2,7 @@
 
 use super::data::IdentificationData;
 use report::picture;
-use report::plot::{Colour, Extent, Patch, Plot, Shape};
+use report::plot::{Colour, EDGES, Extent, Patch, Plot, Shape};
 
 /// Returns the picture of one recording as SVG: the measured positions, and the expected readings with the start values
 /// and with the result.
@@ -28,11 +28,8 @@ pub(crate) fn to_svg(
         .collect();
     let half_a_step = 0.5e6 * measurement.sensor_step_metres();
     let mut difference = Plot::over_time("Measured − found, and half a step of the sensor", "µm");
-    difference.patches.push(Patch {
-        class: "band",
-        x: (f64::NEG_INFINITY, f64::INFINITY),
-        y: (-half_a_step, half_a_step),
-    });
+    let step = Patch::band(EDGES, (-half_a_step, half_a_step));
+    difference.patches.push(step);
     difference.draw(
         "difference",
         Colour::Estimated,

@@ -15,7 +15,7 @@ use campaigns::campaign;
 use judge::swing;
 use judge::verdict::{Metric, Verdict};
 use recording::timeline::{Series, Timeline};
-use report::plot::{Colour, Patch, Plot, Shape};
+use report::plot::{Colour, Plot, Shape};
 
 /// An experiment: data, and the function that evaluates its runs.
 pub struct Experiment {
@@ -322,12 +322,6 @@ pub fn plot_over(title: &str, y_unit: &'static str, x_label: &'static str) -> Pl
         x_label,
         ..Plot::over_time(title, y_unit)
     }
-}
-
-/// Returns the rectangle of a target.
-pub fn band(x: (f64, f64), y: (f64, f64)) -> Patch {
-    let class = "band";
-    Patch { class, x, y }
 }
 
 /// Plots the positions of these runs over time, the first on top, and its set-point.

@@ -7,8 +7,8 @@ use scenario::plant::{Kinetics, PlantModel, Sma};
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Evaluation, Experiment, Keep, Kept, PlannedRun, band, currents, plot_over,
-    positions, with_runs,
+    ComparedLaw, Evaluation, Experiment, Keep, Kept, PlannedRun, currents, plot_over, positions,
+    with_runs,
 };
 use super::families::set_frequency;
 use super::quantity::{Paper, Quantity, at_least};
@@ -52,7 +52,7 @@ pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
                     ("settling_time_seconds", "0.23 s"),
                     ("overshoot_percent", "0.6 %"),
                 ];
-                let target = Some(band((10.23, f64::INFINITY), (33.75, 36.25)));
+                let target = Some(Patch::band((10.23, f64::INFINITY), (33.75, 36.25)));
                 steps(runs, &paper, target)
             },
         },
@@ -62,7 +62,13 @@ pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
             text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
                    nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
             runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(Window::new(0.0, 2.0))),
-            evaluate: |runs| steps(runs, &[], Some(band((0.5, f64::INFINITY), (23.75, 26.25)))),
+            evaluate: |runs| {
+                steps(
+                    runs,
+                    &[],
+                    Some(Patch::band((0.5, f64::INFINITY), (23.75, 26.25))),
+                )
+            },
         },
         Experiment {
             id: "sine_20s",
@@ -375,15 +381,8 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
     }
     let disturbances = runs.first().map(|(run, _)| run.scenario.disturbances());
     if let Some([first, ..]) = disturbances.as_deref() {
-        let Window {
-            from_seconds,
-            until_seconds,
-        } = first.window;
-        figure.patches.push(Patch {
-            class: "span",
-            x: (0.0, until_seconds - from_seconds),
-            y: (f64::NEG_INFINITY, f64::INFINITY),
-        });
+        let seconds = first.window.until_seconds - first.window.from_seconds;
+        figure.patches.push(Patch::stretch("span", (0.0, seconds)));
     }
     figure
 }

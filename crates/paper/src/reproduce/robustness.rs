@@ -6,12 +6,12 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, band, plot_over,
+    ComparedLaw, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, plot_over,
 };
 use super::quantity::{Quantity, at_most};
 use super::response::steps;
 use campaigns::distribution::{quantile, staircase};
-use report::plot::{Plot, Shape};
+use report::plot::{Patch, Plot, Shape};
 
 /// Number of plants (PAPER, "Robustness").
 const PLANTS: usize = 200;
@@ -197,9 +197,10 @@ fn distribution(
     let mut figure = plot_over(&title, "%", quantity);
     let (x, y) = staircase(sorted);
     figure.draw(quantity, law.colour(), Shape::Line, &x, &y);
-    figure
-        .patches
-        .push(band((f64::NEG_INFINITY, target_max), (95.0, f64::INFINITY)));
+    figure.patches.push(Patch::band(
+        (f64::NEG_INFINITY, target_max),
+        (95.0, f64::INFINITY),
+    ));
     figure
 }
 

@@ -53,11 +53,10 @@ fn plot<'a>(trace: &'a SignalTrace, control_loop: &ControlLoop, period_seconds: 
         for demand in check.demands() {
             let window = check.window(&demand, trial.run.duration_seconds);
             match demand {
-                Demand::Stays(limit) | Demand::Reaches(limit) => plot.patches.push(Patch {
-                    class: "band",
-                    x: (window.from_seconds, window.until_seconds),
-                    y: limit.ends(),
-                }),
+                Demand::Stays(limit) | Demand::Reaches(limit) => {
+                    let x = (window.from_seconds, window.until_seconds);
+                    plot.patches.push(Patch::band(x, limit.ends()));
+                }
                 Demand::Follows(course) => {
                     let (x, y): (Vec<f64>, Vec<f64>) = course.rows.iter().copied().unzip();
                     plot.draw("course", Colour::Wanted, Shape::Dashed, x, y);

@@ -208,11 +208,8 @@ fn sines(trial: &Trial) -> Vec<Stretch> {
 
 fn settling_band(step: &JudgedStep) -> Patch {
     let half = SETTLING_BAND * (step.to - step.from).abs();
-    Patch {
-        class: "band",
-        x: (step.window.from_seconds, step.window.until_seconds),
-        y: (step.to - half, step.to + half),
-    }
+    let x = (step.window.from_seconds, step.window.until_seconds);
+    Patch::band(x, (step.to - half, step.to + half))
 }
 
 /// Returns patches for disturbances and faults, wide enough to be seen.
@@ -229,13 +226,9 @@ fn patches(control_loop: &ControlLoop) -> Vec<Patch> {
         let until_seconds = fault.until_seconds.unwrap_or(duration_seconds);
         Some(("fault", fault.from_seconds?, until_seconds))
     });
-    let patch = |(class, from_seconds, until_seconds)| Patch {
-        class,
-        x: (
-            from_seconds,
-            f64::max(until_seconds, from_seconds + 0.003 * duration_seconds),
-        ),
-        y: (f64::NEG_INFINITY, f64::INFINITY),
+    let patch = |(class, from_seconds, until_seconds)| {
+        let seen_until = f64::max(until_seconds, from_seconds + 0.003 * duration_seconds);
+        Patch::stretch(class, (from_seconds, seen_until))
     };
     spans.chain(faults).map(patch).collect()
 }

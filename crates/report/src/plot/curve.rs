@@ -126,6 +126,22 @@ pub struct Patch {
     pub y: (f64, f64),
 }
 
+/// Range that reaches both edges of a plot.
+pub const EDGES: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+
+impl Patch {
+    /// Returns the rectangle in which values must lie.
+    pub fn band(x: (f64, f64), y: (f64, f64)) -> Self {
+        let class = "band";
+        Self { class, x, y }
+    }
+
+    /// Returns a stretch of x.
+    pub fn stretch(class: &'static str, x: (f64, f64)) -> Self {
+        Self { class, x, y: EDGES }
+    }
+}
+
 /// Range of the values that the height of a plot shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {

@@ -18,7 +18,7 @@ use self::ticks::{apart, decades, ticks};
 use self::view::View;
 use crate::unit::shown_unit;
 
-pub use curve::{Colour, Extent, Patch, PlotCurve, Shape};
+pub use curve::{Colour, EDGES, Extent, Patch, PlotCurve, Shape};
 pub(crate) use scale::SIDE;
 
 /// Part of the height within which two curves cover each other.

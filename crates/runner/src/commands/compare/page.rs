@@ -360,11 +360,7 @@ fn stretches(
             _ => found.push((time, time)),
         }
     }
-    let patch = |(from, until): (f64, f64)| Patch {
-        class: "apart",
-        x: (from, until.max(from + near)),
-        y: (f64::NEG_INFINITY, f64::INFINITY),
-    };
+    let patch = |(from, until): (f64, f64)| Patch::stretch("apart", (from, until.max(from + near)));
     found.into_iter().take(MARKED_MAX).map(patch).collect()
 }
 
