@@ -61,7 +61,8 @@ impl Bench {
         let run = AssertUnwindSafe(|| match self.register() {
             Ok(()) => from_command_line(),
             Err(error) => {
-                console::failed(Exit::Internal, format!("this bench cannot begin: {error}"))
+                let reason = format!("this bench cannot begin: {error}");
+                console::failed(Exit::Internal.because(reason))
             }
         });
         let exit = std::panic::catch_unwind(run).unwrap_or_else(|panic| {
@@ -74,8 +75,7 @@ impl Bench {
         let exit = match console::unprinted() {
             None => exit,
             Some(reason) => exit.max(console::failed(
-                Exit::BenchFailed,
-                format!("standard output cannot be written: {reason}"),
+                Exit::BenchFailed.because(format!("standard output cannot be written: {reason}")),
             )),
         };
         exit.into()
@@ -94,10 +94,9 @@ fn from_command_line() -> Exit {
     // Each file is printed on one line, and some CI systems take commands from the beginning of a line.
     let has_line_end = |word: &OsString| word.as_encoded_bytes().contains(&b'\n');
     if let Some(word) = std::env::args_os().find(has_line_end) {
-        return console::failed(
-            Exit::Usage,
-            format!("{word:?} has a line end in it: write it in one line, or rename the file"),
-        );
+        return console::failed(Exit::Usage.because(format!(
+            "{word:?} has a line end in it: write it in one line, or rename the file"
+        )));
     }
     let parsed = |words: Vec<OsString>| {
         let matches = command_line().try_get_matches_from(words)?;
@@ -130,7 +129,7 @@ fn execute(cli: Cli) -> Exit {
     match platform::process::require_open_files(OPEN_FILES) {
         Ok(()) => {
             platform::memory::keep_freed();
-            cli::execute(cli)
+            cli::execute(cli.command).unwrap_or_else(console::failed)
         }
         Err(error) => {
             console::print_error(&error);

@@ -33,7 +33,7 @@ use runner::commands::run::{RunArgs, run};
 use runner::commands::signals::{SignalsArgs, signals};
 use runner::commands::simulate::{SimulateArgs, simulate};
 use runner::console::{print, print_error};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use worlds::fmu_worker;
 use worlds::law_worker;
 
@@ -222,8 +222,8 @@ pub(crate) fn command_line() -> clap::Command {
 }
 
 /// Executes the subcommand.
-pub(crate) fn execute(cli: Cli) -> Exit {
-    match cli.command {
+pub(crate) fn execute(command: Command) -> Result<Exit, Failure> {
+    match command {
         Command::Run(args) => run(&args),
         Command::Simulate(args) => simulate(&args),
         Command::Report(args) => report(&args),
@@ -241,38 +241,37 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Examples(args) => examples(&args),
         Command::Signals(args) => signals(&args),
         Command::New(args) => new(&args),
-        Command::Doctor(args) => doctor(&args),
-        Command::Schema(args) => schema(&args),
+        Command::Doctor(args) => Ok(doctor(&args)),
+        Command::Schema(args) => Ok(schema(&args)),
         Command::Nodes(args) => nodes(&args),
         Command::Sdo(args) => sdo(&args),
         Command::Monitor(args) => monitor(args),
         Command::Eds(args) => eds(&args),
         Command::Fmu(args) => fmu(&args),
-        Command::FmuWorker { folder } => {
-            fmu_worker::serve(&folder).map_or(Exit::BenchFailed, |()| Exit::Pass)
+        Command::FmuWorker { folder } => Ok(served(fmu_worker::serve(&folder))),
+        Command::LawWorker { file, folder } => {
+            let ended = law_worker::serve(&file, folder.as_deref());
+            Ok(served(
+                ended.inspect_err(|error| print_error(&error.to_string())),
+            ))
         }
-        Command::LawWorker { file, folder } => match law_worker::serve(&file, folder.as_deref()) {
-            Ok(()) => Exit::Pass,
-            Err(error) => {
-                print_error(&error.to_string());
-                Exit::BenchFailed
-            }
-        },
         Command::ProgramKeeper { log, command } => {
             let told = keeper::keep(log, &command);
-            told.map_or(Exit::BenchFailed, |told| {
-                print(&told);
-                Exit::Pass
-            })
+            Ok(served(told.map(|told| print(&told))))
         }
         Command::Completions(args) => completions(&args, &mut command_line()),
         Command::Man(args) => man(&args, command_line()),
-        Command::Node(args) => host(&args),
+        Command::Node(args) => Ok(host(&args)),
         Command::PrivateBus => {
-            let served = process::channel_from_parent().and_then(private_bus::serve);
-            served.map_or(Exit::BenchFailed, |()| Exit::Pass)
+            let channel = process::channel_from_parent();
+            Ok(served(channel.and_then(private_bus::serve)))
         }
     }
+}
+
+/// Returns the exit code of a helper, which tells its parent what went wrong by another way.
+fn served<E>(ended: Result<(), E>) -> Exit {
+    ended.map_or(Exit::BenchFailed, |()| Exit::Pass)
 }
 
 #[cfg(test)]

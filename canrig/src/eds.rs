@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use plan::named_nodes::node_sheets;
 use recording::run_folder::write_new;
-use runner::console::{failed, print};
-use runner::exit::Exit;
+use runner::console::print;
+use runner::exit::{Exit, Failure};
 use runner::named::named_plan;
 
 /// Arguments of `eds`.
@@ -22,21 +22,15 @@ pub(crate) struct EdsArgs {
 }
 
 /// Writes the EDS of each node, and prints the names of the files.
-pub(crate) fn eds(args: &EdsArgs) -> Exit {
-    let plan = match named_plan(&args.rig) {
-        Ok(plan) => plan,
-        Err(exit) => return exit,
-    };
-    for (node, eds) in node_sheets(&plan) {
+pub(crate) fn eds(args: &EdsArgs) -> Result<Exit, Failure> {
+    for (node, eds) in node_sheets(&named_plan(&args.rig)?) {
         let path = args.to.join(format!("{}.eds", node.name));
         let written = write_new(&path, |file| file.write_all(eds.as_bytes()));
-        if let Err(error) = written {
-            return failed(Exit::BenchFailed, explain(&path, &error));
-        }
+        written.map_err(|error| Exit::BenchFailed.because(explain(&path, &error)))?;
         let id = node.id;
         print(&format!("{}  node {id} (0x{id:02X})", path.display()));
     }
-    Exit::Pass
+    Ok(Exit::Pass)
 }
 
 fn explain(path: &Path, error: &io::Error) -> String {

@@ -185,7 +185,7 @@ fn hosted(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failu
 fn exit(ended: Result<(), Failure>) -> Exit {
     match ended {
         Ok(()) => Exit::Pass,
-        Err(Failure { exit, reason }) => {
+        Err(Failure { exit, reason, .. }) => {
             print_error(&reason);
             exit
         }

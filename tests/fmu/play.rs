@@ -75,7 +75,7 @@ fn play(args: &PlayArgs) -> Exit {
     };
     match played {
         Ok(()) => Exit::Pass,
-        Err(failure) => failed(failure.exit, failure),
+        Err(failure) => failed(failure),
     }
 }
 

@@ -9,8 +9,8 @@ use fmu::description::Version;
 use fmu::export::{Exported, write_fmu};
 
 use recording::run_folder::write_new;
-use runner::console::ended;
 use runner::exit::{Exit, Failure};
+use runner::output::unwritten;
 
 /// Shared library with the plants that ship.
 const SHIPPED_LIBRARY: &str = "libcanrig_plants.so";
@@ -25,12 +25,8 @@ pub(crate) fn register(models: Vec<OwnModel>) {
     let _ = OWN.set(models);
 }
 
-/// Writes the FMU of a plant, and prints its path.
-pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Exit {
-    ended(written(plant, output, fmi), |failure| failure.exit)
-}
-
-fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Failure> {
+/// Writes the FMU of a plant, and returns its path with the facts.
+pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Failure> {
     let version = match fmi {
         2 => Version::Two,
         _ => Version::Three,
@@ -59,9 +55,7 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Failur
     })?;
     let path = output.map_or_else(|| PathBuf::from(format!("{plant}.fmu")), Path::to_owned);
     let write = |file: &mut BufWriter<File>| write_fmu(file, &model, version, &bytes);
-    write_new(&path, write).map_err(|error| {
-        Exit::BenchFailed.because(format!("`{}` cannot be written: {error}", path.display()))
-    })?;
+    write_new(&path, write).map_err(unwritten(&path))?;
     let (version, count) = (version.name(), model.variables.len());
     Ok(format!(
         "{}: {plant}, FMI {version}, {count} variables",

@@ -10,8 +10,8 @@ use fmu::Archive;
 use fmu::description::{Causality, Description, Variable};
 use fmu::table::proposed;
 
-use runner::console::ended;
-use runner::exit::Exit;
+use runner::console::print;
+use runner::exit::{Exit, Failure};
 
 /// Arguments of `fmu`.
 #[derive(Args, Debug)]
@@ -34,23 +34,22 @@ pub(crate) struct FmuArgs {
 }
 
 /// Prints the description of an FMU, or writes an FMU.
-pub(crate) fn fmu(args: &FmuArgs) -> Exit {
-    match (&args.export, &args.file) {
-        (Some(plant), _) => export::export(plant, args.output.as_deref(), args.fmi),
-        (None, Some(file)) => shown(file, args.rig),
-        (None, None) => Exit::Usage,
-    }
+pub(crate) fn fmu(args: &FmuArgs) -> Result<Exit, Failure> {
+    print(&match (&args.export, &args.file) {
+        (Some(plant), _) => export::export(plant, args.output.as_deref(), args.fmi)?,
+        (None, Some(file)) => shown(file, args.rig)?,
+        (None, None) => return Ok(Exit::Usage),
+    });
+    Ok(Exit::Pass)
 }
 
-fn shown(file: &Path, is_rig: bool) -> Exit {
-    let shown = Archive::open(file).map(|archive| {
-        if is_rig {
-            proposed_table(file, &archive.description)
-        } else {
-            told(&archive)
-        }
-    });
-    ended(shown, |_| Exit::CannotStart)
+fn shown(file: &Path, is_rig: bool) -> Result<String, Failure> {
+    let archive = Archive::open(file).map_err(|error| Exit::CannotStart.because(error))?;
+    Ok(if is_rig {
+        proposed_table(file, &archive.description)
+    } else {
+        told(&archive)
+    })
 }
 
 /// Returns the table of a rig file, and the next steps for the user.

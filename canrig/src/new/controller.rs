@@ -143,7 +143,7 @@ mod tests {
                 "{readme}"
             );
             let again = written(&args).unwrap_err();
-            assert_eq!(again, super::super::exists(&folder));
+            super::super::tests::require_exists(&again, &folder);
         }
     }
 }

@@ -19,8 +19,9 @@ use name::{camel, require_crate_name};
 use platform::unfinished::Unfinished;
 use recording::run_folder::write_new;
 use rig::RigArgs;
-use runner::console::ended;
+use runner::console::print;
 use runner::exit::{Exit, Failure};
+use runner::output::unwritten;
 
 /// Checkout that this program was built from. It may be gone, or on another machine.
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -141,10 +142,6 @@ fn exists(path: &Path) -> Failure {
     ))
 }
 
-fn unwritten(path: &Path, error: &io::Error) -> Failure {
-    Exit::BenchFailed.because(format!("`{}` cannot be written: {error}", path.display()))
-}
-
 /// Refuses a name for files that are no crate.
 fn require_name(name: &str, of: &str) -> Result<(), Failure> {
     let refused = || {
@@ -158,15 +155,15 @@ fn require_name(name: &str, of: &str) -> Result<(), Failure> {
 }
 
 /// Writes the requested files, and prints the next steps.
-pub(crate) fn new(args: &NewArgs) -> Exit {
-    let written = match &args.what {
-        What::Plant(of) => written(&PLANT, of),
-        What::Law(LawArgs { loops: 1, of }) => written(&LAW, of),
-        What::Law(LawArgs { of, .. }) => written(&LAW_OF_LOOPS, of),
-        What::Rig(args) => rig::written(args),
-        What::Controller(args) => controller::written(args),
-    };
-    ended(written, |failure| failure.exit)
+pub(crate) fn new(args: &NewArgs) -> Result<Exit, Failure> {
+    print(&match &args.what {
+        What::Plant(of) => written(&PLANT, of)?,
+        What::Law(LawArgs { loops: 1, of }) => written(&LAW, of)?,
+        What::Law(LawArgs { of, .. }) => written(&LAW_OF_LOOPS, of)?,
+        What::Rig(args) => rig::written(args)?,
+        What::Controller(args) => controller::written(args)?,
+    });
+    Ok(Exit::Pass)
 }
 
 /// Writes a crate, and returns the next steps for the user.
@@ -198,11 +195,11 @@ fn in_new_folder(
     write: impl FnOnce(&Path) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     if let Some(parent) = folder.parent() {
-        make(parent, |parent| fs::create_dir_all(parent))?;
+        fs::create_dir_all(parent).map_err(unwritten(parent))?;
     }
     let failed = |path: &Path, error: io::Error| match error.kind() {
         io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => exists(path),
-        _ => unwritten(path, &error),
+        _ => unwritten(path)(error),
     };
     if folder.symlink_metadata().is_ok() {
         return Err(exists(folder));
@@ -226,15 +223,11 @@ fn write_files(
     files: impl IntoIterator<Item = (impl AsRef<Path>, String)>,
 ) -> Result<(), Failure> {
     for (file, text) in files {
-        make(&folder.join(file), |path| {
-            write_new(path, |output| output.write_all(text.as_bytes()))
-        })?;
+        let path = folder.join(file);
+        let written = write_new(&path, |output| output.write_all(text.as_bytes()));
+        written.map_err(unwritten(&path))?;
     }
     Ok(())
-}
-
-fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), Failure> {
-    make(path).map_err(|error| unwritten(path, &error))
 }
 
 /// Returns the absolute path of the checkout to depend on.
@@ -290,6 +283,12 @@ mod tests {
         }
     }
 
+    pub(super) fn require_exists(failure: &Failure, folder: &Path) {
+        let expected = exists(folder);
+        assert_eq!(failure.exit, expected.exit);
+        assert_eq!(failure.reason, expected.reason);
+    }
+
     #[test]
     fn a_folder_appears_whole_or_not_at_all() {
         let parent = tempfile::tempdir().unwrap();
@@ -297,16 +296,16 @@ mod tests {
         let failed = in_new_folder(&folder, |partial| {
             fs::write(partial.join("half"), "of it").unwrap();
             assert!(!folder.exists());
-            make(partial, |_| Err(io::Error::other("the disk is full")))
+            Err(unwritten(partial)(io::Error::other("the disk is full")))
         });
         assert_eq!(failed.unwrap_err().exit, Exit::BenchFailed);
         let left = || fs::read_dir(parent.path().join("deep")).unwrap().count();
         assert_eq!(left(), 0);
-        let write = |partial: &Path| make(&partial.join("file"), |path| fs::write(path, "all"));
+        let write = |partial: &Path| write_files(partial, [("file", "all".to_owned())]);
         assert!(in_new_folder(&folder, write).is_ok());
         assert!(folder.join("file").exists() && left() == 1);
         let again = in_new_folder(&folder, |_| unreachable!("it is there"));
-        assert_eq!(again, Err(exists(&folder)));
+        require_exists(&again.unwrap_err(), &folder);
     }
 
     #[test]
@@ -328,7 +327,7 @@ mod tests {
                 assert!(!text.contains("CANRIG"), "{path}");
             }
             let again = written(skeleton, &args).unwrap_err();
-            assert_eq!(again, exists(&written_to));
+            require_exists(&again, &written_to);
             assert_eq!(fs::read_to_string(&scenario).unwrap(), text);
         }
     }

@@ -73,7 +73,7 @@ mod tests {
         assert_eq!(Rig::parse(&rig, "gantry.toml").unwrap().name, "gantry");
         assert!(!rig.contains("my_"), "{rig}");
         let again = written(&args).unwrap_err();
-        assert_eq!(again, super::super::exists(&folder));
+        super::super::tests::require_exists(&again, &folder);
     }
 
     #[test]

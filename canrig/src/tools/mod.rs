@@ -9,8 +9,7 @@ pub(crate) mod sdo;
 pub(crate) mod value;
 
 use clap::Args;
-use runner::console::{self, print_error};
-use std::io;
+use runner::console::print_error;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -22,7 +21,7 @@ use platform::stop::StopSignal;
 
 use plan::data_sheet::{DataSheet, DataSheetError};
 use plan::named_nodes::NamedNodes;
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 use runner::named::named_plan;
 use runner::number;
 use scenario::TIME_SECONDS_MAX;
@@ -68,8 +67,7 @@ impl NamesArgs {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
         };
-        let plan = named_plan(path).map_err(ToolError::Printed)?;
-        Ok(NamedNodes::of(&plan)?)
+        Ok(NamedNodes::of(&named_plan(path)?)?)
     }
 }
 
@@ -83,24 +81,9 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
 /// Reason why a tool failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ToolError {
-    /// A file is wrong; the error was printed already.
-    #[error("the file cannot be used")]
-    Printed(Exit),
-    /// An argument, or a file that it names, is wrong.
-    #[error("{0}")]
-    Usage(String),
-    /// A data sheet is wrong.
+    /// An argument or a file is wrong, or the bus does not work.
     #[error(transparent)]
-    DataSheet(#[from] DataSheetError),
-    /// There is not one run to join.
-    #[error("{0}")]
-    NoBus(String),
-    /// The bus does not work.
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    /// Ctrl-C cannot be handled.
-    #[error("signals cannot be handled: {0}")]
-    Signals(io::Error),
+    Failed(#[from] Failure),
     /// A transfer failed.
     #[error(transparent)]
     Sdo(#[from] SdoError),
@@ -110,6 +93,27 @@ pub(crate) enum ToolError {
     /// Ctrl-C or SIGTERM came before the end.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl From<DataSheetError> for ToolError {
+    fn from(error: DataSheetError) -> Self {
+        Exit::Usage.because(error).into()
+    }
+}
+
+impl From<BusError> for ToolError {
+    fn from(error: BusError) -> Self {
+        Exit::BenchFailed.because(error).into()
+    }
+}
+
+impl From<ToolError> for Failure {
+    fn from(error: ToolError) -> Self {
+        match error {
+            ToolError::Failed(failure) => failure,
+            error => Exit::BenchFailed.because(error),
+        }
+    }
 }
 
 impl From<GuestError> for ToolError {
@@ -126,10 +130,16 @@ const ANSWER_TIME: Duration = Duration::from_secs(1);
 
 /// Joins a bus as a guest that hears all frames.
 fn guest(bus: &ToolBus) -> Result<Guest<'static>, ToolError> {
-    let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
+    let stop = stop_signal()?;
     Ok(Guest::new(open(bus, &[Filter::ALL])?, move || {
         stop.is_raised()
     }))
+}
+
+/// Handles Ctrl-C and SIGTERM.
+fn stop_signal() -> Result<StopSignal, Failure> {
+    StopSignal::from_signals()
+        .map_err(|error| Exit::BenchFailed.because(format!("signals cannot be handled: {error}")))
 }
 
 /// Returns a client of a node: on its default channel, or on another one.
@@ -147,35 +157,24 @@ fn second_channel(node_id: u8, sheets: &[DataSheet]) -> Option<(u16, u16)> {
     sheets.find_map(DataSheet::second_channel)
 }
 
-impl ToolError {
-    /// Returns the exit code of the program.
-    pub(crate) fn exit(&self) -> Exit {
-        match self {
-            Self::Usage(_) | Self::DataSheet(_) => Exit::Usage,
-            Self::Printed(exit) => *exit,
-            _ => Exit::BenchFailed,
-        }
-    }
-}
-
 /// Returns the address of the bus that the user means.
 ///
 /// # Errors
 /// The user named no bus, and not exactly one run is running.
-pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
+pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, Failure> {
     match bus {
         Some(address) => Ok(address.clone()),
         None => {
             let mut running = hub::running();
             match running.len() {
-                0 => Err(ToolError::NoBus(
-                    "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)".to_owned(),
+                0 => Err(Exit::BenchFailed.because(
+                    "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)",
                 )),
                 1 => Ok(running.remove(0)),
                 count => {
                     let options = running.iter().map(|bus| format!("--bus {bus}"));
                     let options = Vec::from_iter(options).join(", ");
-                    Err(ToolError::NoBus(format!(
+                    Err(Exit::BenchFailed.because(format!(
                         "{count} embedded buses are running; choose one: {options}"
                     )))
                 }
@@ -190,12 +189,4 @@ fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
         print_error(&format!("canrig: on the bus of your run, {address}"));
     }
     Ok(platform::open(&address, filters)?)
-}
-
-/// Prints the result of a tool, or its error.
-fn ended(outcome: Result<String, ToolError>) -> Exit {
-    match outcome {
-        Err(ToolError::Printed(exit)) => exit,
-        outcome => console::ended(outcome, ToolError::exit),
-    }
 }

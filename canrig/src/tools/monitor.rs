@@ -13,15 +13,14 @@ use clap::Args;
 use dbc::Database;
 use dbc::scenario_clock::SYNC_COB_ID;
 use platform::clock::Clock;
-use platform::stop::StopSignal;
 
 use super::nodes::state_name;
-use super::{NamesArgs, ToolBusArgs, ToolError, ended, open, seconds, value};
+use super::{NamesArgs, ToolBusArgs, ToolError, open, seconds, stop_signal, value};
 use plan::data_sheet::DataSheet;
 use plan::error_frames;
 use plan::named_nodes::NamedNodes;
 use runner::console::{BufferedLines, print_problem};
-use runner::exit::Exit;
+use runner::exit::{Exit, Failure};
 
 /// Longest wait for a frame before the tool checks Ctrl-C and the duration.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -292,11 +291,9 @@ pub(crate) struct MonitorArgs {
 }
 
 /// Shows live traffic until the user stops it.
-pub(crate) fn monitor(args: MonitorArgs) -> Exit {
-    match shown(args) {
-        Ok(()) => Exit::Pass,
-        Err(error) => ended(Err(error)),
-    }
+pub(crate) fn monitor(args: MonitorArgs) -> Result<Exit, Failure> {
+    shown(args)?;
+    Ok(Exit::Pass)
 }
 
 fn shown(args: MonitorArgs) -> Result<(), ToolError> {
@@ -310,15 +307,16 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
                 path.display(),
                 scenario::read_text(path, plan::FILE_BYTES_MAX),
             );
-            let text = read
-                .map_err(|error| ToolError::Usage(format!("`{shown}` cannot be read: {error}")))?;
+            let text = read.map_err(|error| {
+                Exit::Usage.because(format!("`{shown}` cannot be read: {error}"))
+            })?;
             Database::parse(&text)
-                .map_err(|error| ToolError::Usage(format!("`{shown}`: {error}")))?
+                .map_err(|error| Exit::Usage.because(format!("`{shown}`: {error}")))?
         }
     };
     let (count, duration) = (options.count, options.duration);
     let mut decoder = Decoder::new(database, sheets, options);
-    let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
+    let stop = stop_signal()?;
     let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
     bus.count_fd_frames();
     let clock = Clock::start();

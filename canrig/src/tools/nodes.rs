@@ -16,11 +16,12 @@ use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::sdo_client::{SdoClient, SdoFailure};
 use clap::Args;
 
-use super::{NamesArgs, ToolBusArgs, ToolError, client, ended, guest, second_channel, seconds};
+use super::{NamesArgs, ToolBusArgs, ToolError, client, guest, second_channel, seconds};
 use plan::data_sheet::DataSheet;
 use plan::presence::{Presence, is_manager};
 use report::table::Table;
-use runner::exit::Exit;
+use runner::console::print;
+use runner::exit::{Exit, Failure};
 use worlds::guest::Guest;
 
 /// Default time for which the tool listens before it speaks: longer than usual heartbeat periods.
@@ -220,8 +221,9 @@ pub(crate) struct NodesArgs {
 }
 
 /// Calls every node on a bus, and prints the table of the nodes.
-pub(crate) fn nodes(args: &NodesArgs) -> Exit {
-    ended(called(args))
+pub(crate) fn nodes(args: &NodesArgs) -> Result<Exit, Failure> {
+    print(&called(args)?);
+    Ok(Exit::Pass)
 }
 
 /// Calls every node on a bus, and returns the table.

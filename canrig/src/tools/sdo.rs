@@ -16,13 +16,11 @@ use canopen::sdo_client::SdoFailure;
 use clap::{Args, Subcommand};
 use dbc::Database;
 
-use super::{
-    NamesArgs, ToolBusArgs, ToolError, address, client, ended, guest, second_channel, value,
-};
+use super::{NamesArgs, ToolBusArgs, ToolError, address, client, guest, second_channel, value};
 use plan::data_sheet::{self, DataSheet};
 use plan::presence::{Presence, is_manager};
-use runner::console::print_error;
-use runner::exit::Exit;
+use runner::console::{print, print_error};
+use runner::exit::{Exit, Failure};
 use worlds::guest::Guest;
 
 /// Time for which the tool listens before it uses the default channel: longer than usual heartbeat periods.
@@ -184,24 +182,25 @@ pub(crate) struct ObjectArgs {
 }
 
 /// Reads or writes an object, and prints its value.
-pub(crate) fn sdo(args: &SdoArgs) -> Exit {
-    ended(match &args.action {
-        SdoAction::Read(target) => transferred(target, None, false),
+pub(crate) fn sdo(args: &SdoArgs) -> Result<Exit, Failure> {
+    print(&match &args.action {
+        SdoAction::Read(target) => transferred(target, None, false)?,
         SdoAction::Write {
             object,
             value,
             force,
-        } => transferred(object, Some(value), *force),
-    })
+        } => transferred(object, Some(value), *force)?,
+    });
+    Ok(Exit::Pass)
 }
 
 /// Returns the bytes of a value in an object's type.
-fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u8>, ToolError> {
+fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u8>, Failure> {
     if let Some(entry) = entry {
-        return value::parse(entry, text).map_err(ToolError::Usage);
+        return value::parse(entry, text).map_err(|error| Exit::Usage.because(error));
     }
     value::parse_untyped(text).ok_or_else(|| {
-        ToolError::Usage(format!(
+        Exit::Usage.because(format!(
             "no EDS gives the type of 0x{:04X}:{:02X}, so the size of \"{text}\" is not known: write 0x with two digits \
              for each byte (0x0032 for 16 bits) or the bytes as they are sent (\"32 00\"), or name the node's EDS with --eds",
             place.0, place.1
@@ -216,9 +215,10 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
 fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
     let bus = address(&None)?;
     if !io::stdin().is_terminal() {
-        return Err(ToolError::Usage(format!(
+        let reason = format!(
             "`sdo write` without --bus asks first, and its input is no terminal: name the bus, --bus {bus}"
-        )));
+        );
+        return Err(Exit::Usage.because(reason).into());
     }
     print_error(&format!(
         "write 0x{index:04X}:{sub_index:02X} of {node} on {bus}? y or n"
@@ -318,9 +318,9 @@ mod tests {
         let asked = target
             .may_ask(&presence)
             .and_then(|()| channel.map_or_else(on_default, |_| Ok(())));
-        let error = asked.err()?;
-        assert_eq!(error.exit(), Exit::BenchFailed);
-        Some(error.to_string())
+        let failure = Failure::from(asked.err()?);
+        assert_eq!(failure.exit, Exit::BenchFailed);
+        Some(failure.reason)
     }
 
     #[test]

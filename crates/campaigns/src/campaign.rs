@@ -19,6 +19,7 @@ use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::timeline::{self, Timeline};
 use runner::console::Bar;
+use runner::exit::{Exit, Failure};
 use runner::observer::observed;
 use runner::run;
 use worlds::catalogue::catalogue;
@@ -89,6 +90,13 @@ impl NoResult {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted by the user")]
 pub struct Interrupted;
+
+/// Returns the failure of a campaign that the user stopped.
+pub(crate) fn interrupted(done: usize, of: usize) -> Failure {
+    Exit::Interrupted.because(format!(
+        "interrupted: {done} of {of} runs are done; give the same command again to continue"
+    ))
+}
 
 /// Reason why [`Campaign::each`] ended before the last job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

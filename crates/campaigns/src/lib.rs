@@ -12,6 +12,5 @@ pub mod campaign;
 pub mod coverage;
 pub mod distribution;
 pub mod engine;
-mod error;
 pub mod sweep;
 pub mod torture;

@@ -15,7 +15,7 @@ use indicatif::{
 };
 use platform::terminal::printable;
 
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use recording::frames::LogChanged;
 use recording::progress::{LoopProgress, RunProgress};
 use recording::work::{PARTS, parts_done};
@@ -116,26 +116,17 @@ pub fn print_problem(problem: impl fmt::Display) {
     print_error(&format!("canrig: {problem}"));
 }
 
-/// Prints an error; returns its exit code.
-pub fn failed(exit: Exit, error: impl fmt::Display) -> Exit {
-    print_problem(error);
-    exit
-}
-
-/// Prints the result of a command, or its error; returns the exit code.
-pub fn ended<E: fmt::Display>(result: Result<String, E>, exit: impl FnOnce(&E) -> Exit) -> Exit {
-    match result {
-        Ok(text) => {
-            print(&text);
-            Exit::Pass
-        }
-        Err(error) => failed(exit(&error), error),
+/// Prints the failure of a command; returns its exit code.
+pub fn failed(failure: Failure) -> Exit {
+    match &failure.diagnostic {
+        Some(error) => print_diagnostic(error),
+        None => print_problem(&failure),
     }
+    failure.exit
 }
 
 /// Prints an error with the underlined place in the file: in colours and as wide as the terminal, else without line breaks.
-pub fn print_diagnostic(error: impl Into<miette::Report>) {
-    let error = error.into();
+fn print_diagnostic(error: &miette::Report) {
     match printable(&without_colours(error.as_ref())) {
         // The remaining escapes are the bench's own: colours.
         Cow::Borrowed(_) if io::stderr().is_terminal() => {
@@ -143,12 +134,6 @@ pub fn print_diagnostic(error: impl Into<miette::Report>) {
         }
         shown => print_error(&shown),
     }
-}
-
-/// Prints an error in a file as [`print_diagnostic`] does; returns its exit code.
-pub(crate) fn invalid(error: impl Into<miette::Report>) -> Exit {
-    print_diagnostic(error);
-    Exit::CannotStart
 }
 
 /// Prints the output of the command line's parser: errors on standard error, the help on standard output.

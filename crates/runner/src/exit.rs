@@ -2,8 +2,11 @@
 
 use std::process::ExitCode;
 
+use dbc::SignalMissing;
 use judge::verdict::Outcome;
 use recording::run_folder::WriteError;
+use recording::session::ReadError;
+use scenario::ScenarioError;
 
 use crate::identity::NoIdentity;
 
@@ -32,8 +35,11 @@ pub enum Exit {
 impl Exit {
     /// Returns the failure with this exit code, from an error or a text.
     pub fn because(self, reason: impl ToString) -> Failure {
-        let (exit, reason) = (self, reason.to_string());
-        Failure { exit, reason }
+        Failure {
+            exit: self,
+            reason: reason.to_string(),
+            diagnostic: None,
+        }
     }
 
     /// Returns the exit code of the process.
@@ -64,11 +70,46 @@ impl From<Outcome> for Exit {
 }
 
 /// Reason why a command did not complete, and its exit code.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 #[error("{reason}")]
 pub struct Failure {
     pub exit: Exit,
     pub reason: String,
+    /// The same reason with the places in a file that it underlines, if it has any.
+    pub diagnostic: Option<miette::Report>,
+}
+
+impl Failure {
+    /// Returns the failure of a file that is not valid.
+    pub fn invalid(error: impl Into<miette::Report>) -> Self {
+        let error = error.into();
+        Self {
+            exit: Exit::CannotStart,
+            reason: error.to_string(),
+            diagnostic: Some(error),
+        }
+    }
+}
+
+impl From<ScenarioError> for Failure {
+    fn from(error: ScenarioError) -> Self {
+        Self::invalid(error)
+    }
+}
+
+impl From<ReadError> for Failure {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Scenario(error) => (*error).into(),
+            file @ ReadError::File { .. } => Exit::CannotStart.because(file),
+        }
+    }
+}
+
+impl From<SignalMissing> for Failure {
+    fn from(error: SignalMissing) -> Self {
+        Exit::CannotStart.because(error)
+    }
 }
 
 impl From<WriteError> for Failure {

@@ -4,12 +4,12 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use crate::console::{failed, print};
-use crate::exit::Exit;
+use crate::console::print;
+use crate::exit::{Exit, Failure};
 use recording::run_folder::{write_output, write_whole};
 
-/// Writes a file; prints the reason if it cannot be written.
-pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
+/// Writes a file.
+pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Failure> {
     write_with(place, |output| output.write_all(bytes))
 }
 
@@ -17,32 +17,32 @@ pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
 pub(crate) fn write_with(
     place: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> Result<(), Exit> {
-    write_output(place, write).map_err(|error| refuse(place, &error))
+) -> Result<(), Failure> {
+    write_output(place, write).map_err(unwritten(place))
 }
 
-fn refuse(place: &Path, error: &io::Error) -> Exit {
-    let place = place.display();
-    failed(
-        Exit::BenchFailed,
-        format!("`{place}` cannot be written: {error}"),
-    )
+/// Returns the conversion of an error of the system on writing a file.
+pub fn unwritten(place: &Path) -> impl FnOnce(io::Error) -> Failure {
+    move |error| {
+        let place = place.display();
+        Exit::BenchFailed.because(format!("`{place}` cannot be written: {error}"))
+    }
 }
 
 /// Writes a page at the user's place, and prints the place.
 ///
 /// # Errors
-/// The page cannot be written; holds the exit code for that.
-pub fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
+/// The page cannot be written.
+pub fn write_page(place: &Path, text: &str) -> Result<(), Failure> {
     write(place, text.as_bytes())?;
     print(&place.display().to_string());
     Ok(())
 }
 
 /// Replaces the page of a run folder, and prints the place.
-pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Exit> {
-    write_whole(place, |output| output.write_all(text.as_bytes()))
-        .map_err(|error| refuse(place, &error))?;
+pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Failure> {
+    let written = write_whole(place, |output| output.write_all(text.as_bytes()));
+    written.map_err(unwritten(place))?;
     print(&place.display().to_string());
     Ok(())
 }

@@ -10,7 +10,7 @@ use scenario::rig::shipped;
 
 use crate::console::failed;
 use crate::event::{Listener, RunEvent};
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::lines::EventLines;
 use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
@@ -202,11 +202,8 @@ pub(crate) fn play_all(
     args: &PlayArgs,
     testbed: &mut dyn Testbed,
     listener: &dyn Listener,
-) -> Exit {
-    let paths = match scenario_files(&args.scenarios, is_scenario) {
-        Ok(paths) => paths,
-        Err(error) => return failed(Exit::CannotStart, error),
-    };
+) -> Result<Exit, Failure> {
+    let paths = scenario_files(&args.scenarios, is_scenario)?;
     let (mut viewers, refused) = args.viewer.open();
     report_all(listener, refused);
     let stage = Stage::new(listener);
@@ -235,7 +232,7 @@ pub(crate) fn play_all(
         worst = worst.max(Exit::Interrupted);
     }
     listener.on_event(&RunEvent::Ended(&verdicts));
-    worst
+    Ok(worst)
 }
 
 /// Returns the plan of a scenario that can be played on the testbed.
@@ -245,7 +242,7 @@ pub(crate) fn prepared(
     testbed: &dyn Testbed,
     listener: &dyn Listener,
 ) -> Result<Plan, Exit> {
-    let plan = load(path, values)?;
+    let plan = load(path, values).map_err(failed)?;
     testbed.prepare(plan).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("`{}`: {reason}", path.display())));
         Exit::CannotStart

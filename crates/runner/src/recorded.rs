@@ -7,9 +7,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use scenario::ScenarioError;
-
-use crate::console::{failed, invalid, print_problem};
+use crate::console::print_problem;
 use crate::exit::{Exit, Failure};
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, expected_timing, judge_timing};
@@ -20,7 +18,7 @@ use recording::events::Events;
 use recording::frames::Log;
 use recording::latency::Host;
 use recording::run_folder::{file, file_in, log_in};
-use recording::session::{ReadError, read_plan};
+use recording::session::read_plan;
 use recording::sources::Sent;
 use recording::stalls::read_stalls;
 use recording::timeline::{self, Timeline, all_events};
@@ -29,32 +27,6 @@ use recording::unrecorded::Unrecorded;
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names
 /// them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;
-
-/// Reason why a recording cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordedError {
-    /// The scenario is not valid; it is shown with the places of its problems.
-    #[error("the scenario of the recording is not valid")]
-    Scenario(Box<ScenarioError>),
-    /// Any other reason.
-    #[error(transparent)]
-    Other(#[from] Failure),
-}
-
-impl From<ReadError> for RecordedError {
-    fn from(error: ReadError) -> Self {
-        match error {
-            ReadError::Scenario(error) => Self::Scenario(error),
-            file @ ReadError::File { .. } => Exit::CannotStart.because(file).into(),
-        }
-    }
-}
-
-impl From<SignalMissing> for RecordedError {
-    fn from(error: SignalMissing) -> Self {
-        Exit::CannotStart.because(error).into()
-    }
-}
 
 /// Recording: a run folder, or a log of `candump -L` and the scenario that was played.
 pub struct Recorded {
@@ -84,7 +56,7 @@ impl Recorded {
         path: &Path,
         played: Option<&Path>,
         catalogue: &Catalogue,
-    ) -> Result<Self, RecordedError> {
+    ) -> Result<Self, Failure> {
         let is_folder = is_folder(path)?;
         let (folder, log_path) = if is_folder {
             require_run(path)?;
@@ -98,14 +70,10 @@ impl Recorded {
                 "`{}`: a log does not name the scenario that was played; name it with --scenario FILE",
                 path.display()
             );
-            return Err(Exit::CannotStart.because(reason).into());
+            return Err(Exit::CannotStart.because(reason));
         }
         let (plan, stored) = match played {
-            Some(played) => {
-                let plan = Plan::load(played, catalogue);
-                let invalid = |error| RecordedError::Scenario(Box::new(error));
-                (plan.map_err(invalid)?, None)
-            }
+            Some(played) => (Plan::load(played, catalogue)?, None),
             None => read_played(folder, catalogue)?,
         };
         let log = read_log(&log_path, stored.as_ref())?;
@@ -113,7 +81,7 @@ impl Recorded {
             let path = log_path.display();
             let broken = log.unread.broken.map(|broken| format!(" ({broken})"));
             let reason = format!("`{path}` holds no frame{}", broken.unwrap_or_default());
-            return Err(Exit::CannotStart.because(reason).into());
+            return Err(Exit::CannotStart.because(reason));
         }
         let mut host = Host::default();
         if is_folder {
@@ -236,7 +204,7 @@ impl Recorded {
 pub fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
-) -> Result<(Plan, Option<Verdict>), RecordedError> {
+) -> Result<(Plan, Option<Verdict>), Failure> {
     let verdict = read_verdict(&require_inside(folder, file::VERDICT)?)?;
     let external = verdict.as_ref().map(|verdict| verdict.external.as_slice());
     let plan = read_plan(folder, external, catalogue)?;
@@ -263,14 +231,6 @@ pub fn unreadable(path: impl AsRef<Path>) -> impl FnOnce(io::Error) -> Failure {
 fn is_folder(path: &Path) -> Result<bool, Failure> {
     let metadata = path.metadata().map_err(unreadable(path))?;
     Ok(metadata.is_dir())
-}
-
-/// Prints the reason why a recording cannot be used, and returns the exit code for it.
-pub fn refuse(error: RecordedError) -> Exit {
-    match error {
-        RecordedError::Scenario(error) => invalid(*error),
-        RecordedError::Other(failure) => failed(failure.exit, failure),
-    }
 }
 
 /// Refuses a path that is not a run folder.

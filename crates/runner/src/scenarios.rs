@@ -4,16 +4,16 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use miette::Diagnostic;
+use miette::MietteDiagnostic;
 use scenario::node::Part;
 use scenario::overrides::{overridden, set};
 use scenario::rig::nodes::Rig;
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
-use scenario::{Beside, ScenarioError, read_text};
+use scenario::{Beside, read_text};
 
-use crate::console::invalid;
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::play::ValueArgs;
+use crate::recorded::unreadable;
 use crate::shipped::{self, ShippedFile};
 use plan::FILE_BYTES_MAX;
 use plan::Plan;
@@ -22,32 +22,17 @@ use worlds::catalogue::catalogue;
 /// Largest depth of folders that are searched for scenarios.
 const FOLDER_DEPTH_MAX: u32 = 8;
 
-/// Reason why an argument is no scenario to play.
-#[derive(Debug, Diagnostic, thiserror::Error)]
-pub enum NoScenario {
-    /// The file cannot be read or is not valid.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Invalid(#[from] ScenarioError),
-    /// Any other reason.
-    #[error("{why}")]
-    Refused {
-        /// Reason, with the path in the argument.
-        why: String,
-        /// Advice to the user.
-        #[help]
-        help: Option<String>,
-    },
-}
-
 /// Reads and checks a scenario with other values, of one loop or of several: a file, or if there is none, the scenario that ships
 /// by this name.
 ///
 /// # Errors
 /// There is no such scenario, or it is not valid.
-pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
+pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
     let place = path.display();
-    let refused = |why, help| Err(NoScenario::Refused { why, help });
+    let refused = |why: String, help: Option<String>| {
+        let reason = MietteDiagnostic::new(why);
+        Err(Failure::invalid(MietteDiagnostic { help, ..reason }))
+    };
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
@@ -61,7 +46,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         Some(ShippedFile { text, .. }) => text.to_owned(),
         None => match read_text(path, FILE_BYTES_MAX) {
             Ok(text) => text,
-            // `load` reports the reason.
+            // `Plan::load` reports the reason.
             Err(_) => return Ok(Plan::load(path, catalogue())?),
         },
     };
@@ -150,14 +135,6 @@ fn is_bare_name(path: &Path) -> bool {
     path.extension().is_none() && path.is_relative() && !path.exists()
 }
 
-/// Reads a scenario as [`read`] does; prints errors.
-///
-/// # Errors
-/// The exit code for the error.
-pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Exit> {
-    read(path, values).map_err(invalid)
-}
-
 /// Returns whether a file is a scenario and not a rig file; both may be in one folder.
 pub(crate) fn is_scenario(path: &Path) -> bool {
     let text = read_text(path, FILE_BYTES_MAX);
@@ -168,7 +145,7 @@ pub(crate) fn is_scenario(path: &Path) -> bool {
 pub(crate) fn scenario_files(
     arguments: &[PathBuf],
     is_wanted: impl Fn(&Path) -> bool,
-) -> Result<Vec<PathBuf>, String> {
+) -> Result<Vec<PathBuf>, Failure> {
     let mut files = Vec::new();
     for argument in arguments {
         if !argument.is_dir() {
@@ -177,18 +154,18 @@ pub(crate) fn scenario_files(
         }
         let folder = argument.display();
         let mut found = Vec::new();
-        find_scenarios(argument, FOLDER_DEPTH_MAX, &mut found)
-            .map_err(|error| format!("`{folder}` cannot be read: {error}"))?;
+        find_scenarios(argument, FOLDER_DEPTH_MAX, &mut found).map_err(unreadable(argument))?;
         // A line is printed for each file, from which some CI systems take commands.
         let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
         if let Some(path) = found.iter().find(has_control) {
-            return Err(format!(
+            return Err(Exit::CannotStart.because(format!(
                 "{path:?} has a line end or another control character in its name: rename it"
-            ));
+            )));
         }
         found.retain(|path| is_wanted(path));
         if found.is_empty() {
-            return Err(format!("`{folder}` holds no scenario (*.toml)"));
+            let reason = format!("`{folder}` holds no scenario (*.toml)");
+            return Err(Exit::CannotStart.because(reason));
         }
         files.extend(found);
     }

@@ -109,7 +109,7 @@ mod tests {
         let scenarios: Vec<ShippedFile> = files().filter(ShippedFile::is_scenario).collect();
         assert!(scenarios.len() > 70, "{} scenarios", scenarios.len());
         for file in scenarios {
-            let read = crate::scenarios::read(Path::new(file.name()), &ValueArgs::default());
+            let read = crate::scenarios::load(Path::new(file.name()), &ValueArgs::default());
             assert!(read.is_ok(), "{}: {:?}", file.place, read.err());
         }
     }

@@ -11,10 +11,10 @@ use super::play::{Play, Tested, latest};
 use crate::torture::cases::is_torture;
 use judge::verdict::Outcome;
 use recording::run_folder::file;
-use runner::console::{failed, print, print_problem, print_text};
+use runner::console::{print, print_problem, print_text};
 use runner::exit::{Exit, Failure};
 use runner::output::{link, write_page};
-use runner::recorded::{RecordedError, holds_many_runs, opened, refuse};
+use runner::recorded::{holds_many_runs, opened};
 
 /// Columns of the list: name and text of a requirement.
 const COLUMNS: [&str; 2] = ["id", "text"];
@@ -37,13 +37,12 @@ pub struct CoverageArgs {
 }
 
 /// Shows the matrix. The exit code says whether every requirement was tested and met.
-pub fn coverage(args: &CoverageArgs) -> Exit {
-    let requirements = match gather(args) {
-        Ok(requirements) => requirements,
-        // Without each folder there is no matrix, whatever the reason.
-        Err(RecordedError::Other(failure)) => return failed(Exit::CannotStart, failure),
-        Err(error) => return refuse(error),
-    };
+pub fn coverage(args: &CoverageArgs) -> Result<Exit, Failure> {
+    // Without each folder there is no matrix, whatever the reason.
+    let requirements = gather(args).map_err(|failure| Failure {
+        exit: Exit::CannotStart,
+        ..failure
+    })?;
     if args.json {
         print(&serde_json::to_string_pretty(&requirements).expect("plain data"));
     } else {
@@ -51,11 +50,9 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
     }
     if let Some(output) = &args.output {
         let link_to = |run: &Path| link(output, &run.join(file::REPORT));
-        if let Err(exit) = write_page(output, &page::to_html(&requirements, link_to)) {
-            return exit;
-        }
+        write_page(output, &page::to_html(&requirements, link_to))?;
     }
-    exit(&requirements)
+    Ok(exit(&requirements))
 }
 
 /// Returns the exit code. A requirement that failed, broke off or is never tested is not met; if the others are only undecided,
@@ -69,7 +66,7 @@ fn exit(requirements: &[Requirement]) -> Exit {
     exits.max().unwrap_or(Exit::Pass)
 }
 
-fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, RecordedError> {
+fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, Failure> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
     for (test, plays) in tests(&opened(&args.runs))? {
@@ -101,7 +98,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, RecordedError> {
 
 /// Returns the tests in some folders by their names, each with its plays. Folders of torture are reported and left out; if there
 /// are no others, they are an error.
-fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, RecordedError> {
+fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, Failure> {
     let refused = |folder: &Path| {
         let folder = folder.display();
         Exit::CannotStart.because(format!(
@@ -113,7 +110,7 @@ fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, RecordedError>
     if others.is_empty()
         && let Some(folder) = left_out.last()
     {
-        return Err(refused(folder).into());
+        return Err(refused(folder));
     }
     for folder in left_out {
         print_problem(format!("{}; it is left out", refused(folder)));

@@ -10,7 +10,7 @@ use recording::session::read_plan;
 use report::terminal;
 use runner::exit::Failure;
 use runner::play_record::PlayRecord;
-use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run};
+use runner::recorded::{holds_many_runs, read_played, require_run};
 use scenario::expect::Limit;
 use worlds::catalogue::catalogue;
 
@@ -54,7 +54,7 @@ impl Play {
     ///
     /// # Errors
     /// The folder is neither, or damaged.
-    pub(super) fn read(folder: &Path) -> Result<Self, RecordedError> {
+    pub(super) fn read(folder: &Path) -> Result<Self, Failure> {
         if holds_many_runs(folder) {
             Self::read_sweep(folder)
         } else {
@@ -62,7 +62,7 @@ impl Play {
         }
     }
 
-    fn read_run(folder: &Path) -> Result<Self, RecordedError> {
+    fn read_run(folder: &Path) -> Result<Self, Failure> {
         require_run(folder)?;
         let (plan, verdict) = read_played(folder, catalogue())?;
         let version = verdict.as_ref().map(|verdict| verdict.version.clone());
@@ -97,7 +97,7 @@ impl Play {
     }
 
     /// Reads a sweep, which counts by its worst run. Runs that it lacks are incomplete.
-    fn read_sweep(folder: &Path) -> Result<Self, RecordedError> {
+    fn read_sweep(folder: &Path) -> Result<Self, Failure> {
         let plan = read_plan(folder, None, catalogue())?;
         let untimed = untimed(&plan, true);
         let limits: BTreeMap<String, Limit> = judge::limits(&plan).into_iter().collect();

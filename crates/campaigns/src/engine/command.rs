@@ -8,7 +8,6 @@ use clap::Args;
 use super::campaign::{Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, wait};
 use super::{EngineKind, Limits};
-use crate::error::run;
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
 use crate::sweep::estimate::Estimate;
@@ -18,12 +17,12 @@ use crate::sweep::shard::SHARDS_MAX;
 use crate::sweep::store::Header;
 use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
-use plan::Plan;
 use recording::run_folder::WriteError;
 use runner::console::{Bar, print};
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::RUNS;
+use runner::scenarios::load;
 
 /// Largest number of lost parts in a message.
 const NAMED_MAX: usize = 20;
@@ -83,20 +82,17 @@ pub struct SubmitArgs {
 }
 
 /// Runs the command.
-pub fn submit(args: &SubmitArgs) -> Exit {
-    run(&args.scenario, &args.values, |plan| submitted(args, plan))
-}
-
-fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, Failure> {
+pub fn submit(args: &SubmitArgs) -> Result<Exit, Failure> {
+    let plan = load(&args.scenario, &args.values)?;
     let seed = args.seed;
     let (cases, arguments): (Box<dyn Cases>, _) = match args.torture {
         Some(runs) => {
             let words = ["--runs", &runs.to_string(), "--seed", &seed.to_string()];
             let arguments = words.map(str::to_owned).into();
-            let torture = TortureCases::new(plan, Draws { runs, seed });
+            let torture = TortureCases::new(&plan, Draws { runs, seed });
             (Box::new(torture), arguments)
         }
-        None => (Box::new(SweepCases::new(plan)?), Vec::new()),
+        None => (Box::new(SweepCases::new(&plan)?), Vec::new()),
     };
     let campaign = SharedCampaign {
         cases: &*cases,

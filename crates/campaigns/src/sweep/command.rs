@@ -8,12 +8,11 @@ use super::estimate::Estimate;
 use super::finish::Shown;
 use super::part::{PartArgs, PartPlay};
 use super::sweep_cases::SweepCases;
-use crate::error::run;
-use plan::Plan;
 use runner::console::print_error;
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::RUNS;
+use runner::scenarios::load;
 use worlds::law_process::started_by;
 
 /// Arguments of `sweep`.
@@ -37,13 +36,10 @@ pub struct SweepArgs {
 }
 
 /// Runs the command.
-pub fn sweep(args: &SweepArgs) -> Exit {
-    run(&args.scenario, &args.values, |plan| play(args, plan))
-}
-
-fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, Failure> {
-    let cases = SweepCases::new(plan)?;
-    started_by(plan).iter().for_each(|line| print_error(line));
+pub fn sweep(args: &SweepArgs) -> Result<Exit, Failure> {
+    let plan = load(&args.scenario, &args.values)?;
+    let cases = SweepCases::new(&plan)?;
+    started_by(&plan).iter().for_each(|line| print_error(line));
     if args.part.plan {
         let submit = args.scenario.display().to_string();
         return Estimate::print(&cases, args.part.threads, &submit);

@@ -9,8 +9,7 @@ use runner::exit::{Exit, Failure};
 use runner::machine::{Stopwatch, memory_bytes_max};
 
 use super::cases::Cases;
-use crate::campaign::{Interrupted, watched};
-use crate::error::interrupted;
+use crate::campaign::{Interrupted, interrupted, watched};
 
 /// Largest number of runs in the probe, spread over all cases.
 const PROBES_MAX: usize = 24;

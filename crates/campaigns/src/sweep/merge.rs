@@ -10,15 +10,14 @@ use super::finish::{Shown, finish};
 use super::part::open_folder;
 use super::store::{Header, Rows};
 use super::sweep_cases::SweepCases;
-use crate::error::run;
 use crate::torture::cases::TortureCases;
 use recording::run_folder::file;
-use runner::console::failed;
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
 use runner::recorded::require_inside;
 use runner::run::RUNS;
+use runner::scenarios::load;
 
 /// Arguments of `merge`.
 #[derive(Args, Debug)]
@@ -35,28 +34,24 @@ pub struct MergeArgs {
 }
 
 /// Runs the command.
-pub fn merge(args: &MergeArgs) -> Exit {
+pub fn merge(args: &MergeArgs) -> Result<Exit, Failure> {
     let [first, ..] = args.shards.as_slice() else {
-        return Exit::Usage;
+        return Ok(Exit::Usage);
     };
     let is_campaign = |path: &&PathBuf| path.join(file::SCENARIO).exists();
     if let Some(other) = args.shards.iter().find(|path| !is_campaign(path)) {
         let (path, name) = (other.display(), file::SCENARIO);
         let reason = format!("`{path}` is not the folder of a sweep (no {name} in it)");
-        return failed(Exit::CannotStart, reason);
+        return Err(Exit::CannotStart.because(reason));
     }
-    let scenario = match require_inside(first, file::SCENARIO) {
-        Ok(scenario) => scenario,
-        Err(error) => return failed(error.exit, error),
+    let scenario = require_inside(first, file::SCENARIO)?;
+    let plan = load(&scenario, &ValueArgs::default())?;
+    let cases: Box<dyn Cases> = match TortureCases::read(first, &plan)? {
+        Some(torture) => Box::new(torture),
+        None => Box::new(SweepCases::new(&plan)?),
     };
-    run(&scenario, &ValueArgs::default(), |plan| {
-        let cases: Box<dyn Cases> = match TortureCases::read(first, plan)? {
-            Some(torture) => Box::new(torture),
-            None => Box::new(SweepCases::new(plan)?),
-        };
-        let shown = Shown::unless(args.quiet);
-        merge_parts(&args.shards, &*cases, &args.output, shown)
-    })
+    let shown = Shown::unless(args.quiet);
+    merge_parts(&args.shards, &*cases, &args.output, shown)
 }
 
 /// Adds the rows of the parts to those in the folder of the whole campaign, and makes tables and page of all.

@@ -15,8 +15,7 @@ use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
-use crate::campaign::{Campaign, Stopped};
-use crate::error::interrupted;
+use crate::campaign::{Campaign, Stopped, interrupted};
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
@@ -340,11 +339,11 @@ mod tests {
             // Array of the parts that are submitted again.
             (array("7", "3", "9", "1", "3"), Some(9), "7/9"),
         ] {
-            assert_eq!(shard(&array, shards).as_deref(), Ok(expected));
+            assert_eq!(shard(&array, shards).unwrap(), expected);
         }
-        assert_eq!(shard(&[(HYPERQUEUE, "8")], Some(8)).as_deref(), Ok("8/8"));
-        assert_eq!(shard(&[(KUBERNETES, "0")], Some(8)).as_deref(), Ok("1/8"));
-        assert_eq!(shard(&[(KUBERNETES, "7")], Some(8)).as_deref(), Ok("8/8"));
+        assert_eq!(shard(&[(HYPERQUEUE, "8")], Some(8)).unwrap(), "8/8");
+        assert_eq!(shard(&[(KUBERNETES, "0")], Some(8)).unwrap(), "1/8");
+        assert_eq!(shard(&[(KUBERNETES, "7")], Some(8)).unwrap(), "8/8");
     }
 
     #[test]

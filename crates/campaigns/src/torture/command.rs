@@ -8,17 +8,16 @@ use clap::Args;
 use super::cases::{Draws, TortureCases};
 use super::shrink::TortureCase;
 use crate::campaign::caught;
-use crate::error::run;
 use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::part::{PartArgs, PartPlay};
 use crate::sweep::store::Rows;
-use plan::Plan;
 use recording::capture::Watch;
 use runner::console::{print, print_error};
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::{self, RUNS, RunPlace};
+use runner::scenarios::load;
 use worlds::law_process::started_by;
 use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
@@ -44,23 +43,17 @@ pub struct TortureArgs {
     pub quiet: bool,
 }
 
-/// Draws and plays the mixes, and prints the invariants that broke.
-pub fn torture(args: &TortureArgs) -> Exit {
-    run(&args.scenario, &ValueArgs::default(), |plan| {
-        play(args, plan)
-    })
-}
-
-/// Plays the mixes that have no row yet, and makes tables and page. Of all mixes together, it shrinks the first that broke each
-/// invariant; `canrig merge` does so for parts.
-fn play(args: &TortureArgs, plan: &Plan) -> Result<Exit, Failure> {
-    let cases = TortureCases::new(plan, args.draws);
+/// Draws and plays the mixes that have no row yet, makes tables and page, and prints the invariants that broke. Of all mixes
+/// together, it shrinks the first that broke each invariant; `canrig merge` does so for parts.
+pub fn torture(args: &TortureArgs) -> Result<Exit, Failure> {
+    let plan = load(&args.scenario, &ValueArgs::default())?;
+    let cases = TortureCases::new(&plan, args.draws);
     // The first case shows whether torture can play the scenario at all.
     if let Err(reason) = cases.case(1).plan() {
         let path = args.scenario.display();
         return Err(Exit::CannotStart.because(format!("{path}: {reason}")));
     }
-    started_by(plan).iter().for_each(|line| print_error(line));
+    started_by(&plan).iter().for_each(|line| print_error(line));
     if args.part.plan {
         let (file, Draws { runs, seed }) = (args.scenario.display(), args.draws);
         let submit = format!("{file} --torture {runs} --seed {seed}");

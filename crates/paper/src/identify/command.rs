@@ -19,7 +19,7 @@ use super::search::{self, Solution};
 use super::start;
 use super::statistics::FitStatistics;
 use recording::run_folder::{RunFolder, file};
-use runner::console::{Bar, failed, print};
+use runner::console::{Bar, print};
 use runner::exit::{Exit, Failure};
 use runner::run::RUNS;
 
@@ -79,11 +79,7 @@ pub struct IdentifyArgs {
 }
 
 /// Executes the command.
-pub fn identify(args: &IdentifyArgs) -> Exit {
-    run(args).unwrap_or_else(|failure| failed(failure.exit, failure))
-}
-
-fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
+pub fn identify(args: &IdentifyArgs) -> Result<Exit, Failure> {
     let parameters =
         parameter::parse_list(&args.parameters).map_err(|error| Exit::Usage.because(error))?;
     let start = start::plant(&args.start).map_err(|error| Exit::Usage.because(error))?;

@@ -15,7 +15,7 @@ use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::run_folder::log_in;
 use recording::timeline::{self, Series, Timeline};
-use runner::recorded::{Recorded, RecordedError};
+use runner::recorded::Recorded;
 use worlds::catalogue::catalogue;
 
 /// Time between the positions that are compared. The wire's time constant is 0.65 s; closer positions would add little.
@@ -85,10 +85,11 @@ impl IdentificationData {
             .is_dir();
         let played = scenario.filter(|_| !is_folder);
         let recorded = Recorded::load(path, played, catalogue());
-        let Recorded { mut plan, log, .. } = recorded.map_err(|error| match error {
-            RecordedError::Scenario(error) => at(format!("the scenario is invalid: {error}")),
-            RecordedError::Other(failure) => failure.reason,
-        })?;
+        let Recorded { mut plan, log, .. } =
+            recorded.map_err(|failure| match failure.diagnostic {
+                Some(error) => at(format!("the scenario is invalid: {error}")),
+                None => failure.reason,
+            })?;
         let unreadable = log.unread.unreadable.first().map(ToString::to_string);
         let fd_frames = (log.unread.fd_frames > 0).then(|| "it has CAN FD frames".to_owned());
         if let Some(reason) = unreadable.or(log.unread.broken).or(fd_frames) {

@@ -11,8 +11,8 @@ use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, Interrupted, one_loop_plan, watched};
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError, file};
-use runner::console::{Bar, failed, print, print_text};
-use runner::exit::Exit;
+use runner::console::{Bar, print, print_text};
+use runner::exit::{Exit, Failure};
 use runner::run::RUNS;
 
 /// Name of the file with all numbers.
@@ -50,27 +50,37 @@ pub struct ReproduceArgs {
 }
 
 /// Executes the command.
-pub fn reproduce(args: &ReproduceArgs) -> Exit {
-    let results = match results(args.reduced, !args.json && !args.quiet) {
-        Ok(results) => results,
-        Err(exit) => return exit,
+pub fn reproduce(args: &ReproduceArgs) -> Result<Exit, Failure> {
+    let is_shown = !args.json && !args.quiet;
+    let experiments = experiments(args.reduced);
+    let Ok(kept) = played(&experiments, is_shown) else {
+        return Ok(Exit::Interrupted);
     };
-    report(args, &results).unwrap_or_else(|error| failed(Exit::BenchFailed, error))
+    let kept: Result<Vec<Kept>, String> = kept.into_iter().collect();
+    let kept = kept.map_err(|fault| Exit::Internal.because(fault))?;
+    match evaluated(experiments, kept, is_shown) {
+        Ok(results) => Ok(report(args, &results)?),
+        Err(Interrupted) => Ok(Exit::Interrupted),
+    }
 }
 
-/// Plays the runs of all experiments at once, gives them to their experiments, and evaluates these; the identification takes some
-/// seconds.
-fn results(is_reduced: bool, is_shown: bool) -> Result<Vec<ExperimentResult>, Exit> {
-    let experiments = experiments(is_reduced);
+/// Plays the runs of all experiments at once.
+fn played(
+    experiments: &[Experiment],
+    is_shown: bool,
+) -> Result<Vec<Result<Kept, String>>, Interrupted> {
     let runs = Vec::from_iter(experiments.iter().flat_map(|experiment| &experiment.runs));
     let plans = runs.iter().map(|run| one_loop_plan(run.scenario.clone()));
-    let kept = Campaign::on_all_cores(is_shown)
-        .play(plans, |played| runs[played.index].keep(played))
-        .map_err(|Interrupted| Exit::Interrupted)?;
-    let kept: Result<Vec<Kept>, String> = kept.into_iter().collect();
-    let mut kept = kept
-        .map_err(|fault| failed(Exit::Internal, fault))?
-        .into_iter();
+    Campaign::on_all_cores(is_shown).play(plans, |played| runs[played.index].keep(played))
+}
+
+/// Gives the runs to their experiments, and evaluates these; the identification takes some seconds.
+fn evaluated(
+    experiments: Vec<Experiment>,
+    kept: Vec<Kept>,
+    is_shown: bool,
+) -> Result<Vec<ExperimentResult>, Interrupted> {
+    let mut kept = kept.into_iter();
     let activity = Bar::spinner(is_shown);
     let evaluate = |experiment: Experiment| {
         activity.say(experiment.title);
@@ -85,7 +95,7 @@ fn results(is_reduced: bool, is_shown: bool) -> Result<Vec<ExperimentResult>, Ex
         let wanted = wanted.take_while(|_| !watch.is_interrupted());
         wanted.map(evaluate).collect()
     };
-    watched(evaluate_all).map_err(|Interrupted| Exit::Interrupted)
+    watched(evaluate_all)
 }
 
 /// Results for other programs.

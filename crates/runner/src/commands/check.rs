@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use scenario::rig::nodes::Rig;
 
-use crate::console::{failed, invalid, print, print_text};
-use crate::exit::Exit;
+use crate::console::{failed, print, print_text};
+use crate::exit::{Exit, Failure};
 use crate::play::ValueArgs;
-use crate::scenarios::{read, rig_text, scenario_files};
+use crate::scenarios::{load, rig_text, scenario_files};
 use plan::bus_budget::{BusBudget, Pace};
 use plan::{Plan, Shared};
 use report::table::{Cell, Table, Text};
@@ -25,22 +25,18 @@ pub struct CheckArgs {
 }
 
 /// Checks the files and prints for each whether it is valid.
-pub fn check(args: &CheckArgs) -> Exit {
-    let paths = match scenario_files(&args.scenarios, |_| true) {
-        Ok(paths) => paths,
-        Err(error) => return failed(Exit::CannotStart, error),
-    };
+pub fn check(args: &CheckArgs) -> Result<Exit, Failure> {
     let mut worst = Exit::Pass;
-    for path in paths {
-        if let Err(error) = checked(&path, &args.values) {
-            worst = worst.max(invalid(error));
+    for path in scenario_files(&args.scenarios, |_| true)? {
+        if let Err(failure) = checked(&path, &args.values) {
+            worst = worst.max(failed(failure));
         }
     }
-    worst
+    Ok(worst)
 }
 
 /// Checks a file, and prints what there is to say of a valid one.
-fn checked(path: &Path, values: &ValueArgs) -> miette::Result<()> {
+fn checked(path: &Path, values: &ValueArgs) -> Result<(), Failure> {
     let print_valid = |name: String| print(&format!("{}: valid ({name})", path.display()));
     let text = rig_text(path).unwrap_or_default();
     if Rig::is_meant(&text) {
@@ -52,7 +48,7 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<()> {
         print_text(&arithmetic(&BusBudget::new(&plan)));
         return Ok(());
     }
-    let plan = read(path, values)?;
+    let plan = load(path, values)?;
     let Shared { run, sweep, .. } = &plan.shared;
     print_valid(match sweep {
         Some(sweep) => format!("{}, {} runs in a sweep", run.name, sweep.runs()),

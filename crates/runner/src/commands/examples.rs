@@ -7,8 +7,8 @@ use clap::Args;
 use scenario::schema::{json_schema, rig_json_schema};
 use toml::Table;
 
-use crate::console::{ended, failed, print, print_bytes};
-use crate::exit::Exit;
+use crate::console::{print, print_bytes};
+use crate::exit::{Exit, Failure};
 use crate::shipped::{ShippedFile, file, files, meant};
 use recording::run_folder::write_new;
 
@@ -24,37 +24,34 @@ pub struct ExamplesArgs {
 }
 
 /// Lists, shows or copies the files.
-pub fn examples(args: &ExamplesArgs) -> Exit {
-    let chosen: Result<Vec<ShippedFile>, String> =
-        args.names.iter().map(|name| named(name)).collect();
-    let chosen = match chosen {
-        Ok(chosen) => chosen,
-        Err(reason) => return failed(Exit::Usage, reason),
-    };
+pub fn examples(args: &ExamplesArgs) -> Result<Exit, Failure> {
+    let chosen = args.names.iter().map(|name| named(name));
+    let chosen = chosen.collect::<Result<Vec<ShippedFile>, _>>()?;
     match (&args.to, chosen.as_slice()) {
-        (Some(folder), []) => copied(folder, &files().collect::<Vec<_>>()),
-        (Some(folder), chosen) => copied(folder, &with_what_they_name(chosen)),
+        (Some(folder), []) => copy(folder, &files().collect::<Vec<_>>())?,
+        (Some(folder), chosen) => copy(folder, &with_what_they_name(chosen))?,
         (None, []) => {
             let names = files().map(|file| file.name().len());
             let width = names.max().unwrap_or_default();
             for file in files() {
                 print(&format!("{:width$}  {}", file.name(), title(&file)));
             }
-            Exit::Pass
         }
         (None, chosen) => {
             for file in chosen {
                 print_bytes(file.text.as_bytes());
             }
-            Exit::Pass
         }
     }
+    Ok(Exit::Pass)
 }
 
-fn named(name: &str) -> Result<ShippedFile, String> {
-    file(name).ok_or_else(|| match meant(name) {
-        Some(meant) => format!("no example is called `{name}`; did you mean `{meant}`?"),
-        None => format!("no example is called `{name}`; `canrig examples` lists them"),
+fn named(name: &str) -> Result<ShippedFile, Failure> {
+    file(name).ok_or_else(|| {
+        Exit::Usage.because(match meant(name) {
+            Some(meant) => format!("no example is called `{name}`; did you mean `{meant}`?"),
+            None => format!("no example is called `{name}`; `canrig examples` lists them"),
+        })
     })
 }
 
@@ -76,13 +73,8 @@ fn with_what_they_name(chosen: &[ShippedFile]) -> Vec<ShippedFile> {
     files().filter(is_named).collect()
 }
 
-fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
-    let copied = copy(folder, files).map(|()| folder.display().to_string());
-    ended(copied, |_| Exit::BenchFailed)
-}
-
 /// Copies files, and next to them the schemas that their first lines name. An existing schema is kept.
-fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), String> {
+fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), Failure> {
     for ShippedFile { place, text } in files {
         // In the repository the rig file lies in another place.
         let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
@@ -97,11 +89,12 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), String> {
             write(&path, &text)?;
         }
     }
+    print(&folder.display().to_string());
     Ok(())
 }
 
 /// Writes a file that does not exist yet.
-fn write(path: &Path, text: &str) -> Result<(), String> {
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
     let written = write_new(path, |file| file.write_all(text.as_bytes()));
     written.map_err(|error| {
         let why = match error.kind() {
@@ -110,6 +103,7 @@ fn write(path: &Path, text: &str) -> Result<(), String> {
             }
             _ => error.to_string(),
         };
-        format!("`{}` cannot be written: {why}", path.display())
+        let path = path.display();
+        Exit::BenchFailed.because(format!("`{path}` cannot be written: {why}"))
     })
 }

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
-use crate::console::{WorkBar, failed, print_problem, print_with};
+use crate::console::{WorkBar, print_problem, print_with};
 use crate::exit::{Exit, Failure};
 use crate::output::write_with;
-use crate::recorded::{Recorded, RecordedError, refuse};
+use crate::recorded::Recorded;
 use dbc::{Database, SignalMissing};
 use exports::{asc, blf, events, frames, mcap, mf4, parquet};
 use recording::run_folder::file;
@@ -67,27 +67,21 @@ impl Format {
 }
 
 /// Writes the recording.
-pub fn export(args: &ExportArgs) -> Exit {
+pub fn export(args: &ExportArgs) -> Result<Exit, Failure> {
     if args.message.is_some() && args.format != Format::Frames {
-        return failed(Exit::Usage, "--message needs --format frames");
+        return Err(Exit::Usage.because("--message needs --format frames"));
     }
-    exported(args).err().unwrap_or(Exit::Pass)
-}
-
-fn exported(args: &ExportArgs) -> Result<(), Exit> {
     let _bar = WorkBar::new(args.format.passes(), is_silent(args));
-    let recorded = Recorded::load(&args.recording, None, catalogue()).map_err(refuse)?;
-    let conversion = conversion(args, &recorded).map_err(refuse)?;
+    let recorded = Recorded::load(&args.recording, None, catalogue())?;
+    let conversion = conversion(args, &recorded)?;
     for remark in recorded.log.unread.remarks() {
         print_problem(format!("{remark}; the other frames are written"));
     }
     match &args.output {
-        Some(place) => write_with(place, |output| conversion(output)),
-        None => {
-            print_with(|output| conversion(output));
-            Ok(())
-        }
+        Some(place) => write_with(place, |output| conversion(output))?,
+        None => print_with(|output| conversion(output)),
     }
+    Ok(Exit::Pass)
 }
 
 /// Returns whether a bar may be drawn, since the export itself does not go to the terminal.
@@ -99,10 +93,7 @@ fn is_silent(args: &ExportArgs) -> bool {
 type Conversion<'a> = Box<dyn FnOnce(&mut (dyn Write + Send)) -> io::Result<()> + 'a>;
 
 /// Returns the function that writes a recording, after all checks of the recording.
-fn conversion<'a>(
-    args: &ExportArgs,
-    recorded: &'a Recorded,
-) -> Result<Conversion<'a>, RecordedError> {
+fn conversion<'a>(args: &ExportArgs, recorded: &'a Recorded) -> Result<Conversion<'a>, Failure> {
     let frames = &recorded.log.frames;
     Ok(match args.format {
         Format::Csv => {
@@ -138,7 +129,7 @@ fn conversion<'a>(
 fn frame_table<'a>(
     recorded: &'a Recorded,
     message: Option<&str>,
-) -> Result<Conversion<'a>, RecordedError> {
+) -> Result<Conversion<'a>, Failure> {
     let (frames, database) = (&recorded.log.frames, &**recorded.plan.database());
     let zero = zero(recorded)?;
     Ok(match message {

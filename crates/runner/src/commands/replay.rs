@@ -7,10 +7,10 @@ use clap::Args;
 use platform::clock::{Clock, sleep};
 
 use crate::console::{WorkBar, print, print_problem, print_text};
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::number;
 use crate::play::ViewerArgs;
-use crate::recorded::{Recorded, RecordedError, refuse};
+use crate::recorded::Recorded;
 use judge::verdict::Verdict;
 use recording::frame_queue::WhenFull;
 use recording::session::with_limits;
@@ -52,25 +52,19 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 /// Judges a recording again; the exit code is that of the verdict.
-pub fn replay(args: &ReplayArgs) -> Exit {
-    let bar = WorkBar::new(PASSES, true);
-    let judged = judged(args, &bar);
-    drop(bar);
-    match judged {
-        Err(error) => refuse(error),
-        Ok((recorded, verdict)) => {
-            show(args, &recorded, &verdict);
-            report(args, &recorded, &verdict);
-            if args.strict && verdict.judged_nothing() {
-                Exit::VerdictFailed
-            } else {
-                verdict.outcome.into()
-            }
-        }
-    }
+pub fn replay(args: &ReplayArgs) -> Result<Exit, Failure> {
+    let (recorded, verdict) = judged(args)?;
+    show(args, &recorded, &verdict);
+    report(args, &recorded, &verdict);
+    Ok(if args.strict && verdict.judged_nothing() {
+        Exit::VerdictFailed
+    } else {
+        verdict.outcome.into()
+    })
 }
 
-fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), RecordedError> {
+fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), Failure> {
+    let bar = WorkBar::new(PASSES, true);
     let path = &args.recording;
     let limits = args.scenario.as_deref().filter(|_| path.is_dir());
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());

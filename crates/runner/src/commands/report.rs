@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::console::{WorkBar, print_problem};
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::output::{link, renew_page, write_page};
 use crate::play_record::PlayRecord;
-use crate::recorded::{Recorded, RecordedError, opened, refuse, require_run, runs_among};
+use crate::recorded::{Recorded, opened, require_run, runs_among};
 use judge::verdict::Verdict;
 use recording::run_folder::file;
 use recording::timeline::Timeline;
@@ -31,16 +31,12 @@ pub struct ReportArgs {
 }
 
 /// Makes the page of each run, and one of all of them at the place of `--output`.
-pub fn report(args: &ReportArgs) -> Exit {
-    reported(args).err().unwrap_or(Exit::Pass)
-}
-
-fn reported(args: &ReportArgs) -> Result<(), Exit> {
+pub fn report(args: &ReportArgs) -> Result<Exit, Failure> {
     let folders = opened(&args.runs);
     let paths = runs_among(&folders);
     let bar = WorkBar::new(PASSES * paths.len() as u64, true);
     let runs = paths.into_iter().map(read);
-    let runs = runs.collect::<Result<Vec<Judged>, _>>().map_err(refuse)?;
+    let runs = runs.collect::<Result<Vec<Judged>, _>>()?;
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;
@@ -60,17 +56,17 @@ fn reported(args: &ReportArgs) -> Result<(), Exit> {
         }
     }
     for page in pages {
-        let (place, text) = page.map_err(|error| refuse(error.into()))?;
+        let (place, text) = page?;
         if args.output.as_ref() == Some(&place) {
             write_page(&place, &text)?;
         } else {
             renew_page(&place, &text)?;
         }
     }
-    match &args.output {
-        Some(output) if !is_of_one => write_page(output, &together(&runs, output)),
-        _ => Ok(()),
+    if let Some(output) = args.output.as_ref().filter(|_| !is_of_one) {
+        write_page(output, &together(&runs, output))?;
     }
+    Ok(Exit::Pass)
 }
 
 /// A run that was read back.
@@ -98,7 +94,7 @@ impl Judged {
     }
 }
 
-fn read(path: &Path) -> Result<Judged, RecordedError> {
+fn read(path: &Path) -> Result<Judged, Failure> {
     require_run(path)?;
     let recorded = Recorded::load(path, None, catalogue())?;
     let timelines = recorded.timelines()?;

@@ -8,9 +8,8 @@ use platform::claim::Claim;
 use scenario::fault::{Faults, Group};
 use scenario::node::Part;
 
-use crate::console::failed;
 use crate::event::{Listener, RunEvent};
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::machine::refused_priority;
 use crate::observer::observed;
 use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all, prepared};
@@ -65,17 +64,15 @@ pub enum ClockChoice {
 }
 
 /// Plays the scenarios, or makes the pre-flight alone; returns the worst exit of all.
-pub fn run(args: &RunArgs) -> Exit {
+pub fn run(args: &RunArgs) -> Result<Exit, Failure> {
     let listener = args.play.listener();
-    let played = RunTestbed::resolve(args, &*listener).and_then(|mut testbed| {
-        testbed.announce();
-        if args.dry_run {
-            testbed.dry_run()
-        } else {
-            Ok(play_all(&args.play, &mut testbed, &*listener))
-        }
-    });
-    played.unwrap_or_else(|exit| exit)
+    let mut testbed = RunTestbed::resolve(args, &*listener)?;
+    testbed.announce();
+    if args.dry_run {
+        testbed.dry_run()
+    } else {
+        play_all(&args.play, &mut testbed, &*listener)
+    }
 }
 
 /// Testbed of a command.
@@ -92,10 +89,10 @@ struct RunTestbed<'a> {
 
 impl<'a> RunTestbed<'a> {
     /// Finds the bus.
-    fn resolve(args: &'a RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
+    fn resolve(args: &'a RunArgs, listener: &'a dyn Listener) -> Result<Self, Failure> {
         let bus = choose_bus(&args.bus, args.require_vcan);
         let placed = bus.and_then(|bus| claim(&bus).map(|claim| (bus, claim)));
-        let (bus, claim) = placed.map_err(|error| failed(Exit::BenchFailed, error))?;
+        let (bus, claim) = placed.map_err(|error| Exit::BenchFailed.because(error))?;
         Ok(Self {
             args,
             bus,
@@ -183,17 +180,19 @@ impl<'a> RunTestbed<'a> {
     }
 
     /// Makes the pre-flight of the first scenario, which counts for all: they share rig and bus.
-    fn dry_run(&self) -> Result<Exit, Exit> {
+    fn dry_run(&self) -> Result<Exit, Failure> {
         let args = &self.args.play;
-        let paths = scenario_files(&args.scenarios, is_scenario)
-            .map_err(|error| failed(Exit::CannotStart, error))?;
+        let paths = scenario_files(&args.scenarios, is_scenario)?;
         let path = paths
             .first()
-            .ok_or_else(|| failed(Exit::Usage, "no scenario is named"))?;
-        let plan = prepared(path, &args.values, self, self.listener)?;
+            .ok_or_else(|| Exit::Usage.because("no scenario is named"))?;
+        let plan = match prepared(path, &args.values, self, self.listener) {
+            Ok(plan) => plan,
+            Err(exit) => return Ok(exit),
+        };
         let has_drive = |one: &ControlLoop| one.is_external(Part::Drive);
         if !plan.loops.iter().any(has_drive) {
-            return Err(failed(Exit::Usage, NOTHING_TO_CHECK));
+            return Err(Exit::Usage.because(NOTHING_TO_CHECK));
         }
         let watch = Watch::default();
         let made = || {
@@ -201,13 +200,13 @@ impl<'a> RunTestbed<'a> {
             self.announce_address(line.address());
             self.run_preflight(&plan, &args.output, &mut line, &watch)
         };
-        Ok(match observed(|| watch.interrupt(), || (), made) {
-            Ok(End::Completed) => Exit::Pass,
-            Ok(End::Interrupted) => Exit::Interrupted,
-            Ok(End::ByNode(end)) => failed(Exit::VerdictFailed, end),
-            Err(error) if error.is_before_start() => failed(Exit::CannotStart, error),
-            Err(error) => failed(Exit::BenchFailed, error),
-        })
+        match observed(|| watch.interrupt(), || (), made) {
+            Ok(End::Completed) => Ok(Exit::Pass),
+            Ok(End::Interrupted) => Ok(Exit::Interrupted),
+            Ok(End::ByNode(end)) => Err(Exit::VerdictFailed.because(end)),
+            Err(error) if error.is_before_start() => Err(Exit::CannotStart.because(error)),
+            Err(error) => Err(Exit::BenchFailed.because(error)),
+        }
     }
 }
 

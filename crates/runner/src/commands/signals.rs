@@ -8,8 +8,8 @@ use dbc::{Database, Message, Signal};
 use serde::Serialize;
 
 use crate::console::{print, print_text};
-use crate::exit::Exit;
-use crate::recorded::{RecordedError, read_played, refuse, require_run};
+use crate::exit::{Exit, Failure};
+use crate::recorded::{read_played, require_run};
 use plan::{ControlLoop, Plan};
 use report::table::{Table, Text};
 use worlds::catalogue::catalogue;
@@ -114,36 +114,30 @@ fn limit_text(limit: f64) -> String {
 }
 
 /// Lists the signals.
-pub fn signals(args: &SignalsArgs) -> Exit {
-    let plan = args.source.as_deref().map(load_plan).transpose();
-    match plan {
-        Err(error) => refuse(error),
-        Ok(plan) => {
-            let database = plan
-                .as_ref()
-                .map_or(Database::shipped(), |plan| plan.database());
-            let loops = plan.as_ref().map_or(&[][..], |plan| &plan.loops);
-            let mut signals = listed(database, loops);
-            signals.retain(|signal| args.filter.iter().all(|text| signal.has(text)));
-            if args.json {
-                print(&serde_json::to_string_pretty(&signals).expect("plain data"));
-            } else {
-                print_text(&table(&signals));
-            }
-            Exit::Pass
-        }
+pub fn signals(args: &SignalsArgs) -> Result<Exit, Failure> {
+    let plan = args.source.as_deref().map(load_plan).transpose()?;
+    let database = plan
+        .as_ref()
+        .map_or(Database::shipped(), |plan| plan.database());
+    let loops = plan.as_ref().map_or(&[][..], |plan| &plan.loops);
+    let mut signals = listed(database, loops);
+    signals.retain(|signal| args.filter.iter().all(|text| signal.has(text)));
+    if args.json {
+        print(&serde_json::to_string_pretty(&signals).expect("plain data"));
+    } else {
+        print_text(&table(&signals));
     }
+    Ok(Exit::Pass)
 }
 
 /// Returns the plan of a run folder or of a scenario. Signals in the scenario's checks need not exist: a user who looks for the
 /// right name has a wrong one in the file.
-fn load_plan(source: &Path) -> Result<Plan, RecordedError> {
+fn load_plan(source: &Path) -> Result<Plan, Failure> {
     if source.is_dir() {
         require_run(source)?;
         return Ok(read_played(source, catalogue())?.0);
     }
-    let plan = Plan::load_with_any_signals(source, catalogue());
-    plan.map_err(|error| RecordedError::Scenario(Box::new(error)))
+    Ok(Plan::load_with_any_signals(source, catalogue())?)
 }
 
 /// Returns every signal in a frame, in the order of the identifiers, loop by loop; the signals that belong to no single loop come

@@ -3,7 +3,7 @@
 use clap::Args;
 
 use crate::event::{Listener, RunEvent};
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all};
 use plan::Plan;
 use recording::capture::Capture;
@@ -25,7 +25,7 @@ pub struct SimulateArgs {
 }
 
 /// Plays the scenarios and returns the worst exit of all.
-pub fn simulate(args: &SimulateArgs) -> Exit {
+pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let listener = args.play.listener();
     listener.on_note("bus: modelled · clock: lock-step, in one process".to_owned());
     let mut testbed = OneProcess {
@@ -33,12 +33,12 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
         listener: &*listener,
         has_difference: false,
     };
-    let exit = play_all(&args.play, &mut testbed, &*listener);
-    if testbed.has_difference {
+    let exit = play_all(&args.play, &mut testbed, &*listener)?;
+    Ok(if testbed.has_difference {
         exit.max(Exit::VerdictFailed)
     } else {
         exit
-    }
+    })
 }
 
 /// Testbed with all of canrig's nodes in this process, on a modelled bus.
@@ -191,7 +191,7 @@ mod tests {
                 listener: &Nobody,
                 has_difference: false,
             };
-            play_all(&args.play, &mut testbed, &Nobody)
+            play_all(&args.play, &mut testbed, &Nobody).unwrap()
         };
         assert_eq!(exit([&met, &met]), Exit::Pass);
         assert_eq!(exit([&missed, &met]), Exit::VerdictFailed);

@@ -6,11 +6,11 @@ use clap::Args;
 
 use super::page::{self, Compared, ComparedRun, LETTERS};
 use crate::console::{WorkBar, print, print_text};
-use crate::exit::Exit;
+use crate::exit::{Exit, Failure};
 use crate::number;
 use crate::output::{link, write};
 use crate::play_record::PlayRecord;
-use crate::recorded::{Recorded, RecordedError, refuse};
+use crate::recorded::Recorded;
 use judge::comparison::{
     Comparison, GivenTolerance, SIGNAL_PASSES, Scale, SignalDifference, Tolerances, compare_runs,
 };
@@ -54,45 +54,34 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 }
 
 /// Compares two recordings; the exit code is 0 if they agree, 1 if they diverge.
-pub fn compare(args: &CompareArgs) -> Exit {
-    let bar = WorkBar::new(2 * PASSES + SIGNAL_PASSES, true);
-    let compared = compared(args, &bar);
-    drop(bar);
-    match compared {
-        Ok((comparison, page)) => {
-            if args.json {
-                print(&serde_json::to_string_pretty(&comparison).expect("plain data"));
-            } else {
-                print_text(&page::to_text(&comparison));
-            }
-            if let Some((place, text)) = page
-                && let Err(exit) = write(place, text.as_bytes())
-            {
-                return exit;
-            }
-            if let Some(place) = args.output.as_ref().filter(|_| !args.json) {
-                print(&format!("plots  {}", place.display()));
-            }
-            if comparison.agrees {
-                Exit::Pass
-            } else {
-                Exit::VerdictFailed
-            }
-        }
-        Err(error) => refuse(error),
+pub fn compare(args: &CompareArgs) -> Result<Exit, Failure> {
+    let (comparison, page) = compared(args)?;
+    if args.json {
+        print(&serde_json::to_string_pretty(&comparison).expect("plain data"));
+    } else {
+        print_text(&page::to_text(&comparison));
     }
+    if let Some((place, text)) = page {
+        write(place, text.as_bytes())?;
+        if !args.json {
+            print(&format!("plots  {}", place.display()));
+        }
+    }
+    Ok(if comparison.agrees {
+        Exit::Pass
+    } else {
+        Exit::VerdictFailed
+    })
 }
 
 type Page<'a> = Option<(&'a Path, String)>;
 
-fn compared<'a>(
-    args: &'a CompareArgs,
-    bar: &WorkBar,
-) -> Result<(Comparison, Page<'a>), RecordedError> {
+fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), Failure> {
+    let bar = WorkBar::new(2 * PASSES + SIGNAL_PASSES, true);
     let [a, b] = [&args.a, &args.b].map(|path| Recorded::load(path, None, catalogue()));
     let (a, b) = (a?, b?);
     bar.expect(2 * PASSES + a.passes_for_timing() + b.passes_for_timing() + SIGNAL_PASSES);
-    let judged = |recorded: &Recorded| -> Result<_, RecordedError> {
+    let judged = |recorded: &Recorded| -> Result<_, Failure> {
         let timelines = recorded.timelines()?;
         let verdict = recorded.judge(&timelines)?;
         Ok((timelines, verdict))
@@ -105,7 +94,7 @@ fn compared<'a>(
     };
     if let Some(name) = tolerances.unknown_name(&a_timelines, [&a_verdict, &b_verdict]) {
         let reason = format!("--tolerance: no signal, metric or unit is called `{name}`");
-        return Err(Exit::Usage.because(reason).into());
+        return Err(Exit::Usage.because(reason));
     }
     let mut comparison = compare_runs(
         &tolerances,
