@@ -25,17 +25,18 @@ const IDENTIFIERS_MAX: usize = 4096;
 /// State that the threads of a run share: its progress, and the request to end.
 #[derive(Debug, Default)]
 pub struct Watch {
-    progress: Mutex<RunProgress>,
+    progress: Mutex<Option<RunProgress>>,
     is_interrupted: AtomicBool,
 }
 
 impl Watch {
-    pub fn progress(&self) -> RunProgress {
+    /// Returns the progress while frames are captured for a folder.
+    pub fn progress(&self) -> Option<RunProgress> {
         let progress = self.progress.lock();
         progress.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn show(&self, progress: RunProgress) {
+    fn show(&self, progress: Option<RunProgress>) {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
     }
 
@@ -78,7 +79,7 @@ impl<'a> Capture<'a> {
         watch: &'a Watch,
         observers: Vec<FrameQueue>,
     ) -> Self {
-        watch.show(RunProgress::default());
+        watch.show(Some(RunProgress::default()));
         Self {
             log: Some(log),
             progress: Some(progress),
@@ -173,7 +174,7 @@ impl<'a> Capture<'a> {
         let new = &self.frames[self.written..];
         let reader = self.progress.as_ref();
         if let Some(progress) = reader.and_then(|reader| reader.read(new, &self.clock)) {
-            self.watch.show(progress);
+            self.watch.show(Some(progress));
         }
         log.append(new)?;
         log.flush()?;
@@ -216,7 +217,9 @@ impl<'a> Capture<'a> {
     /// # Errors
     /// If the disk does not take them.
     pub fn finish(mut self) -> Result<(Frames, Unrecorded), WriteError> {
-        self.flush()?;
+        let flushed = self.flush();
+        self.watch.show(None);
+        flushed?;
         let log = self.log.map(BusLog::finish).transpose()?;
         let frames = match log {
             Some(log) if self.count > self.frames.len() => Frames::in_log(log, self.count),

@@ -1,7 +1,6 @@
 //! Plays scenarios one after the other: the common part of `canrig run` and `canrig simulate`.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use clap::Args;
@@ -206,29 +205,33 @@ pub(crate) fn play_all(
     let paths = scenario_files(&args.scenarios, is_scenario)?;
     let (mut viewers, refused) = args.viewer.open();
     report_all(listener, refused);
-    let stage = Stage::new(listener);
+    let watch = Watch::default();
     let mut worst = Exit::Pass;
     let mut verdicts = Vec::new();
     // Signals are observed from the first scenario to the last, also while a run is judged. A signal there would be lost
     // otherwise, and the next scenario be played.
     observed(
-        || stage.watch.interrupt(),
-        || stage.show_progress(),
+        || watch.interrupt(),
+        || {
+            if let Some(progress) = watch.progress() {
+                listener.on_event(&RunEvent::Reached(progress));
+            }
+        },
         || {
             for path in &paths {
                 let (exit, judged) = match prepared(path, &args.values, testbed, listener) {
-                    Ok(plan) => play_one(args, &plan, testbed, &stage, &mut viewers),
+                    Ok(plan) => play_one(args, &plan, testbed, listener, &watch, &mut viewers),
                     Err(exit) => (exit, None),
                 };
                 verdicts.extend(judged.map(|judged| judged.verdict));
                 worst = worst.max(exit);
-                if stage.watch.is_interrupted() || testbed.is_over() {
+                if watch.is_interrupted() || testbed.is_over() {
                     break;
                 }
             }
         },
     );
-    if stage.watch.is_interrupted() {
+    if watch.is_interrupted() {
         worst = worst.max(Exit::Interrupted);
     }
     listener.on_event(&RunEvent::Ended(&verdicts));
@@ -267,55 +270,14 @@ pub(crate) fn in_virtual_time(plan: Plan, external: &[String]) -> Result<Plan, S
     Ok(plan)
 }
 
-/// Current play, with its listener.
-struct Stage<'a> {
-    watch: Watch,
-    /// Whether frames are on the bus; progress is shown only then.
-    is_playing: Mutex<bool>,
-    listener: &'a dyn Listener,
-}
-
-impl<'a> Stage<'a> {
-    fn new(listener: &'a dyn Listener) -> Self {
-        Self {
-            watch: Watch::default(),
-            is_playing: Mutex::new(false),
-            listener,
-        }
-    }
-
-    fn is_playing(&self) -> MutexGuard<'_, bool> {
-        let is_playing = self.is_playing.lock();
-        is_playing.unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn show_progress(&self) {
-        if *self.is_playing() {
-            let progress = self.watch.progress();
-            self.listener.on_event(&RunEvent::Reached(progress));
-        }
-    }
-
-    /// Plays, and lets its progress be shown meanwhile.
-    fn play(
-        &self,
-        play: impl FnOnce() -> Result<Played, WorldError>,
-    ) -> Result<Played, WorldError> {
-        *self.is_playing() = true;
-        let played = play();
-        *self.is_playing() = false;
-        played
-    }
-}
-
 fn play_one(
     args: &PlayArgs,
     plan: &Plan,
     testbed: &mut dyn Testbed,
-    stage: &Stage<'_>,
+    listener: &dyn Listener,
+    watch: &Watch,
     viewers: &mut Viewers,
 ) -> (Exit, Option<Judged>) {
-    let (watch, listener) = (&stage.watch, stage.listener);
     let (shared, path) = (&plan.shared, plan.shared.beside.scenario());
     if let Some(sweep) = &shared.sweep {
         let (runs, path) = (sweep.runs(), path.display());
@@ -337,7 +299,7 @@ fn play_one(
         is_strict: args.strict,
     };
     let judged = run(plan, place, watch, queues, |folder, capture| {
-        let played = stage.play(|| testbed.play(plan, folder, capture));
+        let played = testbed.play(plan, folder, capture);
         played.inspect(|played| {
             let passes = passes_to_files(played, plan.loops.len());
             listener.on_event(&RunEvent::Played { passes });
