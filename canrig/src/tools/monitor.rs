@@ -13,13 +13,14 @@ use clap::Args;
 use dbc::Database;
 use dbc::scenario_clock::SYNC_COB_ID;
 use platform::clock::Clock;
+use platform::terminal::printable;
 
 use super::nodes::state_name;
 use super::{NamesArgs, ToolBusArgs, ToolError, open, seconds, stop_signal, value};
 use plan::data_sheet::DataSheet;
 use plan::error_frames;
 use plan::named_nodes::NamedNodes;
-use runner::console::{BufferedLines, print_problem};
+use runner::console::{print_problem, print_with};
 use runner::exit::{Exit, Failure};
 
 /// Longest wait for a frame before the tool checks Ctrl-C and the duration.
@@ -320,28 +321,32 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
     bus.count_fd_frames();
     let clock = Clock::start();
-    let mut output = BufferedLines::default();
-    let mut lines = 0;
     let is_over = |lines: u64| {
         count.is_some_and(|count| lines >= count)
             || duration.is_some_and(|seconds| clock.now().as_secs_f64() >= seconds)
             || stop.is_raised()
     };
-    while !output.is_closed() && !is_over(lines) {
-        // The output is buffered while the bus is busy, and flushed when it is quiet.
-        let frame = match bus.receive(Duration::ZERO)? {
-            Some(frame) => Some(frame),
-            None => {
-                output.flush();
-                bus.receive(PATIENCE)?
+    let mut received = Ok(None);
+    print_with(|output| {
+        let mut lines = 0;
+        while !is_over(lines) {
+            // The output is buffered while the bus is busy, and flushed when it is quiet.
+            received = bus.receive(Duration::ZERO);
+            if let Ok(None) = received {
+                output.flush()?;
+                received = bus.receive(PATIENCE);
             }
-        };
-        if let Some(line) = frame.and_then(|frame| decoder.line(clock.now(), &frame)) {
-            output.add(&line);
-            lines += 1;
+            let Ok(frame) = &received else {
+                break;
+            };
+            if let Some(line) = frame.and_then(|frame| decoder.line(clock.now(), &frame)) {
+                writeln!(output, "{}", printable(&line))?;
+                lines += 1;
+            }
         }
-    }
-    output.flush();
+        Ok(())
+    });
+    received?;
     if bus.dropped() > 0 {
         print_problem(format!(
             "{} frames were lost: they came faster than they could be shown (show fewer with --only, --except or --changes)",

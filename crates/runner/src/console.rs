@@ -55,7 +55,7 @@ pub fn print_bytes(bytes: &[u8]) {
     print_with(|output| output.write_all(bytes));
 }
 
-/// Prints a text on standard output that is too long for the memory: unchanged, except for a terminal.
+/// Prints a text on standard output that is too long for the memory, or comes bit by bit: unchanged, except for a terminal.
 pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>) {
     let stdout = io::stdout();
     let is_terminal = stdout.is_terminal();
@@ -165,40 +165,6 @@ const WORK_PERIOD: Duration = Duration::from_millis(200);
 
 /// Largest number of bytes that wait for a busy writer.
 const BUFFER_BYTES: usize = 64 << 10;
-
-/// Standard output with a buffer, for many lines. A reader that has gone ends the output, and is no error.
-#[derive(Default)]
-pub struct BufferedLines {
-    text: String,
-    is_closed: bool,
-}
-
-impl BufferedLines {
-    /// Prints a line, at once or together with later ones.
-    pub fn add(&mut self, line: &str) {
-        self.text += &printable(line);
-        self.text.push('\n');
-        if self.text.len() >= BUFFER_BYTES {
-            self.flush();
-        }
-    }
-
-    /// Prints the lines that wait.
-    pub fn flush(&mut self) {
-        let mut stdout = io::stdout().lock();
-        let written = stdout
-            .write_all(self.text.as_bytes())
-            .and_then(|()| stdout.flush());
-        self.is_closed |= written.is_err();
-        keep_error(written);
-        self.text.clear();
-    }
-
-    /// Returns whether the reader has gone.
-    pub fn is_closed(&self) -> bool {
-        self.is_closed
-    }
-}
 
 /// Line on work that is done, drawn on a terminal only. It disappears when it is dropped.
 pub struct Bar(ProgressBar);
