@@ -1,7 +1,6 @@
 //! Plays many scenarios: each in virtual time within this process, several at a time, without files.
 
 use std::any::Any;
-use std::convert::Infallible;
 use std::error::Error;
 use std::io;
 use std::iter;
@@ -98,15 +97,6 @@ pub(crate) fn interrupted(done: usize, of: usize) -> Failure {
     ))
 }
 
-/// Reason why [`Campaign::each`] ended before the last job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stopped<E> {
-    /// The user stopped the campaign.
-    Interrupted,
-    /// `on_result` refused a result.
-    Refused(E),
-}
-
 impl Campaign {
     /// Returns a campaign with as many runs at a time as there are cores.
     pub fn on_all_cores(is_shown: bool) -> Self {
@@ -135,27 +125,26 @@ impl Campaign {
             let (name, seed) = (&plan.shared.run.name, plan.shared.run.seed);
             let failed = |reason| format!("run {index} ({name}, seed {seed}) failed: {reason}");
             results.push(result.map_err(failed));
-            Ok::<(), Infallible>(())
+            Ok(())
         };
-        match self.each(plans.enumerate(), &bar, work, on_result) {
-            Ok(()) => Ok(results),
-            Err(Stopped::Interrupted) => Err(Interrupted),
-        }
+        let is_complete = self.each(plans.enumerate(), &bar, work, on_result)?;
+        is_complete.then_some(results).ok_or(Interrupted)
     }
 
     /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs, each as soon
     /// as its turn comes. Holds at most the results by which some threads are ahead of the slowest one, within a bound, for any
-    /// number of jobs. `work` must not panic: a panic is not a result of its job, but ends the campaign.
+    /// number of jobs. `work` must not panic: a panic is not a result of its job, but ends the campaign. Returns whether all jobs
+    /// were done: the user may have stopped it.
     ///
     /// # Errors
-    /// The user stopped it, or `on_result` refused a result; it gets no later ones.
+    /// `on_result` refused a result; it gets no later ones.
     pub fn each<J: Send, R: Send, E>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
         bar: &Bar,
         work: impl Fn(&J, &Watch) -> R + Sync,
         mut on_result: impl FnMut(J, R) -> Result<(), E>,
-    ) -> Result<(), Stopped<E>> {
+    ) -> Result<bool, E> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
         let jobs = Mutex::new(jobs);
@@ -178,7 +167,7 @@ impl Campaign {
                 let Ok((job, result)) = result.recv() else {
                     break;
                 };
-                on_result(job, result).map_err(Stopped::Refused)?;
+                on_result(job, result)?;
                 done.fetch_add(1, Ordering::Relaxed);
             }
             Ok(())
@@ -197,11 +186,7 @@ impl Campaign {
                 })
             },
         )?;
-        if watches.iter().any(Watch::is_interrupted) {
-            Err(Stopped::Interrupted)
-        } else {
-            Ok(())
-        }
+        Ok(!watches.iter().any(Watch::is_interrupted))
     }
 }
 
@@ -383,7 +368,7 @@ mod tests {
             if job == 200 { Err("full") } else { Ok(()) }
         };
         let stopped = campaign(2).each(0..1000, &bar, work, on_result);
-        assert_eq!(stopped, Err(Stopped::Refused("full")));
+        assert_eq!(stopped, Err("full"));
         assert!(taken.into_iter().eq(0..=200));
         let played = ahead.into_inner();
         assert!(played <= 201 + 2 * WAITING_MAX, "{played}");

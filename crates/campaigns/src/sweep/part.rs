@@ -15,7 +15,7 @@ use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
-use crate::campaign::{Campaign, Stopped, interrupted};
+use crate::campaign::{Campaign, interrupted};
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
@@ -266,12 +266,10 @@ impl PartPlay<'_> {
             self.report("reached", cases, done, folder);
             Ok(())
         };
-        let ended = campaign.each(left, &bar, work, keep);
+        if !campaign.each(left, &bar, work, keep)? {
+            return Err(interrupted(done, of));
+        }
         drop(bar);
-        ended.map_err(|stopped| match stopped {
-            Stopped::Interrupted => interrupted(done, of),
-            Stopped::Refused(failure) => failure,
-        })?;
         writer.sync()?;
         rows.look()?;
         rows.require_all()?;
