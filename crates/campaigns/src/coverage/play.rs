@@ -15,7 +15,7 @@ use scenario::expect::Limit;
 use worlds::catalogue::catalogue;
 
 use crate::sweep::Shard;
-use crate::sweep::row::{Ended, SweepRow};
+use crate::sweep::row::SweepRow;
 use crate::sweep::store::{Header, Rows};
 
 /// Play of a scenario.
@@ -221,12 +221,7 @@ fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
 
 /// Returns the outcome of a row, or of the whole run, according to the row of a sweep.
 fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outcome {
-    let outcome = match run.ended {
-        Ended::Pass => Outcome::Pass,
-        Ended::Fail => Outcome::Fail,
-        Ended::Inconclusive => Outcome::Inconclusive,
-        Ended::Invalid | Ended::Incomplete | Ended::InternalError => Outcome::Incomplete,
-    };
+    let outcome = run.ended.outcome();
     match row {
         Some(row) if matches!(outcome, Outcome::Pass | Outcome::Fail) => match () {
             () if run.missed.contains(row) => Outcome::Fail,
@@ -242,6 +237,7 @@ fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outco
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sweep::row::Ended;
     use judge::verdict::{Metric, Verdict};
 
     #[test]

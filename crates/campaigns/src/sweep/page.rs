@@ -349,8 +349,7 @@ fn outcome_text(ended: Ended) -> String {
 
 fn class(ended: Ended) -> &'static str {
     match ended {
-        Ended::Pass => "pass",
-        Ended::Inconclusive | Ended::Incomplete => "unsure",
-        Ended::Fail | Ended::Invalid | Ended::InternalError => "fail",
+        Ended::Invalid | Ended::InternalError => "fail",
+        judged => page::class(judged.outcome()),
     }
 }

@@ -24,27 +24,31 @@ pub enum Ended {
 }
 
 impl Ended {
-    /// Returns the name of the end in tables.
-    pub fn word(self) -> &'static str {
+    /// Returns the outcome of a run that ends like this; one without a verdict is incomplete.
+    pub fn outcome(self) -> Outcome {
         match self {
-            Self::Pass => "pass",
-            Self::Inconclusive => "inconclusive",
-            Self::Fail => "fail",
-            Self::Invalid => "invalid",
-            Self::Incomplete => "incomplete",
-            Self::InternalError => "internal_error",
+            Self::Pass => Outcome::Pass,
+            Self::Inconclusive => Outcome::Inconclusive,
+            Self::Fail => Outcome::Fail,
+            Self::Invalid | Self::Incomplete | Self::InternalError => Outcome::Incomplete,
+        }
+    }
+
+    /// Returns the name of the end in tables.
+    pub fn word(self) -> String {
+        match self {
+            Self::Invalid => "invalid".to_owned(),
+            Self::InternalError => "internal_error".to_owned(),
+            judged => report::page::word(judged.outcome()),
         }
     }
 
     /// Returns the exit code of a sweep whose worst case ends like this.
     pub fn exit(self) -> Exit {
         match self {
-            Self::Pass => Exit::Pass,
-            Self::Inconclusive => Exit::Inconclusive,
-            Self::Fail => Exit::VerdictFailed,
             Self::Invalid => Exit::CannotStart,
-            Self::Incomplete => Exit::BenchFailed,
             Self::InternalError => Exit::Internal,
+            judged => judged.outcome().into(),
         }
     }
 }
