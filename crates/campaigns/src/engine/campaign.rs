@@ -4,7 +4,6 @@
 //! `engine/` in the folder of the campaign has the engine's files: a copy of this program, so that all machines play with the
 //! same one; the job; the output of the tasks; and the folders of the parts.
 
-use std::collections::BTreeMap;
 use std::fs::{self, File, Permissions};
 use std::io;
 use std::os::unix::fs::PermissionsExt;
@@ -157,11 +156,11 @@ impl SharedCampaign<'_> {
         folder_path(&self.path().join(PARTS), self.cases, shard)
     }
 
-    /// Reads the rows of each part, by its number.
-    pub(super) fn rows(&self, of: usize) -> Result<BTreeMap<usize, Rows>, Failure> {
+    /// Reads the rows of each part.
+    pub(super) fn rows(&self, of: usize) -> Result<Vec<Rows>, Failure> {
         let parts = (1..=of).map(|number| {
             let shard = Shard { number, of };
-            Ok((number, Rows::read(&self.part(shard), &self.header, shard)?))
+            Rows::read(&self.part(shard), &self.header, shard)
         });
         parts.collect()
     }

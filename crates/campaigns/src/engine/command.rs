@@ -237,10 +237,11 @@ fn play(
         record.job = None;
         campaign.keep(record)?;
         counter.count()?;
-        print_missing(&bar, campaign, &counter, &failed);
+        print_parts(&bar, missing_parts(&counter, &failed));
     }
-    drop(bar);
-    print_lost(args, &counter);
+    if !args.quiet {
+        print_parts(&bar, lost_parts(&counter));
+    }
     Ok(())
 }
 
@@ -264,50 +265,40 @@ fn hand_over(
     Ok(submitted)
 }
 
-/// Prints the parts that a job did not complete.
-fn print_missing(
-    bar: &Bar,
-    campaign: &SharedCampaign<'_>,
+/// Describes the parts that a job did not complete.
+fn missing_parts(
     counter: &RowCounter,
     failed: &BTreeMap<usize, String>,
-) {
-    let (missing, of) = (counter.missing(), counter.0.len());
-    for number in missing.iter().take(NAMED_MAX) {
-        let part = &counter.0[number];
-        let why = match (failed.get(number), part.nodes().last()) {
+) -> impl Iterator<Item = String> {
+    let missing = counter.0.iter().filter(|part| !part.is_whole());
+    missing.map(|part| {
+        let (shard, rows, of) = (part.shard(), part.len(), part.of());
+        let why = match (failed.get(&shard.number), part.nodes().last()) {
             (Some(why), _) => why.clone(),
             (None, Some(node)) => format!("lost on {node}"),
             (None, None) => "never began".to_owned(),
         };
-        let number = *number;
-        let shard = Shard { number, of };
-        let (rows, of) = (part.len(), shard.cases(campaign.cases.facts().runs).len());
-        bar.print(&format!(
-            "part {shard}: {why}; {rows} of {of} runs are done"
-        ));
-    }
-    if missing.len() > NAMED_MAX {
-        bar.print(&format!("and {} more parts", missing.len() - NAMED_MAX));
-    }
+        format!("part {shard}: {why}; {rows} of {of} runs are done")
+    })
 }
 
-/// Prints the parts that were lost on one node and completed on another: all nodes that began a part, except the last.
-fn print_lost(args: &SubmitArgs, counter: &RowCounter) {
-    if args.quiet {
-        return;
+/// Describes the parts that were lost on one node and completed on another: all nodes that began a part, except the last.
+fn lost_parts(counter: &RowCounter) -> impl Iterator<Item = String> {
+    counter.0.iter().filter_map(|part| {
+        let nodes = Vec::from_iter(part.nodes());
+        let (_, lost) = nodes.split_last().filter(|(_, lost)| !lost.is_empty())?;
+        let (shard, lost) = (part.shard(), lost.join(", "));
+        Some(format!("part {shard}: lost on {lost}, then run again"))
+    })
+}
+
+/// Prints the first of these lines, each on a part.
+fn print_parts(bar: &Bar, lines: impl Iterator<Item = String>) {
+    let lines = Vec::from_iter(lines);
+    for line in lines.iter().take(NAMED_MAX) {
+        bar.print(line);
     }
-    let nodes = counter.0.iter().map(|(number, part)| {
-        let nodes: Vec<&str> = part.nodes().collect();
-        (number, nodes)
-    });
-    let lost: Vec<_> = nodes.filter(|(_, nodes)| nodes.len() > 1).collect();
-    for (number, nodes) in lost.iter().take(NAMED_MAX) {
-        let (of, nodes) = (counter.0.len(), nodes[..nodes.len() - 1].join(", "));
-        print(&format!(
-            "part {number}/{of}: lost on {nodes}, then run again"
-        ));
-    }
-    if lost.len() > NAMED_MAX {
-        print(&format!("and {} more parts", lost.len() - NAMED_MAX));
+    if let more @ 1.. = lines.len().saturating_sub(NAMED_MAX) {
+        bar.print(&format!("and {more} more parts"));
     }
 }

@@ -80,30 +80,33 @@ fn state_text(state: &JobState, counter: &RowCounter) -> String {
     text
 }
 
-/// Rows of each part, by its number.
-pub(super) struct RowCounter(pub(super) BTreeMap<usize, Rows>);
+/// Rows of each part.
+pub(super) struct RowCounter(pub(super) Vec<Rows>);
 
 impl RowCounter {
     /// Reads the rows that were added to incomplete parts.
     pub(super) fn count(&mut self) -> Result<(), Failure> {
-        let mut parts = self.0.values_mut().filter(|rows| !rows.is_whole());
+        let mut parts = self.0.iter_mut().filter(|rows| !rows.is_whole());
         parts.try_for_each(Rows::look)
     }
 
     /// Number of cases that have a row.
     pub(super) fn rows(&self) -> usize {
-        self.0.values().map(Rows::len).sum()
+        self.0.iter().map(Rows::len).sum()
     }
 
     /// Returns the parts that lack rows.
     pub(super) fn missing(&self) -> Vec<usize> {
-        let missing = self.0.iter().filter(|(_, rows)| !rows.is_whole());
-        missing.map(|(number, _)| *number).collect()
+        let missing = self.0.iter().filter(|rows| !rows.is_whole());
+        missing.map(|rows| rows.shard().number).collect()
     }
 
     /// Checks whether each of these parts is complete or has failed.
     fn are_done(&self, parts: &[usize], failed: &BTreeMap<usize, String>) -> bool {
-        let mut parts = parts.iter();
-        parts.all(|part| self.0.get(part).is_some_and(Rows::is_whole) || failed.contains_key(part))
+        let missing = self.missing();
+        let mut left = parts
+            .iter()
+            .filter(|part| missing.binary_search(part).is_ok());
+        left.all(|part| failed.contains_key(part))
     }
 }

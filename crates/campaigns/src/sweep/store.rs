@@ -341,8 +341,8 @@ impl Rows {
         if self.is_whole() {
             return Ok(());
         }
+        let of = self.of();
         let all = self.shard.cases(self.header.runs);
-        let of = all.len();
         let mut missing = all.filter(|case| !self.has(*case));
         let named = missing.by_ref().take(NAMED_MAX);
         let named: Vec<String> = named.map(|case| case.to_string()).collect();
@@ -406,9 +406,19 @@ impl Rows {
         self.rows.len()
     }
 
+    /// Returns the number of cases.
+    pub(crate) fn of(&self) -> usize {
+        self.shard.cases(self.header.runs).len()
+    }
+
     /// Returns whether each case has a row.
     pub(crate) fn is_whole(&self) -> bool {
-        self.len() == self.shard.cases(self.header.runs).len()
+        self.len() == self.of()
+    }
+
+    /// Returns the part of the campaign.
+    pub(crate) fn shard(&self) -> Shard {
+        self.shard
     }
 
     /// Returns the machines that began files, in their order.
