@@ -14,14 +14,13 @@ use judge::{Circumstances, expected_timing, judge_timing};
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use recording::ending::EndedBy;
-use recording::events::Events;
 use recording::frames::Log;
 use recording::latency::Host;
 use recording::run_folder::{file, file_in, log_in};
 use recording::session::read_plan;
 use recording::sources::Sent;
 use recording::stalls::read_stalls;
-use recording::timeline::{self, Timeline, all_events};
+use recording::timeline::{self, Timeline};
 use recording::unrecorded::Unrecorded;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names
@@ -105,15 +104,6 @@ impl Recorded {
     /// The database lacks a signal that the bench needs.
     pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
         timeline::decode(self.log.frames.iter(), &self.plan)
-    }
-
-    /// Returns the events in the order of time. An event that several loops saw appears once.
-    ///
-    /// # Errors
-    /// The same as for [`Recorded::timelines`].
-    pub fn events(&self) -> Result<Events, SignalMissing> {
-        let timelines = self.timelines()?;
-        Ok(all_events(&timelines))
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, with its own reason.

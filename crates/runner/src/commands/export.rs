@@ -10,9 +10,10 @@ use crate::console::{WorkBar, print_problem, print_with};
 use crate::exit::{Exit, Failure};
 use crate::output::write_with;
 use crate::recorded::Recorded;
-use dbc::{Database, SignalMissing};
+use dbc::{Database, Message, SignalMissing};
 use exports::{asc, blf, events, frames, mcap, mf4, parquet};
 use recording::run_folder::file;
+use recording::timeline::all_events;
 use report::csv;
 use worlds::catalogue::catalogue;
 
@@ -73,13 +74,37 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Failure> {
     }
     let _bar = WorkBar::new(args.format.passes(), is_silent(args));
     let recorded = Recorded::load(&args.recording, None, catalogue())?;
-    let conversion = conversion(args, &recorded)?;
+    let (frames, database) = (&recorded.log.frames, &**recorded.plan.database());
+    // All that may fail on this recording comes before the output.
+    let timelines = match args.format {
+        Format::Frames | Format::Asc | Format::Blf => Vec::new(),
+        _ => recorded.timelines()?,
+    };
+    let zero = match args.format {
+        Format::Frames | Format::Mf4 | Format::Mcap => zero(&recorded)?,
+        _ => Duration::ZERO,
+    };
+    let message = args.message.as_deref();
+    let message = message.map(|name| message_of(database, name)).transpose()?;
     for remark in recorded.log.unread.remarks() {
         print_problem(format!("{remark}; the other frames are written"));
     }
+    let write = |output: &mut (dyn Write + Send)| match (args.format, message) {
+        (Format::Csv, _) => csv::write(output, &timelines),
+        (Format::Frames, None) => frames::write_all(output, frames, database, zero),
+        (Format::Frames, Some(message)) => frames::write_message(output, frames, zero, message),
+        (Format::Events, _) => events::write(output, &all_events(&timelines)),
+        (Format::Asc, _) => asc::write(output, frames),
+        (Format::Blf, _) => blf::write(output, frames),
+        (Format::Mf4, _) => mf4::write(output, &timelines, frames, &database.to_dbc(), zero),
+        (Format::Mcap, _) => mcap::write(output, frames, database, &all_events(&timelines), zero),
+        (Format::Parquet, _) => {
+            parquet::write_signals(output, &timelines).map_err(io::Error::other)
+        }
+    };
     match &args.output {
-        Some(place) => write_with(place, |output| conversion(output))?,
-        None => print_with(|output| conversion(output)),
+        Some(place) => write_with(place, |output| write(output))?,
+        None => print_with(write),
     }
     Ok(Exit::Pass)
 }
@@ -89,69 +114,17 @@ fn is_silent(args: &ExportArgs) -> bool {
     args.output.is_some() || !io::stdout().is_terminal()
 }
 
-/// Function that writes a recording to a buffered output.
-type Conversion<'a> = Box<dyn FnOnce(&mut (dyn Write + Send)) -> io::Result<()> + 'a>;
-
-/// Returns the function that writes a recording, after all checks of the recording.
-fn conversion<'a>(args: &ExportArgs, recorded: &'a Recorded) -> Result<Conversion<'a>, Failure> {
-    let frames = &recorded.log.frames;
-    Ok(match args.format {
-        Format::Csv => {
-            let timelines = recorded.timelines()?;
-            Box::new(move |output| csv::write(output, &timelines))
-        }
-        Format::Frames => frame_table(recorded, args.message.as_deref())?,
-        Format::Events => {
-            let events = recorded.events()?;
-            Box::new(move |output| events::write(output, &events))
-        }
-        Format::Asc => Box::new(move |output| asc::write(output, frames)),
-        Format::Blf => Box::new(move |output| blf::write(output, frames)),
-        Format::Mf4 => {
-            let (timelines, zero) = (recorded.timelines()?, zero(recorded)?);
-            let dbc = recorded.plan.database().to_dbc();
-            Box::new(move |output| mf4::write(output, &timelines, frames, &dbc, zero))
-        }
-        Format::Mcap => {
-            let (events, zero) = (recorded.events()?, zero(recorded)?);
-            let database = &**recorded.plan.database();
-            Box::new(move |output| mcap::write(output, frames, database, &events, zero))
-        }
-        Format::Parquet => {
-            let timelines = recorded.timelines()?;
-            Box::new(move |output| {
-                parquet::write_signals(output, &timelines).map_err(io::Error::other)
-            })
-        }
+/// Returns the message of a name.
+fn message_of<'a>(database: &'a Database, name: &str) -> Result<&'a Message, Failure> {
+    database.message(name).ok_or_else(|| {
+        let names = database.messages().iter();
+        let meant = scenario::nearest(name, names.map(|message| message.name.as_str()));
+        let hint = meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
+        let file = file::FRAMES;
+        Exit::CannotStart.because(format!(
+            "no message `{name}` is in the recording's {file}{hint}"
+        ))
     })
-}
-
-fn frame_table<'a>(
-    recorded: &'a Recorded,
-    message: Option<&str>,
-) -> Result<Conversion<'a>, Failure> {
-    let (frames, database) = (&recorded.log.frames, &**recorded.plan.database());
-    let zero = zero(recorded)?;
-    Ok(match message {
-        None => Box::new(move |output| frames::write_all(output, frames, database, zero)),
-        Some(name) => {
-            let message = database
-                .message(name)
-                .ok_or_else(|| no_message(name, database))?;
-            Box::new(move |output| frames::write_message(output, frames, zero, message))
-        }
-    })
-}
-
-/// Returns the failure of a name that the frames do not have.
-fn no_message(name: &str, database: &Database) -> Failure {
-    let names = database.messages().iter();
-    let meant = scenario::nearest(name, names.map(|message| message.name.as_str()));
-    let hint = meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
-    let file = file::FRAMES;
-    Exit::CannotStart.because(format!(
-        "no message `{name}` is in the recording's {file}{hint}"
-    ))
 }
 
 /// Returns the begin of scenario time on the clock of the frames; 0 on that clock if the scenario never began.
