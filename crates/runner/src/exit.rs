@@ -8,8 +8,6 @@ use recording::run_folder::WriteError;
 use recording::session::ReadError;
 use scenario::ScenarioError;
 
-use crate::identity::NoIdentity;
-
 /// End of a command, from best to worst in the order that decides between several scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[must_use = "it is the exit code of the program"]
@@ -114,12 +112,6 @@ impl From<SignalMissing> for Failure {
 
 impl From<WriteError> for Failure {
     fn from(error: WriteError) -> Self {
-        Exit::BenchFailed.because(error)
-    }
-}
-
-impl From<NoIdentity> for Failure {
-    fn from(error: NoIdentity) -> Self {
         Exit::BenchFailed.because(error)
     }
 }

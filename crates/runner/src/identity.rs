@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io;
 use std::sync::OnceLock;
 
+use crate::exit::{Exit, Failure};
 use judge::verdict::Identity;
 use object::Endianness;
 use object::elf::{ELF_NOTE_GNU, FileHeader64, NT_GNU_BUILD_ID};
@@ -18,16 +19,16 @@ use sha2::{Digest, Sha256};
 /// File that this process runs, even if it was replaced meanwhile.
 const PROGRAM: &str = "/proc/self/exe";
 
-/// Error if the program's file cannot be read, so that the program that played the run is unknown.
-#[derive(Debug, thiserror::Error)]
-#[error("the program's own file cannot be read ({PROGRAM}: {0}); is /proc mounted?")]
-pub struct NoIdentity(#[from] io::Error);
-
 /// Returns the identity of a run: this program, the plant, the law, and the files as they were read.
 ///
 /// # Errors
 /// The program's file cannot be read.
-pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
+pub fn identity(plan: &Plan) -> Result<Identity, Failure> {
+    let unknown = |error| {
+        Exit::BenchFailed.because(format!(
+            "the program's own file cannot be read ({PROGRAM}: {error}); is /proc mounted?"
+        ))
+    };
     let hash = |(name, text): (&str, &str)| match name.strip_suffix(HASH_SUFFIX) {
         // An FMU is not among the texts, but its hash is.
         Some(file) => (file.to_owned(), hash_in(text).to_owned()),
@@ -36,7 +37,7 @@ pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
     let trials = plan.loops.iter().map(|one| &one.trial);
     let plants = trials.flat_map(|one| [&one.plant].into_iter().chain(one.plants_beside.values()));
     Ok(Identity {
-        program: program()?.to_owned(),
+        program: program().map_err(unknown)?.to_owned(),
         plant: listed(plants.map(PlantModel::name)),
         law: plan.leader(),
         files: plan_files(plan).map(hash).collect(),

@@ -18,7 +18,7 @@ use judge::verdict::Identity;
 use recording::run_folder::{file, file_in};
 use runner::console::print_problem;
 use runner::exit::{Exit, Failure};
-use runner::identity::{NoIdentity, identity};
+use runner::identity::identity;
 use runner::machine;
 
 /// Beginning of each line.
@@ -85,7 +85,7 @@ impl Header {
     ///
     /// # Errors
     /// The program's file cannot be read.
-    pub(crate) fn new(cases: &dyn Cases) -> Result<Self, NoIdentity> {
+    pub(crate) fn new(cases: &dyn Cases) -> Result<Self, Failure> {
         let facts = cases.facts();
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
