@@ -11,6 +11,7 @@ use crate::console::failed;
 use crate::event::{Listener, RunEvent};
 use crate::exit::{Exit, Failure};
 use crate::lines::EventLines;
+use crate::number;
 use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
@@ -103,13 +104,8 @@ fn patience(text: &str) -> Result<Patience, String> {
     if text == "none" {
         return Ok(None);
     }
-    let seconds = text
-        .parse()
-        .ok()
-        .filter(|seconds| (0.1..=86_400.0).contains(seconds));
-    seconds
-        .map(|seconds| Some(Duration::from_secs_f64(seconds)))
-        .ok_or(HELP.to_owned())
+    let seconds = number::parse(text, 0.1..=86_400.0, HELP, HELP)?;
+    Ok(Some(Duration::from_secs_f64(seconds)))
 }
 
 impl ValueArgs {
