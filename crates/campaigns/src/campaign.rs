@@ -62,26 +62,19 @@ impl CampaignRun<'_> {
     }
 }
 
-/// Reason why a run has no result.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoResult {
-    /// Fault of the program, which would occur on any machine.
-    #[error("{0}")]
-    Fault(String),
-    /// Fault of the machine: a full disk, no memory, a file that cannot be read. Played again, the run may have a result.
-    #[error("{0}")]
-    Machine(String),
+/// Returns whether an error is the machine's: the operating system refused something, such as room on the disk. Played again, the
+/// run may have a result.
+fn is_of_machine(error: &(dyn Error + 'static)) -> bool {
+    let mut causes = iter::successors(Some(error), |error| Error::source(*error));
+    causes.any(|cause| cause.is::<io::Error>())
 }
 
-impl NoResult {
-    /// Attributes an error: to the machine if the operating system refused something, else to the program.
-    fn of(error: &(dyn Error + 'static)) -> Self {
-        let mut causes = iter::successors(Some(error), |error| Error::source(*error));
-        if causes.any(|cause| cause.is::<io::Error>()) {
-            Self::Machine(error.to_string())
-        } else {
-            Self::Fault(error.to_string())
-        }
+/// Returns the failure of a run without a result, by the machine (`BenchFailed`) or by the program (`Internal`).
+fn no_result(error: impl Error + 'static) -> Failure {
+    if is_of_machine(&error) {
+        Exit::BenchFailed.because(error)
+    } else {
+        Exit::Internal.because(error)
     }
 }
 
@@ -121,7 +114,7 @@ impl Campaign {
         let work = |(index, plan): &(usize, Plan), watch: &Watch| {
             caught(|| play_one(*index, plan, watch, &reduce))
         };
-        let on_result = |(index, plan): (usize, Plan), result: Result<T, NoResult>| {
+        let on_result = |(index, plan): (usize, Plan), result: Result<T, Failure>| {
             let (name, seed) = (&plan.shared.run.name, plan.shared.run.seed);
             let failed = |reason| format!("run {index} ({name}, seed {seed}) failed: {reason}");
             results.push(result.map_err(failed));
@@ -228,20 +221,18 @@ pub fn play_one<T>(
     plan: &Plan,
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
-) -> Result<T, NoResult> {
-    let clock = plan
-        .scenario_clock()
-        .map_err(|error| NoResult::of(&error))?;
+) -> Result<T, Failure> {
+    let clock = plan.scenario_clock().map_err(no_result)?;
     let mut capture = Capture::in_memory(clock, watch);
     let ended =
         lockstep::simulate(plan, &Hosting::default(), &mut capture).map(Played::in_virtual_time);
     if let Err(error) = &ended
-        && let machine @ NoResult::Machine(_) = NoResult::of(error)
+        && is_of_machine(error)
     {
-        return Err(machine);
+        return Err(Exit::BenchFailed.because(error));
     }
-    let (frames, unrecorded) = capture.finish().map_err(|error| NoResult::of(&error))?;
-    let timelines = timeline::decode(frames.iter(), plan).map_err(|error| NoResult::of(&error))?;
+    let (frames, unrecorded) = capture.finish().map_err(no_result)?;
+    let timelines = timeline::decode(frames.iter(), plan).map_err(no_result)?;
     let verdict = run::verdict(&ended, &timelines, plan, &unrecorded);
     Ok(reduce(&CampaignRun {
         index,
@@ -253,9 +244,9 @@ pub fn play_one<T>(
 }
 
 /// Does some work; returns a panic as a fault of the program.
-pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T, NoResult>) -> Result<T, NoResult> {
+pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     catch_unwind(AssertUnwindSafe(work))
-        .unwrap_or_else(|panic| Err(NoResult::Fault(message(panic.as_ref()))))
+        .unwrap_or_else(|panic| Err(Exit::Internal.because(message(panic.as_ref()))))
 }
 
 /// Returns the text of a panic.
@@ -333,13 +324,11 @@ mod tests {
         let path = "bus.log".into();
         let source = io::Error::from(io::ErrorKind::StorageFull);
         let full = recording::run_folder::WriteError { path, source };
-        let machine = NoResult::of(&full);
-        assert!(
-            matches!(&machine, NoResult::Machine(text) if text.contains("bus.log")),
-            "{machine:?}"
-        );
-        let fault = NoResult::of(&"x".parse::<usize>().unwrap_err());
-        assert!(matches!(fault, NoResult::Fault(_)), "{fault:?}");
+        let machine = no_result(full);
+        assert_eq!(machine.exit, Exit::BenchFailed);
+        assert!(machine.reason.contains("bus.log"), "{machine:?}");
+        let fault = no_result("x".parse::<usize>().unwrap_err());
+        assert_eq!(fault.exit, Exit::Internal, "{fault:?}");
     }
 
     #[test]

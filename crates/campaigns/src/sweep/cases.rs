@@ -9,7 +9,7 @@ use scenario::expect::Limit;
 
 use super::row::SweepRow;
 use super::store::Rows;
-use crate::campaign::{NoResult, caught};
+use crate::campaign::caught;
 
 /// Facts of a campaign, which are the same for all of its cases.
 pub(crate) struct Facts {
@@ -65,7 +65,7 @@ pub(crate) trait Cases: Sync {
     ///
     /// # Errors
     /// The case has no result.
-    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult>;
+    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure>;
 
     /// Row of a case in which the program itself is at fault.
     fn faulty(&self, number: usize, reason: String) -> SweepRow;
@@ -75,14 +75,13 @@ pub(crate) trait Cases: Sync {
     /// # Errors
     /// The machine could not play the run.
     fn row_of(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure> {
-        match caught(|| self.play(number, watch)) {
-            Ok(row) => Ok(row),
+        caught(|| self.play(number, watch)).or_else(|Failure { exit, reason, .. }| match exit {
             // The panic hook of the program prints the panic; the row says in which case it happened.
-            Err(NoResult::Fault(reason)) => Ok(self.faulty(number, reason)),
-            Err(NoResult::Machine(reason)) => Err(Exit::BenchFailed.because(format!(
+            Exit::Internal => Ok(self.faulty(number, reason)),
+            _ => Err(exit.because(format!(
                 "run {number} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
             ))),
-        }
+        })
     }
 
     /// Keys and values of a case, as a text; `write` writes a value.

@@ -11,7 +11,7 @@ use toml::{Table, Value};
 
 use super::cases::{Cases, Facts};
 use super::row::{Ended, SweepRow};
-use crate::campaign::{NoResult, play_one};
+use crate::campaign::play_one;
 use plan::Plan;
 use recording::capture::Watch;
 use report::terminal::as_written;
@@ -180,7 +180,7 @@ impl Cases for SweepCases {
         ))
     }
 
-    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
+    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure> {
         let case = self.case(number);
         let plan = match case.plan() {
             Ok(plan) => plan,

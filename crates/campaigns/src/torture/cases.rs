@@ -6,7 +6,7 @@ use clap::Args;
 use faults::Stream;
 use plan::Plan;
 use recording::capture::Watch;
-use runner::exit::Failure;
+use runner::exit::{Exit, Failure};
 use runner::play_record::read_json;
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ use super::command::{broken_in, shrink_all};
 use super::draw::{self, DrawnFault, Nodes};
 use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{PANIC, TortureCase};
-use crate::campaign::{NoResult, play_one};
+use crate::campaign::play_one;
 use crate::sweep::cases::{Cases, Facts};
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::Rows;
@@ -143,8 +143,9 @@ impl Cases for TortureCases {
         self.case(number).text()
     }
 
-    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
-        let plan = self.case(number).plan().map_err(NoResult::Fault)?;
+    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure> {
+        let plan = self.case(number).plan();
+        let plan = plan.map_err(|reason| Exit::Internal.because(reason))?;
         let broken = play_one(number, &plan, watch, violation)?;
         Ok(self.row(number, Some(plan.shared.run.seed), broken))
     }

@@ -6,8 +6,9 @@ use toml::{Table, Value};
 
 use super::draw::DrawnFault;
 use super::invariants::{BrokenInvariant, violation};
-use crate::campaign::{Interrupted, NoResult, caught, play_one, watched};
+use crate::campaign::{Interrupted, caught, play_one, watched};
 use crate::sweep::sweep_cases::case_name;
+use runner::exit::Failure;
 use worlds::catalogue::catalogue;
 
 /// Invariant of a run that the program could not bring to a verdict.
@@ -95,11 +96,11 @@ impl<'a> TortureCase<'a> {
             return Ok(None);
         };
         let played = watched(|watch| caught(|| play_one(0, &plan, watch, violation)))?;
-        let panic = |reason: NoResult| BrokenInvariant {
+        let panic = |failure: Failure| BrokenInvariant {
             invariant: PANIC,
-            text: reason.to_string(),
+            text: failure.reason,
         };
-        Ok(played.unwrap_or_else(|reason| Some(panic(reason))))
+        Ok(played.unwrap_or_else(|failure| Some(panic(failure))))
     }
 
     /// Returns the smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
