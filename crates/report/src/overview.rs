@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use maud::{Markup, html};
 
+use super::Run;
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
@@ -30,9 +31,7 @@ pub struct ListedRun<'a> {
     pub folder: String,
     /// Path to the page of the run.
     pub page: Option<String>,
-    /// Time of the play; `None` if it is unknown.
-    pub played: Option<String>,
-    /// Run with its recording and verdict.
+    /// The run itself, with the date of its play.
     pub judged: Run<'a>,
 }
 
@@ -164,7 +163,7 @@ fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup
                 td.name { (linked(run, runs)) }
                 (result(run))
                 @if has_every_run { td.nowrap data-name="played" { div {
-                    (run.played.as_deref().unwrap_or_default())
+                    (run.judged.played.unwrap_or_default())
                     div.soft { (run.judged.plan.shared.run.duration_seconds) " s" @if let Some(clock) = run.judged.frames.clock() { " in " (page::time_by(clock)) } }
                 } } }
                 @for name in names { (cell(run, name)) }

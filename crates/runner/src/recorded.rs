@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use crate::console::print_problem;
 use crate::exit::{Exit, Failure};
+use crate::play_record::PlayRecord;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, expected_timing, judge_timing};
 use plan::Plan;
@@ -43,6 +44,15 @@ pub struct Recorded {
     pub is_folder: bool,
     /// Whether the recording is the folder of a long run, whose log and signals are compressed.
     pub is_long: bool,
+}
+
+/// Recording that was decoded and judged.
+pub(crate) struct JudgedRecording {
+    pub(crate) recorded: Recorded,
+    pub(crate) timelines: Vec<Timeline>,
+    pub(crate) verdict: Verdict,
+    /// Record of the play; `None` if it is missing or damaged, which only `coverage` refuses.
+    pub(crate) record: Option<PlayRecord>,
 }
 
 impl Recorded {
@@ -104,6 +114,23 @@ impl Recorded {
     /// The database lacks a signal that the bench needs.
     pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
         timeline::decode(self.log.frames.iter(), &self.plan)
+    }
+
+    /// Decodes the recording, and takes its verdict by [`Recorded::judge`] or [`Recorded::verdict`].
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub(crate) fn judged(
+        self,
+        verdict: fn(&Self, &[Timeline]) -> Result<Verdict, SignalMissing>,
+    ) -> Result<JudgedRecording, SignalMissing> {
+        let timelines = self.timelines()?;
+        Ok(JudgedRecording {
+            verdict: verdict(&self, &timelines)?,
+            record: PlayRecord::read(&self.path).ok().flatten(),
+            recorded: self,
+            timelines,
+        })
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, with its own reason.

@@ -9,10 +9,9 @@ use crate::console::{WorkBar, print_problem};
 use crate::exit::{Exit, Failure};
 use crate::output::{link, renew_page, write_page};
 use crate::play_record::PlayRecord;
-use crate::recorded::{Recorded, opened, require_run, runs_among};
-use judge::verdict::Verdict;
+use crate::recorded::{JudgedRecording, Recorded, opened, require_run, runs_among};
 use recording::run_folder::file;
-use recording::timeline::Timeline;
+use report::overview::ListedRun;
 use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
 
@@ -36,20 +35,22 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Failure> {
     let paths = runs_among(&folders);
     let bar = WorkBar::new(PASSES * paths.len() as u64, true);
     let runs = paths.into_iter().map(read);
-    let runs = runs.collect::<Result<Vec<Judged>, _>>()?;
+    let runs = runs.collect::<Result<Vec<JudgedRecording>, _>>()?;
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;
+        let played = judged.record.as_ref().map(PlayRecord::place);
+        let run = run(judged, played.as_deref());
         let place = match &args.output {
             Some(output) if is_of_one => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
         let remarks = recorded.log.unread.remarks();
-        html::to_html(&judged.run(), &remarks).map(|text| (place, text))
+        html::to_html(&run, &remarks).map(|text| (place, text))
     });
     let pages: Vec<_> = pages.collect();
     drop(bar);
-    for Judged { recorded, .. } in &runs {
+    for JudgedRecording { recorded, .. } in &runs {
         for remark in recorded.log.unread.remarks() {
             let path = recorded.path.display();
             print_problem(format!("{path}: {remark}; the page shows the other frames"));
@@ -69,52 +70,33 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// A run that was read back.
-struct Judged {
-    recorded: Recorded,
-    timelines: Vec<Timeline>,
-    verdict: Verdict,
-    /// Record of the play; `None` if it is missing or damaged, which only `coverage` refuses.
-    record: Option<PlayRecord>,
-    /// Date and host of the play.
-    played: Option<String>,
+fn read(path: &Path) -> Result<JudgedRecording, Failure> {
+    require_run(path)?;
+    let recorded = Recorded::load(path, None, catalogue())?;
+    Ok(recorded.judged(Recorded::verdict)?)
 }
 
-impl Judged {
-    fn run(&self) -> Run<'_> {
-        Run {
-            plan: &self.recorded.plan,
-            frames: &self.recorded.log.frames,
-            timelines: &self.timelines,
-            verdict: &self.verdict,
-            set: self.record.as_ref().map_or(&[], |record| &record.set),
-            played: self.played.as_deref(),
-            is_long: self.recorded.is_long,
-        }
+/// Returns a run for its page, or for one of several; `played` tells of its play.
+fn run<'a>(judged: &'a JudgedRecording, played: Option<&'a str>) -> Run<'a> {
+    let recorded = &judged.recorded;
+    Run {
+        plan: &recorded.plan,
+        frames: &recorded.log.frames,
+        timelines: &judged.timelines,
+        verdict: &judged.verdict,
+        set: judged.record.as_ref().map_or(&[], |record| &record.set),
+        played,
+        is_long: recorded.is_long,
     }
 }
 
-fn read(path: &Path) -> Result<Judged, Failure> {
-    require_run(path)?;
-    let recorded = Recorded::load(path, None, catalogue())?;
-    let timelines = recorded.timelines()?;
-    let verdict = recorded.verdict(&timelines)?;
-    let record = PlayRecord::read(&recorded.path).ok().flatten();
-    Ok(Judged {
-        played: record.as_ref().map(PlayRecord::place),
-        recorded,
-        timelines,
-        verdict,
-        record,
-    })
-}
-
-fn together(runs: &[Judged], output: &Path) -> String {
-    let listed = runs.iter().map(|judged| overview::ListedRun {
+fn together(runs: &[JudgedRecording], output: &Path) -> String {
+    let date = |judged: &JudgedRecording| judged.record.as_ref().map(PlayRecord::date);
+    let dates = Vec::from_iter(runs.iter().map(date));
+    let listed = runs.iter().zip(&dates).map(|(judged, date)| ListedRun {
         folder: folder_name(&judged.recorded.path),
         page: link(output, &judged.recorded.path.join(file::REPORT)),
-        played: judged.record.as_ref().map(PlayRecord::date),
-        judged: judged.run(),
+        judged: run(judged, date.as_deref()),
     });
     overview::to_html(&Vec::from_iter(listed))
 }

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::page::{self, Compared, ComparedRun, LETTERS};
+use super::page::{self, Compared, LETTERS};
 use crate::console::{WorkBar, print, print_text};
 use crate::exit::{Exit, Failure};
 use crate::number;
 use crate::output::{link, write};
-use crate::play_record::PlayRecord;
 use crate::recorded::Recorded;
 use judge::comparison::{
     Comparison, GivenTolerance, SIGNAL_PASSES, Scale, SignalDifference, Tolerances, compare_runs,
@@ -81,45 +80,36 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), Failure> {
     let [a, b] = [&args.a, &args.b].map(|path| Recorded::load(path, None, catalogue()));
     let (a, b) = (a?, b?);
     bar.expect(2 * PASSES + a.passes_for_timing() + b.passes_for_timing() + SIGNAL_PASSES);
-    let judged = |recorded: &Recorded| -> Result<_, Failure> {
-        let timelines = recorded.timelines()?;
-        let verdict = recorded.judge(&timelines)?;
-        Ok((timelines, verdict))
-    };
-    let ((a_timelines, a_verdict), (b_timelines, b_verdict)) = (judged(&a)?, judged(&b)?);
+    let (a, b) = (a.judged(Recorded::judge)?, b.judged(Recorded::judge)?);
     let tolerances = Tolerances {
         given: &args.tolerance,
         time_seconds: args.time_tolerance / 1e3,
-        scales: a.plan.loops.iter().map(Scale::of).collect(),
+        scales: a.recorded.plan.loops.iter().map(Scale::of).collect(),
     };
-    if let Some(name) = tolerances.unknown_name(&a_timelines, [&a_verdict, &b_verdict]) {
+    if let Some(name) = tolerances.unknown_name(&a.timelines, [&a.verdict, &b.verdict]) {
         let reason = format!("--tolerance: no signal, metric or unit is called `{name}`");
         return Err(Exit::Usage.because(reason));
     }
     let mut comparison = compare_runs(
         &tolerances,
-        (&a_timelines, &a_verdict),
-        (&b_timelines, &b_verdict),
+        (&a.timelines, &a.verdict),
+        (&b.timelines, &b.verdict),
     );
-    if !args.timing && a.log.frames.clock() != b.log.frames.clock() {
+    let [a_clock, b_clock] = [&a, &b].map(|run| run.recorded.log.frames.clock());
+    if !args.timing && a_clock != b_clock {
         leave_timing_out(&mut comparison);
     }
-    for (letter, recorded) in LETTERS.iter().zip([&a, &b]) {
-        for remark in recorded.log.unread.remarks() {
+    for (letter, run) in LETTERS.iter().zip([&a, &b]) {
+        for remark in run.recorded.log.unread.remarks() {
             comparison.remarks.push(format!("of {letter}, {remark}"));
         }
     }
     let page = args.output.as_deref().map(|place| {
-        let runs = [(&a, &a_verdict), (&b, &b_verdict)].map(|(recorded, verdict)| ComparedRun {
-            recorded,
-            page: link(place, &recorded.path.join(file::REPORT)),
-            played: PlayRecord::read(&recorded.path).ok().flatten(),
-            verdict,
-        });
+        let runs = [&a, &b];
         let compared = Compared {
             comparison: &comparison,
             runs,
-            timelines: [&a_timelines, &b_timelines],
+            pages: runs.map(|run| link(place, &run.recorded.path.join(file::REPORT))),
             time_tolerance_seconds: tolerances.time_seconds,
         };
         (place, page::to_html(&compared))

@@ -3,10 +3,9 @@
 use maud::{Markup, html};
 
 use crate::play_record::PlayRecord;
-use crate::recorded::Recorded;
+use crate::recorded::JudgedRecording;
 use dbc::names;
 use judge::comparison::{Comparison, MetricDifference, SignalDifference, distances};
-use judge::verdict::Verdict;
 use platform::series::Series;
 use recording::timeline::{self, Timeline};
 use report::page;
@@ -182,19 +181,17 @@ pub(super) const LETTERS: [&str; 2] = ["A", "B"];
 /// Comparison of two runs, with its parameters.
 pub(super) struct Compared<'a> {
     pub(super) comparison: &'a Comparison,
-    pub(super) runs: [ComparedRun<'a>; 2],
-    pub(super) timelines: [&'a [Timeline]; 2],
+    pub(super) runs: [&'a JudgedRecording; 2],
+    /// Links to the runs' own pages.
+    pub(super) pages: [Option<String>; 2],
     /// Time by which a value of B may come earlier or later.
     pub(super) time_tolerance_seconds: f64,
 }
 
-/// One of the runs, as its head on the page names it.
-pub(super) struct ComparedRun<'a> {
-    pub(super) recorded: &'a Recorded,
-    /// Link to the run's own page.
-    pub(super) page: Option<String>,
-    pub(super) played: Option<PlayRecord>,
-    pub(super) verdict: &'a Verdict,
+impl Compared<'_> {
+    fn timelines(&self) -> [&[Timeline]; 2] {
+        self.runs.map(|run| &run.timelines[..])
+    }
 }
 
 /// Returns the comparison as a page.
@@ -206,7 +203,7 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
         p { span.outcome.(class) { @if comparison.agrees { "agree" } @else { "diverge" } } }
         p { (summary(comparison)) "." }
         @for remark in &comparison.remarks { p { (page::sentence(remark)) } }
-        (heads(&compared.runs))
+        (heads(compared))
         p.soft {
             "What counts: a signal beyond its tolerance, if no value of A within " (terminal::rounded(1e3 * compared.time_tolerance_seconds))
             " ms before or after is near enough, and a metric beyond its own. What has no tolerance, as currents, velocities and the terms of a \
@@ -229,23 +226,24 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
     page::page("Two runs compared", &body)
 }
 
-fn heads(runs: &[ComparedRun<'_>; 2]) -> Markup {
-    let row = |name: &str, value: fn(&ComparedRun<'_>) -> Markup| {
+fn heads(compared: &Compared<'_>) -> Markup {
+    let row = |name: &str, value: fn(&JudgedRecording, &Option<String>) -> Markup| {
+        let runs = compared.runs.into_iter().zip(&compared.pages);
         html! { tr {
             td.name { (name) }
-            @for (letter, run) in LETTERS.iter().zip(runs) { td.broken data-name=(letter) { div { (value(run)) } } }
+            @for (letter, (run, page)) in LETTERS.iter().zip(runs) { td.broken data-name=(letter) { div { (value(run, page)) } } }
         } }
     };
     html! { div.wide { table.stacked {
         thead { tr { th { "run" } @for letter in LETTERS { th { (letter) } } } }
         tbody {
-            (row("folder", |run| html! { @let path = run.recorded.path.display(); @match &run.page { Some(page) => a href=(page) { (path) }, None => (path) } }))
-            (row("scenario", |run| html! { (run.verdict.scenario) @for set in run.played.iter().flat_map(|play| &play.set) { div.soft { (page::set(set)) } } }))
-            (row("rig", |run| html! { (run.recorded.plan.shared.rig.name) }))
-            (row("law", |run| html! { @if let Some(identity) = &run.verdict.identity { (identity.law) } }))
-            (row("seed", |run| html! { (run.verdict.seed) }))
-            (row("result", |run| html! { span.(page::class(run.verdict.outcome)) { (page::word(run.verdict.outcome)) } }))
-            (row("played", |run| html! { (run.played.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { @if let Some(clock) = run.recorded.log.frames.clock() { "in " (page::time_by(clock)) ", " } "canrig " (run.verdict.version) @if let Some(identity) = &run.verdict.identity { ", program " code { (identity.program) } } } }))
+            (row("folder", |run, page| html! { @let path = run.recorded.path.display(); @match page { Some(page) => a href=(page) { (path) }, None => (path) } }))
+            (row("scenario", |run, _| html! { (run.verdict.scenario) @for set in run.record.iter().flat_map(|play| &play.set) { div.soft { (page::set(set)) } } }))
+            (row("rig", |run, _| html! { (run.recorded.plan.shared.rig.name) }))
+            (row("law", |run, _| html! { @if let Some(identity) = &run.verdict.identity { (identity.law) } }))
+            (row("seed", |run, _| html! { (run.verdict.seed) }))
+            (row("result", |run, _| html! { span.(page::class(run.verdict.outcome)) { (page::word(run.verdict.outcome)) } }))
+            (row("played", |run, _| html! { (run.record.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { @if let Some(clock) = run.recorded.log.frames.clock() { "in " (page::time_by(clock)) ", " } "canrig " (run.verdict.version) @if let Some(identity) = &run.verdict.identity { ", program " code { (identity.program) } } } }))
         }
     } } }
 }
@@ -261,7 +259,7 @@ struct Plots {
 impl Plots {
     fn of(compared: &Compared<'_>) -> Self {
         let comparison = compared.comparison;
-        let names = compared.timelines[0].iter().flat_map(|timeline| {
+        let names = compared.timelines()[0].iter().flat_map(|timeline| {
             let judged = [names::POSITION, names::CURRENT];
             judged.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.name(name)))
         });
@@ -285,7 +283,7 @@ impl Plots {
 
 /// Checks whether a signal has more than one value.
 fn changes(signal: &SignalDifference, compared: &Compared<'_>) -> bool {
-    compared.timelines.into_iter().any(|run| {
+    compared.timelines().into_iter().any(|run| {
         let series = values(run, signal);
         let mut values = series.iter().filter(|value| value.is_finite());
         let first = values.next();
@@ -296,14 +294,14 @@ fn changes(signal: &SignalDifference, compared: &Compared<'_>) -> bool {
 /// Draws a signal, and its difference if there is one.
 fn drawn(signal: &SignalDifference, compared: &Compared<'_>) -> Vec<Markup> {
     if !differs(signal) {
-        return vec![both(signal, compared.timelines, &[])];
+        return vec![both(signal, compared.timelines(), &[])];
     }
     let [a, b] = compared.timelines;
     let both_values = [&values(a, signal), &values(b, signal)];
     let (rows, difference) = distances(signal, [&a[0], &b[0]], both_values);
     let marked = stretches(signal, &rows, &difference);
     vec![
-        both(signal, compared.timelines, &marked),
+        both(signal, compared.timelines(), &marked),
         difference_plot(signal, &rows, &difference, &marked),
     ]
 }
