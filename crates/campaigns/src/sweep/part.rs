@@ -4,7 +4,6 @@
 use std::env;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use clap::Args;
 use serde_json::json;
@@ -33,7 +32,7 @@ const UNSYNCED_MAX: usize = 32;
 pub struct PartArgs {
     /// Play one part, such as 2/4, the second of four, or `auto`, that of the task of an engine; `canrig merge` merges
     /// them
-    #[arg(long, value_name = "PART", default_value = "1/1")]
+    #[arg(long, value_name = "PART", default_value = "1/1", value_parser = wanted)]
     shard: Wanted,
     /// With `--shard auto`: the number of parts. An engine numbers their tasks from 1, Kubernetes from 0
     #[arg(long, value_name = "COUNT")]
@@ -53,29 +52,21 @@ impl PartArgs {
     /// Returns the part.
     pub(crate) fn shard(&self) -> Result<Shard, Failure> {
         match (self.shard, self.shards) {
-            (Wanted::This(shard), None) => Ok(shard),
-            (Wanted::This(_), Some(_)) => Err(Exit::CannotStart
+            (Some(shard), None) => Ok(shard),
+            (Some(_), Some(_)) => Err(Exit::CannotStart
                 .because("--shards goes with --shard auto only; a part is written as --shard 2/4")),
-            (Wanted::Auto, shards) => engine_shard(|name| env::var(name).ok(), shards),
+            (None, shards) => engine_shard(|name| env::var(name).ok(), shards),
         }
     }
 }
 
-/// Value of `--shard`.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-enum Wanted {
-    This(Shard),
-    Auto,
-}
+/// Part that is named; `None` for that of the task of an engine.
+type Wanted = Option<Shard>;
 
-impl FromStr for Wanted {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            part => part.parse().map(Self::This),
-        }
+fn wanted(text: &str) -> Result<Wanted, String> {
+    match text {
+        "auto" => Ok(None),
+        part => part.parse().map(Some),
     }
 }
 
