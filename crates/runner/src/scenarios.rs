@@ -31,7 +31,7 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
     let place = path.display();
     let refused = |why: String, help: Option<String>| {
         let reason = MietteDiagnostic::new(why);
-        Err(Failure::invalid(MietteDiagnostic { help, ..reason }))
+        Failure::invalid(MietteDiagnostic { help, ..reason })
     };
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
@@ -39,9 +39,8 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
         let hint = meant.map_or_else(String::new, |meant| format!("did you mean `{meant}`? "));
         let help = format!("{hint}`canrig examples` lists those that ship");
         let why = format!("`{place}`: there is no such file, and no scenario of this name ships");
-        return refused(why, Some(help));
+        return Err(refused(why, Some(help)));
     }
-    let mut program = None;
     let text = match shipped {
         Some(ShippedFile { text, .. }) => text.to_owned(),
         None => match read_text(path, FILE_BYTES_MAX) {
@@ -55,24 +54,17 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
             "a program that leads stands behind `--`: canrig simulate SCENARIO -- python3 {place}"
         );
         let why = format!("`{place}` is a program, not a scenario");
-        return refused(why, Some(help));
+        return Err(refused(why, Some(help)));
     }
-    let text = match overridden(text, &values.all()) {
-        Ok(text) => text,
-        Err(why) => return refused(format!("`{place}`: {why}"), None),
-    };
-    let mut beside = Beside::new(path);
-    if !values.program.is_empty() {
-        let (with, command) = match beside.with_program(&values.program) {
-            Ok(found) => found,
-            Err(error) => {
+    let text = overridden(text, &values.all())
+        .map_err(|why| refused(format!("`{place}`: {why}"), None))?;
+    let (mut beside, command) =
+        Beside::new(path)
+            .with_program(&values.program)
+            .map_err(|error| {
                 let why = format!("`{place}`: the program cannot be found: {error}");
-                return refused(why, None);
-            }
-        };
-        beside = with;
-        program = Some(command);
-    }
+                refused(why, None)
+            })?;
     if let Some(rig) = values.rig_file() {
         beside = beside.with_rig(rig);
     }
@@ -84,9 +76,10 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
         (Some(shipped), _) if !is_of_rig(name) => shipped.beside(name),
         _ => beside.read(name),
     };
-    let text = match program {
-        Some(command) => led_by(text, &command, &read),
-        None => text,
+    let text = if command.is_empty() {
+        text
+    } else {
+        led_by(text, &command, &read)
     };
     Ok(Plan::parse(&beside, text, read, catalogue())?)
 }
