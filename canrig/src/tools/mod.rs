@@ -15,11 +15,11 @@ use std::time::Duration;
 
 use can::Filter;
 use canopen::sdo_client::{SdoClient, SdoError};
-use platform::bus::{Bus, BusAddress, BusError};
+use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::stop::StopSignal;
 
-use plan::data_sheet::{DataSheet, DataSheetError};
+use plan::data_sheet::DataSheet;
 use plan::named_nodes::NamedNodes;
 use runner::exit::{Exit, Failure};
 use runner::named::named_plan;
@@ -63,7 +63,7 @@ pub(crate) struct NamesArgs {
 
 impl NamesArgs {
     /// Returns the nodes by name: those of the user's rig, or those of the rig that ships.
-    fn nodes(&self) -> Result<NamedNodes, ToolError> {
+    fn nodes(&self) -> Result<NamedNodes, Failure> {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
         };
@@ -95,18 +95,6 @@ pub(crate) enum ToolError {
     Interrupted,
 }
 
-impl From<DataSheetError> for ToolError {
-    fn from(error: DataSheetError) -> Self {
-        Exit::Usage.because(error).into()
-    }
-}
-
-impl From<BusError> for ToolError {
-    fn from(error: BusError) -> Self {
-        Exit::BenchFailed.because(error).into()
-    }
-}
-
 impl From<ToolError> for Failure {
     fn from(error: ToolError) -> Self {
         match error {
@@ -119,7 +107,7 @@ impl From<ToolError> for Failure {
 impl From<GuestError> for ToolError {
     fn from(error: GuestError) -> Self {
         match error {
-            GuestError::Bus(error) => error.into(),
+            GuestError::Bus(error) => Self::Failed(error.into()),
             GuestError::Interrupted => Self::Interrupted,
         }
     }
@@ -129,7 +117,7 @@ impl From<GuestError> for ToolError {
 const ANSWER_TIME: Duration = Duration::from_secs(1);
 
 /// Joins a bus as a guest that hears all frames.
-fn guest(bus: &ToolBus) -> Result<Guest<'static>, ToolError> {
+fn guest(bus: &ToolBus) -> Result<Guest<'static>, Failure> {
     let stop = stop_signal()?;
     Ok(Guest::new(open(bus, &[Filter::ALL])?, move || {
         stop.is_raised()
@@ -183,7 +171,7 @@ pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, Failure> {
     }
 }
 
-fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
+fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, Failure> {
     let address = address(bus)?;
     if bus.is_none() {
         print_error(&format!("canrig: on the bus of your run, {address}"));

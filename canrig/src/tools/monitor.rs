@@ -16,7 +16,7 @@ use platform::clock::Clock;
 use platform::terminal::printable;
 
 use super::nodes::state_name;
-use super::{NamesArgs, ToolBusArgs, ToolError, open, seconds, stop_signal, value};
+use super::{NamesArgs, ToolBusArgs, open, seconds, stop_signal, value};
 use plan::data_sheet::DataSheet;
 use plan::error_frames;
 use plan::named_nodes::NamedNodes;
@@ -293,11 +293,6 @@ pub(crate) struct MonitorArgs {
 
 /// Shows live traffic until the user stops it.
 pub(crate) fn monitor(args: MonitorArgs) -> Result<Exit, Failure> {
-    shown(args)?;
-    Ok(Exit::Pass)
-}
-
-fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let bus = args.bus.chosen();
     let options = args.options;
     let NamedNodes { sheets, database } = args.names.nodes()?;
@@ -359,7 +354,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
             bus.fd_frames()
         ));
     }
-    Ok(())
+    Ok(Exit::Pass)
 }
 
 #[cfg(test)]

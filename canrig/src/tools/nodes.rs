@@ -222,12 +222,6 @@ pub(crate) struct NodesArgs {
 
 /// Calls every node on a bus, and prints the table of the nodes.
 pub(crate) fn nodes(args: &NodesArgs) -> Result<Exit, Failure> {
-    print(&called(args)?);
-    Ok(Exit::Pass)
-}
-
-/// Calls every node on a bus, and returns the table.
-fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
     let name = |sheet: &DataSheet| (sheet.node_id, sheet.node_name.clone());
     // Without a rig file the nodes have no names of their own.
@@ -253,9 +247,10 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
     };
     let mut guest = guest(&args.bus.chosen())?;
     match roll_call.play(&mut guest) {
-        Ok(()) | Err(ToolError::Interrupted) => Ok(report(&roll_call)),
-        Err(error) => Err(error),
+        Ok(()) | Err(ToolError::Interrupted) => print(&report(&roll_call)),
+        Err(error) => return Err(error.into()),
     }
+    Ok(Exit::Pass)
 }
 
 /// Returns the nodes as a table.

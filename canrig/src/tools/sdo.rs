@@ -212,13 +212,13 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
 ///
 /// # Errors
 /// There is no such bus, there is no terminal to ask on, or the answer is no.
-fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
+fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), Failure> {
     let bus = address(&None)?;
     if !io::stdin().is_terminal() {
         let reason = format!(
             "`sdo write` without --bus asks first, and its input is no terminal: name the bus, --bus {bus}"
         );
-        return Err(Exit::Usage.because(reason).into());
+        return Err(Exit::Usage.because(reason));
     }
     print_error(&format!(
         "write 0x{index:04X}:{sub_index:02X} of {node} on {bus}? y or n"
@@ -227,7 +227,7 @@ fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
     let read = io::stdin().read_line(&mut answer);
     match read.map(|_| answer.trim().to_ascii_lowercase()) {
         Ok(answer) if ["y", "yes"].contains(&answer.as_str()) => Ok(()),
-        _ => Err(ToolError::Refused("nothing is written".to_owned())),
+        _ => Err(Exit::BenchFailed.because("nothing is written")),
     }
 }
 
@@ -236,7 +236,7 @@ fn transferred(
     target: &ObjectArgs,
     value: Option<&str>,
     is_forced: bool,
-) -> Result<String, ToolError> {
+) -> Result<String, Failure> {
     let mut sheets = target.names.nodes()?.sheets;
     let node_id = data_sheet::node_id(&target.node, &sheets)?;
     if let Some(path) = &target.eds {

@@ -4,6 +4,8 @@ use std::process::ExitCode;
 
 use dbc::SignalMissing;
 use judge::verdict::Outcome;
+use plan::data_sheet::DataSheetError;
+use platform::bus::BusError;
 use recording::run_folder::WriteError;
 use recording::session::ReadError;
 use scenario::ScenarioError;
@@ -107,6 +109,18 @@ impl From<ReadError> for Failure {
 impl From<SignalMissing> for Failure {
     fn from(error: SignalMissing) -> Self {
         Exit::CannotStart.because(error)
+    }
+}
+
+impl From<DataSheetError> for Failure {
+    fn from(error: DataSheetError) -> Self {
+        Exit::Usage.because(error)
+    }
+}
+
+impl From<BusError> for Failure {
+    fn from(error: BusError) -> Self {
+        Exit::BenchFailed.because(error)
     }
 }
 
