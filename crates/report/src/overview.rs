@@ -9,7 +9,6 @@ use super::Run;
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use crate::run::Run;
 use judge::verdict::{Metric, Outcome};
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
