@@ -75,8 +75,8 @@ fn cooling() -> Experiment {
             }
         };
         [
-            PlannedRun::new(label(WITH_ELEMENT), with, keep),
-            PlannedRun::new(label("air alone"), without, keep),
+            PlannedRun::new(label(WITH_ELEMENT), with, keep).coloured(Colour::Measured),
+            PlannedRun::new(label("air alone"), without, keep).coloured(Colour::Run(3)),
         ]
     });
     Experiment {
@@ -115,7 +115,6 @@ fn cooled(runs: &[Kept]) -> Evaluation {
     let [with, without, ..] = runs else {
         return Evaluation::default();
     };
-    let coloured = [(with, Colour::Measured), (without, Colour::Run(3))];
     let down = [with, without].map(|run| {
         let seconds = seconds_down(run).ok_or_else(|| NEVER.to_owned());
         Quantity::derived(DOWN, &*run.label, seconds, None)
@@ -153,8 +152,8 @@ fn cooled(runs: &[Kept]) -> Evaluation {
     Evaluation {
         numbers: limited.into_iter().chain(down).chain([times]).collect(),
         figures: vec![
-            positions("Position", &coloured),
-            temperatures("Wire temperature", &coloured),
+            positions("Position", &runs[..2]),
+            temperatures("Wire temperature", &runs[..2]),
         ],
         tables: vec![NumberTable {
             header: header.to_vec(),

@@ -39,6 +39,8 @@ pub struct PlannedRun {
     pub scenario: Trial,
     /// Data to keep in addition to the verdict.
     pub keep: Keep,
+    /// Colour of the run in plots.
+    pub colour: Colour,
 }
 
 /// Length of each of the last two spans of a run whose swings are compared.
@@ -59,6 +61,8 @@ pub enum Keep {
 pub struct Kept {
     /// Label as in [`PlannedRun`].
     pub label: String,
+    /// Colour as in [`PlannedRun`].
+    pub colour: Colour,
     /// Scenario that was played.
     pub scenario: Trial,
     /// Verdict of the run.
@@ -193,12 +197,24 @@ impl PlannedRun {
             label,
             scenario,
             keep,
+            colour: Colour::True,
         }
+    }
+
+    /// Sets another colour of the run in plots.
+    #[must_use]
+    pub fn coloured(self, colour: Colour) -> Self {
+        Self { colour, ..self }
+    }
+
+    /// Makes a run of a scenario under a law.
+    pub fn of_law(law: ComparedLaw, scenario: Trial, keep: Keep) -> Self {
+        Self::new(law.name(), scenario, keep).coloured(law.colour())
     }
 
     /// Returns one run for each law.
     pub fn for_laws(base: &Trial, keep: Keep) -> Vec<Self> {
-        let run = |law: ComparedLaw| Self::new(law.name(), law.plays(base), keep);
+        let run = |law: ComparedLaw| Self::of_law(law, law.plays(base), keep);
         ComparedLaw::ALL.map(run).into()
     }
 
@@ -232,6 +248,7 @@ impl PlannedRun {
         let signals = window.zip(timeline);
         Kept {
             label: self.label.clone(),
+            colour: self.colour,
             scenario: self.scenario.clone(),
             verdict: played.verdict.clone(),
             signals: signals.map_or_else(Signals::default, Signals::new),
@@ -316,6 +333,11 @@ impl Kept {
     }
 }
 
+/// Returns the runs of each label; those of one label follow each other.
+pub fn by_label(runs: &[Kept]) -> impl Iterator<Item = &[Kept]> {
+    runs.chunk_by(|run, next| run.label == next.label)
+}
+
 /// Returns a plot without curves, over another quantity than time.
 pub fn plot_over(title: &str, y_unit: &'static str, x_label: &'static str) -> Plot<'static> {
     Plot {
@@ -325,9 +347,9 @@ pub fn plot_over(title: &str, y_unit: &'static str, x_label: &'static str) -> Pl
 }
 
 /// Plots the positions of these runs over time, the first on top, and its set-point.
-pub fn positions(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+pub fn positions(title: &str, runs: &[Kept]) -> Plot<'static> {
     let mut plot = Plot::over_time(title, "mm");
-    if let Some((Kept { signals, .. }, _)) = runs.first() {
+    if let Some(Kept { signals, .. }) = runs.first() {
         let (times, wanted) = (&signals.time_seconds, &signals.set_point_millimetres);
         plot.draw("set-point", Colour::Wanted, Shape::Dashed, times, wanted);
     }
@@ -335,13 +357,13 @@ pub fn positions(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
 }
 
 /// Plots the currents of these runs over time, the first on top.
-pub fn currents(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+pub fn currents(title: &str, runs: &[Kept]) -> Plot<'static> {
     let plot = Plot::over_time(title, "A");
     with_runs(plot, runs, |signals| signals.current_amperes.clone())
 }
 
 /// Plots the temperatures of the wire in these runs over time, the first on top.
-pub fn temperatures(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+pub fn temperatures(title: &str, runs: &[Kept]) -> Plot<'static> {
     let plot = Plot::over_time(title, "°C");
     with_runs(plot, runs, |signals| signals.temperature_celsius.clone())
 }
@@ -349,12 +371,12 @@ pub fn temperatures(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
 /// Adds a curve over time for each of these runs, the first on top.
 pub fn with_runs(
     mut plot: Plot<'static>,
-    runs: &[(&Kept, Colour)],
+    runs: &[Kept],
     values: fn(&Signals) -> Vec<f64>,
 ) -> Plot<'static> {
-    for (run, colour) in runs.iter().rev() {
+    for run in runs.iter().rev() {
         let (times, values) = (&run.signals.time_seconds, values(&run.signals));
-        plot.draw(&*run.label, *colour, Shape::Line, times, values);
+        plot.draw(&*run.label, run.colour, Shape::Line, times, values);
     }
     plot
 }

@@ -167,7 +167,7 @@ fn stresses() -> Evaluation {
 fn identification(is_reduced: bool) -> Experiment {
     let excitation = bases::identify_excitation();
     let mut runs = vec![
-        PlannedRun::new("ramp", bases::ramp(), Keep::IdentificationData),
+        PlannedRun::new("ramp", bases::ramp(), Keep::IdentificationData).coloured(Colour::Measured),
         PlannedRun::new(RICH, excitation.clone(), Keep::IdentificationData),
     ];
     if !is_reduced {
@@ -199,7 +199,7 @@ fn identified(runs: &[Kept]) -> Evaluation {
     };
     evaluation
         .figures
-        .push(currents("Fig. 9 (a): current", &[(ramp, Colour::Measured)]));
+        .push(currents("Fig. 9 (a): current", &runs[..1]));
     for run in rich {
         match search(run) {
             Err(reason) => evaluation.numbers.push(not_found(run, reason)),

@@ -7,8 +7,8 @@ use scenario::plant::{Kinetics, PlantModel, Sma};
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Evaluation, Experiment, Keep, Kept, PlannedRun, currents, plot_over, positions,
-    with_runs,
+    ComparedLaw, Evaluation, Experiment, Keep, Kept, PlannedRun, by_label, currents, plot_over,
+    positions, with_runs,
 };
 use super::families::set_frequency;
 use super::quantity::{Paper, Quantity, at_least};
@@ -115,28 +115,26 @@ pub(super) fn steps(runs: &[Kept], paper: &Paper, target: Option<Patch>) -> Eval
 
 /// Evaluates these metrics, with plots of position and current.
 fn courses(runs: &[Kept], metrics: &[&str], paper: &Paper, target: Option<Patch>) -> Evaluation {
-    let coloured = coloured(runs);
-    let mut position = positions("Position", &coloured);
+    let mut position = positions("Position", runs);
     position.patches.extend(target);
     Evaluation {
         numbers: numbers(runs, metrics, paper),
-        figures: vec![position, currents("Current", &coloured)],
+        figures: vec![position, currents("Current", runs)],
         ..Evaluation::default()
     }
 }
 
 fn sine(runs: &[Kept]) -> Evaluation {
     let paper = [("tracking_error_millimetres_rms", "\"good accuracy\"")];
-    let coloured = coloured(runs);
     let plot = Plot::over_time("Error: position − set-point", "mm");
-    let error = with_runs(plot, &coloured, |signals| {
+    let error = with_runs(plot, runs, |signals| {
         let positions = signals.position_millimetres.iter();
         let pairs = positions.zip(&signals.set_point_millimetres);
         pairs.map(|(position, wanted)| position - wanted).collect()
     });
     Evaluation {
         numbers: numbers(runs, &["tracking_error_millimetres_rms"], &paper),
-        figures: vec![positions("Position, the last period", &coloured), error],
+        figures: vec![positions("Position, the last period", runs), error],
         ..Evaluation::default()
     }
 }
@@ -154,12 +152,13 @@ fn bandwidth(is_reduced: bool) -> Experiment {
             set_frequency(&mut scenario, hertz);
             // The limits of the file apply to its own frequency.
             scenario.expect = Expect::default();
-            PlannedRun::new(law.name(), scenario, Keep::Verdict)
+            PlannedRun::of_law(law, scenario, Keep::Verdict)
         })
     };
     let twin = bases::twin();
     let on_twin = sweep(ComparedLaw::SlidingMode).map(|run| PlannedRun {
         label: ComparedLaw::SlidingMode.on_twin(),
+        colour: Colour::True,
         scenario: Trial {
             plant: twin.clone(),
             ..run.scenario
@@ -186,33 +185,21 @@ const GAIN: &str = "sine_gain";
 const OFFSET: &str = "sine_offset_millimetres";
 
 /// The frequency response under one law: its runs, from the lowest frequency on.
-struct Response<'a> {
-    label: String,
-    colour: Colour,
-    runs: Vec<&'a Kept>,
-}
+struct Response<'a>(&'a [Kept]);
 
-impl<'a> Response<'a> {
-    fn new(label: String, colour: Colour, runs: &'a [Kept]) -> Self {
-        let runs = runs.iter().filter(|run| run.label == label).collect();
-        Self {
-            label,
-            colour,
-            runs,
-        }
-    }
-
+impl Response<'_> {
     fn hertz(&self) -> Vec<f64> {
-        self.runs.iter().filter_map(|run| hertz(run)).collect()
+        self.0.iter().filter_map(hertz).collect()
     }
 
     fn values(&self, metric: &str) -> Vec<f64> {
-        let values = self.runs.iter().map(|run| run.metric(metric));
+        let values = self.0.iter().map(|run| run.metric(metric));
         values.map(|value| value.unwrap_or(f64::NAN)).collect()
     }
 
     fn numbers(&self) -> [Quantity; 3] {
-        let of = self.label.as_str();
+        let first = &self.0[0];
+        let of = first.label.as_str();
         let (hertz, offsets) = (self.hertz(), self.values(OFFSET));
         // The index of the last frequency before the gain first falls below the cut-off.
         let by_gain = last_before(&self.values(GAIN), |gain| gain >= CUT_OFF_GAIN);
@@ -244,21 +231,18 @@ impl<'a> Response<'a> {
                 at_least(3.0).filter(|_| of == ours),
             ),
         ]
-        .map(|number| number.with_model(self.runs.first().and_then(|run| run.model())))
+        .map(|number| number.with_model(first.model()))
     }
 }
 
 fn responses(runs: &[Kept]) -> Evaluation {
-    let laws = ComparedLaw::ALL.map(|law| (law.name().to_owned(), law.colour()));
-    let on_twin = (ComparedLaw::SlidingMode.on_twin(), Colour::True);
-    let responses = laws.into_iter().chain([on_twin]);
-    let responses =
-        Vec::from_iter(responses.map(|(label, colour)| Response::new(label, colour, runs)));
+    let responses = Vec::from_iter(by_label(runs).map(Response));
     let figure = |title, unit, metric| {
         let mut figure = plot_over(title, unit, "frequency (Hz)");
         for response in responses.iter().rev() {
             let (x, y) = (response.hertz(), response.values(metric));
-            figure.draw(&*response.label, response.colour, Shape::Line, &x, &y);
+            let first = &response.0[0];
+            figure.draw(&*first.label, first.colour, Shape::Line, &x, &y);
         }
         figure
     };
@@ -301,10 +285,10 @@ fn last_before(values: &[f64], is_good: impl Fn(f64) -> bool) -> Option<usize> {
 const AROUND_SECONDS: (f64, f64) = (-1.0, 6.0);
 
 /// The runs without feedback, by the kinetics of the wire.
-const OPEN_LOOP: [(&str, Kinetics); 3] = [
-    ("open loop", Kinetics::Paper),
-    ("open loop, nested", Kinetics::Nested),
-    ("open loop, Preisach", Kinetics::Preisach),
+const OPEN_LOOP: [(&str, Kinetics, Colour); 3] = [
+    ("open loop", Kinetics::Paper, Colour::Run(1)),
+    ("open loop, nested", Kinetics::Nested, Colour::Run(2)),
+    ("open loop, Preisach", Kinetics::Preisach, Colour::Run(3)),
 ];
 
 fn fan() -> Experiment {
@@ -317,7 +301,7 @@ fn fan() -> Experiment {
         ))
     };
     let mut runs = PlannedRun::with_twin(&closed, window(&closed));
-    runs.extend(OPEN_LOOP.map(|(label, kinetics)| {
+    runs.extend(OPEN_LOOP.map(|(label, kinetics, colour)| {
         let mut trial = open.clone();
         if kinetics != Kinetics::default() {
             trial.plant = PlantModel::from_sma(Sma {
@@ -326,7 +310,7 @@ fn fan() -> Experiment {
             });
             trial.expect = Expect::default();
         }
-        PlannedRun::new(label, trial, window(&open))
+        PlannedRun::new(label, trial, window(&open)).coloured(colour)
     }));
     Experiment {
         id: "fan",
@@ -343,13 +327,11 @@ fn fan() -> Experiment {
                 .iter()
                 .flat_map(|run| run.numbers(&DISTURBANCE_METRICS[..1], &paper));
             numbers.extend(open_numbers);
-            let colours = [Colour::Run(1), Colour::Run(2), Colour::Run(3)];
-            let open = Vec::from_iter(open.iter().zip(colours));
             Evaluation {
                 numbers,
                 figures: vec![
-                    disturbed("(a) Position in closed loop", &coloured(closed)),
-                    disturbed("(b) Position without feedback", &open),
+                    disturbed("(a) Position in closed loop", closed),
+                    disturbed("(b) Position without feedback", open),
                 ],
                 ..Evaluation::default()
             }
@@ -366,9 +348,9 @@ fn start(scenario: &Trial) -> f64 {
 }
 
 /// Makes a plot of the positions over the time since the disturbance began.
-fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
+fn disturbed(title: &str, runs: &[Kept]) -> Plot<'static> {
     let mut figure = plot_over(title, "mm", "time since the fan started (s)");
-    for (run, colour) in runs.iter().rev() {
+    for run in runs.iter().rev() {
         let start = start(&run.scenario);
         let times: Vec<f64> = run
             .signals
@@ -377,25 +359,14 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Plot<'static> {
             .map(|time| time - start)
             .collect();
         let positions = &run.signals.position_millimetres;
-        figure.draw(&*run.label, *colour, Shape::Line, times, positions);
+        figure.draw(&*run.label, run.colour, Shape::Line, times, positions);
     }
-    let disturbances = runs.first().map(|(run, _)| run.scenario.disturbances());
+    let disturbances = runs.first().map(|run| run.scenario.disturbances());
     if let Some([first, ..]) = disturbances.as_deref() {
         let seconds = first.window.until_seconds - first.window.from_seconds;
         figure.patches.push(Patch::stretch("span", (0.0, seconds)));
     }
     figure
-}
-
-/// Returns each run with the colour of its law; the labels are the laws' names.
-fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
-    let colour = |run: &Kept| {
-        let law = ComparedLaw::ALL
-            .into_iter()
-            .find(|law| law.name() == run.label);
-        law.map_or(Colour::True, ComparedLaw::colour)
-    };
-    runs.iter().map(|run| (run, colour(run))).collect()
 }
 
 /// Returns these metrics of each run; those of `sliding_mode` have the paper's values.
@@ -431,6 +402,7 @@ mod tests {
             set_frequency(&mut scenario, hertz);
             Kept {
                 label: "pid".to_owned(),
+                colour: Colour::Run(3),
                 scenario,
                 verdict,
                 signals: Signals::default(),
@@ -442,8 +414,7 @@ mod tests {
             let values = [0.5, 1.0, 2.0, 3.0].into_iter().zip(gain).zip(offset);
             let runs = values.map(|((hertz, gain), offset)| run(hertz, *gain, *offset));
             let runs = Vec::from_iter(runs);
-            let response = Response::new("pid".to_owned(), Colour::Run(3), &runs);
-            let [gain, _, centred] = response.numbers();
+            let [gain, _, centred] = Response(&runs).numbers();
             (gain.metric.value, centred.metric.value)
         };
         let centred = [0.0, 0.1, -0.9, 0.0];

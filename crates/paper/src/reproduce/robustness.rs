@@ -6,7 +6,7 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, plot_over,
+    ComparedLaw, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun, by_label, plot_over,
 };
 use super::quantity::{Quantity, at_most};
 use super::response::steps;
@@ -29,15 +29,8 @@ const HUNTING_RATIO: f64 = 0.9;
 const TARGETS: [f64; 2] = [0.21, 2.5];
 /// Number of the worst plants that are named.
 const WORST: usize = 3;
-
-/// Label of the PID that is tuned over plants. The shipped one is tuned on a single plant.
+/// Label of a PID that is tuned over plants. The shipped one is tuned on a single one.
 const TUNED: &str = "pid, tuned over plants";
-
-/// Returns the laws that are compared on the unknown plants, with their labels.
-fn contestants() -> impl Iterator<Item = (ComparedLaw, &'static str)> {
-    let shipped = ComparedLaw::ALL.map(|law| (law, law.name()));
-    shipped.into_iter().chain([(ComparedLaw::Pid, TUNED)])
-}
 
 /// Returns the experiments of this file.
 pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
@@ -47,22 +40,26 @@ pub(super) fn experiments(is_reduced: bool) -> Vec<Experiment> {
 fn plants(is_reduced: bool) -> Experiment {
     let count = if is_reduced { PLANTS_REDUCED } else { PLANTS };
     let plants = Vec::from_iter(unknown_plants(count));
-    let contestant_runs = |(law, label): (ComparedLaw, &'static str)| {
-        let controller = (label == TUNED).then(bases::pid_over_plants);
+    let trial = |law: ComparedLaw, plant: &Trial| {
         let decided_seconds = match law {
             ComparedLaw::Pid => DECIDED_SECONDS_PID,
             _ => DECIDED_SECONDS,
         };
-        let played = plants.iter().map(move |plant| {
-            let mut trial = law.plays(plant);
-            trial.run_mut().duration_seconds = HOLD_SECONDS + decided_seconds;
-            if let Some(controller) = &controller {
-                trial.controller = controller.clone();
-            }
-            PlannedRun::new(label, trial, Keep::Verdict)
-        });
-        played.collect::<Vec<_>>()
+        let mut trial = law.plays(plant);
+        trial.run_mut().duration_seconds = HOLD_SECONDS + decided_seconds;
+        trial
     };
+    let mut runs = Vec::new();
+    for law in ComparedLaw::ALL {
+        let run = |plant| PlannedRun::of_law(law, trial(law, plant), Keep::Verdict);
+        runs.extend(plants.iter().map(run));
+    }
+    let controller = bases::pid_over_plants();
+    runs.extend(plants.iter().map(|plant| {
+        let mut tuned = trial(ComparedLaw::Pid, plant);
+        tuned.controller = controller.clone();
+        PlannedRun::new(TUNED, tuned, Keep::Verdict)
+    }));
     Experiment {
         id: "robustness",
         title: "Robustness: the step on plants that the controller does not know",
@@ -71,7 +68,7 @@ fn plants(is_reduced: bool) -> Experiment {
                loop hunts if its position swings by more than 0.25 mm in the last 5 s, and by 0.9 of the 5 s before at least: else it comes to \
                rest. The shipped PID is tuned on one plant; the other one over plants (scenarios/sweeps/pid.toml). The paper says in one \
                sentence that its controller is robust.",
-        runs: contestants().flat_map(contestant_runs).collect(),
+        runs,
         evaluate: distributions,
     }
 }
@@ -91,8 +88,8 @@ fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
 fn distributions(runs: &[Kept]) -> Evaluation {
     let mut evaluation = Evaluation::default();
     let mut rows = Vec::new();
-    for (law, label) in contestants() {
-        let kept: Vec<&Kept> = runs.iter().filter(|run| run.label == label).collect();
+    for kept in by_label(runs) {
+        let label = &kept[0].label;
         let sorted = |name: &str| {
             let mut values: Vec<f64> = kept
                 .iter()
@@ -106,7 +103,7 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         let count =
             |is_one: fn(&Kept) -> bool| kept.iter().filter(|run| is_one(run)).count() as f64;
         let of = format!("{label}, {} plants", kept.len());
-        let limit = |max| at_most(max).filter(|_| law == ComparedLaw::SlidingMode);
+        let limit = |max| at_most(max).filter(|_| label == ComparedLaw::SlidingMode.name());
         let [time_max, peak_max] = TARGETS;
         let (unsettled, hunting) = (count(is_unsettled), count(hunts));
         evaluation.numbers.extend(
@@ -121,10 +118,10 @@ fn distributions(runs: &[Kept]) -> Evaluation {
                 Quantity::derived("unsettled_plants", &*of, Ok(unsettled), limit(0.0)),
                 Quantity::derived("hunting_plants", &*of, Ok(hunting), limit(0.0)),
             ]
-            .map(|number| number.with_model(kept.first().and_then(|run| run.model()))),
+            .map(|number| number.with_model(kept[0].model())),
         );
         rows.push(
-            [label.to_owned()]
+            [label.clone()]
                 .into_iter()
                 .chain(spread(&times, 3))
                 .chain(spread(&peaks, 1))
@@ -132,8 +129,8 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         );
         if label != TUNED {
             evaluation.figures.extend([
-                distribution(law, "settling time (s)", &times, time_max),
-                distribution(law, "overshoot (%)", &peaks, peak_max),
+                distribution(&kept[0], "settling time (s)", &times, time_max),
+                distribution(&kept[0], "overshoot (%)", &peaks, peak_max),
             ]);
         }
     }
@@ -188,15 +185,15 @@ fn is_lasting([before, last]: [f64; 2]) -> bool {
 
 /// Makes a plot of the per cent of the plants up to each value. The laws differ too much for one plot.
 fn distribution(
-    law: ComparedLaw,
+    of: &Kept,
     quantity: &'static str,
     sorted: &[f64],
     target_max: f64,
 ) -> Plot<'static> {
-    let title = format!("{}: plants up to a value", law.name());
+    let title = format!("{}: plants up to a value", of.label);
     let mut figure = plot_over(&title, "%", quantity);
     let (x, y) = staircase(sorted);
-    figure.draw(quantity, law.colour(), Shape::Line, &x, &y);
+    figure.draw(quantity, of.colour, Shape::Line, &x, &y);
     figure.patches.push(Patch::band(
         (f64::NEG_INFINITY, target_max),
         (95.0, f64::INFINITY),
