@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::archive::description_in;
 use crate::description::Variable;
 use crate::error::{Fault, said};
-use crate::library::{self, PlainFunction, Slave, Status, text};
+use crate::library::{self, Slave, Status, text};
 
 /// Largest number of halvings of a step that the FMU refuses.
 const HALVINGS_MAX: i32 = 20;
@@ -65,7 +65,7 @@ pub struct Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         if self.is_initialized {
-            self.slave.call(PlainFunction::Terminate);
+            self.slave.call("Terminate");
         }
     }
 }
@@ -126,7 +126,7 @@ impl Instance {
         }
         let status = self.slave.enter_initialization(0.0, tolerance);
         self.good("EnterInitializationMode", status)?;
-        self.call(PlainFunction::ExitInitializationMode)?;
+        self.call("ExitInitializationMode")?;
         if self.has_events {
             self.update_and_go_on()?;
         }
@@ -197,7 +197,7 @@ impl Instance {
         };
         let mut pairs = self.inputs.iter().zip(inputs).zip(&self.last_inputs);
         if self.has_events && pairs.any(is_changed) {
-            self.call(PlainFunction::EnterEventMode)?;
+            self.call("EnterEventMode")?;
             self.set_those(inputs, true)?;
             self.update_and_go_on()?;
         } else if !self.has_events {
@@ -292,7 +292,7 @@ impl Instance {
             let is_event =
                 self.has_events && self.time_seconds >= self.next_event_seconds - shortest;
             if self.has_events && (stepped.needs_events || is_event) {
-                self.call(PlainFunction::EnterEventMode)?;
+                self.call("EnterEventMode")?;
                 self.update_and_go_on()?;
             }
             if is_discarded && advanced <= 0.0 {
@@ -331,13 +331,13 @@ impl Instance {
                 return Err(self.failed("UpdateDiscreteStates", &outcome));
             }
         }
-        self.call(PlainFunction::EnterStepMode)
+        self.call("EnterStepMode")
     }
 
     /// Calls a function that takes no values.
-    fn call(&mut self, function: PlainFunction) -> Result<(), Fault> {
+    fn call(&mut self, function: &'static str) -> Result<(), Fault> {
         let status = self.slave.call(function);
-        self.good(function.name(), status)
+        self.good(function, status)
     }
 
     fn good(&mut self, function: &str, status: Status) -> Result<(), Fault> {

@@ -7,7 +7,7 @@ use std::ptr::null_mut;
 use libloading::os::unix::Library;
 
 use super::log::Log;
-use super::{PlainFunction, Slave, Status, Stepped, Updated, function};
+use super::{Slave, Status, Stepped, Updated, function};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -102,7 +102,7 @@ pub(super) struct Loaded {
     component: Component,
     free_instance: unsafe extern "C" fn(Component),
     /// Functions that take no values; those of events only in an instance with events.
-    plain: Vec<(PlainFunction, Plain)>,
+    plain: Vec<(&'static str, Plain)>,
     set_string: Box<SetText>,
     own: OwnFunctions,
     // Data that the component points to, for as long as it lives.
@@ -118,12 +118,9 @@ impl Loaded {
     /// The library is of the version, and the given functions are its own.
     pub(super) unsafe fn of<V: Family>(library: Library, own: OwnFunctions) -> Result<Self, Fault> {
         let named = |name: &str| format!("{}{name}", V::PREFIX);
-        let mut plain = vec![
-            PlainFunction::ExitInitializationMode,
-            PlainFunction::Terminate,
-        ];
+        let mut plain = vec!["ExitInitializationMode", "Terminate"];
         if own.update.is_some() {
-            plain.extend([PlainFunction::EnterEventMode, PlainFunction::EnterStepMode]);
+            plain.extend(["EnterEventMode", "EnterStepMode"]);
         }
         // SAFETY: both versions have these types, and the library lives as long as `Self`.
         unsafe {
@@ -133,7 +130,7 @@ impl Loaded {
                 free_instance: function(&library, &named("FreeInstance"))?,
                 plain: plain
                     .into_iter()
-                    .map(|plain| Ok((plain, function(&library, &named(plain.name()))?)))
+                    .map(|name| Ok((name, function(&library, &named(name))?)))
                     .collect::<Result<_, Fault>>()?,
                 set_string: Box::new(move |component, reference, text| {
                     set.map_or(Status::ERROR, |set| {
@@ -203,7 +200,7 @@ impl Slave for Loaded {
         updated.unwrap_or((Status::ERROR, Updated::default()))
     }
 
-    fn call(&mut self, function: PlainFunction) -> Status {
+    fn call(&mut self, function: &'static str) -> Status {
         match self.plain.iter().find(|(plain, _)| *plain == function) {
             // SAFETY: a function of the library, and a component that lives.
             Some((_, plain)) => Status(unsafe { plain(self.component) }),

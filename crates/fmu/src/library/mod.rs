@@ -68,27 +68,6 @@ pub(crate) struct Updated {
     pub(crate) next_event_seconds: Option<f64>,
 }
 
-/// Functions that take no values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum PlainFunction {
-    ExitInitializationMode,
-    EnterEventMode,
-    EnterStepMode,
-    Terminate,
-}
-
-impl PlainFunction {
-    /// Returns the name in FMI.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::ExitInitializationMode => "ExitInitializationMode",
-            Self::EnterEventMode => "EnterEventMode",
-            Self::EnterStepMode => "EnterStepMode",
-            Self::Terminate => "Terminate",
-        }
-    }
-}
-
 /// One instance of an FMU for co-simulation. Functions of events are called only if [`crate::description::CoSimulation::has_event_mode`].
 pub(crate) trait Slave {
     /// Sets a number; `value` is within the range of its kind.
@@ -98,7 +77,8 @@ pub(crate) trait Slave {
     fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status;
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped;
     fn update_discrete(&mut self) -> (Status, Updated);
-    fn call(&mut self, function: PlainFunction) -> Status;
+    /// Calls a function that takes no values, by its name without the prefix of the version.
+    fn call(&mut self, function: &'static str) -> Status;
     /// Returns the messages since the last call.
     fn log(&mut self) -> String;
     /// Marks the instance as lost. After a fatal failure no function may be called.
