@@ -121,7 +121,7 @@ const LAW_OF_LOOPS: Skeleton = Skeleton {
         ("Cargo.toml", include_str!("law/manifest.toml")),
         ("README.md", include_str!("law/loops/README.md")),
         ("src/lib.rs", include_str!("law/loops/lib.rs")),
-        ("src/main.rs", include_str!("law/loops/main.rs")),
+        ("src/main.rs", include_str!("law/main.rs")),
         (
             "scenarios/my_law.toml",
             include_str!("law/loops/scenario.toml"),

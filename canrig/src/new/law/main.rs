@@ -1,4 +1,4 @@
-//! The bench with my_law: every command of canrig, and the table `[controller.my_law]`.
+//! The bench with my_law: every command of canrig, and the law `my_law` in scenarios.
 
 use std::process::ExitCode;
 
