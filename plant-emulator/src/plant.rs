@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::{fmt, io};
 
-use scenario::custom::{Parameters, TooLow};
+use scenario::custom::{Parameters, WrongParameter};
 pub use scenario::fault::Faults;
 pub use scenario::port::{Port, Ports};
 
@@ -150,13 +150,8 @@ impl Default for Inputs {
 #[derive(Debug, thiserror::Error)]
 pub enum InvalidPlant {
     /// A parameter makes no physical sense.
-    #[error("{name} is {what}")]
-    Parameter {
-        /// Name of the parameter in the scenario.
-        name: String,
-        /// Value of the parameter, and requirement on it.
-        what: String,
-    },
+    #[error(transparent)]
+    Parameter(#[from] WrongParameter),
     /// The machine cannot make it now.
     #[error("{what}: {source}")]
     Machine {
@@ -174,15 +169,9 @@ impl InvalidPlant {
     /// Returns the parameter that is the cause, if it is one.
     pub fn parameter(&self) -> Option<&str> {
         match self {
-            Self::Parameter { name, .. } => Some(name),
+            Self::Parameter(wrong) => Some(&wrong.name),
             Self::Machine { .. } | Self::Other(_) => None,
         }
-    }
-}
-
-impl From<TooLow> for InvalidPlant {
-    fn from(TooLow { name, what }: TooLow) -> Self {
-        Self::Parameter { name, what }
     }
 }
 
@@ -209,7 +198,7 @@ pub fn require(
     } else {
         let name = name.to_owned();
         let what = format!("{value}, it must be {requirement}");
-        Err(InvalidPlant::Parameter { name, what })
+        Err(WrongParameter { name, what }.into())
     }
 }
 

@@ -160,8 +160,10 @@ pub fn schema<P: Parameters>() -> Value {
 /// Lowest values of parameters, by their schema.
 pub struct Minima(Value);
 
-/// Parameter that is below its lowest value, or not finite.
-pub struct TooLow {
+/// Parameter that makes no physical sense.
+#[derive(Debug, thiserror::Error)]
+#[error("{name} is {what}")]
+pub struct WrongParameter {
     /// Key of the parameter.
     pub name: String,
     /// Value of the parameter, and requirement on it.
@@ -178,13 +180,13 @@ impl Minima {
     ///
     /// # Errors
     /// The first number that is too low.
-    pub fn check(&self, parameters: &impl Serialize) -> Result<(), TooLow> {
+    pub fn check(&self, parameters: &impl Serialize) -> Result<(), WrongParameter> {
         let table = toml::Table::try_from(parameters).expect("parameters come from a table");
         check_minima(&table, &self.0)
     }
 }
 
-fn check_minima(table: &toml::Table, schema: &Value) -> Result<(), TooLow> {
+fn check_minima(table: &toml::Table, schema: &Value) -> Result<(), WrongParameter> {
     table.iter().try_for_each(|(name, value)| {
         let property = &schema["properties"][name];
         let value = match value {
@@ -205,7 +207,7 @@ fn check_minima(table: &toml::Table, schema: &Value) -> Result<(), TooLow> {
             None => format!("{value}, it must be a finite number"),
         };
         let name = name.clone();
-        Err(TooLow { name, what })
+        Err(WrongParameter { name, what })
     })
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use scenario::custom::Minima;
+use scenario::custom::{Minima, WrongParameter};
 use scenario::plant::{Heat, Kinetics, Phase, Sma};
 
 use super::heat::HeatBalance;
@@ -69,10 +69,8 @@ pub(super) fn check_wire(
     for (cold_name, cold, hot_name, hot) in branches {
         if cold >= hot {
             let what = format!("{cold} °C, it must be below {hot_name} of {hot} °C");
-            return Err(InvalidPlant::Parameter {
-                name: cold_name.to_owned(),
-                what,
-            });
+            let name = cold_name.to_owned();
+            return Err(WrongParameter { name, what }.into());
         }
     }
     // Air and cooling element may not keep the wire above `Mf`, since a memory of turns begins with all martensite.
