@@ -202,9 +202,7 @@ fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Wire>) -> Re
         let name = unique(&mut taken, variable, description);
         let port = FmuPort {
             variable: variable.name.clone(),
-            factor: None,
-            offset: None,
-            range: None,
+            ..FmuPort::default()
         };
         let wire = wire(&name, &port, variable, description).map_err(at_place())?;
         if !wire.port.range.iter().all(|limit| limit.is_finite()) {

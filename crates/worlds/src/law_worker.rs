@@ -99,9 +99,7 @@ fn fmu_table(
 ) -> Fmu {
     let port = |variable| FmuPort {
         variable,
-        factor: None,
-        offset: None,
-        range: None,
+        ..FmuPort::default()
     };
     let ports = variables.into_iter();
     Fmu {

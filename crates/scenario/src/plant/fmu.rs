@@ -57,7 +57,7 @@ pub(crate) fn whole_names<'de, D: Deserializer<'de>>(
 }
 
 /// A variable of an FMU as a port.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct FmuPort {
     /// The variable's name in the FMU.
