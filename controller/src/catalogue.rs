@@ -57,10 +57,7 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidRegistration> {
     laws.iter().try_for_each(check)?;
     let shipped = SHIPPED.iter().filter(|row| !is_built_in(row.name));
     let tables = shipped.chain(&laws).map(|row| (row.table)());
-    let tables = Vec::from_iter(tables);
-    if !tables.is_empty() {
-        register(Section::Controller, tables)?;
-    }
+    register(Section::Controller, tables.collect())?;
     OWN.set(laws).map_err(|_| InvalidRegistration::again())
 }
 

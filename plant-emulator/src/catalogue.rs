@@ -57,10 +57,7 @@ pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidRegistration>
     plants.iter().try_for_each(check_ports)?;
     let shipped = SHIPPED.iter().filter(|row| !is_built_in((row.name)()));
     let tables = shipped.chain(&plants).map(|row| (row.table)());
-    let tables = Vec::from_iter(tables);
-    if !tables.is_empty() {
-        register(Section::Plant, tables)?;
-    }
+    register(Section::Plant, tables.collect())?;
     OWN.set(plants).map_err(|_| InvalidRegistration::again())
 }
 
