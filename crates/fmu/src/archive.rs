@@ -178,16 +178,11 @@ fn at(place: &str, source: io::Error) -> Fault {
 
 fn opened(path: &Path) -> Result<File, Fault> {
     let unread = |source| at("cannot be opened", source);
-    // Opening a pipe would wait for its other end.
-    let metadata = path.metadata().map_err(unread)?;
-    if !metadata.is_file() {
-        return Err(Fault::Invalid("it is not a file".to_owned()));
-    }
-    let file = File::open(path).map_err(unread)?;
-    if metadata.len() > FILE_BYTES_MAX {
+    let file = scenario::open_file(path).map_err(unread)?;
+    let bytes = file.metadata().map_err(unread)?.len();
+    if bytes > FILE_BYTES_MAX {
         return Err(Fault::Invalid(format!(
-            "it has {} bytes (limit {FILE_BYTES_MAX})",
-            metadata.len()
+            "it has {bytes} bytes (limit {FILE_BYTES_MAX})"
         )));
     }
     Ok(file)
