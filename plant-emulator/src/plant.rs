@@ -23,7 +23,8 @@ pub trait Plant: Any + fmt::Debug + Send {
     where
         Self: Sized;
 
-    /// Returns the kinds of `[[fault.plant.…]]` that its condition supports; others are refused.
+    /// Returns the kinds of `[[fault.plant.…]]` that its condition supports; others are refused. The format has those of the
+    /// plants whose tables it has.
     fn faults() -> &'static [&'static str]
     where
         Self: Sized,

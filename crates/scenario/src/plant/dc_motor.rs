@@ -82,11 +82,6 @@ impl Default for DcMotor {
     }
 }
 
-impl DcMotor {
-    /// Faults of `[[fault.plant.…]]` that have a meaning for a motor.
-    pub const FAULTS: &'static [&'static str] = &["jammed_pulley", "dropped_load"];
-}
-
 #[cfg(test)]
 mod tests {
     use crate::Trial;

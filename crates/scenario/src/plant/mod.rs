@@ -18,13 +18,17 @@ use crate::rig::nodes::Amplifier;
 pub use dc_motor::DcMotor;
 pub use fmu::{Fmu, FmuPort};
 pub(crate) use fmu::{any_values, whole_names};
-pub use sma::{Heat, Kinetics, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
+pub use sma::{Heat, Kinetics, Mechanics, Phase, Sma, StressStrain};
 pub use sma_pair::SmaPair;
 
 /// Name of the actuator of the paper.
 pub const SMA_ACTUATOR: &str = "sma_actuator";
 /// Name of its table.
 const SMA: &str = "sma";
+/// Faults of `[[fault.plant.…]]` that have a meaning for the actuator, for the DC motor, and for the joint or one of its wires.
+const SMA_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
+const MOTOR_FAULTS: &[&str] = &["jammed_pulley", "dropped_load"];
+const PAIR_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley"];
 /// Name of the DC motor, and of its table.
 pub(crate) const DC_MOTOR: &str = "dc_motor";
 /// Name of the joint with two wires, and of its table.
@@ -130,8 +134,8 @@ impl PlantModel {
             parameters,
         };
         let others = [
-            table(DC_MOTOR, DcMotor::FAULTS, any(&self.dc_motor)),
-            table(SMA_PAIR, SmaPair::FAULTS, any(&self.sma_pair)),
+            table(DC_MOTOR, MOTOR_FAULTS, any(&self.dc_motor)),
+            table(SMA_PAIR, PAIR_FAULTS, any(&self.sma_pair)),
             table(FMU, &[], any(&self.fmu)),
         ];
         let given = others.into_iter().find(|one| one.parameters.is_some());

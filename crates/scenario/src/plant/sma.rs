@@ -3,9 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Faults of `[[fault.plant.…]]` that have a meaning for the actuator: all.
-pub const SMA_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
-
 /// The shape-memory-alloy actuator.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]

@@ -59,8 +59,3 @@ impl Default for SmaPair {
         }
     }
 }
-
-impl SmaPair {
-    /// Faults of `[[fault.plant.…]]` that have a meaning for one of the wires, or for the joint.
-    pub const FAULTS: &'static [&'static str] = &["ageing", "broken_wire", "jammed_pulley"];
-}

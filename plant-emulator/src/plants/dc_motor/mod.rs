@@ -85,10 +85,6 @@ impl Plant for DcMotor {
         "dc_motor"
     }
 
-    fn faults() -> &'static [&'static str] {
-        scenario::plant::DcMotor::FAULTS
-    }
-
     fn new(config: &Self::Config) -> Result<Self, InvalidPlant> {
         check(config)?;
         Ok(Self::with(config))

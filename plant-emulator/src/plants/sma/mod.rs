@@ -240,10 +240,6 @@ impl Plant for Actuator {
         SMA_ACTUATOR
     }
 
-    fn faults() -> &'static [&'static str] {
-        scenario::plant::SMA_FAULTS
-    }
-
     fn new(config: &Self::Config) -> Result<Self, InvalidPlant> {
         check(config)?;
         Ok(Self::new(config))

@@ -206,10 +206,6 @@ impl Plant for SmaPair {
         plant::SMA_PAIR
     }
 
-    fn faults() -> &'static [&'static str] {
-        Config::FAULTS
-    }
-
     fn new(config: &Config) -> Result<Self, InvalidPlant> {
         static MINIMA: LazyLock<Minima> = LazyLock::new(Minima::of::<Config>);
         MINIMA.check(config)?;
