@@ -498,7 +498,7 @@ fn a_scenario_for_logs_leaves_a_run_folder_its_own() {
     fs::copy(run.join("bus.log"), &log).unwrap();
     let noise_rms = |path: &Path| {
         let measurement = IdentificationData::load(path, Some(&other), None).unwrap();
-        measurement.sensor().noise_rms
+        measurement.sensor().noise_rms()
     };
     assert_eq!(noise_rms(run), 0.0);
     assert_eq!(noise_rms(&log), 0.05859375);
@@ -570,7 +570,7 @@ fn a_run_on_a_rig_has_sensor_and_current_of_the_rig() {
     fs::write(recording.run.join("rig/sma_actuator.toml"), rig).unwrap();
     let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
-    assert!(silent.sensor().span >= 59.5);
+    assert!(silent.sensor().span() >= 59.5);
     // The commands determine the current over time, to the cycle.
     assert_eq!(silent.positions_metres, emulated.positions_metres);
     let currents = |measurement: &IdentificationData| {

@@ -296,7 +296,7 @@ fn drawn(signal: &SignalDifference, compared: &Compared<'_>) -> Vec<Markup> {
     if !differs(signal) {
         return vec![both(signal, compared.timelines(), &[])];
     }
-    let [a, b] = compared.timelines;
+    let [a, b] = compared.timelines();
     let both_values = [&values(a, signal), &values(b, signal)];
     let (rows, difference) = distances(signal, [&a[0], &b[0]], both_values);
     let marked = stretches(signal, &rows, &difference);
