@@ -4,7 +4,6 @@
 use std::sync::OnceLock;
 
 use dbc::Database;
-use dbc::scenario_clock::ScenarioClock;
 use scenario::Trial;
 use scenario::custom::{CustomTable, Section, defaults};
 use scenario::plant::{PlantModel, is_built_in};
@@ -12,7 +11,7 @@ use scenario::registration::{InvalidRegistration, register};
 
 use crate::plant::{Plant, Ports};
 use crate::plants::SHIPPED;
-use crate::{DriveOf, InvalidEmulator, PlantEmulator};
+use crate::{InvalidEmulator, PlantEmulator};
 
 /// A plant that a scenario can choose by the table with its name.
 #[derive(Clone, Copy)]
@@ -102,28 +101,21 @@ pub fn ports(model: &PlantModel) -> Option<Ports> {
 /// # Errors
 /// The plant is invalid.
 pub fn emulator(trial: &Trial) -> Result<PlantEmulator, InvalidEmulator> {
-    let database = Database::shipped();
-    let only = DriveOf {
-        trial,
-        database,
-        clock: &ScenarioClock::new(database, ["drive"])?,
-    };
-    joint_emulator(&[only])
+    joint_emulator(&[trial], Database::shipped())
 }
 
-/// Makes the emulator of these drives and of their plants.
+/// Makes the emulator of the drives of these loops, and of their plants, on a bus with these frames.
 ///
 /// # Errors
 /// As [`emulator`], or a port that the plants lack.
-pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<PlantEmulator, InvalidEmulator> {
-    let plants = drives
-        .first()
-        .map(|drive| drive.trial.plants())
-        .into_iter()
-        .flatten()
-        .map(|(name, model)| Ok((name.to_owned(), plant(model)?)))
-        .collect::<Result<Vec<_>, InvalidEmulator>>()?;
-    PlantEmulator::of(plants, drives)
+pub fn joint_emulator(
+    loops: &[&Trial],
+    database: &Database,
+) -> Result<PlantEmulator, InvalidEmulator> {
+    let plants = loops.first().into_iter().flat_map(|first| first.plants());
+    let plants = plants.map(|(name, model)| Ok((name.to_owned(), plant(model)?)));
+    let plants = plants.collect::<Result<Vec<_>, InvalidEmulator>>()?;
+    PlantEmulator::of(plants, loops, database)
 }
 
 fn find_row(model: &PlantModel) -> Result<&'static PlantRow, InvalidEmulator> {

@@ -21,17 +21,6 @@ use crate::wires::Wires;
 const IDENTITY: u16 = 0x1018;
 const PRODUCT_CODE: u8 = 2;
 
-/// One of the drives of a plant, with its scenario and its bus.
-#[derive(Clone, Copy, Debug)]
-pub struct DriveOf<'a> {
-    /// Scenario of the drive.
-    pub trial: &'a Trial,
-    /// Frames of the bus.
-    pub database: &'a Database,
-    /// Scenario time.
-    pub clock: &'a ScenarioClock,
-}
-
 /// The drive as a node, in a scenario without faults or with faults.
 #[derive(Debug)]
 #[expect(
@@ -45,12 +34,17 @@ pub(crate) enum DriveNode {
 
 impl DriveNode {
     /// Makes the drive of these parts; it does not hold its plant yet.
-    pub(crate) fn new(parts: Parts, of: &DriveOf<'_>) -> Result<Self, InvalidEmulator> {
+    pub(crate) fn new(
+        parts: Parts,
+        trial: &Trial,
+        database: &Database,
+    ) -> Result<Self, InvalidEmulator> {
         let sound = parts.device()?;
-        if !of.trial.has_loop_faults() {
+        if !trial.has_loop_faults() {
             return Ok(Self::Sound(sound));
         }
-        let plan = FaultPlan::new(&of.trial.drive_faults(), of.trial.wiring.nodes.drive.id);
+        let wiring = &trial.wiring;
+        let plan = FaultPlan::new(&trial.drive_faults(), wiring.nodes.drive.id);
         let renew = move |device: &mut Device<Drive>| {
             // The same parts were set up before, so this cannot fail.
             if let Ok(mut fresh) = parts.device() {
@@ -60,8 +54,10 @@ impl DriveNode {
                 *device = fresh;
             }
         };
-        let faulty = Faulty::new(sound, plan, of.clock.clone(), renew);
-        let truth = Truth::new(of.database, &of.trial.wiring)?;
+        let drives = wiring.loops.iter().map(|one| one.drive.as_str());
+        let clock = ScenarioClock::new(database, drives)?;
+        let faulty = Faulty::new(sound, plan, clock, renew);
+        let truth = Truth::new(database, wiring)?;
         Ok(Self::Faulty(faulty, truth))
     }
 
@@ -150,9 +146,8 @@ impl Parts {
     pub(crate) fn new(
         plant: &ClockedPlant,
         wires: Wires,
-        of: &DriveOf<'_>,
+        trial: &Trial,
     ) -> Result<Self, InvalidEmulator> {
-        let trial = of.trial;
         let wiring = &trial.wiring;
         let faults = trial.drive_faults();
         let wrong_id = faults
@@ -171,7 +166,7 @@ impl Parts {
         presets.for_each(|preset| objects.preset(&preset));
         Ok(Self {
             node_id,
-            trial: Trial::clone(trial),
+            trial: trial.clone(),
             wires,
             objects,
         })

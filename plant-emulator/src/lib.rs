@@ -38,12 +38,12 @@ use canopen::{Device, NodeId};
 
 use clocked_plant::ClockedPlant;
 use data_sheet::{dictionary, node_id};
-use dbc::SignalMissing;
 use dbc::data_sheets::AnalogueOutput;
+use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
-pub use drive_node::DriveOf;
 use drive_node::{DriveNode, Parts};
 use plant::{InvalidPlant, Plant, Ports};
+use scenario::Trial;
 use scenario::wiring::IoOutput;
 use wires::Wires;
 
@@ -108,18 +108,18 @@ struct Module {
 }
 
 impl PlantEmulator {
-    /// Makes the emulator of named plants and of these drives, with the objects of the shipped data sheets.
+    /// Makes the emulator of named plants and of the drives of these loops, with the objects of the shipped data sheets, on a bus
+    /// with these frames.
     ///
     /// # Errors
     /// The plants lack a port, or a data sheet does not fit.
     pub fn of(
         plants: Vec<(String, Box<dyn Plant>)>,
-        drives: &[DriveOf<'_>],
+        loops: &[&Trial],
+        database: &Database,
     ) -> Result<Self, InvalidEmulator> {
-        let manager = drives
-            .first()
-            .map(|of| of.trial.wiring.nodes.controller.id)
-            .unwrap_or_default();
+        let manager = loops.first().map(|trial| trial.wiring.nodes.controller.id);
+        let manager = manager.unwrap_or_default();
         let ports = plants
             .iter()
             .map(|(name, plant)| (name.as_str(), plant.ports()));
@@ -127,13 +127,13 @@ impl PlantEmulator {
         let names = plants.iter().map(|(name, _)| name.as_str());
         let name = Vec::from_iter(names).join(" and ");
         let plants = ClockedPlant::new(plants);
-        let mut sorted = Vec::from_iter(drives);
-        sorted.sort_by_key(|drive| drive.trial.wiring.nodes.drive.id);
+        let mut sorted = loops.to_vec();
+        sorted.sort_by_key(|trial| trial.wiring.nodes.drive.id);
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
-        for of in sorted {
-            let wires = Wires::new(&ports, &of.trial.wiring)?;
-            node_ids.push(of.trial.wiring.nodes.drive.id);
-            for io in &of.trial.wiring.io {
+        for trial in sorted {
+            let wires = Wires::new(&ports, &trial.wiring)?;
+            node_ids.push(trial.wiring.nodes.drive.id);
+            for io in &trial.wiring.io {
                 if !node_ids.contains(&io.node.id) {
                     node_ids.push(io.node.id);
                     let outputs = io.outputs(&ports);
@@ -143,7 +143,8 @@ impl PlantEmulator {
                     });
                 }
             }
-            nodes.push(DriveNode::new(Parts::new(&plants, wires, of)?, of)?);
+            let parts = Parts::new(&plants, wires, trial)?;
+            nodes.push(DriveNode::new(parts, trial, database)?);
         }
         if let Some(first) = nodes.first_mut() {
             first.drive_mut().plant = plants;

@@ -4,9 +4,8 @@ use std::time::Duration;
 
 use can::{CanFrame, Node, Progress};
 use dbc::Database;
-use dbc::scenario_clock::ScenarioClock;
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
-use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
+use plant_emulator::{InvalidEmulator, PlantEmulator};
 use scenario::Trial;
 use scenario::node::LoopNodes;
 use scenario::port::{Measurand, Unit};
@@ -93,15 +92,8 @@ fn scenario(input: &str) -> Trial {
 
 fn emulator(arm: Arm, scenarios: &[Trial; 2]) -> Result<PlantEmulator, InvalidEmulator> {
     let [left, right] = scenarios;
-    let database = Database::shipped();
-    let clock = ScenarioClock::new(database, ["drive"])?;
-    let drive = |trial| DriveOf {
-        trial,
-        database,
-        clock: &clock,
-    };
-    let drives = [drive(right), drive(left)];
-    PlantEmulator::of(vec![("arm".to_owned(), Box::new(arm))], &drives)
+    let plants: Vec<(String, Box<dyn Plant>)> = vec![("arm".to_owned(), Box::new(arm))];
+    PlantEmulator::of(plants, &[right, left], Database::shipped())
 }
 
 /// An emulator whose drives are enabled and have these currents, and the last position of each.

@@ -6,7 +6,7 @@ use ::faults::{Faulty, PlannedFault};
 use can::Node;
 use controller::{ControllerNode, controller_node_of_loops};
 use plant_emulator::plant::InvalidPlant;
-use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
+use plant_emulator::{InvalidEmulator, catalogue};
 use scenario::ControllerView;
 
 use crate::error::WorldError;
@@ -22,13 +22,8 @@ use plan::loaded_drive::LoadedDrive;
 /// If the plant cannot be emulated.
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
     let drives = plan.loops.iter().filter(|one| emulator_name(one) == name);
-    let clock = plan.scenario_clock()?;
-    let drives = drives.map(|one| DriveOf {
-        trial: &one.trial,
-        database: &one.database,
-        clock: &clock,
-    });
-    match catalogue::joint_emulator(&Vec::from_iter(drives)) {
+    let loops = Vec::from_iter(drives.map(|one| &one.trial));
+    match catalogue::joint_emulator(&loops, plan.database()) {
         Ok(emulator) => Ok(Box::new(emulator)),
         Err(error) => Err(no_emulator(name, error)),
     }
