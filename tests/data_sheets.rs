@@ -154,7 +154,7 @@ impl Bench {
     fn read(&mut self, index: u16, sub_index: u8) -> Result<Vec<u8>, AbortCode> {
         let mut client = SdoClient::new(self.node_id);
         client
-            .start_upload(Duration::ZERO, index, sub_index)
+            .start_upload(Duration::ZERO, (index, sub_index))
             .unwrap();
         self.transfer(client)
     }
@@ -162,7 +162,7 @@ impl Bench {
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
         let mut client = SdoClient::new(self.node_id);
         client
-            .start_download(Duration::ZERO, index, sub_index, bytes)
+            .start_download(Duration::ZERO, (index, sub_index), bytes)
             .unwrap();
         self.transfer(client).map(drop)
     }

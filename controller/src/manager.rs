@@ -45,13 +45,13 @@ struct Step {
 
 impl Step {
     fn start(&self, client: &mut SdoClient, now: Duration) -> Result<(), SdoError> {
-        let (index, sub_index) = (self.index, self.sub_index);
+        let object = (self.index, self.sub_index);
         match self.action {
             Action::Write | Action::Correct => {
                 let bytes = &self.value.to_le_bytes()[..self.length_bytes];
-                client.start_download(now, index, sub_index, bytes)
+                client.start_download(now, object, bytes)
             }
-            _ => client.start_upload(now, index, sub_index),
+            _ => client.start_upload(now, object),
         }
     }
 
@@ -168,7 +168,7 @@ impl BringUp {
     /// Requests the device type, to learn whether the drive is there. A pending request is dropped.
     pub(crate) fn ask(&mut self, services: &mut Services) {
         self.client.reset();
-        let started = self.client.start_upload(services.now(), 0x1000, 0);
+        let started = self.client.start_upload(services.now(), (0x1000, 0));
         debug_assert!(started.is_ok(), "a client that was reset is idle");
         self.drain(services);
     }

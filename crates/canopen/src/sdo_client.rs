@@ -102,17 +102,12 @@ impl SdoClient {
         self.transfer.is_busy()
     }
 
-    /// Starts reading an object.
+    /// Starts reading an object, which is given by index and sub-index, as for all transfers.
     ///
     /// # Errors
     /// [`SdoFailure::Busy`].
-    pub fn start_upload(
-        &mut self,
-        now: Duration,
-        index: u16,
-        sub_index: u8,
-    ) -> Result<(), SdoError> {
-        self.begin(now, index, sub_index, &[])?;
+    pub fn start_upload(&mut self, now: Duration, object: (u16, u8)) -> Result<(), SdoError> {
+        self.begin(now, object, &[])?;
         self.transfer.state = State::UploadRequested { is_block: false };
         self.transfer.outgoing = Some(self.transfer.object.payload(0x40, [0; 4]));
         Ok(())
@@ -122,13 +117,8 @@ impl SdoClient {
     ///
     /// # Errors
     /// [`SdoFailure::Busy`].
-    pub fn start_block_upload(
-        &mut self,
-        now: Duration,
-        index: u16,
-        sub_index: u8,
-    ) -> Result<(), SdoError> {
-        self.begin(now, index, sub_index, &[])?;
+    pub fn start_block_upload(&mut self, now: Duration, object: (u16, u8)) -> Result<(), SdoError> {
+        self.begin(now, object, &[])?;
         self.transfer.state = State::UploadRequested { is_block: true };
         self.transfer.outgoing = Some(self.transfer.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
         Ok(())
@@ -141,11 +131,10 @@ impl SdoClient {
     pub fn start_download(
         &mut self,
         now: Duration,
-        index: u16,
-        sub_index: u8,
+        object: (u16, u8),
         bytes: &[u8],
     ) -> Result<(), SdoError> {
-        self.begin(now, index, sub_index, bytes)?;
+        self.begin(now, object, bytes)?;
         let expedited = expedited(0x20, bytes);
         self.transfer.state = State::DownloadRequested {
             is_expedited: expedited.is_some(),
@@ -164,11 +153,10 @@ impl SdoClient {
     pub fn start_block_download(
         &mut self,
         now: Duration,
-        index: u16,
-        sub_index: u8,
+        object: (u16, u8),
         bytes: &[u8],
     ) -> Result<(), SdoError> {
-        self.begin(now, index, sub_index, bytes)?;
+        self.begin(now, object, bytes)?;
         self.transfer.state = State::BlockDownloadRequested;
         self.transfer.outgoing = Some(self.transfer.object.payload_with_length(0xC6, bytes.len()));
         Ok(())
@@ -226,8 +214,7 @@ impl SdoClient {
     fn begin(
         &mut self,
         now: Duration,
-        index: u16,
-        sub_index: u8,
+        (index, sub_index): (u16, u8),
         bytes: &[u8],
     ) -> Result<(), SdoError> {
         let refuse = |failure| SdoError {
@@ -447,7 +434,7 @@ mod tests {
     /// Returns a started upload of 0x2000:00 whose request is sent.
     fn upload() -> SdoClient {
         let mut client = client();
-        client.start_upload(NOW, 0x2000, 0).unwrap();
+        client.start_upload(NOW, (0x2000, 0)).unwrap();
         assert_eq!(sent(&mut client), [b"\x40\x00\x20\0\0\0\0\0"]);
         client
     }
@@ -478,7 +465,7 @@ mod tests {
         client.on_tick(NOW + DEFAULT_TIMEOUT);
         sent(&mut client);
         client.take_result();
-        client.start_download(NOW, 0x2000, 0, &[1]).unwrap();
+        client.start_download(NOW, (0x2000, 0), &[1]).unwrap();
         sent(&mut client);
         // The late answer to the upload names the same object.
         answer(&mut client, b"\x4F\x00\x20\0\x05\0\0\0");
@@ -507,12 +494,12 @@ mod tests {
     #[test]
     fn one_transfer_at_a_time_and_none_too_long() {
         let mut client = upload();
-        let error = client.start_download(NOW, 0x1017, 0, &[0]).unwrap_err();
+        let error = client.start_download(NOW, (0x1017, 0), &[0]).unwrap_err();
         assert_eq!(error.failure, SdoFailure::Busy);
         answer(&mut client, b"\x4F\x00\x20\0\x05\0\0\0");
         assert_eq!(client.take_result(), Some(Ok(vec![5])));
         let long = vec![0; MAX_TRANSFER_BYTES + 1];
-        let error = client.start_download(NOW, 0x1017, 0, &long).unwrap_err();
+        let error = client.start_download(NOW, (0x1017, 0), &long).unwrap_err();
         assert_eq!(error.failure, SdoFailure::TooLong(MAX_TRANSFER_BYTES + 1));
         assert!(!client.is_busy());
     }
@@ -592,11 +579,13 @@ mod tests {
     fn start(client: &mut SdoClient, command: &[&str]) -> u16 {
         let index = u16::from_str_radix(command[1], 16).unwrap();
         match *command {
-            ["UP", _] => client.start_upload(NOW, index, 0).unwrap(),
-            ["BUP", _] => client.start_block_upload(NOW, index, 0).unwrap(),
-            ["DOWN", _, value] => client.start_download(NOW, index, 0, &bytes(value)).unwrap(),
+            ["UP", _] => client.start_upload(NOW, (index, 0)).unwrap(),
+            ["BUP", _] => client.start_block_upload(NOW, (index, 0)).unwrap(),
+            ["DOWN", _, value] => client
+                .start_download(NOW, (index, 0), &bytes(value))
+                .unwrap(),
             ["BDOWN", _, value] => client
-                .start_block_download(NOW, index, 0, &bytes(value))
+                .start_block_download(NOW, (index, 0), &bytes(value))
                 .unwrap(),
             _ => panic!("{command:?}"),
         }
@@ -687,9 +676,9 @@ mod tests {
         fn upload(&mut self, is_block: bool) -> Result<Vec<u8>, SdoError> {
             let (client, now) = (&mut self.client, self.now);
             if is_block {
-                client.start_block_upload(now, 0x2000, 0)?;
+                client.start_block_upload(now, (0x2000, 0))?;
             } else {
-                client.start_upload(now, 0x2000, 0)?;
+                client.start_upload(now, (0x2000, 0))?;
             }
             self.run()
         }
@@ -697,9 +686,9 @@ mod tests {
         fn download(&mut self, is_block: bool, value: &[u8]) -> Result<Vec<u8>, SdoError> {
             let (client, now) = (&mut self.client, self.now);
             if is_block {
-                client.start_block_download(now, 0x2000, 0, value)?;
+                client.start_block_download(now, (0x2000, 0), value)?;
             } else {
-                client.start_download(now, 0x2000, 0, value)?;
+                client.start_download(now, (0x2000, 0), value)?;
             }
             self.run()
         }
@@ -707,7 +696,7 @@ mod tests {
         /// Checks that on a bus without faults the next transfer works.
         fn is_alive(&mut self) -> bool {
             self.fates = Vec::new().into_iter();
-            self.client.start_upload(self.now, 0x2001, 0).unwrap();
+            self.client.start_upload(self.now, (0x2001, 0)).unwrap();
             self.run() == Ok(b"alive".to_vec())
         }
     }
@@ -773,10 +762,10 @@ mod tests {
         ) {
             let mut client = client();
             match transfer {
-                0 => client.start_upload(NOW, 0x2000, 0).unwrap(),
-                1 => client.start_block_upload(NOW, 0x2000, 0).unwrap(),
-                2 => client.start_download(NOW, 0x2000, 0, &[7; 100]).unwrap(),
-                _ => client.start_block_download(NOW, 0x2000, 0, &[7; 1000]).unwrap(),
+                0 => client.start_upload(NOW, (0x2000, 0)).unwrap(),
+                1 => client.start_block_upload(NOW, (0x2000, 0)).unwrap(),
+                2 => client.start_download(NOW, (0x2000, 0), &[7; 100]).unwrap(),
+                _ => client.start_block_download(NOW, (0x2000, 0), &[7; 1000]).unwrap(),
             }
             let object = Multiplexer { index: 0x2000, sub_index: 0 };
             for (command, length, data) in answers {

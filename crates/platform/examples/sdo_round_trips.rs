@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut count = 0_u32;
     let mut now = Duration::ZERO;
     while now < end {
-        client.start_upload(now, DEVICE_TYPE, 0)?;
+        client.start_upload(now, (DEVICE_TYPE, 0))?;
         now = finish(&mut client, &mut *bus, &clock, now)?;
         count += 1;
     }

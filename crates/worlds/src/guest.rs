@@ -83,14 +83,14 @@ impl<'a> Guest<'a> {
     pub fn transfer(
         &mut self,
         client: &mut SdoClient,
-        (index, sub_index): (u16, u8),
+        object: (u16, u8),
         written: Option<&[u8]>,
         mut heard: impl FnMut(&CanFrame),
     ) -> Result<Result<Vec<u8>, SdoError>, GuestError> {
         let now = self.clock.now();
         let started = match written {
-            Some(bytes) => client.start_download(now, index, sub_index, bytes),
-            None => client.start_upload(now, index, sub_index),
+            Some(bytes) => client.start_download(now, object, bytes),
+            None => client.start_upload(now, object),
         };
         if let Err(error) = started {
             return Ok(Err(error));

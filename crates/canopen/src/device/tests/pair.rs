@@ -94,7 +94,7 @@ impl Manager {
     fn go_on(&mut self, services: &mut Services) {
         let now = services.now();
         if let Some((index, sub_index, bytes)) = self.downloads.pop() {
-            let started = self.client.start_download(now, index, sub_index, &bytes);
+            let started = self.client.start_download(now, (index, sub_index), &bytes);
             started.unwrap();
         } else {
             services.request_nmt(NmtCommand::Start);
