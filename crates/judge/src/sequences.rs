@@ -3,11 +3,10 @@
 use std::iter;
 
 use recording::events::Event;
-use recording::occurrences::Occurrence;
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
-use scenario::expect::{Emergency, Expected, Sequence, rounded};
+use scenario::expect::{Expected, Sequence, rounded};
 
 use crate::evidence::{Absence, Evidence, Known, Measurement, samples_in};
 use crate::metric::Metric;
@@ -68,24 +67,20 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         rest.from_seconds - TIME_TOLERANCE_SECONDS
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
-    let found = match event {
-        Expected {
-            emcy: Some(text), ..
-        } => {
-            let wanted = text.parse::<Emergency>().ok();
-            let is_wanted = |event: &Event| wanted.is_some() && event.emergency == wanted;
-            first(&evidence.timeline.events, is_wanted, is_next)
+    let found = match &event.signal {
+        Some(name) => reached(evidence.trace(name)?, event, rest, is_next),
+        None => {
+            let emergency = event.emcy.as_ref().and_then(|text| text.parse().ok());
+            let is_wanted = |one: &Event| match (&emergency, &event.text) {
+                (Some(_), _) => one.emergency == emergency,
+                (None, Some(text)) => one.text.contains(text.as_str()),
+                (None, None) => false,
+            };
+            let mut events = evidence.timeline.events.iter();
+            let found = events.find(|one| is_wanted(one) && is_next(one.time_seconds));
+            // Nothing more is known of an event that did not come.
+            found.map(|one| one.time_seconds).ok_or_else(String::new)
         }
-        Expected {
-            text: Some(text), ..
-        } => {
-            let has_text = |event: &Event| event.text.contains(text.as_str());
-            first(&evidence.timeline.events, has_text, is_next)
-        }
-        Expected {
-            signal: Some(name), ..
-        } => reached(evidence.trace(name)?, event, rest, is_next),
-        _ => return Err("nothing is expected".into()),
     };
     let at_seconds = found.map_err(|nearest| {
         let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
@@ -93,17 +88,6 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
     })?;
     let since = (at_seconds - rest.from_seconds).max(0.0);
     Ok(Known::at(1e3 * since, at_seconds))
-}
-
-/// Returns the time of the first wanted occurrence; without one, of which nothing more is known, an empty text.
-fn first(
-    events: &[Occurrence<Event>],
-    is_wanted: impl Fn(&Event) -> bool,
-    is_next: impl Fn(f64) -> bool,
-) -> Result<f64, String> {
-    let mut wanted = events.iter().filter(|one| is_wanted(one));
-    let found = wanted.find(|one| is_next(one.time_seconds));
-    found.map(|one| one.time_seconds).ok_or_else(String::new)
 }
 
 /// Returns the time at which a signal gets within its limits for long enough, or a text on how near it came.
