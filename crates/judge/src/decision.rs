@@ -54,23 +54,19 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
     });
     let all = Vec::from_iter(evidence);
     let broke_off = end.and_then(|end| broke_off(&all, end));
-    let elsewhere = end.map(|end| Circumstances {
-        ended_early: Some(EarlyEnd {
-            by: EndedBy::Bench,
-            ..end.clone()
-        }),
-        ..circumstances.clone()
-    });
+    // For loops whose nodes did not cause it, the end is that of the bench.
+    let mut elsewhere = circumstances.clone();
+    if let Some(end) = &mut elsewhere.ended_early {
+        end.by = EndedBy::Bench;
+    }
     let verdicts = all.iter().map(|evidence| {
-        let node = broke_off
-            .as_ref()
-            .and_then(|end| end.node_elsewhere(evidence));
-        let verdict = match node.zip(elsewhere.as_ref()) {
-            None => judge_loop(plan, evidence, broke_off.as_ref()),
-            Some((node, elsewhere)) => {
-                let cut = Evidence::new(evidence.timeline, evidence.control_loop, elsewhere)
+        let broke_off = broke_off.as_ref();
+        let verdict = match broke_off.and_then(|end| end.node_elsewhere(evidence)) {
+            None => judge_loop(plan, evidence, broke_off),
+            Some(node) => {
+                let cut = Evidence::new(evidence.timeline, evidence.control_loop, &elsewhere)
                     .among(evidence.contours, evidence.loops);
-                let verdict = judge_loop(plan, &cut, broke_off.as_ref());
+                let verdict = judge_loop(plan, &cut, broke_off);
                 ended_elsewhere(verdict, node, end)
             }
         };

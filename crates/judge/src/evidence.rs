@@ -338,13 +338,9 @@ impl<'a> Evidence<'a> {
 
     /// Returns the largest value of a window. If a part of the window is left out, it is at least that of the rest.
     pub(crate) fn of_largest(&self, window: Window, largest: MetricValue) -> Measurement {
-        let is_cut = self.leaves_out(window.from_seconds, window.until_seconds);
-        largest.map(|value| {
-            if is_cut {
-                Known::at_least(value)
-            } else {
-                value.into()
-            }
+        Ok(Known {
+            is_least: self.leaves_out(window.from_seconds, window.until_seconds),
+            ..largest?.into()
         })
     }
 

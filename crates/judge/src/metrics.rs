@@ -101,14 +101,13 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
 }
 
 fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
-    let sines = evidence.trial.judged_sines();
-    if sines.is_empty() {
-        return deviation_rms(evidence, evidence.whole()).map(Known::from);
+    let sines = evidence.trial.judged_sines().into_iter();
+    let mut windows = Vec::from_iter(sines.map(|sine| sine.window));
+    if windows.is_empty() {
+        windows.push(evidence.whole());
     }
-    let errors = sines
-        .iter()
-        .map(|sine| deviation_rms(evidence, sine.window).map(Known::from));
-    worst(errors)
+    let errors = windows.into_iter();
+    worst(errors.map(|window| deviation_rms(evidence, window).map(Known::from)))
 }
 
 fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {

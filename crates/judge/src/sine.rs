@@ -51,10 +51,9 @@ fn worst(evidence: &Evidence<'_>, metric: &str, ideal: f64, value: OfSine) -> Me
         }
     }
     let (value, from) = worst.ok_or_else(Absence::nothing)?;
-    Ok(if sines.len() == 1 {
-        value.into()
-    } else {
-        Known::at(value, from)
+    Ok(Known {
+        at_seconds: (sines.len() > 1).then_some(from),
+        ..value.into()
     })
 }
 

@@ -332,19 +332,13 @@ impl Totals {
             _ => false,
         };
         let goes_on = |stay: &Stay| stay.last_cycle + 1 == breach.cycle && !is_of_another(stay);
-        self.latest = Some(match self.latest.filter(goes_on) {
-            None => Stay {
-                first: breach,
-                last_cycle: breach.cycle,
-                cause,
-            },
-            Some(stay) => Stay {
-                last_cycle: breach.cycle,
-                cause: match stay.cause {
-                    Cause::Host(_) => cause,
-                    begun => begun,
-                },
-                ..stay
+        let begun = self.latest.filter(goes_on);
+        self.latest = Some(Stay {
+            first: begun.map_or(breach, |stay| stay.first),
+            last_cycle: breach.cycle,
+            cause: match begun.map(|stay| stay.cause) {
+                None | Some(Cause::Host(_)) => cause,
+                Some(begun) => begun,
             },
         });
         match cause {
