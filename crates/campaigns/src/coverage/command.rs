@@ -181,6 +181,7 @@ mod tests {
             };
             let tested = Tested {
                 row: Some(row.to_owned()),
+                limit: String::new(),
                 measured: None,
                 outcome: *outcome,
                 case: None,

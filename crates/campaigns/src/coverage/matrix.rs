@@ -85,8 +85,10 @@ impl RequirementTest {
         }
         // The worst one is last, and so replaces the others.
         let values = worst_first.iter().rev();
-        let measured =
-            values.filter_map(|(_, one)| Some((one.row.clone()?, one.measured.clone()?)));
+        let measured = values.filter_map(|(_, one)| {
+            let measured = (one.measured.clone()?, one.limit.clone());
+            Some((one.row.clone()?, measured))
+        });
         Self {
             scenario: scenario.to_owned(),
             outcome: worst.outcome,
@@ -120,7 +122,8 @@ mod tests {
         let measured = |value: &str| (value.to_owned(), "10".to_owned());
         let tested = |row: &str, value: &str, outcome| Tested {
             row: Some(row.to_owned()),
-            measured: Some(measured(value)),
+            limit: "10".to_owned(),
+            measured: Some(value.to_owned()),
             outcome,
             case: None,
         };

@@ -11,7 +11,7 @@ use report::terminal;
 use runner::exit::Failure;
 use runner::play_record::PlayRecord;
 use runner::recorded::{holds_many_runs, read_played, require_run};
-use scenario::expect::Limit;
+use scenario::expect::ExpectedRow;
 use worlds::catalogue::catalogue;
 
 use crate::sweep::Shard;
@@ -40,9 +40,10 @@ pub(super) struct Play {
 pub(super) struct Tested {
     /// Row of the verdict; `None` for the scenario as a whole.
     pub(super) row: Option<String>,
-    /// The value of the row and its limit, in the worst of a sweep's runs; `None` for the scenario as a whole, and where no run has a
-    /// verdict.
-    pub(super) measured: Option<(String, String)>,
+    /// Limit of the row; empty for the scenario as a whole.
+    pub(super) limit: String,
+    /// The value of the row, in the worst of a sweep's runs; `None` for the scenario as a whole, and where no run has a verdict.
+    pub(super) measured: Option<String>,
     /// Outcome of the row, in the worst of a sweep's runs.
     pub(super) outcome: Outcome,
     /// Run of the sweep with this outcome.
@@ -71,27 +72,19 @@ impl Play {
         let untimed = untimed(&plan, verdict.timing.is_none());
         // A run counts as a sweep with one case.
         let run = SweepRow::from_verdict(1, "", &verdict);
-        let test = |row: Option<String>| {
-            let outcome = outcome_in(&run, row.as_ref(), &untimed);
+        let mut tested = tested(&plan);
+        for one in tested.values_mut().flatten() {
             let mut metrics = verdict.metrics.iter();
-            let metric = metrics.find(|metric| row.as_ref() == Some(&metric.name));
-            let measured = metric.map(|metric| {
-                let limit = terminal::limit(&metric.name, metric.limit);
-                (terminal::measured(metric), limit)
-            });
-            Tested {
-                row,
-                measured,
-                outcome,
-                case: None,
-            }
-        };
+            let metric = metrics.find(|metric| one.row.as_ref() == Some(&metric.name));
+            one.measured = metric.map(terminal::measured);
+            one.outcome = outcome_in(&run, one.row.as_ref(), &untimed);
+        }
         let external = verdict.external.iter();
         let kind = external.map(|node| format!("external {node}"));
         Ok(Self {
             version,
             sweep_runs: None,
-            tested: tested(&plan, test),
+            tested,
             ..Self::named(folder, &plan, kind.collect())?
         })
     }
@@ -100,14 +93,7 @@ impl Play {
     fn read_sweep(folder: &Path) -> Result<Self, Failure> {
         let plan = read_plan(folder, None, catalogue())?;
         let untimed = untimed(&plan, true);
-        let limits: BTreeMap<String, Limit> = judge::limits(&plan).into_iter().collect();
-        let unplayed = |row| Tested {
-            row,
-            measured: None,
-            outcome: Outcome::Pass,
-            case: None,
-        };
-        let mut tested = tested(&plan, unplayed);
+        let mut tested = tested(&plan);
         let header = Header::read(folder)?;
         let mut is_whole = false;
         if let Some(header) = &header {
@@ -118,10 +104,9 @@ impl Play {
                 for one in tested.values_mut().flatten() {
                     let outcome = outcome_in(&row, one.row.as_ref(), &untimed);
                     if one.worsen(outcome, Some(row.case)) {
-                        one.measured = one
-                            .row
-                            .as_ref()
-                            .and_then(|name| measured(name, &row, &limits));
+                        let name = one.row.as_deref().unwrap_or_default();
+                        let value = row.metric(name);
+                        one.measured = value.map(|value| terminal::value(name, value));
                     }
                 }
             }
@@ -176,16 +161,6 @@ impl Tested {
     }
 }
 
-/// Returns the value that a run of a sweep measured in a row, and the limit.
-fn measured(
-    name: &str,
-    run: &SweepRow,
-    limits: &BTreeMap<String, Limit>,
-) -> Option<(String, String)> {
-    let limit = terminal::limit(name, limits.get(name).copied());
-    Some((terminal::value(name, run.metric(name)?), limit))
-}
-
 /// Returns the plays of a test that count: those with the latest date, or all if none has a date.
 pub(super) fn latest(mut plays: Vec<Play>) -> Vec<Play> {
     let last = plays.iter().filter_map(|play| play.at).max();
@@ -193,19 +168,24 @@ pub(super) fn latest(mut plays: Vec<Play>) -> Vec<Play> {
     plays
 }
 
-/// Returns each requirement of a scenario with its tests: rows, or the scenario as a whole.
-fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<String, Vec<Tested>> {
+/// Returns each requirement of a scenario with its tests, which are not played yet: rows, or the scenario as a whole.
+fn tested(plan: &Plan) -> BTreeMap<String, Vec<Tested>> {
     let mut tested: BTreeMap<String, Vec<Tested>> = BTreeMap::new();
-    for id in &plan.shared.run.requirements {
-        tested.entry(id.clone()).or_default().push(test(None));
-    }
+    let mut add = |id: &String, row: Option<&ExpectedRow>| {
+        tested.entry(id.clone()).or_default().push(Tested {
+            row: row.map(|row| row.name.clone()),
+            limit: row.map_or_else(String::new, |row| terminal::limit(&row.name, row.limit)),
+            measured: None,
+            outcome: Outcome::Pass,
+            case: None,
+        });
+    };
+    let whole = plan.shared.run.requirements.iter();
+    whole.for_each(|id| add(id, None));
     let mut rows = judge::expected_rows(plan, true);
     rows.sort_by(|one, other| one.name.cmp(&other.name));
-    for row in rows {
-        for id in row.requirements {
-            let tests = tested.entry(id).or_default();
-            tests.push(test(Some(row.name.clone())));
-        }
+    for row in &rows {
+        row.requirements.iter().for_each(|id| add(id, Some(row)));
     }
     tested
 }
@@ -239,6 +219,7 @@ mod tests {
     use super::*;
     use crate::sweep::row::Ended;
     use judge::verdict::{Metric, Verdict};
+    use scenario::expect::Limit;
 
     #[test]
     fn a_row_has_an_outcome_unless_the_run_decides_nothing() {
