@@ -145,11 +145,6 @@ impl Program {
         }
     }
 
-    /// Returns the number of the keeper's process.
-    pub fn keeper(&self) -> u32 {
-        self.keeper.id()
-    }
-
     /// Asks the program to end, by the end of its lifeline. It is killed if it does not end.
     pub fn dismiss(&mut self) {
         self.keeper.stdin = None;

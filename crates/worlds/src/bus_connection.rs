@@ -87,20 +87,17 @@ impl BusConnection {
         }
     }
 
-    /// Gives the capture the frames recorded since the last call; returns whether there were any.
-    pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
+    /// Gives the capture the frames recorded since the last call.
+    pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         let epoch = self.recorder.clock.wall_epoch();
-        let mut has_frames = false;
         while let Some(stamped) = self.recorder.next() {
             capture.record(Stamped::new(epoch + stamped.time, stamped.frame));
-            has_frames = true;
         }
-        capture.flush()?;
-        Ok(has_frames)
+        Ok(capture.flush()?)
     }
 
     /// As [`Self::collect`], after all nodes have left, with their last frames.
-    pub(crate) fn collect_rest(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
+    pub(crate) fn collect_rest(&mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         if self.hub.is_some() {
             drop(self.join(&[])?);
         }
@@ -121,6 +118,6 @@ impl BusConnection {
         self.hub = None;
         capture.lose(self.recorder.lost());
         capture.count_fd(self.recorder.fd_frames());
-        self.collect(capture).map(|_| ())
+        self.collect(capture)
     }
 }
