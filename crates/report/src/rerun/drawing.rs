@@ -2,7 +2,6 @@
 
 use std::f64::consts::TAU;
 
-use re_sdk::SerializedComponentColumn;
 use re_sdk_types::archetypes::{Boxes2D, LineStrips2D, Points2D};
 use re_sdk_types::components::{Color, Radius};
 use scenario::Trial;
@@ -57,7 +56,7 @@ pub(super) struct Drawing {
 
 impl Drawing {
     /// Returns the actuator's drawing; `None` for other plants.
-    fn new(trial: &Trial) -> Option<Self> {
+    pub(super) fn new(trial: &Trial, pause_seconds: f64) -> Option<Self> {
         let mechanics = trial.plant.actuator()?.mechanics;
         let is_length = trial.wiring.feedback.measurand.unit == Unit::Millimetres;
         is_length.then_some(Self {
@@ -65,27 +64,19 @@ impl Drawing {
             inner: 1e3 * mechanics.inner_pulley_radius_metres,
             outer: 1e3 * mechanics.outer_pulley_radius_metres,
             last: None,
-            pause_seconds: 0.0,
+            pause_seconds,
         })
     }
 
     /// Draws the static parts.
-    pub(super) fn draw(
-        output: &mut dyn Output,
-        trial: &Trial,
-        pause_seconds: f64,
-    ) -> Result<Option<Self>, ReportError> {
-        let Some(mut rig) = Self::new(trial) else {
-            return Ok(None);
-        };
-        rig.pause_seconds = pause_seconds;
+    pub(super) fn draw(&self, output: &mut dyn Output) -> Result<(), ReportError> {
         let anchor = vec![place(0.0, -9.0), place(0.0, 9.0)];
-        let circles = [rig.inner, rig.outer].map(|radius| rig.circle(radius));
+        let circles = [self.inner, self.outer].map(|radius| self.circle(radius));
         let lines = LineStrips2D::new([anchor].into_iter().chain(circles))
             .with_colors([groups::GREY])
             .with_radii([Radius::new_ui_points(1.0)]);
         send_static(output, "rig/frame", &lines)?;
-        let [left, right] = [0.08, 0.72].map(|part| part * rig.wire);
+        let [left, right] = [0.08, 0.72].map(|part| part * self.wire);
         let cooler = Boxes2D::from_mins_and_sizes([place(left, 3.0)], [place(right - left, 8.0)])
             .with_colors([[70, 90, 120]])
             .with_labels(["cooling element"])
@@ -100,7 +91,7 @@ impl Drawing {
         }
         let wire = LineStrips2D::update_fields().with_radii([Radius::new_ui_points(3.0)]);
         send_static(output, "rig/wire", &wire)?;
-        let temperature = Points2D::new([place(0.4 * rig.wire, -18.0)])
+        let temperature = Points2D::new([place(0.4 * self.wire, -18.0)])
             .with_radii([Radius::new_ui_points(0.0)])
             .with_show_labels(true);
         send_static(output, "rig/temperature", &temperature)?;
@@ -113,8 +104,7 @@ impl Drawing {
         let target = LineStrips2D::update_fields()
             .with_colors([groups::ORANGE])
             .with_radii(thin);
-        send_static(output, "rig/set_point", &target)?;
-        Ok(Some(rig))
+        send_static(output, "rig/set_point", &target)
     }
 
     /// Draws the moving parts in a piece of the run.
@@ -130,40 +120,39 @@ impl Drawing {
 
     fn log_poses(&self, output: &mut dyn Output, poses: &[Pose]) -> Result<(), ReportError> {
         let times = times::columns(poses.iter().map(|pose| pose.moment));
-        let mut send = |path: &str, columns: Vec<SerializedComponentColumn>| {
-            send_rows(output, path, times.clone(), columns)
-        };
         let strips = |strip: &dyn Fn(&Pose) -> Vec<[f32; 2]>| {
             LineStrips2D::update_fields().with_strips(poses.iter().map(strip))
         };
         let wire = strips(&|pose| vec![place(0.0, 0.0), place(self.joint(pose), 0.0)])
-            .with_colors(poses.iter().map(|pose| colour(pose.celsius)));
-        send("rig/wire", wire.columns_of_unit_batches()?.collect())?;
+            .with_colors(poses.iter().map(|pose| colour(pose.celsius)))
+            .columns_of_unit_batches()?;
+        send_rows(output, "rig/wire", times.clone(), wire)?;
         let temperature = Points2D::update_fields()
             .with_colors(poses.iter().map(|pose| colour(pose.celsius)))
-            .with_labels(poses.iter().map(|pose| with_unit(pose.celsius, 0, "°C")));
-        send(
-            "rig/temperature",
-            temperature.columns_of_unit_batches()?.collect(),
-        )?;
-        let lead = strips(&|pose| vec![place(self.joint(pose), 0.0), place(self.axle()[0], 0.0)]);
-        send("rig/lead", lead.columns_of_unit_batches()?.collect())?;
-        let cord = strips(&|pose| {
-            let [right, top] = self.load(pose.position);
-            vec![place(right, self.axle()[1]), place(right, top - LOAD[1])]
-        });
-        send("rig/cord", cord.columns_of_unit_batches()?.collect())?;
-        let spoke = strips(&|pose| self.spoke(pose.position));
-        send("rig/spoke", spoke.columns_of_unit_batches()?.collect())?;
-        let target = strips(&|pose| self.target(pose.set_point));
-        send("rig/set_point", target.columns_of_unit_batches()?.collect())?;
+            .with_labels(poses.iter().map(|pose| with_unit(pose.celsius, 0, "°C")))
+            .columns_of_unit_batches()?;
+        send_rows(output, "rig/temperature", times.clone(), temperature)?;
         let load = Boxes2D::update_fields()
             .with_centers(poses.iter().map(|pose| {
                 let [right, down] = self.load(pose.position);
                 place(right, down)
             }))
-            .with_labels(poses.iter().map(|pose| with_unit(pose.position, 1, "mm")));
-        send("rig/load", load.columns_of_unit_batches()?.collect())
+            .with_labels(poses.iter().map(|pose| with_unit(pose.position, 1, "mm")))
+            .columns_of_unit_batches()?;
+        send_rows(output, "rig/load", times.clone(), load)?;
+        let mut send = |path: &str, strip: &dyn Fn(&Pose) -> Vec<[f32; 2]>| {
+            let lines = strips(strip).columns_of_unit_batches()?;
+            send_rows(output, path, times.clone(), lines)
+        };
+        send("rig/lead", &|pose| {
+            vec![place(self.joint(pose), 0.0), place(self.axle()[0], 0.0)]
+        })?;
+        send("rig/cord", &|pose| {
+            let [right, top] = self.load(pose.position);
+            vec![place(right, self.axle()[1]), place(right, top - LOAD[1])]
+        })?;
+        send("rig/spoke", &|pose| self.spoke(pose.position))?;
+        send("rig/set_point", &|pose| self.target(pose.set_point))
     }
 
     /// Returns the rows that look different from the ones before.
@@ -252,7 +241,7 @@ impl Drawing {
 
 /// Returns the bounds of the view: least and largest coordinate, across and down.
 pub(super) fn bounds(trial: &Trial) -> Option<[[f64; 2]; 2]> {
-    let rig = Drawing::new(trial)?;
+    let rig = Drawing::new(trial, 0.0)?;
     let [right, down] = rig.load(0.0);
     let top = rig.inner - rig.outer;
     Some([

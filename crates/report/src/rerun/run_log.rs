@@ -76,7 +76,10 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(trial),
         };
-        let drawing = Drawing::draw(&mut output, trial, pause_seconds)?;
+        let drawing = Drawing::new(trial, pause_seconds);
+        if let Some(drawing) = &drawing {
+            drawing.draw(&mut output)?;
+        }
         Ok(Self {
             output,
             control_loop,
