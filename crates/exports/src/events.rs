@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use recording::cell::inert;
+use recording::cell::cell;
 use recording::events::{Event, Level};
 use recording::occurrences::Occurrence;
 
@@ -10,17 +10,16 @@ use recording::occurrences::Occurrence;
 ///
 /// # Errors
 /// If the output does not take it.
-pub fn write(output: impl Write, events: &[Occurrence<Event>]) -> io::Result<()> {
-    let mut table = csv::Writer::from_writer(output);
-    table.write_record(["time_seconds", "level", "text"])?;
+pub fn write(mut output: impl Write, events: &[Occurrence<Event>]) -> io::Result<()> {
+    writeln!(output, "time_seconds,level,text")?;
     for event in events {
         let level = match event.level {
             Level::Info => "info",
             Level::Warning => "warning",
             Level::Error => "error",
         };
-        let (time, text) = (format!("{:.6}", event.time_seconds), inert(&event.text));
-        table.write_record([&*time, level, &*text])?;
+        let text = cell(&event.text);
+        writeln!(output, "{:.6},{level},{text}", event.time_seconds)?;
     }
-    table.flush()
+    Ok(())
 }
