@@ -41,42 +41,34 @@ pub fn write(
     events: &[Occurrence<Event>],
     zero: Duration,
 ) -> io::Result<()> {
-    let written = write_messages(output, frames, database, events, zero);
-    written.map_err(|error| match error {
+    let write = || -> Result<(), McapError> {
+        let mut file = McapFile::new(output, frames.len(), zero)?;
+        let mut topics = topics(&mut file, frames, database)?;
+        let raw = file.topic(FRAMES_TOPIC, "can_msgs/msg/Frame", schema::FRAME)?;
+        let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
+        let timed = events
+            .iter()
+            .map(|event| (at(event.time_seconds, zero), &**event));
+        let mut rest = timed.peekable();
+        for stamped in frames.iter() {
+            while let Some((time, event)) = rest.next_if(|(time, _)| *time <= stamped.time) {
+                file.message(log, time, log_message(time, event).bytes())?;
+            }
+            file.message(raw, stamped.time, frame_message(&stamped).bytes())?;
+            if let Some(topic) = topics.get_mut(&stamped.frame.raw_id()) {
+                file.message(topic.id, stamped.time, topic.decode(&stamped))?;
+            }
+        }
+        for (time, event) in rest {
+            file.message(log, time, log_message(time, event).bytes())?;
+        }
+        file.writer.finish()?;
+        Ok(())
+    };
+    write().map_err(|error| match error {
         McapError::Io(error) => error,
         error => io::Error::other(error),
     })
-}
-
-fn write_messages(
-    output: impl Write,
-    frames: &Frames,
-    database: &Database,
-    events: &[Occurrence<Event>],
-    zero: Duration,
-) -> Result<(), McapError> {
-    let mut file = McapFile::new(output, frames.len(), zero)?;
-    let mut topics = topics(&mut file, frames, database)?;
-    let raw = file.topic(FRAMES_TOPIC, "can_msgs/msg/Frame", schema::FRAME)?;
-    let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
-    let timed = events
-        .iter()
-        .map(|event| (at(event.time_seconds, zero), &**event));
-    let mut rest = timed.peekable();
-    for stamped in frames.iter() {
-        while let Some((time, event)) = rest.next_if(|(time, _)| *time <= stamped.time) {
-            file.message(log, time, log_message(time, event).bytes())?;
-        }
-        file.message(raw, stamped.time, frame_message(&stamped).bytes())?;
-        if let Some(topic) = topics.get_mut(&stamped.frame.raw_id()) {
-            file.message(topic.id, stamped.time, topic.decode(&stamped))?;
-        }
-    }
-    for (time, event) in rest {
-        file.message(log, time, log_message(time, event).bytes())?;
-    }
-    file.writer.finish()?;
-    Ok(())
 }
 
 struct McapFile<W: Write> {
