@@ -48,6 +48,11 @@ impl fmt::Display for Limit {
     }
 }
 
+/// Rounds to six decimals: more than any metric is known to, and the same text on every machine.
+pub fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -61,9 +66,4 @@ mod tests {
         assert!(limit.admits(1.0) && limit.admits(2.0));
         assert!(!limit.admits(0.999) && !limit.admits(2.001) && !limit.admits(f64::NAN));
     }
-}
-
-/// Rounds to six decimals: more than any metric is known to, and the same text on every machine.
-pub fn rounded(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6
 }
