@@ -61,7 +61,6 @@ pub(super) struct BusReader {
     cycles: Vec<Cycle>,
     stretch_seconds: f64,
     stretch: f64,
-    stretch_end: Duration,
     bits: u32,
     loads: Vec<(Moment, f64)>,
     /// Whether only the largest times among the cycles of each stretch are kept.
@@ -75,7 +74,6 @@ impl BusReader {
     /// The database lacks a signal.
     pub(super) fn new(control_loop: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
         let trial = &control_loop.trial;
-        let stretch_seconds = stretch_seconds(trial);
         Ok(Self {
             cycle: CycleReader::new(control_loop)?,
             period: Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3),
@@ -83,9 +81,8 @@ impl BusReader {
             bits_per_second: 1e3 * f64::from(trial.run.bus.bitrate_kilobits_per_second),
             now: times::moment_at(0.0, 1.0),
             cycles: Vec::new(),
-            stretch_seconds,
+            stretch_seconds: stretch_seconds(trial),
             stretch: 1.0,
-            stretch_end: first_from(stretch_seconds),
             bits: 0,
             loads: Vec::new(),
             is_thinned,
@@ -154,14 +151,13 @@ impl BusReader {
 
     /// Counts bits; a stretch that is over becomes a row at its end.
     fn add_load(&mut self, time: Duration, bits: u32) {
-        while time >= self.stretch_end {
+        while time.as_secs_f64() >= self.stretch * self.stretch_seconds {
             let end_seconds = self.stretch * self.stretch_seconds;
             let end = times::moment_at(end_seconds, self.period.as_secs_f64());
             let capacity = self.bits_per_second * self.stretch_seconds;
             let load = 100.0 * f64::from(self.bits) / capacity;
             self.loads.push((end, load));
             self.stretch += 1.0;
-            self.stretch_end = first_from(self.stretch * self.stretch_seconds);
             self.bits = 0;
         }
         self.bits += bits;
@@ -179,16 +175,6 @@ impl BusReader {
         }
         let (moments, loads): (Vec<_>, Vec<_>) = self.loads.drain(..).unzip();
         send_scalars(output, LOAD, times::columns(moments.into_iter()), loads)
-    }
-}
-
-/// Returns the first whole nanosecond that is not before a time.
-fn first_from(seconds: f64) -> Duration {
-    let nearest = Duration::from_secs_f64(seconds);
-    if nearest.as_secs_f64() < seconds {
-        nearest + Duration::from_nanos(1)
-    } else {
-        nearest
     }
 }
 
