@@ -107,17 +107,6 @@ pub(super) fn send_rows(
     output.send(chunk)
 }
 
-/// Sends the places of a point that moves with time.
-pub(super) fn send_places(
-    output: &mut dyn Output,
-    path: &str,
-    times: [TimeColumn; 2],
-    places: impl Iterator<Item = [f32; 2]>,
-) -> Result<(), ReportError> {
-    let rows = Points2D::new(places).columns_of_unit_batches()?;
-    send_rows(output, path, times, rows)
-}
-
 /// Sends the look of a point that moves with time.
 pub(super) fn send_look(
     output: &mut dyn Output,

@@ -1,7 +1,9 @@
 //! Path of a point that moves in the plane.
 
+use re_sdk_types::archetypes::Points2D;
+
 use super::ReportError;
-use super::output::{Output, send_places};
+use super::output::{Output, send_rows};
 use super::times::{self, Moment};
 
 /// Place in the plane, with the time at which the point was there.
@@ -50,8 +52,8 @@ pub(super) fn log_moves(
     place: impl Fn([f64; 2]) -> [f32; 2],
 ) -> Result<(), ReportError> {
     let times = times::columns(points.iter().map(|(moment, _)| *moment));
-    let places = points.iter().map(|(_, point)| place(*point));
-    send_places(output, entity, times, places)
+    let places = Points2D::new(points.iter().map(|(_, point)| place(*point)));
+    send_rows(output, entity, times, places.columns_of_unit_batches()?)
 }
 
 #[cfg(test)]
