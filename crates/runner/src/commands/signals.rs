@@ -143,23 +143,20 @@ fn load_plan(source: &Path) -> Result<Plan, Failure> {
 /// Returns every signal in a frame, in the order of the identifiers, loop by loop; the signals that belong to no single loop come
 /// first.
 fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSignal<'a>> {
-    let owner = |message: &Message| loops.iter().find(|one| one.owns(&message.name));
-    let messages = || database.messages().iter();
-    let several = loops.iter().filter(|_| loops.len() > 1);
-    let by_loop = several.flat_map(|one| {
-        let sent = messages().filter(|message| one.owns(&message.name));
-        sent.flat_map(|message| message.signals.iter().map(move |signal| (message, signal)))
-            .chain(one.followed())
-            .map(move |(message, signal)| (Some(one), message, signal))
+    let several = if loops.len() > 1 { loops } else { &[] };
+    let places = [None].into_iter().chain(several.iter().map(Some));
+    let signals = places.flat_map(|place| {
+        let is_here = move |message: &&Message| match place {
+            Some(one) => one.owns(&message.name),
+            None => several.iter().all(|one| !one.owns(&message.name)),
+        };
+        let messages = database.messages().iter().filter(is_here);
+        let sent = messages
+            .flat_map(|message| message.signals.iter().map(move |signal| (message, signal)));
+        let followed = place.into_iter().flat_map(ControlLoop::followed);
+        sent.chain(followed)
+            .map(move |(message, signal)| ListedSignal::of(place, message, signal))
     });
-    let is_shared = |message: &&Message| loops.len() < 2 || owner(message).is_none();
-    let shared = messages().filter(is_shared).flat_map(|message| {
-        let signals = message.signals.iter();
-        signals.map(move |signal| (None, message, signal))
-    });
-    let signals = shared
-        .chain(by_loop)
-        .map(|(one, message, signal)| ListedSignal::of(one, message, signal));
     signals.collect()
 }
 
