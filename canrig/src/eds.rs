@@ -1,14 +1,13 @@
 //! `canrig eds`: the data sheet of each node of a rig, as files for other programs.
 
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use plan::named_nodes::node_sheets;
-use recording::run_folder::write_new;
 use runner::console::print;
 use runner::exit::{Exit, Failure};
 use runner::named::named_plan;
+use runner::output::write_new;
 
 /// Arguments of `eds`.
 #[derive(Args, Debug)]
@@ -25,20 +24,9 @@ pub(crate) struct EdsArgs {
 pub(crate) fn eds(args: &EdsArgs) -> Result<Exit, Failure> {
     for (node, eds) in node_sheets(&named_plan(&args.rig)?) {
         let path = args.to.join(format!("{}.eds", node.name));
-        let written = write_new(&path, |file| file.write_all(eds.as_bytes()));
-        written.map_err(|error| Exit::BenchFailed.because(explain(&path, &error)))?;
+        write_new(&path, &eds)?;
         let id = node.id;
         print(&format!("{}  node {id} (0x{id:02X})", path.display()));
     }
     Ok(Exit::Pass)
-}
-
-fn explain(path: &Path, error: &io::Error) -> String {
-    let path = path.display();
-    match error.kind() {
-        io::ErrorKind::AlreadyExists => {
-            format!("`{path}` is there already; remove it, or name another folder with --to")
-        }
-        _ => format!("`{path}` cannot be written: {error}"),
-    }
 }

@@ -8,7 +8,7 @@ mod name;
 mod rig;
 
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -17,11 +17,10 @@ use scenario::custom::{Section, is_name};
 use controller::ControllerArgs;
 use name::{camel, require_crate_name};
 use platform::unfinished::Unfinished;
-use recording::run_folder::write_new;
 use rig::RigArgs;
 use runner::console::print;
 use runner::exit::{Exit, Failure};
-use runner::output::unwritten;
+use runner::output::{unwritten, write_new};
 
 /// Checkout that this program was built from. It may be gone, or on another machine.
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -223,9 +222,7 @@ fn write_files(
     files: impl IntoIterator<Item = (impl AsRef<Path>, String)>,
 ) -> Result<(), Failure> {
     for (file, text) in files {
-        let path = folder.join(file);
-        let written = write_new(&path, |output| output.write_all(text.as_bytes()));
-        written.map_err(unwritten(&path))?;
+        write_new(&folder.join(file), &text)?;
     }
     Ok(())
 }

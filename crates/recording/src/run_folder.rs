@@ -345,8 +345,9 @@ pub fn write_new(
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
     if path.symlink_metadata().is_ok() {
-        let there = io::ErrorKind::AlreadyExists;
-        return Err(io::Error::new(there, "it is there already"));
+        let there =
+            "it is there already; remove it, or name another folder (nothing is overwritten)";
+        return Err(io::Error::new(io::ErrorKind::AlreadyExists, there));
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(|error| match error.kind() {

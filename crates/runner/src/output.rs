@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::console::print;
 use crate::exit::{Exit, Failure};
-use recording::run_folder::{write_output, write_whole};
+use recording::run_folder::{self, write_output, write_whole};
 
 /// Writes a file.
 pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Failure> {
@@ -19,6 +19,15 @@ pub(crate) fn write_with(
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), Failure> {
     write_output(place, write).map_err(unwritten(place))
+}
+
+/// Writes a text at a place where no file is yet. Makes a folder in its name.
+///
+/// # Errors
+/// The file cannot be written, or is there already.
+pub fn write_new(place: &Path, text: &str) -> Result<(), Failure> {
+    let written = run_folder::write_new(place, |output| output.write_all(text.as_bytes()));
+    written.map_err(unwritten(place))
 }
 
 /// Returns the conversion of an error of the system on writing a file.

@@ -1,6 +1,5 @@
 //! `canrig examples`: lists, shows or copies the scenarios and rig files that ship.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -9,8 +8,8 @@ use toml::Table;
 
 use crate::console::{print, print_bytes};
 use crate::exit::{Exit, Failure};
+use crate::output::write_new;
 use crate::shipped::{ShippedFile, file, files, meant};
-use recording::run_folder::write_new;
 
 /// Arguments of `examples`.
 #[derive(Args, Debug)]
@@ -78,7 +77,7 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), Failure> {
     for ShippedFile { place, text } in files {
         // In the repository the rig file lies in another place.
         let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
-        write(&folder.join(place), &text)?;
+        write_new(&folder.join(place), &text)?;
     }
     for (place, text) in [
         ("schema.json", json_schema()),
@@ -86,24 +85,9 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), Failure> {
     ] {
         let path = folder.join(place);
         if path.symlink_metadata().is_err() {
-            write(&path, &text)?;
+            write_new(&path, &text)?;
         }
     }
     print(&folder.display().to_string());
     Ok(())
-}
-
-/// Writes a file that does not exist yet.
-fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    let written = write_new(path, |file| file.write_all(text.as_bytes()));
-    written.map_err(|error| {
-        let why = match error.kind() {
-            io::ErrorKind::AlreadyExists => {
-                "it exists, and nothing is overwritten; name another folder".to_owned()
-            }
-            _ => error.to_string(),
-        };
-        let path = path.display();
-        Exit::BenchFailed.because(format!("`{path}` cannot be written: {why}"))
-    })
 }
