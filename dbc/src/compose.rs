@@ -5,7 +5,8 @@
 
 use crate::coding::{Coding, Kind};
 use crate::database::{Database, Message, Signal};
-use crate::law;
+use crate::law::{BYTE, LAW_TERMS_OBJECT, layout};
+use crate::loops::TERMS_EVERY_CYCLES;
 use crate::names::{self, TERMS_MAX};
 
 /// Names of the nodes of the shipped DBC.
@@ -18,6 +19,7 @@ const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
+
 /// Composes a database node by node.
 #[derive(Debug)]
 pub struct Composer {
@@ -158,12 +160,30 @@ impl Composer {
         identifiers: [u16; TERMS_MAX],
         terms: &[Signal],
     ) -> Self {
-        let messages = law::messages(terms).into_iter().zip(identifiers);
-        for (place, (mut message, identifier)) in messages.enumerate() {
-            message.name = names::terms(&self.controller, loop_name, place);
-            message.raw_id = identifier.into();
-            message.sender = Some(self.controller.clone());
-            self.messages.push(message);
+        let objects = layout(terms).unwrap_or_default();
+        for (place, identifier) in identifiers.into_iter().enumerate() {
+            let numbered = (LAW_TERMS_OBJECT..).zip(&objects);
+            let own = numbered.filter(|(_, object)| object.message == place);
+            let length_bits: u8 = own.clone().map(|(_, object)| object.bits).sum();
+            if length_bits == 0 {
+                break;
+            }
+            let signals = own.flat_map(|(number, object)| {
+                let terms = object.terms.iter().map(|(term, bit)| (&terms[*term], bit));
+                terms.map(move |(term, bit)| law_signal(number, term, object.start_bit + bit))
+            });
+            self.messages.push(Message {
+                name: names::terms(&self.controller, loop_name, place),
+                raw_id: identifier.into(),
+                length_bytes: length_bits / BYTE,
+                sender: Some(self.controller.clone()),
+                cycle_time_milliseconds: TERMS_EVERY_CYCLES.into(),
+                comment: format!(
+                    "TPDO{} of the controller, every {TERMS_EVERY_CYCLES}th SYNC: terms of the law.",
+                    place + 1
+                ),
+                signals: signals.collect(),
+            });
         }
         self
     }
@@ -218,6 +238,20 @@ impl Composer {
         let database = Database::from_messages(self.messages);
         let nodes = self.nodes.iter();
         database.with_nodes(nodes.map(|(node_id, name)| (*node_id, name.as_str())))
+    }
+}
+
+/// Returns the signal of a term of a law, in its object and from its first bit on.
+fn law_signal(object: u16, term: &Signal, start_bit: u8) -> Signal {
+    Signal {
+        coding: term.coding.starting_at(start_bit),
+        labels: match term.coding.length_bits {
+            1 => vec![(0, "no".to_owned()), (1, "yes".to_owned())],
+            _ => Vec::new(),
+        },
+        receivers: vec![names::BENCH.to_owned()],
+        object: format!("0x{object:04X}:00"),
+        ..term.clone()
     }
 }
 

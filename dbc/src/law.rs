@@ -1,13 +1,12 @@
-//! The frames in which the controller publishes the terms of a law.
+//! The layout of a law's terms in the objects and the frames of the controller.
 
-use crate::database::{Message, Signal};
-use crate::loops::TERMS_EVERY_CYCLES;
-use crate::names::{BENCH, TERMS_MAX};
+use crate::database::Signal;
+use crate::names::TERMS_MAX;
 
 /// Index of the first term's object; the others follow.
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
 const MESSAGE_BITS: u8 = 64;
-const BYTE: u8 = 8;
+pub(crate) const BYTE: u8 = 8;
 
 /// Object that holds a term, or several that share a byte.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -51,50 +50,6 @@ pub fn layout(terms: &[Signal]) -> Option<Vec<TermObject>> {
         end += bits;
     }
     (message < TERMS_MAX).then_some(objects)
-}
-
-/// Returns the messages of a law with these terms, still without names and identifiers.
-pub(crate) fn messages(terms: &[Signal]) -> Vec<Message> {
-    let objects = layout(terms).unwrap_or_default();
-    let messages = (0..TERMS_MAX).map(|place| message(place, terms, &objects));
-    messages
-        .filter(|message| !message.signals.is_empty())
-        .collect()
-}
-
-fn message(place: usize, terms: &[Signal], objects: &[TermObject]) -> Message {
-    let numbered = (LAW_TERMS_OBJECT..).zip(objects);
-    let objects = numbered.filter(|(_, object)| object.message == place);
-    let length_bits: u8 = objects.clone().map(|(_, object)| object.bits).sum();
-    let signals = objects.flat_map(|(number, object)| {
-        let terms = object.terms.iter().map(|(term, bit)| (&terms[*term], bit));
-        terms.map(move |(term, bit)| signal(number, term, object.start_bit + bit))
-    });
-    Message {
-        name: String::new(),
-        raw_id: 0,
-        length_bytes: length_bits / BYTE,
-        sender: None,
-        cycle_time_milliseconds: TERMS_EVERY_CYCLES.into(),
-        comment: format!(
-            "TPDO{} of the controller, every {TERMS_EVERY_CYCLES}th SYNC: terms of the law.",
-            place + 1
-        ),
-        signals: signals.collect(),
-    }
-}
-
-fn signal(object: u16, term: &Signal, start_bit: u8) -> Signal {
-    Signal {
-        coding: term.coding.starting_at(start_bit),
-        labels: match term.coding.length_bits {
-            1 => vec![(0, "no".to_owned()), (1, "yes".to_owned())],
-            _ => Vec::new(),
-        },
-        receivers: vec![BENCH.to_owned()],
-        object: format!("0x{object:04X}:00"),
-        ..term.clone()
-    }
 }
 
 #[cfg(test)]
