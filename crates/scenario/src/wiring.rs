@@ -9,8 +9,7 @@ use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node};
 use crate::port::{
-    Command, Measurand, Port, Ports, conversion, local_name, plant_of_port, steps_for, symbol_of,
-    unit_in,
+    Measurand, Port, Ports, conversion, local_name, plant_of_port, steps_for, symbol_of, unit_in,
 };
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
 
@@ -37,15 +36,6 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Sets the command of the loop.
-    #[must_use]
-    pub fn commanding(self, command: Command) -> Self {
-        Self {
-            measurand: self.measurand.commanding(command),
-            ..self
-        }
-    }
-
     /// Returns the lowest and the highest value, within which set-points lie.
     pub fn range(&self) -> [f64; 2] {
         [self.min, self.max.unwrap_or(TRAVEL_MILLIMETRES)]
@@ -86,8 +76,6 @@ pub struct Wiring {
     pub nodes: LoopNodes,
     /// Name of the plant that it moves; empty without a rig file.
     pub plant: String,
-    /// Name of the first of the plants that are emulated together with it.
-    pub emulated_with: String,
     /// Input that its amplifier drives, as `PLANT.PORT`; the first one if empty.
     pub input: String,
     /// Output that its sensor reads, of the same plant or another one; the first one if empty.
@@ -150,11 +138,6 @@ impl Wiring {
         }
     }
 
-    /// Returns the facts of its loop; `None` without a rig file.
-    pub fn rig_loop(&self) -> Option<&LoopFacts> {
-        self.loops.iter().find(|one| one.name == self.loop_name)
-    }
-
     /// Returns its loop, followed by those of the further drives that its law leads, in their order.
     pub fn led_loops(&self) -> Vec<LoopFacts> {
         let place = |one: &LoopFacts| match one.led_by {
@@ -169,7 +152,9 @@ impl Wiring {
 
     /// Returns the range of commands to the amplifier of its drive.
     pub fn current(&self) -> CurrentRange {
-        self.rig_loop().map(|one| one.current).unwrap_or_default()
+        let mut loops = self.loops.iter();
+        let own = loops.find(|one| one.name == self.loop_name);
+        own.map(|one| one.current).unwrap_or_default()
     }
 
     /// Returns the ranges of commands to the amplifiers of the drives that its law leads, from its own on; with `None` those of

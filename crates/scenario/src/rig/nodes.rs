@@ -201,6 +201,7 @@ impl Rig {
         let io = self.of_kind(Part::Io);
         let recorded_io = io.filter(|(name, _)| self.drive_of_io(name) == Some(drive));
         let recorded = node.record.as_ref();
+        let command = node.command_quantity();
         Wiring {
             nodes: LoopNodes {
                 controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
@@ -209,11 +210,13 @@ impl Rig {
                 io: recorded_io.map(named).collect(),
             },
             plant: plant.to_owned(),
-            emulated_with: emulated.first().copied().unwrap_or_default().to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
             sensor: node.measured(),
-            feedback: followed_node.measured().commanding(node.command_quantity()),
+            feedback: Measured {
+                measurand: followed_node.measurand().commanding(command),
+                ..followed_node.measured()
+            },
             io: self.io_on(&emulated),
             truth_every_cycles: node.truth_every_cycles,
             record: recorded.map(|ports| ports.iter().map(in_full).collect()),
