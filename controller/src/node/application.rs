@@ -23,15 +23,15 @@ impl Application for Leader {
             ..Filter::exact(id)
         };
         let feedback = self.drives().map(|drive| drive.layout.feedback.id());
-        let before = [Filter::exact(COMMAND_ID), function(emcy::DEFAULT_ID)];
-        let behind = [
+        let others = [
+            Filter::exact(COMMAND_ID),
+            function(emcy::DEFAULT_ID),
             function(DEFAULT_RESPONSE_ID),
             function(DEFAULT_REQUEST_ID),
             function(ERROR_CONTROL_ID),
             Filter::ERRORS,
         ];
-        let feedback = feedback.map(Filter::exact);
-        before.into_iter().chain(feedback).chain(behind).collect()
+        feedback.map(Filter::exact).chain(others).collect()
     }
 
     fn on_reset(&mut self, services: &mut Services, _: NmtCommand) {
