@@ -208,7 +208,7 @@ impl Field {
     }
 
     /// Returns the largest value.
-    fn max(self) -> f64 {
+    pub fn max(self) -> f64 {
         let bits = 8 * self.length_bytes - usize::from(self.is_signed);
         ((1_i64 << bits) - 1) as f64
     }

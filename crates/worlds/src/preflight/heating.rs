@@ -333,17 +333,16 @@ fn reason(ended: &Result<End, WorldError>) -> Option<String> {
 
 /// Returns the extreme value of the object at a position, as of an unconnected sensor.
 fn extreme(position: &Scaled, at: f64) -> Option<f64> {
-    let bits = 8 * i32::try_from(position.field.length_bytes).unwrap_or(4);
     let raw = (at * position.units + position.offset).round();
-    let extremes = if position.field.is_signed {
-        [-(2_f64.powi(bits - 1)), 2_f64.powi(bits - 1) - 1.0]
+    let max = position.field.max();
+    let other = if position.field.is_signed {
+        -max - 1.0
     } else {
         // 0 is the rest position of many sensors.
-        [2_f64.powi(bits) - 1.0; 2]
+        max
     };
-    extremes
-        .into_iter()
-        .find(|extreme| raw.to_bits() == extreme.to_bits())
+    let mut extremes = [other, max].into_iter();
+    extremes.find(|extreme| raw.to_bits() == extreme.to_bits())
 }
 
 /// Describes the rest position of the load, to the hundredth of its unit; a zero has no sign.

@@ -224,13 +224,8 @@ impl Session<'_> {
         drive: &LoadedDrive,
         one: &ControlLoop,
     ) -> Result<Result<Vec<Check>, BrokenOff>, WorldError> {
-        let io = one
-            .nodes
-            .io
-            .iter()
-            .filter(|io| one.external.contains(&io.id));
         let nodes = iter::once(&one.nodes.drive)
-            .chain(io)
+            .chain(one.io_on_bus())
             .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
         let watch = self.watch;
         let bus = self.connection.join(&[Filter::ALL])?;
@@ -324,12 +319,7 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let io = one
-        .nodes
-        .io
-        .iter()
-        .filter(|io| one.external.contains(&io.id))
-        .map(|io| io.name.as_str());
+    let io = one.io_on_bus().map(|io| io.name.as_str());
     let rig = plan
         .shared
         .rig
