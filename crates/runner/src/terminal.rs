@@ -7,12 +7,9 @@ use crate::console::{Bar, WorkBar, print, print_problem, print_text};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::run::Judged;
-use judge::verdict::{Metric, Outcome, Verdict};
+use judge::verdict::Outcome;
 use report::terminal;
 use worlds::preflight::PreflightEvent;
-
-/// Smallest load of the bus, in per cent, at which no drive is brought up in time.
-const FULL_BUS_PERCENT: f64 = 95.0;
 
 /// Printer of events, as far as the user wants them.
 pub(crate) struct Terminal {
@@ -64,22 +61,7 @@ impl Terminal {
         if !self.json && (!self.quiet || judged.exit != Exit::Pass) {
             print_text(&terminal::run(&judged.verdict, &judged.folder));
         }
-        if let Some(load) = full_bus(&judged.verdict) {
-            self.note(&format!(
-                "the bus was busy for {load:.0} % of the time, so no drive could be brought up: \
-                 raise `bitrate_kilobits_per_second`"
-            ));
-        }
     }
-}
-
-/// Returns the load of a bus that was too full for the scenario to begin.
-fn full_bus(verdict: &Verdict) -> Option<f64> {
-    let is_load = |metric: &&Metric| metric.name == "bus_load_percent";
-    let others = verdict.metrics.iter().filter(|metric| !is_load(metric));
-    let has_begun = others.into_iter().any(|metric| metric.value.is_some());
-    let load = verdict.metrics.iter().find(is_load)?.value?;
-    (verdict.ended_early.is_some() && !has_begun && load >= FULL_BUS_PERCENT).then_some(load)
 }
 
 impl Listener for Terminal {
