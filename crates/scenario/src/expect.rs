@@ -105,16 +105,10 @@ impl Expect {
         self
     }
 
-    /// Returns the two-sided limits that are given, each with its metric, in the order of the table.
+    /// Returns the metrics that have an expectation, each with its limit, in the order of the table.
     pub fn limits(&self) -> impl Iterator<Item = (&'static Metric, Limit)> {
-        let two_sided = METRICS.iter().filter(|one| one.form == Form::TwoSided);
-        two_sided.filter_map(|metric| Some((metric, self.limit(metric.name)?)))
-    }
-
-    /// Returns the names of all metrics that have an expectation.
-    pub fn keys(&self) -> impl Iterator<Item = &'static str> {
-        let is_given = |metric: &&Metric| self.of(metric.name).is_some();
-        METRICS.iter().filter(is_given).map(|metric| metric.name)
+        let metrics = METRICS.iter();
+        metrics.filter_map(|metric| Some((metric, self.limit(metric.name)?)))
     }
 
     /// Returns the rows on the timing of a run in real time.
@@ -154,10 +148,9 @@ impl Trial {
     /// Returns the rows of the loop's verdict that have a limit, in their order, without those on timing.
     pub fn expected_rows(&self) -> Vec<ExpectedRow> {
         let (expect, duration_seconds) = (&self.expect, self.run.duration_seconds);
-        let metrics = METRICS.iter().filter_map(|metric| {
-            let limit = expect.limit(metric.name)?;
+        let metrics = expect.limits().map(|(metric, limit)| {
             let name = self.wiring.feedback.measurand.name(metric.name);
-            Some(expect.row(name, Some(limit)))
+            expect.row(name, Some(limit))
         });
         let checks = expect.signal.iter();
         let checks = checks.flat_map(|check| check.rows(duration_seconds));

@@ -4,7 +4,7 @@ use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Emergency, Limit};
-use crate::metrics::{METRICS, Metric};
+use crate::metrics::{Form, Metric};
 use crate::nearest::meant_or_known;
 use crate::trial::Trial;
 
@@ -12,7 +12,8 @@ use crate::trial::Trial;
 pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
     let document = check.document;
     check.add(end_problem(document, trial));
-    for (metric, limit) in trial.expect.limits() {
+    let two_sided = |(metric, _): &(&Metric, Limit)| metric.form == Form::TwoSided;
+    for (metric, limit) in trial.expect.limits().filter(two_sided) {
         let (name, path) = (metric.name, format!("expect.{}", metric.name));
         check.add(limit_problem(document, &path, name, limit).or_else(|| {
             let missing = missing_for(metric, trial)?;
@@ -85,9 +86,8 @@ pub(super) fn emergency(check: &Check<'_>, path: &str, text: &str) -> Option<Pro
 /// Checks the demanded reactions: there is a fault, and emergencies have numbers of the standard.
 pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
     let (document, expect) = (check.document, &trial.expect);
-    let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
-    let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
-    for metric in demanded {
+    let demanded = expect.limits().filter(|(metric, _)| metric.needs_fault());
+    for (metric, _) in demanded {
         let name = metric.name;
         let needs = |what: &str| {
             let message = format!("`{name}` cannot be judged");

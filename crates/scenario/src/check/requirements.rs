@@ -11,20 +11,11 @@ use crate::trial::Trial;
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;
 
-/// Checks the requirements of a loop's limits.
+/// Checks the requirements of a loop's metrics.
 pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
-    let expect = &trial.expect;
-    for (key, requirements) in &expect.requirements {
+    for (key, requirements) in &trial.expect.requirements {
         let path = format!("expect.requirements.{key}");
         check.add(undemanded(check.document, &path, key, trial));
-        names(check, &path, requirements);
-    }
-    let checks = expect.signal.iter().map(|one| &one.requirements);
-    let sequences = expect.sequence.iter().map(|one| &one.requirements);
-    let checks = checks.enumerate().map(|one| ("signal", one));
-    let sequences = sequences.enumerate().map(|one| ("sequence", one));
-    for (kind, (index, requirements)) in checks.chain(sequences) {
-        let path = format!("expect.{kind}.{index}.requirements");
         names(check, &path, requirements);
     }
 }
@@ -33,7 +24,8 @@ pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
 fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> Option<Problem> {
     let timing = trial.expect.timing.rows();
     let measurand = &trial.wiring.feedback.measurand;
-    let limits = trial.expect.keys().map(|key| measurand.name(key));
+    let limits = trial.expect.limits();
+    let limits = limits.map(|(metric, _)| measurand.name(metric.name));
     let given: Vec<String> = limits.chain(timing).collect();
     if given.iter().any(|given| given == key) {
         return None;

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::limits::{emergency, limit_problem};
+use super::requirements::names;
 use super::{Check, name};
 use crate::document::Document;
 use crate::error::Problem;
@@ -21,12 +22,15 @@ pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
         let window = (signal.from_seconds, signal.until_seconds);
         check.add(window_problem(document, &path, window, duration_seconds));
         demands(check, &path, signal, &mut rows);
+        names(check, &format!("{path}.requirements"), &signal.requirements);
     }
     for (index, sequence) in trial.expect.sequence.iter().enumerate() {
         let path = format!("expect.sequence.{index}");
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
         check.add(window_problem(document, &path, window, duration_seconds));
         events(check, &path, sequence);
+        let requirements = &sequence.requirements;
+        names(check, &format!("{path}.requirements"), requirements);
         let path = format!("{path}.name");
         if !rows.insert(sequence.name.clone()) {
             let message = format!("there are two sequences \"{}\"", sequence.name);
