@@ -8,7 +8,7 @@ use dbc::{Database, Signal, SignalHandle, names};
 use plan::error_frames::{self, ErrorMessage};
 use platform::terminal::printable;
 use scenario::Trial;
-use scenario::events::Window;
+use scenario::disturbance::Change;
 use scenario::expect::Emergency;
 
 use crate::identifiers::ByIdentifier;
@@ -228,7 +228,7 @@ impl EventReader {
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
         let planned = planned(trial, self.node_names.loop_name());
-        let planned = planned.filter(|event| {
+        let planned = planned.into_iter().filter(|event| {
             from_seconds <= event.time_seconds && event.time_seconds < until_seconds
         });
         // If the scenario never began, times are those of the recording.
@@ -240,38 +240,37 @@ impl EventReader {
 }
 
 /// Returns the steps, disturbances and faults of a loop, in no order; `loop_name` is its name, where there are several.
-fn planned(trial: &Trial, loop_name: Option<&str>) -> impl Iterator<Item = Occurrence<Event>> {
-    let event =
-        |at_seconds, level, text: &str| Occurrence::new(at_seconds, Event::new(level, text));
+fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
+    let mut events = Events::new();
+    let mut add = |at_seconds, level, text: &str| {
+        events.push(Occurrence::new(at_seconds, Event::new(level, text)));
+    };
     let prefix = loop_name.map_or_else(String::new, |name| format!("{name}: "));
-    let named =
-        move |at_seconds, text: &str| event(at_seconds, Level::Info, &format!("{prefix}{text}"));
     let unit = trial.wiring.feedback.measurand.unit.symbol();
-    let steps = trial.reference.step.iter().map(|step| {
-        let text = format!("step to {} {unit}", step.position);
-        named(step.at_seconds, &text)
-    });
-    let steps = Vec::from_iter(steps);
-    let disturbances = trial.disturbances().into_iter().flat_map(move |one| {
-        let Window {
-            from_seconds,
-            until_seconds,
-        } = one.window;
-        let of = one.text.split([',', ' ']).next().unwrap_or_default();
-        let lasts = until_seconds > from_seconds;
-        let end = lasts.then(|| named(until_seconds, &format!("{of} off")));
-        [Some(named(from_seconds, &one.text)), end]
-    });
-    let faults = trial.loop_faults().flat_map(move |fault| {
-        let is_instant = fault.from_seconds == fault.until_seconds;
-        let until_seconds = fault.until_seconds.filter(|_| !is_instant);
+    for step in &trial.reference.step {
+        let text = format!("{prefix}step to {} {unit}", step.position);
+        add(step.at_seconds, Level::Info, &text);
+    }
+    for Change { window, text, .. } in trial.disturbances() {
+        add(window.from_seconds, Level::Info, &format!("{prefix}{text}"));
+        if window.until_seconds > window.from_seconds {
+            let of = text.split([',', ' ']).next().unwrap_or_default();
+            add(
+                window.until_seconds,
+                Level::Info,
+                &format!("{prefix}{of} off"),
+            );
+        }
+    }
+    for fault in trial.loop_faults() {
         let text = fault.text(loop_name.is_some());
-        let end = until_seconds.map(|end| event(end, Level::Info, &format!("{text} over")));
-        let begin = event(fault.from_seconds.unwrap_or(0.0), Level::Warning, &text);
-        [Some(begin), end]
-    });
-    let others = disturbances.chain(faults).flatten();
-    steps.into_iter().chain(others)
+        add(fault.from_seconds.unwrap_or(0.0), Level::Warning, &text);
+        let is_instant = fault.from_seconds == fault.until_seconds;
+        if let Some(end) = fault.until_seconds.filter(|_| !is_instant) {
+            add(end, Level::Info, &format!("{text} over"));
+        }
+    }
+    events
 }
 
 fn emergency(node: &str, value: f64) -> Emergency {
