@@ -11,7 +11,6 @@ use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::process::channel_from_parent;
 use platform::real_time::{RunError, RunReport};
-use platform::scheduling::Refused;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::without_colours;
@@ -195,7 +194,7 @@ fn exit(ended: Result<(), Failure>) -> Exit {
 fn run_by_hand(
     node: &mut dyn Node,
     address: &BusAddress,
-    refused_priority: Option<Refused>,
+    refused_priority: Option<String>,
 ) -> Result<(), Failure> {
     let stop = StopSignal::from_signals().map_err(on_bus)?;
     let mut bus = platform::open(address, &node.filters()).map_err(on_bus)?;
@@ -208,9 +207,8 @@ fn run_by_hand(
 }
 
 /// Locks the memory; returns all means of real time that the system refused.
-fn refusals(priority: Option<Refused>) -> impl Iterator<Item = String> {
-    let refused = priority.into_iter().chain(scheduling::lock_memory().err());
-    refused.map(|refused| refused.to_string())
+fn refusals(priority: Option<String>) -> impl Iterator<Item = String> {
+    priority.into_iter().chain(scheduling::lock_memory().err())
 }
 
 /// Returns the report that the bench receives at the end.
@@ -231,7 +229,7 @@ fn node_report(report: RunReport, refused: Vec<String>, late: &AtomicU64) -> Nod
 fn run_node(
     node: &mut dyn Node,
     args: &NodeArgs,
-    refused_priority: Option<Refused>,
+    refused_priority: Option<String>,
     late: &AtomicU64,
 ) -> Result<(), Failure> {
     let stop = StopSignal::from_parent().map_err(on_bus)?;

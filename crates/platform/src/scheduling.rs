@@ -23,20 +23,15 @@ const NICENESS: i32 = 10;
 /// Bytes of the stack that are touched before it is locked; the loops need a fraction of it.
 const STACK_BYTES: usize = 128 * 1024;
 
-/// Refusal of real-time means by the system; the loop runs without them, its deadlines at the mercy of the machine's load.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct Refused(String);
-
 /// Requests a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
 ///
 /// # Errors
-/// If it is not permitted.
-pub fn request_fifo(priority: u8) -> Result<(), Refused> {
+/// If it is not permitted. A loop runs without it, its deadlines at the mercy of the machine's load.
+pub fn request_fifo(priority: u8) -> Result<(), String> {
     set_fifo(priority).map_err(|source| {
-        Refused(format!(
+        format!(
             "real-time priority {priority} (SCHED_FIFO) was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --rtprio=99"
-        ))
+        )
     })
 }
 
@@ -75,12 +70,12 @@ pub(crate) fn pass_on_fifo(command: &mut Command) {
 ///
 /// # Errors
 /// If it is not permitted.
-pub fn lock_memory() -> Result<(), Refused> {
+pub fn lock_memory() -> Result<(), String> {
     touch_stack();
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).map_err(|source| {
-        Refused(format!(
+        format!(
             "locking memory was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --memlock=unlimited"
-        ))
+        )
     })
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use std::{env, fs};
 
 use platform::clock::Clock;
-use platform::scheduling::{self, Refused};
+use platform::scheduling;
 
 /// File in which the kernel reports the resources of the process.
 const STATUS: &str = "/proc/self/status";
@@ -30,7 +30,7 @@ pub fn name() -> String {
 
 /// Returns the reason why nodes will run without real-time priority. It is found out on a thread that ends at once, so no other
 /// code runs with the priority.
-pub fn refused_priority() -> Option<Refused> {
+pub fn refused_priority() -> Option<String> {
     let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
     asked.unwrap_or_else(|panic| resume_unwind(panic)).err()
 }
