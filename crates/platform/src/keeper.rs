@@ -70,7 +70,7 @@ pub fn keep(log: Option<PathBuf>, command: &[OsString]) -> io::Result<String> {
         Err(error) => format!("cannot be started: {error}"),
     };
     log.finish()?;
-    Ok(format!("{how}\n{}", log.end()))
+    Ok(format!("{how}\n{}", last_lines(&log.end)))
 }
 
 fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
@@ -224,13 +224,13 @@ impl Log {
             _ => Ok(()),
         }
     }
+}
 
-    /// Returns the last lines.
-    fn end(&self) -> String {
-        let text = String::from_utf8_lossy(&self.end);
-        let lines = Vec::from_iter(text.trim().lines());
-        lines[lines.len().saturating_sub(TOLD_LINES_MAX)..].join("\n")
-    }
+/// Returns the last lines of an output.
+pub fn last_lines(output: &[u8]) -> String {
+    let text = String::from_utf8_lossy(output);
+    let lines = Vec::from_iter(text.trim().lines());
+    lines[lines.len().saturating_sub(TOLD_LINES_MAX)..].join("\n")
 }
 
 #[cfg(test)]
@@ -261,7 +261,7 @@ mod tests {
             text,
             format!("\n({} bytes more are not kept)\n", log.dropped)
         );
-        assert!(log.end().contains("19999"));
-        assert!(log.end().len() <= TOLD_BYTES_MAX);
+        assert!(last_lines(&log.end).contains("19999"));
+        assert!(last_lines(&log.end).len() <= TOLD_BYTES_MAX);
     }
 }

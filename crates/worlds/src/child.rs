@@ -9,19 +9,18 @@ use std::time::Duration;
 
 use platform::bus::BusAddress;
 use platform::clock::{Clock, sleep};
+use platform::keeper::last_lines;
 use platform::{process, program};
 
 use crate::error::{Doing, WorldError};
-use crate::law_process::{has_process_law, indented, scenario_folder};
+use crate::law_process::{end_of, has_process_law, scenario_folder};
 use crate::names::PLANT_EMULATOR;
 use crate::process_faults::ProcessAction;
 use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
 use recording::run_folder::RunFolder;
 
-/// Number of lines of a log in a message.
-const LOG_TAIL_LINES: usize = 12;
-/// Number of bytes at the end of a log that are searched for these lines.
+/// Number of bytes at the end of a log that are searched for its last lines.
 const LOG_TAIL_BYTES: usize = 4096;
 /// Period of the check whether a process has ended.
 const LOOK: Duration = Duration::from_millis(2);
@@ -287,9 +286,8 @@ impl OwnProcess {
     }
 
     fn failure(&self, status: ExitStatus, when: &str) -> WorldError {
-        let log = self
-            .log_tail()
-            .map(|tail| format!("; the end of its log:\n{tail}"));
+        let log = fs::read(&self.log).unwrap_or_default();
+        let tail = last_lines(&log[log.len().saturating_sub(LOG_TAIL_BYTES)..]);
         let (doing, how) = match ended_by(status) {
             (Doing::NotSetUp, _) => (Doing::NotSetUp, "cannot be set up".to_owned()),
             (doing, how) => (doing, how + when),
@@ -297,18 +295,9 @@ impl OwnProcess {
         WorldError::Process {
             name: self.name.clone(),
             how,
-            log: log.unwrap_or_default(),
+            log: end_of("log", &tail),
             doing,
         }
-    }
-
-    fn log_tail(&self) -> Option<String> {
-        let bytes = fs::read(&self.log).ok()?;
-        let text = String::from_utf8_lossy(&bytes[bytes.len().saturating_sub(LOG_TAIL_BYTES)..])
-            .into_owned();
-        let lines: Vec<&str> = text.lines().collect();
-        let tail = &lines[lines.len().saturating_sub(LOG_TAIL_LINES)..];
-        (!tail.is_empty()).then(|| indented(&tail.join("\n")))
     }
 }
 

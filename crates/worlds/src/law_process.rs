@@ -302,21 +302,16 @@ fn take(body: &[u8], writes: &mut [f64], outputs: &[String]) -> Result<(), Strin
 
 /// Describes the end of a process, with its last output.
 fn end_text((how, output): &(String, String)) -> String {
-    format!("{how}{}", output_end(output))
+    format!("{how}{}", end_of("output", output))
 }
 
-/// Returns the end of a message with the last output of a process, if there is any.
-pub(crate) fn output_end(output: &str) -> String {
-    match output {
-        "" => String::new(),
-        output => format!("; the end of its output:\n{}", indented(output)),
+/// Returns the end of a message with the last lines of a process's output or log, if there are any.
+pub(crate) fn end_of(what: &str, lines: &str) -> String {
+    if lines.is_empty() {
+        return String::new();
     }
-}
-
-/// Indents lines below a message.
-pub(crate) fn indented(output: &str) -> String {
-    let lines = output.lines().map(|line| format!("    {line}"));
-    Vec::from_iter(lines).join("\n")
+    let indented = Vec::from_iter(lines.lines().map(|line| format!("    {line}")));
+    format!("; the end of its {what}:\n{}", indented.join("\n"))
 }
 
 impl Player for LawProcess {

@@ -16,7 +16,7 @@ use scenario::node::{Node, Part};
 use tempfile::NamedTempFile;
 
 use crate::error::{Doing, WorldError};
-use crate::law_process::{CLOSED_PATIENCE, output_end};
+use crate::law_process::{CLOSED_PATIENCE, end_of};
 use crate::part;
 use plan::{Plan, each_once};
 
@@ -235,7 +235,7 @@ fn broken_off(name: &str, how: String, output: &str, doing: Doing) -> WorldError
     WorldError::Process {
         name: name.to_owned(),
         how,
-        log: output_end(output),
+        log: end_of("output", output),
         doing,
     }
 }
