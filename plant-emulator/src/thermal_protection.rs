@@ -6,25 +6,19 @@
 //! settle at 115 °C, where all of it is austenite: no position needs more. 1.9 A² s above it allow 1 A for 10 s from
 //! cold; a ramp 0 → 1 → 0 A in 40 s takes 0.37 A² s.
 
-/// Limits of the current over time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// Current that may flow for any time (0x2110:01).
-    pub continuous_amperes: f64,
-    /// Largest `∫ (i² − continuous²) dt` (0x2110:02); 0 for no protection.
-    pub overload_square_ampere_seconds: f64,
-}
+use scenario::plant::I2t;
 
 /// The overload integral. It never falls below zero and never exceeds its limit.
 #[derive(Clone, Debug)]
 pub struct ThermalProtection {
-    limits: Limits,
+    /// 0x2110:01 and 0x2110:02; a peak of 0 is no protection.
+    limits: I2t,
     overload_square_ampere_seconds: f64,
 }
 
 impl ThermalProtection {
     /// Makes a protection without load.
-    pub fn new(limits: Limits) -> Self {
+    pub fn new(limits: I2t) -> Self {
         Self {
             limits,
             overload_square_ampere_seconds: 0.0,
@@ -32,28 +26,28 @@ impl ThermalProtection {
     }
 
     /// Changes the limits; the load stays.
-    pub fn set_limits(&mut self, limits: Limits) {
+    pub fn set_limits(&mut self, limits: I2t) {
         self.limits = limits;
     }
 
     /// Adds the effect of a current over some time.
     pub fn advance(&mut self, duration_seconds: f64, current_amperes: f64) {
-        let continuous = self.limits.continuous_amperes;
+        let continuous = self.limits.continuous;
         let excess = current_amperes * current_amperes - continuous * continuous;
         self.overload_square_ampere_seconds = (self.overload_square_ampere_seconds
             + excess * duration_seconds)
-            .clamp(0.0, self.limits.overload_square_ampere_seconds.max(0.0));
+            .clamp(0.0, self.limits.peak_square_seconds.max(0.0));
     }
 
     /// Returns whether the overload is at its limit.
     pub fn is_tripped(&self) -> bool {
-        let most = self.limits.overload_square_ampere_seconds;
+        let most = self.limits.peak_square_seconds;
         most > 0.0 && self.overload_square_ampere_seconds >= most
     }
 
     /// Returns the overload relative to its limit, 0 to 1 (0x2110:03).
     pub fn utilisation(&self) -> f64 {
-        let most = self.limits.overload_square_ampere_seconds;
+        let most = self.limits.peak_square_seconds;
         if most > 0.0 {
             (self.overload_square_ampere_seconds / most).min(1.0)
         } else {
@@ -66,9 +60,9 @@ impl ThermalProtection {
 mod tests {
     use super::*;
 
-    const LIMITS: Limits = Limits {
-        continuous_amperes: 0.9,
-        overload_square_ampere_seconds: 1.9,
+    const LIMITS: I2t = I2t {
+        continuous: 0.9,
+        peak_square_seconds: 1.9,
     };
 
     /// Returns the seconds until the protection trips under a constant current.
@@ -86,7 +80,7 @@ mod tests {
     fn one_ampere_trips_after_ten_seconds_and_the_continuous_current_never() {
         let seconds = trip_seconds(1.0).unwrap();
         assert!((seconds - 10.0).abs() < 0.01, "{seconds}");
-        assert_eq!(trip_seconds(LIMITS.continuous_amperes), None);
+        assert_eq!(trip_seconds(LIMITS.continuous), None);
     }
 
     #[test]
@@ -104,9 +98,9 @@ mod tests {
 
     #[test]
     fn without_limits_nothing_trips() {
-        let mut protection = ThermalProtection::new(Limits {
-            continuous_amperes: 0.0,
-            overload_square_ampere_seconds: 0.0,
+        let mut protection = ThermalProtection::new(I2t {
+            continuous: 0.0,
+            peak_square_seconds: 0.0,
         });
         protection.advance(1e6, 1.0);
         assert!(!protection.is_tripped() && protection.utilisation() == 0.0);

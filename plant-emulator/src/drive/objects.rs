@@ -4,12 +4,12 @@ use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, NodeId, ObjectDictionary};
+use scenario::plant::I2t;
 use scenario::wiring::RECORDED_MAX;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
 use crate::objects::{self, SIGNED_16, UNSIGNED_16};
-use crate::thermal_protection::Limits;
 use crate::wires::{Published, Wires};
 
 const POSITION_ACTUAL_VALUE: u16 = 0x6064;
@@ -132,10 +132,10 @@ impl Objects {
     }
 
     /// Returns 0x2110:01 and :02.
-    pub(super) fn protection_limits(&self, dictionary: &ObjectDictionary) -> Limits {
-        Limits {
-            continuous_amperes: unsigned32(dictionary, self.continuous_current) / 1e3,
-            overload_square_ampere_seconds: unsigned32(dictionary, self.overload_limit) / 1e3,
+    pub(super) fn protection_limits(&self, dictionary: &ObjectDictionary) -> I2t {
+        I2t {
+            continuous: unsigned32(dictionary, self.continuous_current) / 1e3,
+            peak_square_seconds: unsigned32(dictionary, self.overload_limit) / 1e3,
         }
     }
 
