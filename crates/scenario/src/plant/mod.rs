@@ -81,7 +81,7 @@ impl PlantModel {
 
     /// Returns the parameters of the actuator; `None` for another model.
     pub fn actuator(&self) -> Option<Sma> {
-        let is_actuator = self.custom.is_none() && self.table().name == SMA_ACTUATOR;
+        let is_actuator = self.custom.is_none() && self.table().0 == SMA_ACTUATOR;
         is_actuator.then(|| self.sma.clone().unwrap_or_default())
     }
 
@@ -96,14 +96,14 @@ impl PlantModel {
     /// Returns the name of the plant; the actuator's if there is no table.
     pub fn name(&self) -> &str {
         let custom = self.custom.as_ref();
-        custom.map_or_else(|| self.table().name, Custom::name)
+        custom.map_or_else(|| self.table().0, Custom::name)
     }
 
     /// Returns the faults of `[[fault.plant.…]]` that have a meaning for the plant.
     pub fn faults(&self) -> &'static [&'static str] {
         match &self.custom {
             Some(custom) => custom::plant_faults(custom.name()),
-            None => self.table().faults,
+            None => self.table().1,
         }
     }
 
@@ -123,34 +123,25 @@ impl PlantModel {
         &self,
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
-        custom::with_parameters([self.table().parameters], self.custom.as_ref(), make)
+        let (.., parameters) = self.table();
+        custom::with_parameters([parameters], self.custom.as_ref(), make)
     }
 
     /// Returns the table of the format that is given; the actuator's if there is none.
     fn table(&self) -> Table<'_> {
-        let table = |name, faults, parameters| Table {
-            name,
-            faults,
-            parameters,
-        };
-        let others = [
-            table(DC_MOTOR, MOTOR_FAULTS, any(&self.dc_motor)),
-            table(SMA_PAIR, PAIR_FAULTS, any(&self.sma_pair)),
-            table(FMU, &[], any(&self.fmu)),
+        let others: [Table<'_>; 3] = [
+            (DC_MOTOR, MOTOR_FAULTS, any(&self.dc_motor)),
+            (SMA_PAIR, PAIR_FAULTS, any(&self.sma_pair)),
+            (FMU, &[], any(&self.fmu)),
         ];
-        let given = others.into_iter().find(|one| one.parameters.is_some());
-        given.unwrap_or(table(SMA_ACTUATOR, SMA_FAULTS, any(&self.sma)))
+        let mut given = others.into_iter();
+        let given = given.find(|(.., parameters)| parameters.is_some());
+        given.unwrap_or((SMA_ACTUATOR, SMA_FAULTS, any(&self.sma)))
     }
 }
 
-/// Table of a model that the format has.
-struct Table<'a> {
-    name: &'static str,
-    /// Faults that have a meaning for the plant.
-    faults: &'static [&'static str],
-    /// Parameters, if they are given.
-    parameters: Option<&'a dyn Any>,
-}
+/// Name of a model that the format has, faults that have a meaning for the plant, and parameters, if they are given.
+type Table<'a> = (&'static str, &'static [&'static str], Option<&'a dyn Any>);
 
 /// Objects of a drive (CiA 402-2) that its amplifier sets.
 const TARGET_TORQUE: u16 = 0x6071;
