@@ -1,5 +1,6 @@
 //! A control law in a shared library: the functions of `include/canrig_law.h` behind safe ones.
 
+use std::any::Any;
 use std::ffi::{CStr, CString, c_char, c_double, c_int, c_void};
 use std::path::Path;
 
@@ -52,14 +53,9 @@ pub struct LawLibrary {
     step: Step,
     /// Memory of the law, aligned as `max_align_t`.
     memory: Vec<u128>,
-    writes: usize,
-    terms: usize,
-    reads: usize,
-    // The setup that the law was given stays in place, and the library is closed last.
-    _setup: Box<SetupInC>,
-    _texts: [Vec<CString>; 4],
-    _names: [Vec<*const c_char>; 4],
-    _numbers: [Vec<f64>; 3],
+    // The setup that the law was given stays in place with all that it points to, and the library is closed last.
+    setup: Box<SetupInC>,
+    _pointed_to: Box<dyn Any>,
     _library: Library,
 }
 
@@ -138,13 +134,8 @@ impl LawLibrary {
         Ok(Self {
             step,
             memory,
-            reads: setup.reads.len(),
-            writes: setup.writes.len(),
-            terms: setup.terms.len(),
-            _setup: given,
-            _texts: texts,
-            _names: names,
-            _numbers: [parameter_values, mins, maxs],
+            setup: given,
+            _pointed_to: Box::new((texts, names, [parameter_values, mins, maxs])),
             _library: library,
         })
     }
@@ -163,13 +154,12 @@ impl LawLibrary {
         reads: &[f64],
         writes: &mut [f64],
     ) -> Result<(), Fault> {
-        let counts = (reads.len(), writes.len());
-        assert_eq!(
-            counts,
-            (self.reads, self.writes + self.terms),
-            "the setup's"
-        );
-        let (writes, terms) = writes.split_at_mut(self.writes);
+        let setup = &self.setup;
+        let counts = [setup.reads_count, setup.writes_count, setup.terms_count];
+        let [read, written, recorded] = counts.map(|count| count as usize);
+        let given = (reads.len(), writes.len());
+        assert_eq!(given, (read, written + recorded), "the setup's");
+        let (writes, terms) = writes.split_at_mut(written);
         let state = self.memory.as_mut_ptr().cast();
         // SAFETY: there are as many values as the law was told.
         let status = unsafe {
