@@ -379,8 +379,8 @@ impl<A: Application> Device<A> {
 
     /// Reports the end of a loss, if there was one.
     fn recover(&mut self, loss: CommunicationLoss) {
-        let error = loss.error();
-        let active = error.filter(|(code, source)| self.services.is_active(*code, *source));
+        let emcy = &self.services.emcy;
+        let active = loss.error().filter(|error| emcy.is_active(*error));
         if let Some((code, source)) = active {
             self.services.clear_from(code, source);
             self.application

@@ -109,12 +109,8 @@ impl EmergencyMessage {
     }
 }
 
-/// Condition that lasts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Condition {
-    code: ErrorCode,
-    source: u16,
-}
+/// Condition that lasts: its code, and its source, which separates several with the same code.
+type Condition = (ErrorCode, u16);
 
 /// EMCY producer of a node.
 #[derive(Clone, Debug, Default)]
@@ -175,35 +171,31 @@ impl Emcy {
         }
     }
 
-    /// Raises a condition unless it is active; `source` separates several with the same code.
+    /// Raises a condition unless it is active.
     pub(crate) fn raise(
         &mut self,
         dictionary: &mut ObjectDictionary,
-        code: ErrorCode,
-        source: u16,
+        condition: Condition,
         manufacturer: [u8; 5],
     ) {
-        if self.is_active(code, source) || self.active.len() >= ACTIVE_MAX {
+        if self.is_active(condition) || self.active.len() >= ACTIVE_MAX {
             return;
         }
-        self.active.push(Condition { code, source });
+        self.active.push(condition);
+        let (code, _) = condition;
         record(dictionary, code, manufacturer);
         self.announce(dictionary, code, manufacturer);
     }
 
     /// Ends a condition, if it is active.
     #[inline]
-    pub(crate) fn clear(
-        &mut self,
-        dictionary: &mut ObjectDictionary,
-        code: ErrorCode,
-        source: u16,
-    ) {
+    pub(crate) fn clear(&mut self, dictionary: &mut ObjectDictionary, condition: Condition) {
         let mut active = self.active.iter();
-        let Some(place) = active.position(|active| *active == Condition { code, source }) else {
+        let Some(place) = active.position(|active| *active == condition) else {
             return;
         };
         self.active.swap_remove(place);
+        let (code, source) = condition;
         let [low, high] = code.0.to_le_bytes();
         let [source_low, source_high] = source.to_le_bytes();
         let manufacturer = [low, high, source_low, source_high, 0];
@@ -212,8 +204,8 @@ impl Emcy {
 
     /// Checks whether a condition is active.
     #[inline]
-    pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
-        self.active.contains(&Condition { code, source })
+    pub(crate) fn is_active(&self, condition: Condition) -> bool {
+        self.active.contains(&condition)
     }
 
     /// Returns the next message, once the inhibit time has passed.
@@ -242,7 +234,7 @@ impl Emcy {
         manufacturer: [u8; 5],
     ) {
         let active = self.active.iter();
-        let bits = active.map(|condition| condition.code.register_bits());
+        let bits = active.map(|(code, _)| code.register_bits());
         let register = bits.fold(0, |all, bits| all | bits);
         set(dictionary, ERROR_REGISTER, 0, u32::from(register));
         if self.queue.len() >= QUEUE_LENGTH {

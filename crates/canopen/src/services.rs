@@ -188,12 +188,13 @@ impl Services {
 
     /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. An error that is active already is not raised again.
     pub fn raise_error(&mut self, code: ErrorCode, manufacturer: [u8; 5]) {
-        self.emcy.raise(&mut self.dictionary, code, 0, manufacturer);
+        self.emcy
+            .raise(&mut self.dictionary, (code, 0), manufacturer);
     }
 
     /// Ends an error: 0x1001 and the EMCY "no error" follow. An error that is not active does not end.
     pub fn clear_error(&mut self, code: ErrorCode) {
-        self.emcy.clear(&mut self.dictionary, code, 0);
+        self.emcy.clear(&mut self.dictionary, (code, 0));
     }
 
     /// Sets the shortest time without a SYNC before [`crate::CommunicationLoss::Sync`], which CiA 301 leaves open. The time-out
@@ -227,20 +228,15 @@ impl Services {
     /// Raises an error of one RPDO or node.
     pub(crate) fn raise_from(&mut self, code: ErrorCode, source: u16) {
         let [low, high] = source.to_le_bytes();
+        let manufacturer = [low, high, 0, 0, 0];
         self.emcy
-            .raise(&mut self.dictionary, code, source, [low, high, 0, 0, 0]);
+            .raise(&mut self.dictionary, (code, source), manufacturer);
     }
 
     /// Ends an error of one RPDO or node.
     #[inline]
     pub(crate) fn clear_from(&mut self, code: ErrorCode, source: u16) {
-        self.emcy.clear(&mut self.dictionary, code, source);
-    }
-
-    /// Checks whether an error of one RPDO or node is active.
-    #[inline]
-    pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
-        self.emcy.is_active(code, source)
+        self.emcy.clear(&mut self.dictionary, (code, source));
     }
 
     /// Returns an object's value as a client reads it.
