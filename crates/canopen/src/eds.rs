@@ -121,26 +121,13 @@ impl<'s, 't> Reader<'s, 't> {
                 None => self.described(index, 0, main),
                 Some(sub) => Err(sub.error(format!("[{}] is neither ARRAY nor RECORD", main.name))),
             },
-            8 | 9 => self.composed_object(index, main, &subs),
+            8 | 9 => {
+                self.compact_sub_objects(index, main)?;
+                let mut subs = subs.into_iter();
+                subs.try_for_each(|(sub_index, section)| self.described(index, sub_index, section))
+            }
             other => Err(main.error(format!("object type {other} is unknown"))),
         }
-    }
-
-    /// Reads an ARRAY or RECORD; sub-objects described one by one take the place of compact ones.
-    fn composed_object(
-        &mut self,
-        index: u16,
-        main: &Section<'_>,
-        subs: &Subs<'_, '_>,
-    ) -> Result<(), EdsError> {
-        let count = integer_at(main, "compactsubobj", self.node_id, 254_u8)?.unwrap_or(0);
-        if count > 0 {
-            self.compact_sub_objects(index, count, main)?;
-        }
-        for (&sub_index, section) in subs {
-            self.described(index, sub_index, section)?;
-        }
-        Ok(())
     }
 
     /// Keeps the value that a section describes.
@@ -154,13 +141,13 @@ impl<'s, 't> Reader<'s, 't> {
         self.add(entry, section)
     }
 
-    /// Expands `CompactSubObj` (CiA 306-1, clause 4.6.3.4): sub-index 0 and `count` equal sub-objects.
-    fn compact_sub_objects(
-        &mut self,
-        index: u16,
-        count: u8,
-        main: &Section<'_>,
-    ) -> Result<(), EdsError> {
+    /// Expands `CompactSubObj` (CiA 306-1, clause 4.6.3.4): sub-index 0 and that number of equal sub-objects, whose place those
+    /// that are described one by one then take.
+    fn compact_sub_objects(&mut self, index: u16, main: &Section<'_>) -> Result<(), EdsError> {
+        let count = integer_at(main, "compactsubobj", self.node_id, 254_u8)?.unwrap_or(0);
+        if count == 0 {
+            return Ok(());
+        }
         let mut number_of_entries = Entry::new(
             index,
             0,
