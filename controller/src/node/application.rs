@@ -40,19 +40,14 @@ impl Application for Leader {
             self.check_laws(services);
         } else {
             let text = "the controller was reset over the bus".to_owned();
-            self.fail(services, None, Cause::OrderedAbout, text);
+            self.fail(services, None, (Cause::OrderedAbout, text));
         }
     }
 
     fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
-        let may_lead = matches!(state, NmtState::Operational);
-        if self.leads() && !may_lead {
-            self.fail(
-                services,
-                None,
-                Cause::OrderedAbout,
-                format!("the controller was ordered to NMT state {state:?} over the bus"),
-            );
+        if self.leads() && state != NmtState::Operational {
+            let text = format!("the controller was ordered to NMT state {state:?} over the bus");
+            self.fail(services, None, (Cause::OrderedAbout, text));
         }
     }
 
@@ -104,7 +99,7 @@ impl Application for Leader {
                 match one.on_sample(services, (place, number), &feedback) {
                     Ok(true) => self.on_position(services, place, number, feedback.position),
                     Ok(false) => {}
-                    Err((cause, text)) => self.fail(services, Some(node_id), cause, text),
+                    Err(failure) => self.fail(services, Some(node_id), failure),
                 }
             }
             _ => {}
@@ -126,7 +121,7 @@ impl Application for Leader {
         if must_be_operational && state != NmtState::Operational {
             let text =
                 format!("the drive (node {node_id}) left NMT state Operational: it is {state:?}");
-            self.fail(services, Some(node_id), Cause::DriveNotOperational, text);
+            self.fail(services, Some(node_id), (Cause::DriveNotOperational, text));
         } else if self.phase == Phase::BringUp {
             self.on_sign_of_life(services, place, state == NmtState::Initialising);
         }
@@ -149,7 +144,7 @@ impl Application for Leader {
                 "the drive (node {node_id}) reports emergency 0x{:04X}, error register 0x{register:02X}",
                 code.0
             );
-            self.fail(services, Some(node_id), Cause::DriveEmergency, text);
+            self.fail(services, Some(node_id), (Cause::DriveEmergency, text));
         }
     }
 
@@ -159,12 +154,12 @@ impl Application for Leader {
                 let drive = self.drives().find(|drive| drive.node_id() == node);
                 let text = drive.map(|drive| loss_message(drive, services.now()));
                 if let Some(text) = text {
-                    self.fail(services, Some(node), Cause::DriveNotOperational, text);
+                    self.fail(services, Some(node), (Cause::DriveNotOperational, text));
                 }
             }
             CommunicationLoss::BusOff => {
                 let text = "the CAN controller went bus-off".to_owned();
-                self.fail(services, None, Cause::DriveNotOperational, text);
+                self.fail(services, None, (Cause::DriveNotOperational, text));
             }
             _ => {}
         }
@@ -224,7 +219,7 @@ impl Leader {
         let mut laws = self.laws.iter();
         let failure = laws.find_map(|law| law.failure().map(str::to_owned));
         if let Some(text) = failure {
-            self.fail(services, None, Cause::LawFailed, text);
+            self.fail(services, None, (Cause::LawFailed, text));
         }
     }
 
@@ -246,8 +241,8 @@ impl Leader {
             let failure = one.check_missing().err()?;
             Some((one.drive.node_id(), failure))
         });
-        if let Some((node_id, (cause, text))) = failure {
-            self.fail(services, Some(node_id), cause, text);
+        if let Some((node_id, failure)) = failure {
+            self.fail(services, Some(node_id), failure);
         }
         self.check_laws(services);
     }

@@ -6,7 +6,7 @@ use canopen::Services;
 use canopen::cia402::Command as DriveCommand;
 use canopen::nmt::{NmtCommand, NodeId};
 
-use super::control_loop::ControlLoop;
+use super::control_loop::{ControlLoop, Failure};
 use super::drive::LedDrive;
 use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
@@ -78,7 +78,7 @@ impl Leader {
         match drive.phase {
             _ if drive.is_awaited() && now >= drive.until => {
                 let (node_id, text) = (drive.node_id(), drive.overdue(self.bring_up));
-                self.fail(services, Some(node_id), Cause::NoBringUp, text);
+                self.fail(services, Some(node_id), (Cause::NoBringUp, text));
             }
             DrivePhase::Searching { next_question } if now >= next_question => {
                 drive.phase = DrivePhase::Searching {
@@ -118,7 +118,7 @@ impl Leader {
             }
             Err(text) => {
                 let node_id = drive.node_id();
-                self.fail(services, Some(node_id), Cause::NoBringUp, text);
+                self.fail(services, Some(node_id), (Cause::NoBringUp, text));
             }
             Ok(()) => {}
         }
@@ -157,18 +157,13 @@ impl Leader {
 
     /// Switches the current off, reports the cause on the bus, with the faulty drive if there are several, and keeps
     /// it.
-    pub(super) fn fail(
-        &mut self,
-        services: &mut Services,
-        drive: Option<NodeId>,
-        cause: Cause,
-        text: String,
-    ) {
+    pub(super) fn fail(&mut self, services: &mut Services, node: Option<NodeId>, failure: Failure) {
         if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
             return;
         }
+        let (cause, text) = failure;
         self.failure = Some(text);
-        let named = drive.filter(|_| self.loops.len() > 1);
+        let named = node.filter(|_| self.loops.len() > 1);
         services.raise_error(cause.code(), cause.manufacturer(named));
         self.stop(services);
     }
