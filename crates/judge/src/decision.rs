@@ -181,15 +181,12 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     Some(BrokeOff {
         is_of_host: stall.is_some(),
         is_before_end: false,
-        cause: match stall {
-            Some(cause) => cause,
-            None => NamedCause {
-                node: end.node.clone().unwrap_or_default(),
-                duty: "end".to_owned(),
-                at_seconds: end.since_seconds.or(end.at_seconds),
-                description: end.to_string(),
-            },
-        },
+        cause: stall.unwrap_or_else(|| NamedCause {
+            node: end.node.clone().unwrap_or_default(),
+            duty: "end".to_owned(),
+            at_seconds: end.since_seconds.or(end.at_seconds),
+            description: end.to_string(),
+        }),
     })
 }
 

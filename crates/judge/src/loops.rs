@@ -56,8 +56,8 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
 fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let outcome = loops.iter().map(|(_, verdict)| verdict.outcome).max();
     let first = first_cause(&loops, outcome);
-    let cause = first.and_then(|first| loops[first].1.cause.clone());
-    let reason = joined_reason(&loops, first.unwrap_or_default());
+    let cause = first.and_then(|(_, verdict)| verdict.cause.clone());
+    let reason = joined_reason(&loops, first);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
     let mut contours = Vec::new();
@@ -65,8 +65,8 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let mut whole = None;
     for (name, verdict) in loops {
         for metric in verdict.metrics.iter().cloned() {
-            if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
-                contours.push((place, metric));
+            if contour_rows.contains(&metric.name) {
+                contours.push(metric);
             } else if !is_bus_metric(&metric.name) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
@@ -82,8 +82,8 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         whole.get_or_insert(verdict);
     }
     losses.sort_by(|one, other| seconds(one).total_cmp(&seconds(other)));
-    contours.sort_by_key(|(place, _)| *place);
-    metrics.extend(contours.into_iter().map(|(_, metric)| metric));
+    contours.sort_by_key(|metric| contour_rows.iter().position(|row| *row == metric.name));
+    metrics.extend(contours);
     metrics.extend(shared);
     Verdict {
         outcome: outcome.expect("there is a loop"),
@@ -97,29 +97,24 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
 }
 
 /// Returns the loop with the earliest cause among those that decide.
-fn first_cause(loops: &[(String, Verdict)], outcome: Option<Outcome>) -> Option<usize> {
-    let causes = loops
-        .iter()
-        .enumerate()
-        .filter_map(|(place, (_, verdict))| {
-            let cause = verdict.cause.as_ref()?;
-            let at = cause.at_seconds.unwrap_or(f64::INFINITY);
-            (Some(verdict.outcome) == outcome).then_some((place, at))
-        });
-    let first = causes.min_by(|(_, one), (_, other)| one.total_cmp(other));
-    first.map(|(place, _)| place)
+fn first_cause(
+    loops: &[(String, Verdict)],
+    outcome: Option<Outcome>,
+) -> Option<&(String, Verdict)> {
+    let decides = |verdict: &Verdict| Some(verdict.outcome) == outcome && verdict.cause.is_some();
+    let at = |verdict: &Verdict| verdict.cause.as_ref()?.at_seconds;
+    let begin = |verdict: &Verdict| at(verdict).unwrap_or(f64::INFINITY);
+    let causes = loops.iter().filter(|(_, verdict)| decides(verdict));
+    causes.min_by(|(_, one), (_, other)| begin(one).total_cmp(&begin(other)))
 }
 
 /// Joins the reasons of the verdicts, that of one loop first. A reason of all loops appears once; others appear with the names of
 /// their loops.
-fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
+fn joined_reason(loops: &[(String, Verdict)], first: Option<&(String, Verdict)>) -> Option<String> {
     let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
-    let others = loops
-        .iter()
-        .enumerate()
-        .filter(|(place, _)| *place != first)
-        .map(|(_, other)| other);
-    for (name, verdict) in loops.get(first).into_iter().chain(others) {
+    let is_first = |name: &str| first.is_some_and(|(first, _)| first == name);
+    let others = loops.iter().filter(|(name, _)| !is_first(name));
+    for (name, verdict) in first.into_iter().chain(others) {
         let Some(reason) = verdict.reason.as_deref() else {
             continue;
         };
