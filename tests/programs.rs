@@ -884,6 +884,11 @@ fn played_twice_the_first_frame_that_differs_is_named() {
     let (ended, text, _) = played(&controller, &folder.path().join("runs"), &twice);
     assert_eq!(ended, Some(1), "{text}");
     assert!(text.contains(" of controller at "), "{text}");
+    // More frames than a recorded run keeps in memory.
+    let long = ["simulate", "--twice", "--set", "duration_seconds=70.0"];
+    let step = Path::new("scenarios/step.toml");
+    let (_, text, _) = played(step, &folder.path().join("long"), &long);
+    assert!(text.contains("played twice: the same 3"), "{text}");
 }
 
 #[test]

@@ -190,6 +190,9 @@ pub(crate) trait Testbed {
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError>;
+
+    /// Looks at a run that was judged.
+    fn check(&mut self, _plan: &Plan, _judged: &Judged, _watch: &Watch) {}
 }
 
 /// Plays each scenario on a testbed and reports events; returns the worst exit of all.
@@ -303,6 +306,7 @@ fn play_one(
     });
     match judged {
         Ok(judged) => {
+            testbed.check(plan, &judged, watch);
             report_all(listener, shows.end(&judged.verdict, viewers));
             listener.on_event(&RunEvent::Judged {
                 path,

@@ -16,6 +16,7 @@ use plan::{Plan, Shared};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
+use recording::frames::Frames;
 use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::{write_plan, write_sheets};
@@ -48,6 +49,8 @@ pub struct RunPlace<'a> {
 pub struct Judged {
     /// Verdict of the run.
     pub verdict: Verdict,
+    /// Frames of the run.
+    pub frames: Frames,
     /// Folder of the run.
     pub folder: PathBuf,
     /// Exit of the program.
@@ -115,6 +118,7 @@ pub fn run(
     };
     Ok(Judged {
         verdict,
+        frames,
         folder: folder.path().to_owned(),
         exit,
     })

@@ -1,13 +1,17 @@
 //! `canrig simulate`: plays scenarios in one process and virtual time.
 
+use std::time::Duration;
+
 use clap::Args;
 
 use crate::event::{Listener, RunEvent};
 use crate::exit::{Exit, Failure};
 use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all};
+use crate::run::Judged;
 use plan::Plan;
-use recording::capture::Capture;
+use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
+use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::run_folder::RunFolder;
 use worlds::{Played, WorldError, lockstep};
@@ -31,60 +35,52 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     let mut testbed = OneProcess {
         args,
         listener: &*listener,
-        has_difference: false,
+        exit: Exit::Pass,
     };
     let exit = play_all(&args.play, &mut testbed, &*listener)?;
-    Ok(if testbed.has_difference {
-        exit.max(Exit::VerdictFailed)
-    } else {
-        exit
-    })
+    Ok(exit.max(testbed.exit))
 }
 
 /// Testbed with all of canrig's nodes in this process, on a modelled bus.
 struct OneProcess<'a> {
     args: &'a SimulateArgs,
     listener: &'a dyn Listener,
-    /// Whether two plays of a scenario differed.
-    has_difference: bool,
+    /// Worst result of playing a scenario twice.
+    exit: Exit,
 }
 
 impl OneProcess<'_> {
-    /// Plays the plan once more, and prints whether the frames are the same.
-    fn compare(&mut self, plan: &Plan, first: &Capture<'_>) -> Result<(), WorldError> {
-        let clock = plan.scenario_clock()?;
-        let mut second = Capture::in_memory(clock, first.watch());
+    /// Plays the plan once more; describes the first frame that differs, `None` if all are the same.
+    fn difference(
+        &self,
+        plan: &Plan,
+        first: &Frames,
+        watch: &Watch,
+    ) -> Result<Option<String>, WorldError> {
+        let mut second = Capture::in_memory(plan.scenario_clock()?, watch);
         let announce = |text: &str| self.listener.on_note(text.to_owned());
         let hosting = self.args.guests.hosting(None, &announce);
         lockstep::simulate(plan, &hosting, &mut second)?;
-        let difference = difference(plan, first, &second);
-        let path = plan.shared.beside.scenario().display();
-        if let Some(difference) = difference {
-            self.has_difference = true;
-            let difference = format!("{path}: {difference}");
-            self.listener.on_event(&RunEvent::Failed(difference));
-        } else {
-            let frames = first.frames().len();
-            let same = format!("played twice: the same {frames} frames");
-            self.listener.on_note(same);
-        }
-        Ok(())
+        let zero = second.zero();
+        let (second, _) = second.finish()?;
+        Ok(difference(plan, zero, [first, &second]))
     }
 }
 
 /// Describes the first frame in which two plays differ, with its sender and its time; `None` if they are the same.
-fn difference(plan: &Plan, first: &Capture<'_>, second: &Capture<'_>) -> Option<String> {
-    let (one, other) = (first.frames(), second.frames());
-    let same = one
-        .iter()
-        .zip(other)
-        .take_while(|(one, other)| one == other);
-    let place = same.count();
-    let frames = [one.get(place), other.get(place)];
-    let earliest = frames
-        .into_iter()
-        .flatten()
-        .min_by_key(|frame| frame.time)?;
+fn difference(plan: &Plan, zero: Option<Duration>, [one, other]: [&Frames; 2]) -> Option<String> {
+    let (mut one, mut other) = (one.iter(), other.iter());
+    let mut place = 0;
+    let frames = loop {
+        place += 1;
+        match [one.next(), other.next()] {
+            [None, None] => return None,
+            [one, other] if one == other => {}
+            different => break different,
+        }
+    };
+    let times = frames.iter().flatten().map(|frame| frame.time);
+    let earliest = times.min()?;
     let database = plan.database();
     let sender = |frame: &Stamped| {
         let message = database.message_of(&frame.frame);
@@ -92,23 +88,19 @@ fn difference(plan: &Plan, first: &Capture<'_>, second: &Capture<'_>) -> Option<
     };
     let told = frames.map(|frame| match frame {
         Some(frame) => {
-            let sender = sender(frame).map_or_else(String::new, |sender| format!(" of {sender}"));
+            let sender = sender(&frame).map_or_else(String::new, |sender| format!(" of {sender}"));
             let seconds = frame.time.as_secs_f64();
             format!("{}{sender} at {seconds:.6} s of the bus", frame.frame)
         }
         None => "no frame any more".to_owned(),
     });
-    let when = match first
-        .zero()
-        .and_then(|zero| earliest.time.checked_sub(zero))
-    {
+    let when = match zero.and_then(|zero| earliest.checked_sub(zero)) {
         Some(time) => format!("at {:.6} s", time.as_secs_f64()),
         None => "before the scenario began".to_owned(),
     };
     let [one, other] = told;
     Some(format!(
-        "two plays differ {when}, in frame {}: {one} in the first, {other} in the second",
-        place + 1
+        "two plays differ {when}, in frame {place}: {one} in the first, {other} in the second"
     ))
 }
 
@@ -129,11 +121,27 @@ impl Testbed for OneProcess<'_> {
     ) -> Result<Played, WorldError> {
         let announce = |text: &str| self.listener.on_note(text.to_owned());
         let hosting = self.args.guests.hosting(Some(folder.path()), &announce);
-        let end = lockstep::simulate(plan, &hosting, capture)?;
-        if self.args.twice && !capture.is_interrupted() {
-            self.compare(plan, capture)?;
+        lockstep::simulate(plan, &hosting, capture).map(Played::in_virtual_time)
+    }
+
+    fn check(&mut self, plan: &Plan, judged: &Judged, watch: &Watch) {
+        if !self.args.twice || judged.exit > Exit::VerdictFailed {
+            return;
         }
-        Ok(Played::in_virtual_time(end))
+        let frames = &judged.frames;
+        let path = plan.shared.beside.scenario().display();
+        let (exit, failed) = match self.difference(plan, frames, watch) {
+            Ok(None) => {
+                let same = format!("played twice: the same {} frames", frames.len());
+                self.listener.on_note(same);
+                return;
+            }
+            Ok(Some(difference)) => (Exit::VerdictFailed, difference),
+            Err(error) => (Exit::BenchFailed, error.to_string()),
+        };
+        self.exit = self.exit.max(exit);
+        let failed = RunEvent::Failed(format!("{path}: {failed}"));
+        self.listener.on_event(&failed);
     }
 }
 
@@ -189,7 +197,7 @@ mod tests {
             let mut testbed = OneProcess {
                 args: &args,
                 listener: &Nobody,
-                has_difference: false,
+                exit: Exit::Pass,
             };
             play_all(&args.play, &mut testbed, &Nobody).unwrap()
         };
