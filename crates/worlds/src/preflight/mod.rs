@@ -98,22 +98,19 @@ impl Preflight {
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
         let mut session = Session {
+            plan,
             parent,
             connection,
             watch,
             report,
         };
-        let made = self.check_drives(plan, bus, &mut session);
+        let made = self.check_drives(bus, &mut session);
         self.has_failed.set(made.is_err());
         made
     }
 
-    fn check_drives(
-        &self,
-        plan: &Plan,
-        bus: &RunBus,
-        session: &mut Session<'_>,
-    ) -> Result<End, WorldError> {
+    fn check_drives(&self, bus: &RunBus, session: &mut Session<'_>) -> Result<End, WorldError> {
+        let plan = session.plan;
         // A program is not there before its run, and no current flows in it.
         let is_external = |one: &&ControlLoop| {
             let drive = &one.nodes.drive.name;
@@ -135,7 +132,7 @@ impl Preflight {
             return Ok(End::Completed);
         }
         for one in unchecked {
-            match self.check_drive(plan, one, session)? {
+            match self.check_drive(one, session)? {
                 End::Completed => self.passed.borrow_mut().insert(who(one)),
                 end => return Ok(end),
             };
@@ -144,12 +141,7 @@ impl Preflight {
     }
 
     /// Makes the checks of one drive.
-    fn check_drive(
-        &self,
-        plan: &Plan,
-        one: &ControlLoop,
-        session: &mut Session<'_>,
-    ) -> Result<End, WorldError> {
+    fn check_drive(&self, one: &ControlLoop, session: &mut Session<'_>) -> Result<End, WorldError> {
         if one.loop_name().is_some() {
             (session.report)(&PreflightEvent::Drive(one.nodes.drive.name.clone()));
         }
@@ -168,7 +160,7 @@ impl Preflight {
             }
         }
         let preflight = drive.real.preflight;
-        let end = session.heat(&drive, plan, one)?;
+        let end = session.heat(&drive, one)?;
         if end == End::Interrupted || !preflight.heating {
             return Ok(end);
         }
@@ -198,8 +190,9 @@ fn who(one: &ControlLoop) -> String {
     format!("{} {real:?}", one.nodes.drive.id)
 }
 
-/// Place in which the drives are checked; the folder of the recording is in `parent`.
+/// Plan whose drives are checked, and the place; the folder of the recording is in `parent`.
 struct Session<'a> {
+    plan: &'a Plan,
     parent: &'a Path,
     connection: &'a mut BusConnection,
     watch: &'a Watch,
@@ -235,13 +228,8 @@ impl Session<'_> {
     }
 
     /// Leads the drive through the ramp and judges the frames on the bus.
-    fn heat(
-        &mut self,
-        drive: &LoadedDrive,
-        plan: &Plan,
-        one: &ControlLoop,
-    ) -> Result<End, WorldError> {
-        let ramp = ramp(drive, plan, one)?;
+    fn heat(&mut self, drive: &LoadedDrive, one: &ControlLoop) -> Result<End, WorldError> {
+        let ramp = ramp(drive, self.plan, one)?;
         let Shared { run, text, .. } = &ramp.shared;
         let folder = RunFolder::create(self.parent, &run.name, run.seed, text)?;
         write_plan(&folder, &ramp)?;
