@@ -93,29 +93,14 @@ pub(crate) fn check_write(
     sub_index: u8,
     bytes: &[u8],
 ) -> Result<(), AbortCode> {
-    let cob_id = dictionary.unsigned(place.parameters_index(), COB_ID);
-    let cob_id = CobId(cob_id.unwrap_or(0));
+    let (index, direction) = (place.parameters_index(), place.direction);
+    let old = CobId(dictionary.unsigned(index, COB_ID).unwrap_or(0));
     if place.is_mapping {
-        check_mapping_write(dictionary, place, cob_id, sub_index, bytes)
-    } else {
-        check_parameter_write(dictionary, place, cob_id, sub_index, bytes)
+        return check_mapping_write(dictionary, place, old, sub_index, bytes);
     }
-}
-
-/// Checks the rules of CiA 301, 7.5.2.35 and 7.5.2.37.
-fn check_parameter_write(
-    dictionary: &ObjectDictionary,
-    place: Place,
-    old: CobId,
-    sub_index: u8,
-    bytes: &[u8],
-) -> Result<(), AbortCode> {
-    let direction = place.direction;
+    // CiA 301, 7.5.2.35 and 7.5.2.37.
     match sub_index {
-        COB_ID => {
-            let object = (place.parameters_index(), COB_ID);
-            cob_id::check_write(dictionary, object, bytes, AbortCode::INVALID_VALUE)
-        }
+        COB_ID => cob_id::check_write(dictionary, (index, COB_ID), bytes, AbortCode::INVALID_VALUE),
         TRANSMISSION_TYPE => match (direction, bytes) {
             (_, [0..=240 | 254 | 255]) | (Direction::Transmit, [252 | 253]) => Ok(()),
             _ => Err(AbortCode::INVALID_VALUE),
