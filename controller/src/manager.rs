@@ -178,11 +178,10 @@ impl BringUp {
         self.client.take_result().is_some()
     }
 
-    /// Begins the program; returns as [`BringUp::advance`].
-    pub(crate) fn begin(&mut self, services: &mut Services) -> Result<(), String> {
+    /// Goes to the begin of the program.
+    pub(crate) fn begin(&mut self) {
         self.client.reset();
         (self.next, self.differs) = (0, false);
-        self.advance(services)
     }
 
     /// Handles a frame, which may be an answer.

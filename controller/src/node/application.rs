@@ -256,10 +256,7 @@ impl Leader {
         }
         match drive.phase {
             DrivePhase::Searching { .. } if drive.bring_up.is_answered() => drive.reset(services),
-            DrivePhase::Configuring => {
-                let outcome = drive.bring_up.advance(services);
-                self.on_outcome(services, place, outcome);
-            }
+            DrivePhase::Configuring => self.advance(services, place),
             _ => {}
         }
     }

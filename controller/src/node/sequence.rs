@@ -88,8 +88,7 @@ impl Leader {
             }
             DrivePhase::Configuring => {
                 drive.bring_up.on_tick(services);
-                let outcome = drive.bring_up.advance(services);
-                self.on_outcome(services, place, outcome);
+                self.advance(services, place);
             }
             _ => {}
         }
@@ -98,19 +97,15 @@ impl Leader {
     pub(super) fn configure(&mut self, services: &mut Services, place: usize) {
         let drive = &mut self.loops[place].drive;
         drive.phase = DrivePhase::Configuring;
-        let outcome = drive.bring_up.begin(services);
-        self.on_outcome(services, place, outcome);
+        drive.bring_up.begin();
+        self.advance(services, place);
     }
 
-    pub(super) fn on_outcome(
-        &mut self,
-        services: &mut Services,
-        place: usize,
-        outcome: Result<(), String>,
-    ) {
+    /// Continues the configuration of a drive. When all drives are configured, they start.
+    pub(super) fn advance(&mut self, services: &mut Services, place: usize) {
         let drive = &mut self.loops[place].drive;
-        match outcome {
-            Ok(()) if drive.phase == DrivePhase::Configuring && drive.bring_up.is_configured() => {
+        match drive.bring_up.advance(services) {
+            Ok(()) if drive.bring_up.is_configured() => {
                 drive.phase = DrivePhase::Configured;
                 if self.drives().all(LedDrive::is_configured) {
                     self.start(services);
