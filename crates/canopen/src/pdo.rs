@@ -8,7 +8,7 @@ mod configuration;
 mod receive;
 mod transmit;
 
-pub(crate) use configuration::{Direction, Place, check_write, numbers};
+pub(crate) use configuration::{Direction, Place, check_write, places};
 pub use configuration::{Mapping, identifier};
 pub(crate) use receive::Rpdo;
 pub use receive::WaitingPdo;

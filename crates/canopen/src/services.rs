@@ -371,21 +371,14 @@ impl Services {
             self.rpdos.iter().any(Rpdo::is_timed) || self.tpdos.iter().any(Tpdo::is_event_driven);
     }
 
-    fn configure_pdo(&mut self, place: Place) {
-        match place.direction {
-            Direction::Receive => {
-                let mut rpdos = self.rpdos.iter_mut();
-                if let Some(rpdo) = rpdos.find(|rpdo| rpdo.number() == place.number) {
-                    rpdo.configure(&self.dictionary);
-                }
-            }
-            Direction::Transmit => {
-                let mut tpdos = self.tpdos.iter_mut();
-                if let Some(tpdo) = tpdos.find(|tpdo| tpdo.number() == place.number) {
-                    tpdo.configure(self.now, &self.dictionary);
-                }
-            }
-        }
+    /// Lets a PDO follow a write to its parameters or its mapping.
+    fn configure_pdo(&mut self, written: Place) {
+        let place = Place::from_parameters(written.direction, written.number);
+        let dictionary = &self.dictionary;
+        let rpdos = self.rpdos.iter_mut().filter(|rpdo| rpdo.place == place);
+        rpdos.for_each(|rpdo| rpdo.configure(dictionary));
+        let tpdos = self.tpdos.iter_mut().filter(|tpdo| tpdo.place == place);
+        tpdos.for_each(|tpdo| tpdo.configure(self.now, dictionary));
         self.look_for_timed_pdos();
     }
 
@@ -414,13 +407,11 @@ impl Services {
 fn read_pdos<Pdo>(
     dictionary: &ObjectDictionary,
     direction: Direction,
-    read: impl Fn(&ObjectDictionary, u16) -> Result<Pdo, AbortCode>,
+    read: impl Fn(&ObjectDictionary, Place) -> Result<Pdo, AbortCode>,
 ) -> Result<Vec<Pdo>, InvalidPdo> {
-    let pdos = pdo::numbers(dictionary, direction).map(|number| {
-        read(dictionary, number).map_err(|reason| InvalidPdo {
-            index: Place::from_parameters(direction, number).parameters_index(),
-            reason,
-        })
+    let pdos = pdo::places(dictionary, direction).map(|place| {
+        let index = place.parameters_index();
+        read(dictionary, place).map_err(|reason| InvalidPdo { index, reason })
     });
     pdos.collect()
 }

@@ -75,15 +75,13 @@ pub fn identifier(cob_id: u32) -> Result<u16, AbortCode> {
     cob_id.check().map(|()| cob_id.id())
 }
 
-/// Returns the numbers of the PDOs for which a dictionary has parameters.
-pub(crate) fn numbers(
+/// Returns the places of the PDOs for which a dictionary has parameters.
+pub(crate) fn places(
     dictionary: &ObjectDictionary,
     direction: Direction,
-) -> impl Iterator<Item = u16> + '_ {
-    (1..=NUMBERS_MAX).filter(move |number| {
-        let place = Place::from_parameters(direction, *number);
-        dictionary.find(place.parameters_index(), COB_ID).is_ok()
-    })
+) -> impl Iterator<Item = Place> + '_ {
+    let places = (1..=NUMBERS_MAX).map(move |number| Place::from_parameters(direction, number));
+    places.filter(|place| dictionary.find(place.parameters_index(), COB_ID).is_ok())
 }
 
 /// Checks the rules for writing a PDO object, beyond access rights and limits.

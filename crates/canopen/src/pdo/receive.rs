@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::configuration::{Direction, Mapping, Parameters, Place, read};
+use super::configuration::{Mapping, Parameters, Place, read};
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
 use can::CanFrame;
 
@@ -26,7 +26,7 @@ impl WaitingPdo {
 /// Receive PDO.
 #[derive(Clone, Debug)]
 pub(crate) struct Rpdo {
-    place: Place,
+    pub(crate) place: Place,
     parameters: Parameters,
     mapping: Mapping,
     waiting: Option<[u8; 8]>,
@@ -37,8 +37,7 @@ pub(crate) struct Rpdo {
 
 impl Rpdo {
     /// Makes the RPDO from the dictionary's configuration.
-    pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
-        let place = Place::from_parameters(Direction::Receive, number);
+    pub(crate) fn new(dictionary: &ObjectDictionary, place: Place) -> Result<Self, AbortCode> {
         let (parameters, mapping) = read(dictionary, place)?;
         Ok(Self {
             place,

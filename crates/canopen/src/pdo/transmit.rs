@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::configuration::{Direction, Mapping, Parameters, Place, read};
+use super::configuration::{Mapping, Parameters, Place, read};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sync::Sync;
 use can::CanFrame;
@@ -11,7 +11,7 @@ use can::earlier;
 /// Transmit PDO.
 #[derive(Clone, Debug)]
 pub(crate) struct Tpdo {
-    place: Place,
+    pub(crate) place: Place,
     parameters: Parameters,
     mapping: Mapping,
     is_started: bool,
@@ -28,8 +28,7 @@ pub(crate) struct Tpdo {
 
 impl Tpdo {
     /// Makes the TPDO from the dictionary's configuration.
-    pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
-        let place = Place::from_parameters(Direction::Transmit, number);
+    pub(crate) fn new(dictionary: &ObjectDictionary, place: Place) -> Result<Self, AbortCode> {
         let (parameters, mapping) = read(dictionary, place)?;
         Ok(Self {
             place,
