@@ -87,7 +87,7 @@ pub(crate) enum ToolError {
     /// A transfer failed.
     #[error(transparent)]
     Sdo(#[from] SdoError),
-    /// The tool would disturb a running controller.
+    /// There is not one run to join, or the tool would disturb a running controller.
     #[error("{0}")]
     Refused(String),
     /// Ctrl-C or SIGTERM came before the end.
@@ -150,23 +150,19 @@ fn second_channel(node_id: u8, sheets: &[DataSheet]) -> Option<(u16, u16)> {
 /// # Errors
 /// The user named no bus, and not exactly one run is running.
 pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, Failure> {
-    match bus {
-        Some(address) => Ok(address.clone()),
-        None => {
-            let mut running = hub::running();
-            match running.len() {
-                0 => Err(Exit::BenchFailed.because(
-                    "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)",
-                )),
-                1 => Ok(running.remove(0)),
-                count => {
-                    let options = running.iter().map(|bus| format!("--bus {bus}"));
-                    let options = Vec::from_iter(options).join(", ");
-                    Err(Exit::BenchFailed.because(format!(
-                        "{count} embedded buses are running; choose one: {options}"
-                    )))
-                }
-            }
+    if let Some(address) = bus {
+        return Ok(address.clone());
+    }
+    match &hub::running()[..] {
+        [] => Err(Exit::BenchFailed.because(
+            "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)",
+        )),
+        [only] => Ok(only.clone()),
+        several => {
+            let options = several.iter().map(|bus| format!("--bus {bus}"));
+            let (count, options) = (several.len(), Vec::from_iter(options).join(", "));
+            let text = format!("{count} embedded buses are running; choose one: {options}");
+            Err(Exit::BenchFailed.because(text))
         }
     }
 }
