@@ -4,7 +4,7 @@ use crate::Asked;
 use crate::beside::Beside;
 use crate::error::ScenarioError;
 use crate::expect::Limit;
-use crate::rig::nodes::Rig;
+use crate::rig::nodes::{Rig, Sensor};
 use crate::scenario::Scenario;
 use crate::trial::Trial;
 
@@ -620,6 +620,11 @@ fn a_scenario_gives_other_values_to_its_rig() {
         30.0
     );
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
+    let below = Sensor {
+        min: Some(-10.0),
+        ..Sensor::default()
+    };
+    assert_eq!((below.range(), below.span()), ([-10.0, 60.0], 70.0));
     assert_eq!(sensor.noise_rms(), 0.1);
     assert_eq!((sensor.resolution_bits(), sensor.span()), (10, 50.0));
     assert_eq!(amplifier.range().max, 0.5);

@@ -602,10 +602,16 @@ impl Sensor {
         self.resolution_bits.unwrap_or(10)
     }
 
-    /// Returns the span of its converter, which clips there: from the lowest position to the highest (assumed: 60).
+    /// Returns the lowest and the highest position of its converter, which clips there (assumed: 0 to 60 mm).
+    pub fn range(&self) -> [f64; 2] {
+        let max = self.max.unwrap_or(TRAVEL_MILLIMETRES);
+        [self.min.unwrap_or_default(), max]
+    }
+
+    /// Returns the span of its converter.
     pub fn span(&self) -> f64 {
-        let lowest = self.min.unwrap_or_default();
-        self.max.map_or(TRAVEL_MILLIMETRES, |max| max - lowest)
+        let [lowest, highest] = self.range();
+        highest - lowest
     }
 
     /// Returns the standard deviation of normal noise before conversion (assumed: 0).

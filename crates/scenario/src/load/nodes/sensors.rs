@@ -43,8 +43,9 @@ impl Check<'_> {
             }
             self.add(self.increment(name, node, sensor));
             let plausible = node.plausible.unwrap_or_default();
+            let [lowest, highest] = sensor.range();
             for (part, min, max) in [
-                ("sensor", sensor.min.or(Some(0.0)), sensor.max),
+                ("sensor", Some(lowest), Some(highest)),
                 ("plausible", plausible.min, plausible.max),
             ] {
                 let (Some(min), Some(max)) = (min, max) else {
@@ -81,10 +82,9 @@ impl Check<'_> {
         }
         let unit = node.measurand().unit;
         let increment = sensor.position_increment.unwrap_or(1.0 / unit.counts());
-        let span = sensor.span();
-        let step = span / libm::exp2(sensor.resolution_bits().into());
-        let lowest = sensor.min.unwrap_or_default();
-        let farthest = lowest.abs().max((lowest + span).abs());
+        let [lowest, highest] = sensor.range();
+        let step = (highest - lowest) / libm::exp2(sensor.resolution_bits().into());
+        let farthest = lowest.abs().max(highest.abs());
         let too_many = farthest / increment > f64::from(i32::MAX);
         // A range that ends before it begins is another problem.
         if step <= 0.0 || step >= increment / STEPS_OF_A_COUNT && !too_many {
