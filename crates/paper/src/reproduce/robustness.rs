@@ -241,7 +241,11 @@ mod tests {
     #[test]
     fn the_plants_differ_from_the_nominal_one_within_their_ranges_and_have_no_noise() {
         let nominal = bases::step();
-        assert!(unknown_plants(PLANTS).all(|trial| trial.sensor == nominal.sensor));
+        let sensor = |Trial { sensor, .. }: &Trial| {
+            let resolution = (sensor.resolution_bits(), sensor.position_increment);
+            (sensor.range(), resolution, sensor.noise_rms())
+        };
+        assert!(unknown_plants(PLANTS).all(|trial| sensor(&trial) == sensor(&nominal)));
         let nominal = nominal.plant.actuator().unwrap();
         let plants = || unknown_plants(PLANTS).map(|trial| trial.plant.actuator().unwrap());
         let share = |low: f64, high: f64, of: &dyn Fn(&Sma) -> f64| {
