@@ -277,10 +277,22 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
     }
     let key = path.strip_prefix("expect.")?;
     let key = key.rsplit('.').next().unwrap_or(key);
-    (has("min") && has("max")).then(|| format!(
-        "write the limit as a table: `{key} = {{ max = {number} }}` for at most, `{{ min = {number} }}` for at least, \
-         or both sides, `{{ min = …, max = … }}`"
-    ))
+    if has("p99") {
+        Some(format!(
+            "write the limit of a quantile, `{key} = {{ p99 = {{ max = {number} }} }}`; known are median, p99, p99_9 and max"
+        ))
+    } else if has("min") && has("max") {
+        Some(format!(
+            "write the limit as a table: `{key} = {{ max = {number} }}` for at most, `{{ min = {number} }}` for at least, \
+             or both sides, `{{ min = …, max = … }}`"
+        ))
+    } else if schema["type"] == "number" && found.is_table() {
+        Some(format!(
+            "`{key}` is the largest value that passes; write the number alone, `{key} = {number}`"
+        ))
+    } else {
+        None
+    }
 }
 
 /// Returns the number that a TOML integer or float represents.
