@@ -86,10 +86,16 @@ impl Plan {
                 io.name, one.nodes.drive.name
             ));
         }
+        let has_set_points = plan.set_points_every_cycles().is_some();
         load::checked(plan.composed()).map_err(|refused| {
             let (options, help) = (names.join(" --external "), refused.help.unwrap_or_default());
             let (message, label) = (refused.message, refused.label);
-            format!("--external {options}: {message}: {label}; {help}")
+            let set_points = if has_set_points {
+                "; set-points for the controller are among the frames: set_points_every_cycles = 0 in [bus] leaves them out"
+            } else {
+                ""
+            };
+            format!("--external {options}: {message}: {label}; {help}{set_points}")
         })
     }
 
