@@ -362,12 +362,21 @@ impl Check<'_> {
                 && node.is_ours() != self.rig.node[name].is_ours()
         };
         let (drive, node) = self.rig.node.iter().find(is_other)?;
-        let external = if node.is_ours() { name } else { drive };
-        let message =
-            format!("`{name}` acts on the plant of `{drive}`, and one of them is external");
-        let label = format!("`{external}` is: make both external, or neither");
-        let path = format!("node.{name}");
-        Some(self.document.key_problem(&path, message, label))
+        let (message, label) = if node.is_ours() {
+            (
+                format!("`{name}` cannot act on an emulated plant"),
+                format!("it is external, and `{drive}` is not"),
+            )
+        } else {
+            (
+                format!("`{name}` acts on the plant of `{drive}`, which nobody emulates"),
+                format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
+            )
+        };
+        Some(
+            self.document
+                .key_problem(&format!("node.{name}"), message, label),
+        )
     }
 
     /// Checks that each port exists, and that one node drives it.
