@@ -21,6 +21,7 @@ use crate::port::{Command, UNIT, conversion};
 use crate::reference::Reference;
 use crate::rig::nodes::{Outputs, Rig, kind_of_output};
 use crate::run::Run;
+use crate::structure::out_of_range;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
 
@@ -80,6 +81,7 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     check.add(led_drives(document, &trial.wiring));
     check.add(law_without_current(document, trial));
     check.add(gains_in_other_unit(document, trial));
+    check.add(co_contraction(document, trial));
     for table in ["reference", "controller.open_loop"] {
         pieces(check, table, trial.run.duration_seconds);
     }
@@ -189,6 +191,15 @@ fn gains_in_other_unit(document: &Document<'_>, trial: &Trial) -> Option<Problem
     let message = format!("`pid` lacks `{gain}`");
     let label = "without it, it is that of a wire in metres";
     Some(document.key_problem(path, message, label))
+}
+
+/// Checks the current of a pair at rest, given or by default, against the amplifier.
+fn co_contraction(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+    let current = trial.controller.pid_pair.as_ref()?.co_contraction;
+    let max = trial.wiring.current().max;
+    let path = "controller.pid_pair.co_contraction_{command_unit}";
+    let label = format!("must be from 0 to {max}");
+    (current > max).then(|| document.problem(path, out_of_range(path, current), label))
 }
 
 /// Checks that sines and chirps stay within the travel. The schema limits single positions.

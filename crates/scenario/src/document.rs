@@ -43,9 +43,7 @@ impl Quantities {
             "{signal}_{unit}" | "centre_{unit}" => Some([lowest, highest]),
             "amplitude_{unit}" => Some([0.0, (highest - lowest) / 2.0]),
             "{command}_{command_unit}" => Some([current.min, current.max]),
-            "{command}_{command_unit}_max" | "co_contraction_{command_unit}" => {
-                Some([0.0, current.max])
-            }
+            "{command}_{command_unit}_max" => Some([0.0, current.max]),
             _ => None,
         }
     }

@@ -951,6 +951,15 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     }
 }
 
+#[test]
+fn a_default_co_contraction_is_within_the_range_of_the_amplifier() {
+    let port = "amplifier.port = \"joint.flexor_current_amperes\"";
+    let small = JOINT_RIG.replace(port, &format!("{port}\namplifier.max = 0.3"));
+    let error = load_text(JOINT, &small).unwrap_err();
+    let said = "`controller.pid_pair.co_contraction_amperes` = 0.5 is out of range";
+    assert!(error.contains(said), "{error}");
+}
+
 /// A wire in addition to the motors of the two axes.
 const MIXED: &str = "[plant.wire.sma]\n[node.w]\nkind = \"drive\"\nnode_id = 0x14\n\
     amplifier = { port = \"wire.current_amperes\", rated = 1.0, min = 0.0, max = 1.0 }\nsensor.port = \"wire.position_metres\"\n\
