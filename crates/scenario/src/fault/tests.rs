@@ -87,6 +87,10 @@ fn what_makes_no_sense_is_refused() {
             "[[fault.sensor.stuck]] ends before it begins",
         ),
         (
+            "[[fault.sensor.stuck]]\nfrom_seconds = inf\nuntil_seconds = 1.0\n",
+            "`fault.sensor.stuck.from_seconds` must be finite",
+        ),
+        (
             "[[fault.node.restart]]\nat_seconds = 9.0\nnode = \"drive\"\n",
             "[[fault.node.restart]] starts after the end of the run",
         ),
