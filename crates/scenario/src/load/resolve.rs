@@ -230,7 +230,13 @@ impl Resolver<'_> {
         let is_swept = self.asked.reading == Reading::ToPlay;
         let sweep = is_swept.then_some(SWEEP);
         let header = scenario.only(&Vec::from_iter(SHARED.into_iter().chain(sweep)));
-        match build::<Run>(&header, "the scenario", &schema::RUN) {
+        let read = |header: &Document<'_>| build::<Run>(header, "the scenario", &schema::RUN);
+        // A sweep that cannot be read hides no problem of the loops.
+        let built = read(&header).or_else(|found| match read(&scenario.only(&SHARED)) {
+            Ok((run, _)) => Ok((run, found)),
+            Err(_) => Err(found),
+        });
+        match built {
             Ok((mut run, found)) => {
                 self.check.add(found);
                 (run.bus, run.faults) = (rig.bus.clone(), faults);

@@ -47,6 +47,20 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
 }
 
 #[test]
+fn a_sweep_that_cannot_be_read_hides_no_other_problem() {
+    let late = "[[reference.step]]\nat_seconds = 9.0\nposition_millimetres = 5.0\n";
+    let error = parse(&(late.to_owned() + &swept("draws = true"))).unwrap_err();
+    let problems = error.problems().iter().map(ToString::to_string);
+    assert_eq!(
+        Vec::from_iter(problems),
+        [
+            "[[reference.step]] starts after the end of the run",
+            "`sweep.draws` must be an integer",
+        ]
+    );
+}
+
+#[test]
 fn a_key_of_another_plant_is_refused_with_the_nearest_of_this_one() {
     let swept =
         |key: &str| format!("[sweep]\n[[sweep.list]]\nkey = \"{key}\"\nvalues = [0.3, 0.4]\n");
