@@ -72,7 +72,7 @@ impl<'a> Keys<'a> {
     fn collect(&mut self, root: &'a Value, table: &'a Value, document: &Document<'_>, key: &str) {
         for (name, property) in table["properties"].as_object().into_iter().flatten() {
             let key = join(key, name);
-            let path = key.replace('[', ".").replace(']', "");
+            let path = path_of(&key);
             let is_check =
                 key.starts_with("expect.") && CHECKS.iter().any(|check| key.ends_with(check));
             if is_check || NOT_SWEPT.contains(&key.as_str()) {
@@ -103,11 +103,11 @@ impl<'a> Keys<'a> {
 
     /// Collects the numbers of a table whose keys the user chooses.
     fn collect_table(&mut self, document: &Document<'_>, table: &str) {
-        for name in document.keys(table) {
-            let key = join(table, name);
-            let value = document.spanned(&key).map(Spanned::get_ref);
+        let path = path_of(table);
+        for name in document.keys(&path) {
+            let value = document.spanned(&join(&path, name)).map(Spanned::get_ref);
             if let Some(DeValue::Float(_) | DeValue::Integer(_)) = value {
-                self.0.entry(key).or_insert(&NUMBER);
+                self.0.entry(join(table, name)).or_insert(&NUMBER);
             }
         }
     }
@@ -120,6 +120,11 @@ impl<'a> Keys<'a> {
             .map(String::as_str)
             .or_else(|| nearest(key, self.0.keys().map(String::as_str)))
     }
+}
+
+/// Returns the path in a document of a key of the sweep: `reference.step.0` for `reference.step[0]`.
+fn path_of(key: &str) -> String {
+    key.replace('[', ".").replace(']', "")
 }
 
 fn is_integer(schema: &Value) -> bool {
