@@ -40,7 +40,7 @@ impl Check<'_> {
                 let is_beside_loops = kind == "loop" && BESIDE_LOOPS.iter().any(is_key);
                 if is_beside_loops || reserved.contains(&name.as_str()) {
                     let message = format!("a {kind} cannot be called `{name}`");
-                    let label = "this word has a meaning on the bench";
+                    let label = "canrig uses this name itself, for a key, a node or a log";
                     self.at_key(&path, message, label);
                 }
                 // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
