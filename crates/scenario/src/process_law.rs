@@ -106,15 +106,15 @@ pub struct FmuLaw {
     pub parameters: BTreeMap<String, Value>,
 }
 
-/// A law of any kind in a separate process.
+/// A law of any kind in a separate process: as its table has it, until the controller gives it a place in its loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProcessLaw {
     /// Player of the law.
     pub plays: Plays,
-    /// Name of its loop among several; empty for an only loop.
+    /// Name of its loop among several; empty for an only loop, and before the law has its place.
     pub loop_name: String,
-    /// Names, parameters, and time between two cycles. The names are as written, and may begin with that of a loop or a drive,
-    /// until the law has a place in a loop.
+    /// Names, parameters, ranges, and time between two cycles. Before the law has its place, the names are as written and may
+    /// begin with that of a loop or a drive, there are no ranges, and the time is 0.
     pub setup: LawSetup,
 }
 

@@ -21,7 +21,8 @@ const STEPS_OF_TRAVEL: f64 = 1024.0;
 /// Shortest time for the whole travel, if the node does not state its rate. Assumed: the paper's wire needs 0.2 s.
 const TRAVEL_SECONDS: f64 = 0.12;
 
-/// A drive on the bus: one that canrig does not emulate, as its node in the rig file describes it, or the emulated one.
+/// Description of a drive for the controller and the pre-flight: of a real one from its node in the rig file, or of an emulated one
+/// from its wiring. The latter is described as if it were real, so that both are treated alike.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealDrive {
     /// Node-ID of the drive.

@@ -271,14 +271,14 @@ impl Rig {
     /// Returns the facts about an external drive; `None` for a drive that canrig emulates.
     pub fn real_drive(&self, drive: &str) -> Option<RealDrive> {
         let node = self.node.get(drive).filter(|node| !node.is_ours())?;
-        let emulated = RealDrive::new(node.limits?);
+        let default = RealDrive::new(node.limits?);
         Some(RealDrive {
             node_id: node.node_id,
-            mode_of_operation: node.mode_of_operation.unwrap_or(emulated.mode_of_operation),
+            mode_of_operation: node.mode_of_operation.unwrap_or(default.mode_of_operation),
             command: node.command.clone().unwrap_or_default(),
             position: node.position.clone().unwrap_or_default(),
             current: node.current.clone().unwrap_or_default(),
-            limits: emulated.limits,
+            limits: default.limits,
             timeouts: node.timeouts.unwrap_or_default(),
             preflight: node.preflight.unwrap_or_default(),
         })
