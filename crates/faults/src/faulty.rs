@@ -19,17 +19,24 @@ const NANOSECONDS_PER_SECOND: f64 = 1e9;
 enum Condition {
     Working,
     Hanging,
-    /// Dead; with `true` the drive's amplifier keeps its last command, else it is switched off.
-    Dead(bool),
+    Dead(Output),
 }
 
-const SWITCHED_OFF: Condition = Condition::Dead(false);
+const SWITCHED_OFF: Condition = Condition::Dead(Output::Off);
+
+/// Output of a dead drive's amplifier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Output {
+    /// The amplifier keeps its last command.
+    Held,
+    /// The amplifier is switched off.
+    Off,
+}
 
 /// Effects of all faults on a node at a time.
 #[derive(Default)]
 struct Effects {
-    /// Whether the amplifier of a dead drive keeps its last command; `None` without a crash.
-    crash: Option<bool>,
+    crash: Option<Output>,
     is_hanging: bool,
     delay: Duration,
     drift: f64,
@@ -131,7 +138,7 @@ impl<N: Node> Faulty<N> {
         });
         let condition = match effects.crash {
             _ if now < self.plan.late_boot => SWITCHED_OFF,
-            Some(is_held) => Condition::Dead(is_held),
+            Some(output) => Condition::Dead(output),
             None if effects.is_hanging => Condition::Hanging,
             None => Condition::Working,
         };
@@ -177,7 +184,8 @@ impl<N: Node> Faulty<N> {
             match planned.name() {
                 "crash" => {
                     let is_held = fault.says("output", "hold");
-                    effects.crash = effects.crash.or(Some(is_held));
+                    let output = if is_held { Output::Held } else { Output::Off };
+                    effects.crash = effects.crash.or(Some(output));
                 }
                 "hang" => effects.is_hanging = true,
                 "slow_cycle" => {

@@ -3,6 +3,7 @@
 use can::CanFrame;
 use dbc::Database;
 use scenario::Trial;
+use scenario::fault::{Form, Group, KINDS, Kind, Time};
 
 use super::*;
 
@@ -58,9 +59,13 @@ fn clock() -> ScenarioClock {
 }
 
 fn faulty(kind: &str, keys: &str) -> Faulty<Ticker> {
+    let times = "from_seconds = 0.05\nuntil_seconds = 0.1\nnode = \"drive\"\n";
+    node_with(&format!("[[fault.node.{kind}]]\n{times}{keys}"))
+}
+
+fn node_with(fault: &str) -> Faulty<Ticker> {
     let text = format!(
-        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
-         [[fault.node.{kind}]]\nfrom_seconds = 0.05\nuntil_seconds = 0.1\nnode = \"drive\"\n{keys}"
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{fault}"
     );
     let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
     let plan = FaultPlan::new(&trial.run.faults, 0x10);
@@ -104,6 +109,29 @@ fn times(sent: &[(u64, u16)], id: u16) -> Vec<u64> {
         .filter(|(_, of)| *of == id)
         .map(|(time, _)| *time)
         .collect()
+}
+
+#[test]
+fn each_fault_with_a_time_changes_what_a_node_sends() {
+    let sound = run(&mut node_with(""), 130);
+    // The bench sends the order of `nmt_stop`.
+    let is_played_here = |kind: &&Kind| {
+        kind.group == Group::Node && kind.time != Time::Boot && kind.name != "nmt_stop"
+    };
+    for kind in KINDS.iter().filter(is_played_here) {
+        let times = match kind.time {
+            Time::Instant => "at_seconds = 0.055\n",
+            _ => "from_seconds = 0.05\nuntil_seconds = 0.1\n",
+        };
+        let keys = kind.keys.iter().map(|key| match key.form {
+            Form::Number(_, max) => format!("{} = {max:?}\n", key.name),
+            Form::Whole(_, max) => format!("{} = {max}\n", key.name),
+            Form::Word(words) => format!("{} = \"{}\"\n", key.name, words[0].0),
+            Form::Node | Form::Station => format!("{} = \"drive\"\n", key.name),
+        });
+        let fault = format!("{}\n{times}{}", kind.heading(), String::from_iter(keys));
+        assert_ne!(run(&mut node_with(&fault), 130), sound, "{fault}");
+    }
 }
 
 #[test]
