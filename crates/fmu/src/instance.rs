@@ -65,7 +65,7 @@ pub struct Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         if self.is_initialized {
-            self.slave.call("Terminate");
+            self.slave.call(library::TERMINATE);
         }
     }
 }
@@ -126,7 +126,7 @@ impl Instance {
         }
         let status = self.slave.enter_initialization(0.0, tolerance);
         self.good("EnterInitializationMode", status)?;
-        self.call("ExitInitializationMode")?;
+        self.call(library::EXIT_INITIALIZATION)?;
         if self.has_events {
             self.update_and_go_on()?;
         }
@@ -197,7 +197,7 @@ impl Instance {
         };
         let mut pairs = self.inputs.iter().zip(inputs).zip(&self.last_inputs);
         if self.has_events && pairs.any(is_changed) {
-            self.call("EnterEventMode")?;
+            self.call(library::ENTER_EVENT_MODE)?;
             self.set_those(inputs, true)?;
             self.update_and_go_on()?;
         } else if !self.has_events {
@@ -292,7 +292,7 @@ impl Instance {
             let is_event =
                 self.has_events && self.time_seconds >= self.next_event_seconds - shortest;
             if self.has_events && (stepped.needs_events || is_event) {
-                self.call("EnterEventMode")?;
+                self.call(library::ENTER_EVENT_MODE)?;
                 self.update_and_go_on()?;
             }
             if is_discarded && advanced <= 0.0 {
@@ -331,7 +331,7 @@ impl Instance {
                 return Err(self.failed("UpdateDiscreteStates", &outcome));
             }
         }
-        self.call("EnterStepMode")
+        self.call(library::ENTER_STEP_MODE)
     }
 
     /// Calls a function that takes no values.

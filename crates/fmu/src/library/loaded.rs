@@ -7,7 +7,10 @@ use std::ptr::null_mut;
 use libloading::os::unix::Library;
 
 use super::log::Log;
-use super::{Slave, Status, Stepped, Updated, function};
+use super::{
+    ENTER_EVENT_MODE, ENTER_STEP_MODE, EXIT_INITIALIZATION, Slave, Status, Stepped, TERMINATE,
+    Updated, function,
+};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -118,9 +121,9 @@ impl Loaded {
     /// The library is of the version, and the given functions are its own.
     pub(super) unsafe fn of<V: Family>(library: Library, own: OwnFunctions) -> Result<Self, Fault> {
         let named = |name: &str| format!("{}{name}", V::PREFIX);
-        let mut plain = vec!["ExitInitializationMode", "Terminate"];
+        let mut plain = vec![EXIT_INITIALIZATION, TERMINATE];
         if own.update.is_some() {
-            plain.extend(["EnterEventMode", "EnterStepMode"]);
+            plain.extend([ENTER_EVENT_MODE, ENTER_STEP_MODE]);
         }
         // SAFETY: both versions have these types, and the library lives as long as `Self`.
         unsafe {

@@ -68,6 +68,12 @@ pub(crate) struct Updated {
     pub(crate) next_event_seconds: Option<f64>,
 }
 
+// Functions that take no values, by their names without the prefix of the version.
+pub(crate) const EXIT_INITIALIZATION: &str = "ExitInitializationMode";
+pub(crate) const ENTER_EVENT_MODE: &str = "EnterEventMode";
+pub(crate) const ENTER_STEP_MODE: &str = "EnterStepMode";
+pub(crate) const TERMINATE: &str = "Terminate";
+
 /// One instance of an FMU for co-simulation. Functions of events are called only if [`crate::description::CoSimulation::has_event_mode`].
 pub(crate) trait Slave {
     /// Sets a number; `value` is within the range of its kind.
@@ -77,7 +83,7 @@ pub(crate) trait Slave {
     fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status;
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped;
     fn update_discrete(&mut self) -> (Status, Updated);
-    /// Calls a function that takes no values, by its name without the prefix of the version.
+    /// Calls one of the functions that take no values, such as [`TERMINATE`].
     fn call(&mut self, function: &'static str) -> Status;
     /// Returns the messages since the last call.
     fn log(&mut self) -> String;
