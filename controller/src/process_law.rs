@@ -134,8 +134,13 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
             Some(is_command) => check_output(&port, &loops, is_command),
         };
         let WrongPort { message, label } = checked.err()?;
-        let variable = law.variables.get(signal).cloned();
-        let place = variable.unwrap_or_else(|| place.to_string());
+        let mut variables = controller.fmu.iter().flat_map(|fmu| match key {
+            "reads" => &fmu.reads,
+            "writes" => &fmu.writes,
+            _ => &fmu.terms,
+        });
+        let variable = variables.find(|(_, named)| *named == signal);
+        let place = variable.map_or_else(|| place.to_string(), |(name, _)| name.clone());
         let path = format!("controller.{}.{key}.{place}", controller.law_name());
         Some(Objection::new(path, message, label))
     })
@@ -174,7 +179,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use scenario::port::{Command, Measurand, Unit};
-    use scenario::process_law::Program;
+    use scenario::process_law::{FmuLaw, Program};
 
     use super::*;
 
@@ -230,5 +235,25 @@ mod tests {
             "{}",
             wrong.label
         );
+    }
+
+    #[test]
+    fn a_wrong_signal_of_an_fmu_is_at_the_variable_of_its_own_table() {
+        let named = |variable: &str, signal: &str| {
+            BTreeMap::from([(variable.to_owned(), signal.to_owned())])
+        };
+        let fmu = FmuLaw {
+            file: "law.fmu".to_owned(),
+            reads: named("y", "speed"),
+            writes: named("u", "current_amperes"),
+            terms: named("z", "speed"),
+            parameters: BTreeMap::new(),
+        };
+        let controller = Controller {
+            fmu: Some(fmu),
+            ..Controller::default()
+        };
+        let wrong = objection(&controller, &Wiring::default());
+        assert_eq!(wrong.unwrap().path, "controller.fmu.reads.y");
     }
 }
