@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
-use judge::verdict::Outcome;
+use judge::verdict::{Outcome, Verdict};
 use plan::Plan;
 use recording::session::read_plan;
 use report::terminal;
@@ -74,10 +74,7 @@ impl Play {
         let run = SweepRow::from_verdict(1, "", &verdict);
         let mut tested = tested(&plan);
         for one in tested.values_mut().flatten() {
-            let mut metrics = verdict.metrics.iter();
-            let metric = metrics.find(|metric| one.row.as_ref() == Some(&metric.name));
-            one.measured = metric.map(terminal::measured);
-            one.outcome = outcome_in(&run, one.row.as_ref(), &untimed);
+            one.judge(&run, &verdict, &untimed);
         }
         let external = verdict.external.iter();
         let kind = external.map(|node| format!("external {node}"));
@@ -151,6 +148,20 @@ impl Play {
 }
 
 impl Tested {
+    /// Takes outcome, value and limit from a verdict, which `run` has as the row of a sweep.
+    fn judge(&mut self, run: &SweepRow, verdict: &Verdict, untimed: &[String]) {
+        self.outcome = outcome_in(run, self.row.as_ref(), untimed);
+        let mut metrics = verdict.metrics.iter();
+        if let Some(metric) = metrics.find(|metric| self.row.as_ref() == Some(&metric.name)) {
+            self.limit = terminal::limit(&metric.name, metric.limit);
+            self.measured = Some(terminal::measured(metric));
+            // The verdict may only report what the scenario in the folder limits.
+            if self.outcome == Outcome::Pass && metric.passed.is_none() {
+                self.outcome = Outcome::Inconclusive;
+            }
+        }
+    }
+
     /// Takes an outcome that is worse, with its case. Returns whether it was worse.
     fn worsen(&mut self, outcome: Outcome, case: Option<usize>) -> bool {
         let is_worse = outcome > self.outcome;
@@ -218,7 +229,7 @@ fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outco
 mod tests {
     use super::*;
     use crate::sweep::row::Ended;
-    use judge::verdict::{Metric, Verdict};
+    use judge::verdict::Metric;
     use scenario::expect::Limit;
 
     #[test]
@@ -232,18 +243,32 @@ mod tests {
             Metric::new("met", Ok(0.5), limit),
             Metric::new("missed", Ok(2.0), limit),
             Metric::not_judged("unknown", "nobody publishes it".to_owned(), limit),
+            Metric::new("reported", Ok(0.5), None),
         ];
-        let of = |outcome, row: Option<&str>| {
+        let judged = |outcome, row: Option<&str>| {
             let verdict = Verdict {
                 outcome,
                 ..verdict.clone()
             };
             let run = SweepRow::from_verdict(1, "1f", &verdict);
-            outcome_in(&run, row.map(str::to_owned).as_ref(), &[])
+            let mut tested = Tested {
+                row: row.map(str::to_owned),
+                limit: "at most 7".to_owned(),
+                measured: None,
+                outcome: Outcome::Pass,
+                case: None,
+            };
+            tested.judge(&run, &verdict, &[]);
+            tested
         };
+        let of = |outcome, row| judged(outcome, row).outcome;
         assert_eq!(of(Outcome::Fail, Some("met")), Outcome::Pass);
         assert_eq!(of(Outcome::Fail, Some("missed")), Outcome::Fail);
         assert_eq!(of(Outcome::Fail, Some("unknown")), Outcome::Inconclusive);
+        assert_eq!(of(Outcome::Pass, Some("reported")), Outcome::Inconclusive);
+        let reported = judged(Outcome::Fail, Some("reported"));
+        assert_eq!(reported.outcome, Outcome::Inconclusive);
+        assert_eq!(reported.limit, "");
         assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
         assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
         assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);
