@@ -288,7 +288,7 @@ fn check_frames(frames: &Frames, one: &ControlLoop, timeline: &Timeline) -> Resu
     }
     if timeline.cycle.is_empty() {
         return Err(
-            "it has no SYNC (0x080) after the drive reports Operation Enabled, so scenario time never begins: is it the right DBC?"
+            "scenario time never begins: it needs a SYNC (0x080) after the drive reports Operation Enabled, and one of the two is missing: was the drive enabled, and is it the right DBC?"
                 .to_owned(),
         );
     }
