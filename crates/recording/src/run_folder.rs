@@ -346,7 +346,7 @@ pub fn write_new(
 ) -> io::Result<()> {
     if path.symlink_metadata().is_ok() {
         let there =
-            "it is there already; remove it, or name another folder (nothing is overwritten)";
+            "it is there already; remove it, or name another place (nothing is overwritten)";
         return Err(io::Error::new(io::ErrorKind::AlreadyExists, there));
     }
     let folder = path.parent().unwrap_or(Path::new("."));
