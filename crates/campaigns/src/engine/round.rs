@@ -104,9 +104,7 @@ impl RowCounter {
     /// Checks whether each of these parts is complete or has failed.
     fn are_done(&self, parts: &[usize], failed: &BTreeMap<usize, String>) -> bool {
         let missing = self.missing();
-        let mut left = parts
-            .iter()
-            .filter(|part| missing.binary_search(part).is_ok());
+        let mut left = parts.iter().filter(|part| missing.contains(part));
         left.all(|part| failed.contains_key(part))
     }
 }

@@ -35,11 +35,14 @@ impl Ended {
     }
 
     /// Returns the name of the end in tables.
-    pub fn word(self) -> String {
+    pub fn word(self) -> &'static str {
         match self {
-            Self::Invalid => "invalid".to_owned(),
-            Self::InternalError => "internal_error".to_owned(),
-            judged => report::page::word(judged.outcome()),
+            Self::Pass => "pass",
+            Self::Inconclusive => "inconclusive",
+            Self::Fail => "fail",
+            Self::Invalid => "invalid",
+            Self::Incomplete => "incomplete",
+            Self::InternalError => "internal_error",
         }
     }
 

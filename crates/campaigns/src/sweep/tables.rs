@@ -47,7 +47,7 @@ impl Tables<'_> {
         }
         columns.extend([
             ("seed", Cells::Whole(seeds.collect())),
-            ("verdict", text(|row| Some(row.ended.word()))),
+            ("verdict", text(|row| Some(row.ended.word().to_owned()))),
             ("missed_limits", text(missed)),
             ("reason", text(|row| row.reason.clone())),
         ]);
