@@ -52,21 +52,25 @@ impl PartArgs {
     /// Returns the part.
     pub(crate) fn shard(&self) -> Result<Shard, Failure> {
         match (self.shard, self.shards) {
-            (Some(shard), None) => Ok(shard),
-            (Some(_), Some(_)) => Err(Exit::CannotStart
+            (Wanted::This(shard), None) => Ok(shard),
+            (Wanted::This(_), Some(_)) => Err(Exit::CannotStart
                 .because("--shards goes with --shard auto only; a part is written as --shard 2/4")),
-            (None, shards) => engine_shard(|name| env::var(name).ok(), shards),
+            (Wanted::Auto, shards) => engine_shard(|name| env::var(name).ok(), shards),
         }
     }
 }
 
-/// Part that is named; `None` for that of the task of an engine.
-type Wanted = Option<Shard>;
+/// Value of `--shard`.
+#[derive(Clone, Copy, Debug)]
+enum Wanted {
+    This(Shard),
+    Auto,
+}
 
 fn wanted(text: &str) -> Result<Wanted, String> {
     match text {
-        "auto" => Ok(None),
-        part => part.parse().map(Some),
+        "auto" => Ok(Wanted::Auto),
+        part => part.parse().map(Wanted::This),
     }
 }
 
