@@ -100,7 +100,7 @@ impl Campaign {
     }
 
     /// Plays the plans and returns the value of `reduce` for each run, in the order of the plans for any number of threads. Plans
-    /// are made when a thread is free. A run that panics has failed, and the others continue; its result is a text on it.
+    /// are made when a thread is free. A run that fails or panics has a failure that names it, and the others continue.
     ///
     /// # Errors
     /// The user stopped it.
@@ -108,7 +108,7 @@ impl Campaign {
         &self,
         plans: impl Iterator<Item = Plan> + Send,
         reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
-    ) -> Result<Vec<Result<T, String>>, Interrupted> {
+    ) -> Result<Vec<Result<T, Failure>>, Interrupted> {
         let bar = Bar::runs(plans.size_hint().1, 0, self.is_shown);
         let mut results = Vec::new();
         let work = |(index, plan): &(usize, Plan), watch: &Watch| {
@@ -116,18 +116,22 @@ impl Campaign {
         };
         let on_result = |(index, plan): (usize, Plan), result: Result<T, Failure>| {
             let (name, seed) = (&plan.shared.run.name, plan.shared.run.seed);
-            let failed = |reason| format!("run {index} ({name}, seed {seed}) failed: {reason}");
+            let failed = |Failure { exit, reason, .. }: Failure| {
+                exit.because(format!(
+                    "run {index} ({name}, seed {seed}) failed: {reason}"
+                ))
+            };
             results.push(result.map_err(failed));
             Ok(())
         };
-        let is_complete = self.each(plans.enumerate(), &bar, work, on_result)?;
-        is_complete.then_some(results).ok_or(Interrupted)
+        self.each(plans.enumerate(), &bar, work, on_result)??;
+        Ok(results)
     }
 
     /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs, each as soon
     /// as its turn comes. Holds at most the results by which some threads are ahead of the slowest one, within a bound, for any
-    /// number of jobs. `work` must not panic: a panic is not a result of its job, but ends the campaign. Returns whether all jobs
-    /// were done: the user may have stopped it.
+    /// number of jobs. `work` must not panic: a panic is not a result of its job, but ends the campaign. Returns `Interrupted` if
+    /// the user stopped it.
     ///
     /// # Errors
     /// `on_result` refused a result; it gets no later ones.
@@ -137,7 +141,7 @@ impl Campaign {
         bar: &Bar,
         work: impl Fn(&J, &Watch) -> R + Sync,
         mut on_result: impl FnMut(J, R) -> Result<(), E>,
-    ) -> Result<bool, E> {
+    ) -> Result<Result<(), Interrupted>, E> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
         let jobs = Mutex::new(jobs);
@@ -179,7 +183,10 @@ impl Campaign {
                 })
             },
         )?;
-        Ok(!watches.iter().any(Watch::is_interrupted))
+        if watches.iter().any(Watch::is_interrupted) {
+            return Ok(Err(Interrupted));
+        }
+        Ok(Ok(()))
     }
 }
 
@@ -291,12 +298,12 @@ mod tests {
             let verdicts = campaign(threads).play(plans(), |played| {
                 (played.index, played.frames.len(), played.verdict.to_json())
             });
-            verdicts.unwrap()
+            let verdicts = verdicts.unwrap().into_iter();
+            Vec::from_iter(verdicts.map(Result::unwrap))
         };
         let alone = play(1);
         assert_eq!(alone, play(3));
-        for (place, result) in alone.iter().enumerate() {
-            let (index, frames, verdict) = result.as_ref().unwrap();
+        for (place, (index, frames, verdict)) in alone.iter().enumerate() {
             assert_eq!(*index, place);
             assert!(
                 *frames > 500 && verdict.contains(&format!("\"run {place}\"")),
@@ -316,6 +323,7 @@ mod tests {
         let fault = results[2].as_ref().unwrap_err();
         let text = "run 2 (run 2, seed 2) failed: it panicked: the third cannot be reduced";
         assert_eq!(fault.to_string(), text);
+        assert_eq!(fault.exit, Exit::Internal);
         assert_eq!(results.iter().flatten().count(), 6);
     }
 

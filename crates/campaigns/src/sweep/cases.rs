@@ -64,7 +64,7 @@ pub(crate) trait Cases: Sync {
     /// Plays a case.
     ///
     /// # Errors
-    /// The case has no result.
+    /// The case has no result: the machine failed (`BenchFailed`) or the program (`Internal`).
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure>;
 
     /// Row of a case in which the program itself is at fault.
@@ -75,12 +75,13 @@ pub(crate) trait Cases: Sync {
     /// # Errors
     /// The machine could not play the run.
     fn row_of(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure> {
-        caught(|| self.play(number, watch)).or_else(|Failure { exit, reason, .. }| match exit {
+        caught(|| self.play(number, watch)).or_else(|failure| match failure.exit {
             // The panic hook of the program prints the panic; the row says in which case it happened.
-            Exit::Internal => Ok(self.faulty(number, reason)),
-            _ => Err(exit.because(format!(
-                "run {number} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
+            Exit::Internal => Ok(self.faulty(number, failure.reason)),
+            Exit::BenchFailed => Err(Exit::BenchFailed.because(format!(
+                "run {number} could not be played on this machine: {failure}. What is done is kept, that run is not: give the same command again"
             ))),
+            _ => Err(failure),
         })
     }
 

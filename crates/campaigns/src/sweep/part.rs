@@ -14,7 +14,7 @@ use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Rows, Writer};
 use super::uncopied::Uncopied;
-use crate::campaign::{Campaign, interrupted};
+use crate::campaign::{Campaign, Interrupted, interrupted};
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
@@ -261,9 +261,8 @@ impl PartPlay<'_> {
             self.report("reached", cases, done, folder);
             Ok(())
         };
-        if !campaign.each(left, &bar, work, keep)? {
-            return Err(interrupted(done, of));
-        }
+        let ended = campaign.each(left, &bar, work, keep)?;
+        ended.map_err(|Interrupted| interrupted(done, of))?;
         drop(bar);
         writer.sync()?;
         rows.look()?;

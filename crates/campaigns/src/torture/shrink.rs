@@ -8,7 +8,7 @@ use super::draw::DrawnFault;
 use super::invariants::{BrokenInvariant, violation};
 use crate::campaign::{Interrupted, caught, play_one, watched};
 use crate::sweep::sweep_cases::case_name;
-use runner::exit::Failure;
+use runner::exit::{Exit, Failure};
 use worlds::catalogue::catalogue;
 
 /// Invariant of a run that the program could not bring to a verdict.
@@ -87,7 +87,7 @@ impl<'a> TortureCase<'a> {
         plan.map_err(|error| format!("{:?}", miette::Report::new(error)))
     }
 
-    /// Returns the invariant that the case breaks; a panic counts as one.
+    /// Returns the invariant that the case breaks; a panic counts as one, a failure of the machine does not.
     ///
     /// # Errors
     /// The user stopped it.
@@ -100,7 +100,11 @@ impl<'a> TortureCase<'a> {
             invariant: PANIC,
             text: failure.reason,
         };
-        Ok(played.unwrap_or_else(|failure| Some(panic(failure))))
+        Ok(match played {
+            Ok(broken) => broken,
+            Err(failure) if failure.exit == Exit::Internal => Some(panic(failure)),
+            Err(_) => None,
+        })
     }
 
     /// Returns the smallest case that breaks the same invariant: without faults that it does not need, shorter, with round

@@ -56,8 +56,7 @@ pub fn reproduce(args: &ReproduceArgs) -> Result<Exit, Failure> {
     let Ok(kept) = played(&experiments, is_shown) else {
         return Ok(Exit::Interrupted);
     };
-    let kept: Result<Vec<Kept>, String> = kept.into_iter().collect();
-    let kept = kept.map_err(|fault| Exit::Internal.because(fault))?;
+    let kept = kept.into_iter().collect::<Result<_, Failure>>()?;
     match evaluated(experiments, kept, is_shown) {
         Ok(results) => Ok(report(args, &results)?),
         Err(Interrupted) => Ok(Exit::Interrupted),
@@ -68,7 +67,7 @@ pub fn reproduce(args: &ReproduceArgs) -> Result<Exit, Failure> {
 fn played(
     experiments: &[Experiment],
     is_shown: bool,
-) -> Result<Vec<Result<Kept, String>>, Interrupted> {
+) -> Result<Vec<Result<Kept, Failure>>, Interrupted> {
     let runs = Vec::from_iter(experiments.iter().flat_map(|experiment| &experiment.runs));
     let plans = runs.iter().map(|run| one_loop_plan(run.scenario.clone()));
     Campaign::on_all_cores(is_shown).play(plans, |played| runs[played.index].keep(played))
