@@ -35,11 +35,12 @@ pub(crate) struct FmuArgs {
 
 /// Prints the description of an FMU, or writes an FMU.
 pub(crate) fn fmu(args: &FmuArgs) -> Result<Exit, Failure> {
-    print(&match (&args.export, &args.file) {
+    let text = match (&args.export, &args.file) {
         (Some(plant), _) => export::export(plant, args.output.as_deref(), args.fmi)?,
         (None, Some(file)) => shown(file, args.rig)?,
         (None, None) => return Ok(Exit::Usage),
-    });
+    };
+    print(&text);
     Ok(Exit::Pass)
 }
 

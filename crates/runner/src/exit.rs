@@ -75,12 +75,12 @@ impl From<Outcome> for Exit {
 pub struct Failure {
     pub exit: Exit,
     pub reason: String,
-    /// The same reason with the places in a file that it underlines, if it has any.
+    /// The same reason as it is printed, with places in a file and advice; `None` if it is printed in one line.
     pub diagnostic: Option<miette::Report>,
 }
 
 impl Failure {
-    /// Returns the failure of a file that is not valid.
+    /// Returns the failure of a scenario or rig file that cannot be used.
     pub fn invalid(error: impl Into<miette::Report>) -> Self {
         let error = error.into();
         Self {
