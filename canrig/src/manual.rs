@@ -44,7 +44,8 @@ pub(crate) fn completions(
     };
     let written = std::fs::create_dir_all(folder)
         .and_then(|()| clap_complete::generate_to(args.shell, command_line, "canrig", folder));
-    print(&written.map_err(unwritten(folder))?.display().to_string());
+    let file = written.map_err(|error| unwritten(folder, &error))?;
+    print(&file.display().to_string());
     Ok(Exit::Pass)
 }
 
@@ -68,7 +69,7 @@ pub(crate) fn man(args: &ManArgs, command_line: Command) -> Result<Exit, Failure
     let mut command_line = command_line.disable_help_subcommand(true);
     command_line.build();
     let written = std::fs::create_dir_all(folder).and_then(|()| write_pages(command_line, folder));
-    written.map_err(unwritten(folder))?;
+    written.map_err(|error| unwritten(folder, &error))?;
     let page = folder.join("canrig.1");
     print(&format!("read them with: man -l {}", page.display()));
     Ok(Exit::Pass)

@@ -55,7 +55,7 @@ pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Result<Stri
     })?;
     let path = output.map_or_else(|| PathBuf::from(format!("{plant}.fmu")), Path::to_owned);
     let write = |file: &mut BufWriter<File>| write_fmu(file, &model, version, &bytes);
-    write_new(&path, write).map_err(unwritten(&path))?;
+    write_new(&path, write).map_err(|error| unwritten(&path, &error))?;
     let (version, count) = (version.name(), model.variables.len());
     Ok(format!(
         "{}: {plant}, FMI {version}, {count} variables",

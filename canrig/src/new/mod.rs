@@ -194,11 +194,11 @@ fn in_new_folder(
     write: impl FnOnce(&Path) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     if let Some(parent) = folder.parent() {
-        fs::create_dir_all(parent).map_err(unwritten(parent))?;
+        fs::create_dir_all(parent).map_err(|error| unwritten(parent, &error))?;
     }
     let failed = |path: &Path, error: io::Error| match error.kind() {
         io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => exists(path),
-        _ => unwritten(path)(error),
+        _ => unwritten(path, &error),
     };
     if folder.symlink_metadata().is_ok() {
         return Err(exists(folder));
@@ -293,7 +293,7 @@ mod tests {
         let failed = in_new_folder(&folder, |partial| {
             fs::write(partial.join("half"), "of it").unwrap();
             assert!(!folder.exists());
-            Err(unwritten(partial)(io::Error::other("the disk is full")))
+            Err(unwritten(partial, &io::Error::other("the disk is full")))
         });
         assert_eq!(failed.unwrap_err().exit, Exit::BenchFailed);
         let left = || fs::read_dir(parent.path().join("deep")).unwrap().count();

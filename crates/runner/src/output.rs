@@ -18,7 +18,7 @@ pub(crate) fn write_with(
     place: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), Failure> {
-    write_output(place, write).map_err(unwritten(place))
+    write_output(place, write).map_err(|error| unwritten(place, &error))
 }
 
 /// Writes a text at a place where no file is yet. Makes a folder in its name.
@@ -27,15 +27,13 @@ pub(crate) fn write_with(
 /// The file cannot be written, or is there already.
 pub fn write_new(place: &Path, text: &str) -> Result<(), Failure> {
     let written = run_folder::write_new(place, |output| output.write_all(text.as_bytes()));
-    written.map_err(unwritten(place))
+    written.map_err(|error| unwritten(place, &error))
 }
 
-/// Returns the conversion of an error of the system on writing a file.
-pub fn unwritten(place: &Path) -> impl FnOnce(io::Error) -> Failure {
-    move |error| {
-        let place = place.display();
-        Exit::BenchFailed.because(format!("`{place}` cannot be written: {error}"))
-    }
+/// Returns the failure of a file that the system does not write.
+pub fn unwritten(place: &Path, error: &io::Error) -> Failure {
+    let place = place.display();
+    Exit::BenchFailed.because(format!("`{place}` cannot be written: {error}"))
 }
 
 /// Writes a page at the user's place, and prints the place.
@@ -51,7 +49,7 @@ pub fn write_page(place: &Path, text: &str) -> Result<(), Failure> {
 /// Replaces the page of a run folder, and prints the place.
 pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Failure> {
     let written = write_whole(place, |output| output.write_all(text.as_bytes()));
-    written.map_err(unwritten(place))?;
+    written.map_err(|error| unwritten(place, &error))?;
     print(&place.display().to_string());
     Ok(())
 }
