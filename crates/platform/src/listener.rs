@@ -14,6 +14,7 @@ use rustix::process::getuid;
 use tempfile::TempDir;
 
 use crate::bus::seqpacket;
+use crate::clock::monotonic;
 use crate::wait::wait_ready;
 
 /// Listening socket in a folder of its own, which no other user can enter. Both are removed on drop.
@@ -56,16 +57,19 @@ impl Listener {
         self.socket.try_clone()
     }
 
-    /// Waits for a client of the same user; `None` if none comes in time.
+    /// Waits for a client of the same user, and refuses those of others; `None` if none comes in time.
     ///
     /// # Errors
     /// If the system refuses.
     pub fn accept(&self, patience: Duration) -> io::Result<Option<OwnedFd>> {
-        if !wait_ready(self.socket.as_fd(), PollFlags::IN, patience)? {
-            return Ok(None);
+        let end = monotonic().saturating_add(patience);
+        let rest = || end.saturating_sub(monotonic());
+        while wait_ready(self.socket.as_fd(), PollFlags::IN, rest())? {
+            let channel = accept_with(&self.socket, SocketFlags::CLOEXEC)?;
+            if socket_peercred(&channel)?.uid == getuid() {
+                return Ok(Some(channel));
+            }
         }
-        let channel = accept_with(&self.socket, SocketFlags::CLOEXEC)?;
-        let is_ours = socket_peercred(&channel)?.uid == getuid();
-        Ok(is_ours.then_some(channel))
+        Ok(None)
     }
 }
