@@ -36,15 +36,19 @@ pub struct SeenStall<T> {
     pub until: Duration,
 }
 
-/// Request to watch the threads of a process: their owner, the process, and the name of the threads if not all are meant.
-type Order<T> = (T, u32, Option<&'static str>);
+/// Request to watch the threads of a process.
+struct Order<T> {
+    who: T,
+    process: u32,
+    /// Name of the threads; `None` for all.
+    thread: Option<&'static str>,
+}
 
-/// Watch over this machine, until it is stopped.
+/// Watch over this machine, until it is stopped or dropped.
 #[derive(Debug)]
 pub struct StallWatch<T> {
     orders: Sender<Order<T>>,
-    thread: JoinHandle<Vec<SeenStall<T>>>,
-    processors: Vec<JoinHandle<Vec<SeenStall<T>>>>,
+    threads: Vec<JoinHandle<Vec<SeenStall<T>>>>,
     is_over: Arc<AtomicBool>,
 }
 
@@ -60,35 +64,48 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
         let thread = std::thread::Builder::new()
             .name("stall-watch".into())
             .spawn(move || watch(longer_than, &received, &is_watch_over))?;
-        let processors = processors().into_iter().map(|processor| {
-            let is_over = Arc::clone(&is_over);
-            std::thread::Builder::new()
-                .name("processor-watch".into())
-                .spawn(move || watch_processor(processor, longer_than, &is_over))
-        });
-        Ok(Self {
+        let mut started = Self {
             orders,
-            thread,
-            processors: processors.collect::<Result<_, _>>()?,
+            threads: vec![thread],
             is_over,
-        })
+        };
+        for processor in processors() {
+            let is_over = Arc::clone(&started.is_over);
+            let thread = std::thread::Builder::new()
+                .name("processor-watch".into())
+                .spawn(move || watch_processor(processor, longer_than, &is_over))?;
+            started.threads.push(thread);
+        }
+        Ok(started)
     }
 
     /// Watches the threads of a process from now on, all or those of one name.
     pub fn watch(&self, who: T, process: u32, thread: Option<&'static str>) {
         // A watch that has ended takes no more orders.
-        let _ = self.orders.send((who, process, thread));
+        let _ = self.orders.send(Order {
+            who,
+            process,
+            thread,
+        });
     }
 
     /// Stops the watch; returns the stalls in the order of their ends.
-    pub fn stop(self) -> Vec<SeenStall<T>> {
-        self.is_over.store(true, Ordering::Relaxed);
-        let threads = [self.thread].into_iter().chain(self.processors);
-        merged(threads.flat_map(|thread| {
+    pub fn stop(mut self) -> Vec<SeenStall<T>> {
+        let threads = std::mem::take(&mut self.threads);
+        // The threads end.
+        drop(self);
+        merged(threads.into_iter().flat_map(|thread| {
             thread
                 .join()
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         }))
+    }
+}
+
+impl<T> Drop for StallWatch<T> {
+    /// Lets its threads end, without waiting for them.
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
     }
 }
 
@@ -248,13 +265,13 @@ fn waited_in_all(count: &File) -> Option<Duration> {
 
 /// Adds the threads that are not watched yet.
 fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
-    for (who, process, thread) in watched {
-        let tasks = fs::read_dir(format!("/proc/{process}/task"));
+    for order in watched {
+        let tasks = fs::read_dir(format!("/proc/{}/task", order.process));
         for task in tasks.into_iter().flatten().flatten() {
             let place = task.path();
             let is_new = threads.iter().all(|known| known.place != place);
-            if is_new && thread.is_none_or(|name| is_called(&place, name)) {
-                threads.extend(Thread::open(*who, &place));
+            if is_new && order.thread.is_none_or(|name| is_called(&place, name)) {
+                threads.extend(Thread::open(order.who, &place));
             }
         }
     }
