@@ -52,12 +52,22 @@ pub(super) fn listen(parents: &[PathBuf]) -> Result<Listener, BusError> {
         }
     }
     let (tried, source) = refused;
-    let better = match source.kind() {
-        io::ErrorKind::InvalidFilename => "with a shorter name",
-        _ => "that you may write to",
+    let advice = match source.kind() {
+        io::ErrorKind::InvalidFilename => {
+            "; set XDG_RUNTIME_DIR or TMPDIR to a directory with a shorter name"
+        }
+        io::ErrorKind::NotADirectory
+        | io::ErrorKind::NotFound
+        | io::ErrorKind::PermissionDenied
+        | io::ErrorKind::QuotaExceeded
+        | io::ErrorKind::ReadOnlyFilesystem
+        | io::ErrorKind::StorageFull => {
+            "; set XDG_RUNTIME_DIR or TMPDIR to a directory that you may write to"
+        }
+        _ => "",
     };
     Err(BusError(format!(
-        "no socket for the bus could be made in {}: {source}; set XDG_RUNTIME_DIR or TMPDIR to a directory {better}",
+        "no socket for the bus could be made in {}: {source}{advice}",
         tried.display()
     )))
 }
