@@ -70,6 +70,17 @@ impl PrivateBus {
     /// # Errors
     /// With the step that the system refuses.
     pub fn start() -> io::Result<Self> {
+        let failed =
+            |error: io::Error| io::Error::new(error.kind(), format!("its helper failed: {error}"));
+        let (bus, refused) = Self::start_helper().map_err(failed)?;
+        if bus.sockets.len() < SOCKETS {
+            return Err(io::Error::other(refused));
+        }
+        Ok(bus)
+    }
+
+    /// Starts the helper; returns its text, too, which says why there are no sockets.
+    fn start_helper() -> io::Result<(Self, String)> {
         let (ours, theirs) = channel()?;
         let mut command = process::myself()?;
         let helper = command
@@ -87,10 +98,7 @@ impl PrivateBus {
         };
         let (text, sockets) = receive(&bus.channel)?;
         bus.sockets.extend(sockets.into_iter().map(CanSocket::from));
-        if bus.sockets.len() < SOCKETS {
-            return Err(io::Error::other(text));
-        }
-        Ok(bus)
+        Ok((bus, text))
     }
 
     /// Returns the process whose namespaces the nodes [`enter`].
@@ -245,7 +253,7 @@ fn send(channel: &OwnedFd, text: &str, sockets: &[CanSocket]) -> io::Result<()> 
 /// Receives the helper's text and the sockets.
 fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
     if !wait_ready(channel.as_fd(), PollFlags::IN, PATIENCE)? {
-        return Err(io::Error::other("its helper gave no answer"));
+        return Err(io::Error::other("it gave no answer"));
     }
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(SOCKETS))];
     let mut control = RecvAncillaryBuffer::new(&mut space);
@@ -257,7 +265,7 @@ fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
         RecvFlags::CMSG_CLOEXEC,
     )?;
     if received.bytes == 0 {
-        return Err(io::Error::other("its helper ended without an answer"));
+        return Err(io::Error::other("it ended without an answer"));
     }
     let mut sockets = Vec::new();
     for message in control.drain() {
