@@ -155,17 +155,20 @@ impl NodeProcess {
         if self.is_killed_by_fault {
             return Ok(());
         }
+        let is_suspended = action == ProcessAction::Suspend;
         let signalled = match (&mut self.process, action) {
-            (Process::Own(node), ProcessAction::Suspend(is_suspended)) => {
+            // A start makes another process: see `again`.
+            (_, ProcessAction::Start) => Ok(()),
+            (Process::Own(node), ProcessAction::Kill) => node.kill(),
+            (Process::Own(node), ProcessAction::Suspend | ProcessAction::Resume) => {
                 process::suspend(node.child.id(), is_suspended)
             }
-            (Process::Own(node), _) => node.kill(),
-            (Process::Program(_, started), ProcessAction::Suspend(is_suspended)) => {
-                started.program.suspend(is_suspended);
+            (Process::Program(_, started), ProcessAction::Kill) => {
+                started.program.kill();
                 Ok(())
             }
-            (Process::Program(_, started), _) => {
-                started.program.kill();
+            (Process::Program(_, started), ProcessAction::Suspend | ProcessAction::Resume) => {
+                started.program.suspend(is_suspended);
                 Ok(())
             }
         };

@@ -15,8 +15,10 @@ pub(super) enum ProcessAction {
     Kill,
     /// Start of a new process in its place.
     Start,
-    /// SIGSTOP if true, otherwise SIGCONT.
-    Suspend(bool),
+    /// SIGSTOP.
+    Suspend,
+    /// SIGCONT.
+    Resume,
 }
 
 /// Actions of a scenario's faults on these processes, by the names of their nodes, in the order of scenario time.
@@ -34,7 +36,7 @@ impl ProcessFaults {
             for fault in faults_at(plan, node).faults {
                 let (begin, end) = match fault.name() {
                     "crash" => (ProcessAction::Kill, ProcessAction::Start),
-                    "hang" => (ProcessAction::Suspend(true), ProcessAction::Suspend(false)),
+                    "hang" => (ProcessAction::Suspend, ProcessAction::Resume),
                     _ => continue,
                 };
                 actions.push((fault.from, node.name.clone(), begin));
@@ -78,7 +80,7 @@ mod tests {
         assert_eq!(
             all,
             [
-                ProcessAction::Suspend(true),
+                ProcessAction::Suspend,
                 ProcessAction::Kill,
                 ProcessAction::Start
             ]
