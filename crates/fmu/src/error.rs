@@ -16,7 +16,7 @@ pub struct FmuError {
 /// Error of an FMU, without its file.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// A file, or one unpacked from it, cannot be read or written.
+    /// A file, or one unpacked from it, cannot be read or written, or the worker cannot be started.
     #[error("{place}: {source}")]
     File {
         /// Path of the file, or the action.
@@ -24,7 +24,7 @@ pub enum Fault {
         /// Error of the system.
         source: std::io::Error,
     },
-    /// File, description, library, variable or table is invalid, or the worker cannot be started or reached.
+    /// File, description, library, variable or table is invalid, or the worker cannot be reached.
     #[error("{0}")]
     Invalid(String),
     /// The FMU failed during the run. Every other error is found before motion begins.

@@ -12,7 +12,7 @@ use crate::seat::{
 
 /// Reason why a process gives no answer.
 pub enum NoAnswer {
-    /// It ended: how, and its last output.
+    /// It ended, or closed its channel without an end: how, and its last output.
     Ended((String, String)),
     /// It took too long.
     Late(String),
@@ -94,7 +94,7 @@ impl PortSeat {
         let received = self.program.receive(&mut self.answer, patience);
         if !received.map_err(unreachable)? {
             let seconds = patience.as_secs();
-            return Err(NoAnswer::Late(format!("was not ready in {seconds} s")));
+            return Err(NoAnswer::Late(format!("gave no answer in {seconds} s")));
         }
         if self.answer.is_empty() {
             let closed = || (CLOSED.to_owned(), String::new());

@@ -116,9 +116,19 @@ impl RemoteFmu {
             number: self.asked,
             ..Header::of(Kind::Step)
         };
-        // Of a worker that is gone, its end says more.
-        let _ = self.seat.step(header, to_seconds, inputs);
-        let answered = self.seat.answer(STEP_PATIENCE, CLOSED_PATIENCE);
+        let sent = self.seat.step(header, to_seconds, inputs);
+        let patience = if sent.is_ok() {
+            STEP_PATIENCE
+        } else {
+            Duration::ZERO
+        };
+        let answered = match (self.seat.answer(patience, CLOSED_PATIENCE), sent) {
+            (Err(NoAnswer::Late(_)), Err(error)) => {
+                Err(NoAnswer::Wrong(format!("cannot be reached: {error}")))
+            }
+            // Of a worker that is gone, its end says more.
+            (answered, _) => answered,
+        };
         let values = answered.and_then(|answer| {
             let told = read_values(answer, self.asked, outputs.len())
                 .map_err(|_| NoAnswer::Wrong("answered what is no answer".to_owned()))?;
@@ -147,7 +157,7 @@ impl Drop for RemoteFmu {
     }
 }
 
-/// Returns the fault of an FMU whose worker gave no answer in time.
+/// Returns the fault of an FMU for the reason why its worker gave no answer.
 fn unanswered(doing: &str, patience: Duration, why: NoAnswer) -> Fault {
     let text = match why {
         NoAnswer::Ended((how, log)) => {
