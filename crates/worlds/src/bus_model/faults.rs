@@ -34,7 +34,8 @@ fn nodes_behind(participant: &str, plan: &Plan) -> Vec<u8> {
         return vec![node.id];
     }
     let loops = plan.loops.iter();
-    let emulated = loops.filter(|one| emulator_name(one) == participant);
+    let emulated =
+        loops.filter(|one| one.is_ours(Part::Drive) && emulator_name(one) == participant);
     let mut nodes = Vec::from_iter(emulated.map(|one| one.nodes.drive.id));
     nodes.sort_unstable();
     nodes
@@ -311,8 +312,8 @@ impl BusFaults {
     }
 }
 
-/// Returns whether a frame is a report of an emulated plant, by the identifiers of these. Its CAN controller has no faults, since the report must tell the
-/// true effect of faults on the wire.
+/// Returns whether a frame is a report of an emulated plant. `truths` has the identifiers of these reports. Their CAN controller
+/// has no faults, since a report must tell the true effect of faults on the wire.
 pub(crate) fn is_truth(truths: &[u16], frame: &CanFrame) -> bool {
     let id = frame.standard_id();
     id.is_some_and(|id| truths.contains(&id))

@@ -1,9 +1,13 @@
 //! Tests of the gateway and the receiver, without a bus.
 
+use std::path::Path;
+
 use plan::catalogue::Catalogue;
-use scenario::Trial;
+use scenario::{Beside, Trial};
 
 use super::*;
+use crate::catalogue::catalogue;
+use crate::names::emulator_names;
 
 /// Returns the faults of these tables for one drive; scenario time begins at 0.
 fn faults(tables: &str) -> BusFaults {
@@ -111,6 +115,54 @@ fn no_fault_hits_the_report_of_a_plant_whatever_its_identifier() {
     let sent = outbox.iter();
     let sent = sent.map(|(time, frame)| (time.as_millis(), frame.standard_id().unwrap()));
     assert_eq!(Vec::from_iter(sent), [(1, 0x6D0), (6, 0x1B0)]);
+}
+
+/// Two drives of one plant share the CAN controller of their emulator; each that canrig does not emulate has its own.
+#[test]
+fn a_drive_beside_others_is_a_sender_by_its_own_frames_and_a_receiver_with_them() {
+    let text = "schema = 1\nrig = \"sma_pair\"\nname = \"t\"\nduration_seconds = 9.0\n\
+        [controller.pid_pair]\nproportional_amperes_per_degree = 0.04\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_degrees = 5.0\n\
+        [[fault.bus.duplicate]]\nfrom_seconds = 0.0\nsender = \"extensor\"\n\
+        [[fault.bus.lose]]\nfrom_seconds = 0.0\nreceiver = \"extensor\"\n";
+    let beside = Beside::new(Path::new("t.toml"));
+    let read = |_: &str| unreachable!("no file");
+    let emulated = Plan::parse(&beside, text.to_owned(), read, catalogue()).unwrap();
+    let emulator = emulator_names(&emulated.loops)[0];
+    let all = ["flexor", "extensor", "load"];
+    for (external, participant, copies, misses) in [
+        (&[][..], emulator, [1, 2], true),
+        (&["extensor"], emulator, [1, 1], false),
+        (&["extensor"], "extensor", [2, 2], true),
+        (&all, "flexor", [1, 1], false),
+        (&all, "extensor", [2, 2], true),
+    ] {
+        let names = Vec::from_iter(external.iter().map(ToString::to_string));
+        let plan = emulated.clone().with_external(&names).unwrap();
+        let faults = BusFaults::new(&plan, &[participant.to_owned()]).unwrap();
+        let mut faults = faults.unwrap();
+        let enabled = &[0x37, 2, 0, 0, 0, 0, 0, 0][..];
+        for (id, data) in [(0x190, enabled), (0x192, enabled), (0x080, &[1])] {
+            faults.observe(Duration::ZERO, &CanFrame::new(id, data));
+        }
+        let mut outbox = VecDeque::new();
+        let ids = [0x190, 0x192];
+        let frames = ids.map(|id| (milliseconds(1), CanFrame::new(id, &[])));
+        faults.queue(0, &frames, &mut outbox);
+        let count = |id| {
+            outbox
+                .iter()
+                .filter(|sent| sent.1.standard_id() == Some(id))
+                .count()
+        };
+        assert_eq!(ids.map(count), copies, "{participant} beside {external:?}");
+        let command = CanFrame::new(0x210, &[]);
+        assert_eq!(
+            faults.misses(0, milliseconds(1), &command),
+            misses,
+            "{participant}"
+        );
+    }
 }
 
 #[test]
