@@ -426,3 +426,80 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use can::{Filter, Node};
+    use dbc::Database;
+    use dbc::scenario_clock::ScenarioClock;
+    use platform::lockstep::Local;
+    use recording::capture::Watch;
+
+    use super::*;
+
+    /// Node that queues a number of frames each millisecond.
+    struct Talker {
+        frames: usize,
+        waiting: usize,
+        deadline: Duration,
+    }
+
+    impl Node for Talker {
+        fn filters(&self) -> Vec<Filter> {
+            Vec::new()
+        }
+
+        fn on_frame(&mut self, _now: Duration, _frame: &CanFrame) {}
+
+        fn on_tick(&mut self, now: Duration) {
+            self.waiting = self.frames;
+            self.deadline = now + Duration::from_millis(1);
+        }
+
+        fn on_stop(&mut self, _now: Duration) {}
+
+        fn next_frame(&mut self) -> Option<CanFrame> {
+            self.waiting = self.waiting.checked_sub(1)?;
+            Some(CanFrame::new(0x100, &[]))
+        }
+
+        fn next_deadline(&self) -> Option<Duration> {
+            Some(self.deadline)
+        }
+
+        fn progress(&self) -> Progress {
+            Progress::Running
+        }
+    }
+
+    #[test]
+    fn a_node_that_sends_more_than_the_bus_carries_is_named() {
+        for (frames, said) in [
+            (
+                1000,
+                "talker has more than 10000 frames waiting: the bus cannot carry what it sends",
+            ),
+            (
+                2000,
+                "talker could not be stepped: the node queued more than 1024 frames in one step",
+            ),
+        ] {
+            let mut node = Talker {
+                frames,
+                waiting: 0,
+                deadline: Duration::ZERO,
+            };
+            let mut talker = Local::new("talker", &mut node);
+            let watch = Watch::default();
+            let clock = ScenarioClock::new(Database::shipped(), []).unwrap();
+            let wire = Wire {
+                capture: &mut Capture::in_memory(clock, &watch),
+                bus: None,
+            };
+            let mut coordinator = Coordinator::new(1000, vec![&mut talker], None, wire);
+            coordinator.set_horizon(Duration::ZERO);
+            let error = (0..10_000).find_map(|_| coordinator.step().err());
+            assert_eq!(error.unwrap().to_string(), said);
+        }
+    }
+}
