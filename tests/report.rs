@@ -380,7 +380,7 @@ fn a_run_that_has_ended_and_lost_its_log_is_refused() {
     assert_eq!(tool(&["replay"], &[&run]).0, Some(4));
 }
 
-/// A law has its own terms only.
+/// Nodes send 0 for signals that they lack.
 #[test]
 fn a_page_draws_no_signal_that_the_run_does_not_have() {
     let folder = tempfile::tempdir().unwrap();

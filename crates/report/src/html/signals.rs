@@ -13,7 +13,7 @@ use crate::run::RunLoop;
 use crate::unit::{shown_unit, title};
 use judge::SETTLING_BAND;
 use platform::series::Series;
-use recording::timeline::Timeline;
+use recording::timeline::{Column, Timeline};
 
 /// Largest number of steps and disturbances with separate plots, and of such sines.
 const CLOSE_UPS_MAX: usize = 4;
@@ -58,7 +58,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     in_time.extend(close_ups);
     let mut error_plot = Plot::over_time("Error", timeline.measurand.unit.symbol());
     let label = "set-point − measured";
-    draw(&mut error_plot, timeline, label, Measured, error);
+    draw(&mut error_plot, timeline, label, Measured, (0, &error));
     in_time.push(error_plot);
     let command = timeline.measurand.command;
     let currents = [
@@ -137,13 +137,13 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let steps = run.control_loop.trial.judged_steps();
     plot.patches = steps.iter().map(settling_band).collect();
     if let Some(column) = timeline.column(names::TRUE_POSITION) {
-        draw(&mut plot, timeline, "true", True, &column.values);
+        draw(&mut plot, timeline, "true", True, (0, &column.values));
     }
-    let measured = timeline.position();
+    let measured = (0, timeline.position());
     draw(&mut plot, timeline, "measured", Measured, measured);
-    if let Some(column) = timeline.column("reference_{signal}_{unit}") {
+    if let Some(column) = used(timeline, "reference_{signal}_{unit}") {
         let label = "filtered reference";
-        draw(&mut plot, timeline, label, Estimated, &column.values);
+        draw(&mut plot, timeline, label, Estimated, first_sent(column));
     }
     let (times, set_point) = (&timeline.time_seconds, timeline.set_point());
     plot.draw("set-point", Wanted, Shape::Dashed, times, set_point);
@@ -233,6 +233,11 @@ fn patches(control_loop: &ControlLoop) -> Vec<Patch> {
     spans.chain(faults).map(patch).collect()
 }
 
+/// Returns a column that a node computes.
+fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
+    timeline.column(name).filter(|column| column.is_used())
+}
+
 fn signal_plot<'a>(
     timeline: &'a Timeline,
     title: &str,
@@ -241,8 +246,8 @@ fn signal_plot<'a>(
 ) -> Plot<'a> {
     let mut plot = Plot::over_time(title, unit);
     for (name, label, colour) in signals {
-        if let Some(column) = timeline.column(name) {
-            draw(&mut plot, timeline, label, *colour, &column.values);
+        if let Some(column) = used(timeline, name) {
+            draw(&mut plot, timeline, label, *colour, first_sent(column));
         }
     }
     plot
@@ -254,12 +259,13 @@ fn draw<'a>(
     timeline: &'a Timeline,
     label: &str,
     colour: Colour,
-    values: impl Into<Series<f64>>,
+    (first, values): (usize, impl Into<Series<f64>>),
 ) {
     let values = values.into();
     let (remark, shape) = sampling(&values);
     let label = format!("{label}{remark}");
-    plot.draw(label, colour, shape, &timeline.time_seconds, values);
+    let times = &timeline.time_seconds;
+    plot.draw(label, colour, shape, times.part(first..times.len()), values);
 }
 
 /// Number of changes of a signal that determine its sampling.
@@ -308,12 +314,27 @@ fn greatest_divisor(a: usize, b: usize) -> usize {
     }
 }
 
+/// Returns the first row with a value of a column, and the values from there on. A node that has not computed anything yet sends
+/// 0, which holds for some cycles of the scenario.
+fn first_sent(column: &Column) -> (usize, Series<f64>) {
+    const NOTHING_YET_CYCLES: usize = 20;
+    let values = &column.values;
+    let zeros = values.iter().take_while(|value| *value == 0.0).count();
+    let is_computed = column.name.starts_with("estimated_");
+    let first = if is_computed && zeros < NOTHING_YET_CYCLES {
+        zeros
+    } else {
+        0
+    };
+    (first, values.part(first..values.len()))
+}
+
 /// Plots ξ over the temperature: the hysteresis that makes the wire hard to control.
 fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     let mut plot = Plot::over_time("Hysteresis", "ξ");
     plot.x_label = "wire temperature (°C)";
     for ((temperature, label, colour), (fraction, ..)) in TEMPERATURES.into_iter().zip(FRACTIONS) {
-        let columns = timeline.column(temperature).zip(timeline.column(fraction));
+        let columns = used(timeline, temperature).zip(used(timeline, fraction));
         if let Some((temperature, fraction)) = columns {
             let (x, y) = (&temperature.values, &fraction.values);
             plot.draw(label, colour, Shape::Path, x, y);
@@ -325,6 +346,23 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_estimate_begins_when_its_law_has_computed_it() {
+        let first = |name: &str, zeros: usize| {
+            let values = (0..100).map(|row| if row < zeros { 0.0 } else { 25.0 });
+            let (first, values) = first_sent(&Column {
+                name: name.to_owned(),
+                unit: String::new(),
+                values: values.collect(),
+            });
+            assert_eq!(values.len(), 100 - first);
+            first
+        };
+        assert_eq!(first("estimated_temperature_celsius", 6), 6);
+        assert_eq!(first("estimated_temperature_celsius", 50), 0);
+        assert_eq!(first("position_millimetres", 6), 0);
+    }
 
     #[test]
     fn a_signal_is_sampled_in_each_cycle_in_few_or_held() {

@@ -19,6 +19,7 @@ pub(super) struct Style<'a> {
     /// Name in the legend.
     pub(super) label: &'a str,
     pub(super) colour: [u8; 3],
+    is_drawn_when_zero: bool,
 }
 
 /// Group of the position of the loop.
@@ -46,61 +47,71 @@ pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Styles of signals, by the beginnings of their names or of the patterns of these.
 const STYLES: [(&str, Style<'static>); 21] = [
-    ("set_point_", styled(POSITION, "set-point", ORANGE)),
-    ("{signal}_", styled(POSITION, "measured", SKY)),
-    ("true_{signal}_", styled(POSITION, "true", GREEN)),
+    ("set_point_", always(POSITION, "set-point", ORANGE)),
+    ("{signal}_", always(POSITION, "measured", SKY)),
+    ("true_{signal}_", always(POSITION, "true", GREEN)),
     (
         "reference_{signal}_",
-        styled(POSITION, "filtered reference", PINK),
+        if_used(POSITION, "filtered reference", PINK),
     ),
-    ("error_", styled("error", "set-point − measured", SKY)),
-    ("target_{command}_", styled("current", "commanded", ORANGE)),
-    ("{command}_", styled("current", "measured", SKY)),
-    ("wire_temperature_", styled("temperature", "true", GREEN)),
-    ("winding_temperature_", styled("temperature", "true", GREEN)),
-    ("motor_speed_", styled(MOTOR_SPEED, "true", GREEN)),
-    ("spring_force_", styled(SPRING_FORCE, "true", GREEN)),
+    ("error_", always("error", "set-point − measured", SKY)),
+    ("target_{command}_", always("current", "commanded", ORANGE)),
+    ("{command}_", always("current", "measured", SKY)),
+    ("wire_temperature_", always("temperature", "true", GREEN)),
+    ("winding_temperature_", always("temperature", "true", GREEN)),
+    ("motor_speed_", always(MOTOR_SPEED, "true", GREEN)),
+    ("spring_force_", always(SPRING_FORCE, "true", GREEN)),
     (
         "estimated_temperature_",
-        styled("temperature", "estimated", PINK),
+        if_used("temperature", "estimated", PINK),
     ),
     (
         "martensite_fraction",
-        styled("martensite_fraction", "true", GREEN),
+        always("martensite_fraction", "true", GREEN),
     ),
     (
         "estimated_martensite_fraction",
-        styled("martensite_fraction", "estimated", PINK),
+        if_used("martensite_fraction", "estimated", PINK),
     ),
     (
         "sliding_variable",
-        styled(SLIDING_VARIABLE, "sliding variable", SKY),
+        if_used(SLIDING_VARIABLE, "sliding variable", SKY),
     ),
-    ("equivalent_part_", styled(LAW, "equivalent part", ORANGE)),
-    ("switching_part_", styled(LAW, "switching part", SKY)),
+    ("equivalent_part_", if_used(LAW, "equivalent part", ORANGE)),
+    ("switching_part_", if_used(LAW, "switching part", SKY)),
     (
         "scenario_convection_factor",
-        styled(DISTURBANCE, "convection factor, scenario", GREY),
+        if_used(DISTURBANCE, "convection factor, scenario", GREY),
     ),
     (
         "convection_factor",
-        styled(DISTURBANCE, "convection factor, bus", YELLOW),
+        if_used(DISTURBANCE, "convection factor, bus", YELLOW),
     ),
     (
         "scenario_added_load_",
-        styled(DISTURBANCE, "added load (g), scenario", GREY),
+        if_used(DISTURBANCE, "added load (g), scenario", GREY),
     ),
     (
         "added_load_",
-        styled(DISTURBANCE, "added load (g), bus", ORANGE),
+        if_used(DISTURBANCE, "added load (g), bus", ORANGE),
     ),
 ];
 
-const fn styled<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
+const fn always<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
         group,
         label,
         colour,
+        is_drawn_when_zero: true,
+    }
+}
+
+/// Returns the style of a signal that is drawn only if it is used. Nodes send 0 for values that they do not have: a law without
+/// an observer has no estimates.
+const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
+    Style {
+        is_drawn_when_zero: false,
+        ..always(group, label, colour)
     }
 }
 
@@ -141,7 +152,7 @@ pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
                 "" => title.to_owned(),
                 unit => format!("{title} ({unit})"),
             },
-            style: styled(&signal.name, label, colour),
+            style: always(&signal.name, label, colour),
         }
     });
     view.collect()
@@ -154,11 +165,17 @@ fn known(name: &str, measurand: &Measurand) -> Option<Style<'static>> {
 }
 
 /// Returns the style of a signal; signals that no view shows are in the group [`OTHER`].
-pub(super) fn style<'a>(name: &str, measurand: &Measurand, views: &[CustomView<'a>]) -> Style<'a> {
+pub(super) fn style<'a>(
+    name: &str,
+    measurand: &Measurand,
+    is_used: impl FnOnce() -> bool,
+    views: &[CustomView<'a>],
+) -> Style<'a> {
     if let Some(view) = views.iter().find(|view| view.style.group == name) {
         return view.style;
     }
-    known(name, measurand).unwrap_or(styled(OTHER, "", GREY))
+    let drawn = known(name, measurand).filter(|style| style.is_drawn_when_zero || is_used());
+    drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
 /// Returns the groups that a run will have, before its first frame.
@@ -171,7 +188,7 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     let views = custom_views(control_loop);
     let signals = control_loop.plant_signals();
     let measurand = &scenario.wiring.feedback.measurand;
-    groups.extend(signals.map(|signal| style(&signal.name, measurand, &views).group));
+    groups.extend(signals.map(|signal| style(&signal.name, measurand, || true, &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant.actuator().is_some() {
         groups.insert(HYSTERESIS);
@@ -234,7 +251,7 @@ mod tests {
             ["Height of the load (m)", "flexor_tension_newtons (N)"]
         );
         let measurand = Measurand::default();
-        let group = |name| style(name, &measurand, &views).group;
+        let group = |name| style(name, &measurand, || true, &views).group;
         assert_eq!(group("height_metres"), "height_metres");
         assert_eq!(group("position_millimetres"), POSITION);
         assert_eq!(group("winding_temperature_celsius"), "temperature");

@@ -27,7 +27,7 @@ use platform::series::Series;
 use recording::events::{Event, Level};
 use recording::log::Stamped;
 use recording::occurrences::Occurrence;
-use recording::timeline::Timeline;
+use recording::timeline::{Timeline, has_values};
 
 /// Ratio of rows to changes above which a signal has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
@@ -52,6 +52,8 @@ pub(crate) struct Recording<'o, 'a> {
     hysteresis: Hysteresis,
     /// Drawing of the rig; `None` if the plant is no SMA actuator.
     drawing: Option<Drawing>,
+    /// Signals with other values than 0 so far.
+    used: BTreeSet<String>,
     /// Paths with names and colours.
     styled: BTreeSet<String>,
     groups: BTreeSet<&'a str>,
@@ -87,6 +89,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             bus: BusReader::new(control_loop, known == Known::Thinned)?,
             drawing,
             hysteresis: Hysteresis::new(pause_seconds),
+            used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
             custom_views: groups::custom_views(control_loop),
@@ -155,7 +158,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in computed.into_iter().chain(columns) {
-            let style = groups::style(name, &timeline.measurand, &self.custom_views);
+            let style = self.style(timeline, name, values);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
@@ -170,6 +173,12 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             self.log_signal(name, style, &rows, values, times.1.clone())?;
         }
         Ok(())
+    }
+
+    fn style(&mut self, timeline: &Timeline, name: &str, values: &Series<f64>) -> Style<'a> {
+        let used = &mut self.used;
+        let is_used = || used.contains(name) || has_values(values) && used.insert(name.to_owned());
+        groups::style(name, &timeline.measurand, is_used, &self.custom_views)
     }
 
     /// Logs a signal as an entity of its group.
