@@ -162,15 +162,23 @@ fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
     })
 }
 
-/// Finds two signals that would be one column: a term of the law with the name of another signal of its loop, or of an output of
-/// the plant.
+/// Finds two signals that would be one column: a term of the law, or an output of an io node or of the plant, with the name of the
+/// set-point or of another signal of its loop.
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = ambiguous_name(&frames.database, &frames.wiring)?;
-    let mut terms = frames.published.terms.iter();
-    let (path, owner) = if terms.any(|term| term.name == name) {
+    let published = &frames.published;
+    let mut nodes = trial.wiring.io.iter().zip(&published.outputs);
+    let (path, owner) = if published.terms.iter().any(|term| term.name == name) {
         (
             format!("controller.{}", trial.controller.law_name()),
             "a term of this law",
+        )
+    } else if let Some((io, _)) =
+        nodes.find(|(_, outputs)| outputs.iter().any(|output| output.port.name == name))
+    {
+        (
+            format!("node.{}.outputs.{name}", io.node.name),
+            "an output of this node",
         )
     } else {
         (
@@ -183,9 +191,9 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     Some(Objection::new(path, message, label))
 }
 
-/// Returns a name that two columns of a loop would have.
+/// Returns a name that two columns of a loop would have. The first column is the set-point.
 pub fn ambiguous_name(database: &Database, wiring: &Wiring) -> Option<String> {
-    let mut seen = BTreeSet::new();
+    let mut seen = BTreeSet::from([wiring.feedback.measurand.name(names::SET_POINT)]);
     let signals = columns(database, wiring).flat_map(|message| message.signals);
     let mut names = signals.map(|(name, _)| name);
     names.find(|name| !seen.insert(name.clone()))
@@ -577,6 +585,12 @@ outputs = ["drive.current"]
         };
         let twice = "plant.sma_actuator: two signals are called `position_millimetres`";
         assert_eq!(said(&plants), [twice]);
+        let set_points = Catalogue {
+            find_ports: Some(|_| Some(plant_with("set_point_millimetres"))),
+            ..plants
+        };
+        let twice = "plant.sma_actuator: two signals are called `set_point_millimetres`";
+        assert_eq!(said(&set_points), [twice]);
         let laws = Catalogue {
             find_ports: Some(|_| Some(plant_with("sum"))),
             find_terms: |_| vec![sum()],
