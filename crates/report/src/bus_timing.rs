@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use dbc::SignalMissing;
-use plan::ControlLoop;
-
+use plan::Plan;
 use recording::frames::Frames;
 use recording::latency::{CycleReader, CycleStage};
 
@@ -54,26 +53,27 @@ pub(super) struct BusTiming {
 }
 
 impl BusTiming {
-    /// Reads the stamps of some loops of one bus.
+    /// Reads the stamps of a run.
     ///
     /// # Errors
     /// The database lacks a message of a drive.
-    pub(super) fn new(frames: &Frames, loops: &[ControlLoop]) -> Result<Self, SignalMissing> {
-        let readers = loops.iter().map(CycleReader::new);
+    pub(super) fn new(frames: &Frames, plan: &Plan) -> Result<Self, SignalMissing> {
+        let readers = plan.loops.iter().map(CycleReader::new);
         let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
-        let run = &loops[0].trial.run;
-        let duration = Duration::from_secs_f64(run.duration_seconds);
+        let duration = plan.duration();
         let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
         let mut timing = Self {
-            loops: vec![Default::default(); loops.len()],
+            loops: vec![Default::default(); plan.loops.len()],
             ..Self::default()
         };
         let (mut bits, mut sync) = (Vec::new(), None);
         for stamped in frames.iter() {
             let (mut time, mut is_sync) = (None, false);
             for (reader, [answers, commands]) in readers.iter_mut().zip(&mut timing.loops) {
-                time = reader.on_frame(&stamped).filter(|time| *time < duration);
-                match time.and_then(|_| reader.stage(&stamped)) {
+                // All loops have one clock.
+                time = reader.on_frame(&stamped);
+                let in_scenario = time.filter(|time| *time < duration);
+                match in_scenario.and_then(|_| reader.stage(&stamped)) {
                     Some(CycleStage::Sync) => is_sync = true,
                     Some(CycleStage::Position { after_sync }) => answers.add(after_sync),
                     Some(CycleStage::Command { after_sync, .. }) => commands.add(after_sync),
@@ -81,6 +81,9 @@ impl BusTiming {
                 }
             }
             let Some(time) = time else { continue };
+            if time >= duration {
+                break;
+            }
             let place = usize::try_from(time.as_nanos() / stretch.as_nanos()).unwrap_or_default();
             bits.resize(bits.len().max(place + 1), 0);
             bits[place] += u64::from(stamped.occupied_bits);
@@ -93,7 +96,7 @@ impl BusTiming {
             bits.pop();
         }
         let seconds = stretch.as_secs_f64();
-        let bits_per_second = f64::from(run.bus.bitrate_kilobits_per_second) * 1e3;
+        let bits_per_second = f64::from(plan.shared.run.bus.bitrate_kilobits_per_second) * 1e3;
         for (place, bits) in bits.into_iter().enumerate() {
             timing.load_seconds.push((place as f64 + 0.5) * seconds);
             let percent = 100.0 * bits as f64 / (bits_per_second * seconds);

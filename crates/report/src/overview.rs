@@ -219,7 +219,7 @@ fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
     } }
 }
 
-/// Groups the loops of runs with the same set-point, which share a plot.
+/// Groups the loops of runs with the same reference, which share a plot.
 fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     let mut groups: Vec<Vec<Course<'_>>> = Vec::new();
     let numbered = runs.iter().enumerate();

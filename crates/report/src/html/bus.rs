@@ -10,7 +10,7 @@ use judge::timing::Timing;
 
 /// Returns the section. All loops share the bus; answers and commands are listed by loop.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
-    let timing = BusTiming::new(run.frames, &run.plan.loops)?;
+    let timing = BusTiming::new(run.frames, run.plan)?;
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;
     let (times, percent) = (&timing.load_seconds, &timing.load_percent);
@@ -18,8 +18,11 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     let mut sets = vec![("SYNC to SYNC".to_owned(), &timing.cycles)];
     for (one, [answers, commands]) in run.plan.loops.iter().zip(&timing.loops) {
         let [answer, command] = match one.loop_name() {
-            None => ["the drive's answer", "the controller's command"].map(str::to_owned),
-            Some(name) => ["the answer of", "the command to"].map(|what| format!("{what} {name}")),
+            None => ["the drive's answer", "the command that follows"].map(str::to_owned),
+            Some(name) => [
+                format!("the answer of {name}"),
+                format!("the command to {name} that follows"),
+            ],
         };
         sets.push((format!("SYNC to {answer}"), answers));
         sets.push((format!("SYNC to {command}"), commands));
