@@ -139,8 +139,8 @@ fn signal(
     difference
 }
 
-/// Returns the times of the shared cycles, and the distances of the values of B from those of A a little before and after, with their
-/// signs.
+/// Returns the times of the shared cycles, and the differences that are judged: that of a value of B from those of A a little before
+/// and after, or that of a value of A from those of B, whichever is larger; positive where B is above A.
 pub fn distances(
     signal: &SignalDifference,
     [a, b]: [&Timeline; 2],
@@ -148,7 +148,15 @@ pub fn distances(
 ) -> (Series<f64>, Series<f64>) {
     let shared = Shared::of(a, b);
     let [a, b] = shared.values(a_values, b_values);
-    (shared.time_seconds, outside(&b, &a, signal.reach))
+    let (of_b, of_a) = (outside(&b, &a, signal.reach), outside(&a, &b, signal.reach));
+    let larger = of_b.iter().zip(&of_a).map(|(of_b, of_a)| {
+        if of_b.is_nan() || of_a.abs() > of_b.abs() {
+            -of_a
+        } else {
+            of_b
+        }
+    });
+    (shared.time_seconds, larger.collect())
 }
 
 fn metrics(tolerances: &Tolerances<'_>, a: &Verdict, b: &Verdict) -> Vec<MetricDifference> {
