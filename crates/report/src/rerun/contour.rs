@@ -56,7 +56,8 @@ fn log_plane(
     };
     let group = format!("contour/{across}_{up}");
     let now = format!("{group}/now");
-    let [mut wanted, mut measured] = [(); 2].map(|()| Trail::new(pause_seconds));
+    let mut wanted = Trail::new(pause_seconds);
+    let mut measured = Trail::new(pause_seconds);
     // Number of measured points that are logged already.
     let mut logged = 0;
     let rows = window(contour, axes);
@@ -104,7 +105,7 @@ fn log_plane(
     }))
 }
 
-fn is_far(here: [f64; 2], last: [f64; 2]) -> bool {
+pub(super) fn is_far(here: [f64; 2], last: [f64; 2]) -> bool {
     (here[0] - last[0]).hypot(here[1] - last[1]) >= STEP_MILLIMETRES
 }
 

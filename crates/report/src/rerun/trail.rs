@@ -1,6 +1,7 @@
 //! Path of a point that moves in the plane.
 
 use re_sdk_types::archetypes::Points2D;
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 
 use super::ReportError;
 use super::output::{Output, send_rows};
@@ -35,7 +36,8 @@ impl Trail {
         is_far: impl Fn([f64; 2], [f64; 2]) -> bool,
     ) {
         let is_new = self.last.is_none_or(|(before, last)| {
-            moment.seconds - before.seconds >= self.pause_seconds && is_far(point, last)
+            let passed_seconds = moment.seconds - before.seconds + TIME_TOLERANCE_SECONDS;
+            passed_seconds >= self.pause_seconds && is_far(point, last)
         });
         if is_new && point.iter().all(|value| value.is_finite()) {
             self.points.push((moment, point));
@@ -58,6 +60,7 @@ pub(super) fn log_moves(
 
 #[cfg(test)]
 mod tests {
+    use super::super::contour::is_far;
     use super::super::{POINTS_MAX, thin};
     use super::*;
 
@@ -72,7 +75,7 @@ mod tests {
                 cycle: cycle.into(),
             };
             let point = [libm::cos(seconds), libm::sin(seconds)].map(|part| 10.0 * part);
-            path.add(moment, point, |_, _| true);
+            path.add(moment, point, is_far);
             thin(&mut path.points);
             longest = longest.max(path.points.len());
         }
@@ -80,6 +83,25 @@ mod tests {
             (POINTS_MAX / 2..=POINTS_MAX).contains(&longest),
             "{longest}"
         );
-        assert!(path.points.is_sorted_by_key(|(moment, _)| moment.cycle));
+        let mut cycles = path.points.iter().map(|(moment, _)| moment.cycle);
+        assert!(cycles.clone().is_sorted() && cycles.all(|cycle| cycle % 100 == 0));
+    }
+
+    #[test]
+    fn a_place_that_cannot_be_distinguished_from_the_last_one_is_left_out() {
+        let mut path = Trail::new(0.0);
+        let places = [
+            [f64::NAN, 1.0],
+            [1.0, 1.0],
+            [1.0, 1.0],
+            [1.0, 1.01],
+            [1.0, 1.1],
+        ];
+        for (cycle, place) in (0..).zip(places) {
+            let seconds = 0.0;
+            path.add(Moment { seconds, cycle }, place, is_far);
+        }
+        let cycles = path.points.iter().map(|(moment, _)| moment.cycle);
+        assert_eq!(Vec::from_iter(cycles), [1, 4]);
     }
 }
