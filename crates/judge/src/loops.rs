@@ -9,7 +9,7 @@ use crate::metric::Metric;
 use crate::verdict::{Outcome, Verdict};
 
 /// Returns the rows of a verdict that have limits, in their order. Rows of several loops begin with the loop's name. Those on
-/// timing come last; a run in virtual time has none.
+/// timing come last if `is_timed`, for a run in real time; a run in virtual time has none.
 pub fn expected_rows(plan: &Plan, is_timed: bool) -> Vec<ExpectedRow> {
     let of_loops = plan.loops.iter().flat_map(|one| {
         let mut rows = one.trial.expected_rows();

@@ -30,7 +30,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Returns the progress while frames are captured for a folder.
+    /// Returns the progress while frames are captured for a folder. A capture within another takes it away at its end, until the
+    /// outer one shows its own again: that of a pre-flight, until scenario time 0.
     pub fn progress(&self) -> Option<RunProgress> {
         let progress = self.progress.lock();
         progress.unwrap_or_else(PoisonError::into_inner).clone()

@@ -10,11 +10,14 @@ use dbc::{Coding, names};
 use plan::ControlLoop;
 use scenario::rig::{Timeouts, object_address};
 
+/// Index and sub-index of an object.
+type ObjectAddress = (u16, u8);
+
 /// Client's command that reads an object.
 const UPLOAD: u8 = 0x40;
 /// Mask and value of the server's answer that contains the value, of any length.
 const EXPEDITED: (u8, u8) = (0b1110_0010, 0b0100_0010);
-const STATUSWORD_OBJECT: (u16, u8) = (STATUSWORD, 0);
+const STATUSWORD_OBJECT: ObjectAddress = (STATUSWORD, 0);
 /// Number of SYNC periods after which a drive misses the SYNC.
 const SYNC_PERIODS: u32 = 3;
 /// Longest watch to wait for.
@@ -32,7 +35,7 @@ pub fn watch(one: &ControlLoop) -> Duration {
 /// Returns the requests for a drive's power state and for its current, if it measures that.
 pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
     let drive = one.nodes.drive.id;
-    let request = |(index, sub_index): (u16, u8)| {
+    let request = |(index, sub_index): ObjectAddress| {
         let [low, high] = index.to_le_bytes();
         let data = [UPLOAD, low, high, sub_index, 0, 0, 0, 0];
         CanFrame::new(DEFAULT_REQUEST_ID + u16::from(drive), &data)
@@ -42,7 +45,7 @@ pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
 }
 
 /// Returns the object of the measured current, with the coding of its value.
-fn current(one: &ControlLoop) -> Option<((u16, u8), Coding)> {
+fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
     let signal = feedback.signal(&one.trial.wiring.sensor.measurand.name(names::CURRENT))?;
     let real = one.real_drive.as_ref();
@@ -61,7 +64,7 @@ pub struct DriveReports {
 pub(crate) struct DriveReportReader {
     /// Identifier of the answers.
     pub(crate) raw_id: u32,
-    current: Option<((u16, u8), Coding)>,
+    current: Option<(ObjectAddress, Coding)>,
     /// Answers so far, in the order of time.
     pub(crate) reports: DriveReports,
 }

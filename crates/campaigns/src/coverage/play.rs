@@ -193,7 +193,8 @@ fn tested(plan: &Plan) -> BTreeMap<String, Vec<Tested>> {
     };
     let whole = plan.shared.run.requirements.iter();
     whole.for_each(|id| add(id, None));
-    let mut rows = judge::expected_rows(plan, true);
+    let is_timed = true;
+    let mut rows = judge::expected_rows(plan, is_timed);
     rows.sort_by(|one, other| one.name.cmp(&other.name));
     for row in &rows {
         row.requirements.iter().for_each(|id| add(id, Some(row)));

@@ -130,38 +130,37 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         (!Commands::Missed.are_sound(evidence.timeline)).then(|| super::commands_due(evidence));
     let last_commands = due.and_then(Iterator::last).unwrap_or_default();
     let without_commands = lasting(evidence, &commands, last_commands, broke_off);
-    let stays = without_cycles.into_iter().chain(without_commands);
-    let stays = stays.map(|stay| {
-        let duty = match stay.cause {
-            Cause::Node(duty) => duty,
-            _ => stay.first.duty,
-        };
-        (duty, stay.first.from_seconds, stay.cause == Cause::Fault)
-    });
-    let heartbeats = evidence.timeline.lost_heartbeats.iter();
-    let lost = heartbeats.filter(|lost| lost.back_seconds.is_infinite());
-    let heartbeats = lost.map(|lost| {
-        let (duty, from) = (Duty::Heartbeat(lost.node), lost.due_seconds);
-        (duty, from, attribution.is_by_fault(duty, from))
-    });
-    stays
-        .chain(heartbeats)
-        .map(move |(duty, from_seconds, is_by_fault)| {
+    let attributed = move |duty: Duty, from_seconds: f64, is_by_fault: bool| {
+        let cause = if is_by_fault {
+            Cause::Fault
+        } else {
             // A stall explains a breach that began in it only if it covers half of the missing time.
             let stall = attribution
                 .stall(duty.node(), from_seconds, until)
                 .or_else(|| attribution.stood_since(duty.node(), from_seconds));
-            let cause = match stall {
-                _ if is_by_fault => Cause::Fault,
-                Some(stretch) => Cause::Host(stretch),
-                None => Cause::Node(duty),
-            };
-            Lasting {
-                duty,
-                from_seconds,
-                cause,
-            }
-        })
+            stall.map_or(Cause::Node(duty), Cause::Host)
+        };
+        Lasting {
+            duty,
+            from_seconds,
+            cause,
+        }
+    };
+    let stays = without_cycles.into_iter().chain(without_commands);
+    let stays = stays.map(move |stay| {
+        let duty = match stay.cause {
+            Cause::Node(duty) => duty,
+            _ => stay.first.duty,
+        };
+        attributed(duty, stay.first.from_seconds, stay.cause == Cause::Fault)
+    });
+    let heartbeats = evidence.timeline.lost_heartbeats.iter();
+    let lost = heartbeats.filter(|lost| lost.back_seconds.is_infinite());
+    let heartbeats = lost.map(move |lost| {
+        let (duty, from) = (Duty::Heartbeat(lost.node), lost.due_seconds);
+        attributed(duty, from, attribution.is_by_fault(duty, from))
+    });
+    stays.chain(heartbeats)
 }
 
 /// Returns the stay of breaches that lasts to the end; in a run that was played to its end, it must be long enough for a silence.

@@ -28,11 +28,11 @@ pub(super) struct ScenarioFaults<'a> {
 impl<'a> ScenarioFaults<'a> {
     pub(super) fn new(timeline: &Timeline, one: &'a ControlLoop) -> Self {
         let period_seconds = timeline.period_seconds;
-        let is_late = |fault: &Fault| {
+        let is_late_enough = |fault: &Fault| {
             let seconds = fault.number("delay_milliseconds") / 1e3;
             seconds + TIME_TOLERANCE_SECONDS >= LATE_PERIODS * period_seconds
         };
-        let is_felt = |fault: &&Fault| fault.kind.touch != Touch::Late || is_late(fault);
+        let is_felt = |fault: &&Fault| fault.kind.touch != Touch::Late || is_late_enough(fault);
         let faults = Vec::from_iter(one.faults().filter(is_felt));
         let watch = one.real_drive.as_ref().map_or(0.0, |drive| {
             f64::from(drive.real.timeouts.controller_lost_milliseconds) / 1e3

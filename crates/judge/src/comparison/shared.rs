@@ -162,6 +162,7 @@ pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) 
         if value.is_nan() || low.is_nan() {
             f64::NAN
         } else if (low..=high).contains(&value) {
+            // Also an infinite value, whose difference from itself is NaN.
             0.0
         } else {
             value - value.clamp(low, high)
