@@ -221,6 +221,14 @@ mod tests {
             let term = described(&Port::term(name), &Measurand::default());
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
+        let dotted = LawRow {
+            ports: || Some(one_loop::<Pid>([Port::term("a.b")])),
+            ..LawRow::of::<Pid>()
+        };
+        assert_eq!(
+            check(&dotted).unwrap_err().to_string(),
+            "the law `pid`: a term cannot be called `a.b`: a law of one loop names no loop"
+        );
         // The law is registered already.
         let refused = register_laws(vec![LawRow::of::<Pid>()]).unwrap_err();
         assert_eq!(

@@ -119,7 +119,7 @@ impl LawWires {
     pub fn for_one_loop(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
         let inside = conversion(unit.word(), unit.law_word()).unwrap_or(1.0);
         let reading = |port: &Port| loop_reading(port, inside);
-        let writing = |port: &Port| Ok(loop_writing(port, inside));
+        let writing = |port: &Port| loop_writing(port, inside);
         let wires = Self::found(ports, reading, writing)?;
         let is_first = |writing: &Writing| writing.is_command && writing.index == 0;
         if wires.outputs.iter().any(is_first) {
@@ -191,16 +191,20 @@ fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
     })
 }
 
-fn loop_writing(port: &Port, inside: f64) -> Writing {
+fn loop_writing(port: &Port, inside: f64) -> Result<Writing, WrongPort> {
+    if port.name.contains('.') {
+        let message = format!("a term cannot be called `{}`", port.name);
+        return Err(wrong(message, "a law of one loop names no loop".to_owned()));
+    }
     let commanded = commanded_drive(&port.name);
-    Writing {
+    Ok(Writing {
         is_command: commanded.is_some(),
         index: commanded.unwrap_or_default(),
         factor: match commanded {
             None if port.is_position => 1.0 / inside,
             _ => 1.0,
         },
-    }
+    })
 }
 
 fn wrong(message: String, label: String) -> WrongPort {
