@@ -6,7 +6,8 @@
 use std::time::Duration;
 
 use canopen::nmt::NodeId;
-use canopen::sdo_client::{SdoClient, SdoError, SdoFailure, unsigned};
+use canopen::sdo::little_endian_u32;
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{Services, cia402};
 use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Pdo};
@@ -178,8 +179,8 @@ impl BringUp {
         self.client.take_result().is_some()
     }
 
-    /// Goes to the begin of the program.
-    pub(crate) fn begin(&mut self) {
+    /// Goes back to the beginning of the program.
+    pub(crate) fn rewind(&mut self) {
         self.client.reset();
         (self.next, self.differs) = (0, false);
     }
@@ -247,7 +248,7 @@ impl BringUp {
         let wanted = step.shown(step.value);
         match (&step.action, result) {
             (Action::Compare { mask }, Ok(bytes)) => {
-                let found = unsigned(&bytes);
+                let found = little_endian_u32(&bytes);
                 self.differs |= found.is_none_or(|found| (found ^ step.value) & mask != 0);
                 Ok(())
             }
@@ -258,7 +259,7 @@ impl BringUp {
                 self.differs = true;
                 Ok(())
             }
-            (Action::Require, Ok(bytes)) => match unsigned(&bytes) {
+            (Action::Require, Ok(bytes)) => match little_endian_u32(&bytes) {
                 Some(found) if found == step.value => Ok(()),
                 found => {
                     let found =

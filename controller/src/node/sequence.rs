@@ -97,7 +97,7 @@ impl Leader {
     pub(super) fn configure(&mut self, services: &mut Services, place: usize) {
         let drive = &mut self.loops[place].drive;
         drive.phase = DrivePhase::Configuring;
-        drive.bring_up.begin();
+        drive.bring_up.rewind();
         self.advance(services, place);
     }
 

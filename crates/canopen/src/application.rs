@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::emcy::{EmergencyMessage, ErrorCode};
+use crate::emcy::{Condition, EmergencyMessage, ErrorCode};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::AbortCode;
 use crate::pdo::WaitingPdo;
@@ -24,14 +24,15 @@ pub enum CommunicationLoss {
 }
 
 impl CommunicationLoss {
-    /// Returns the error to raise, with its source; `None` for bus-off, since the bus would not carry the message.
-    pub(crate) fn error(self) -> Option<(ErrorCode, u16)> {
-        match self {
-            Self::Heartbeat(node_id) => Some((ErrorCode::HEARTBEAT, u16::from(node_id.get()))),
-            Self::Sync => Some((ErrorCode::COMMUNICATION, 0)),
-            Self::Rpdo(number) => Some((ErrorCode::RPDO_TIMEOUT, number)),
-            Self::BusOff => None,
-        }
+    /// Returns the error to raise; `None` for bus-off, since the bus would not carry the message.
+    pub(crate) fn error(self) -> Option<Condition> {
+        let (code, source) = match self {
+            Self::Heartbeat(node_id) => (ErrorCode::HEARTBEAT, u16::from(node_id.get())),
+            Self::Sync => (ErrorCode::COMMUNICATION, 0),
+            Self::Rpdo(number) => (ErrorCode::RPDO_TIMEOUT, number),
+            Self::BusOff => return None,
+        };
+        Some(Condition { code, source })
     }
 }
 

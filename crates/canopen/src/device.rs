@@ -11,7 +11,7 @@ use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use crate::application::{Application, CommunicationLoss};
-use crate::emcy::{self, EmergencyMessage, ErrorCode};
+use crate::emcy::{self, Condition, EmergencyMessage, ErrorCode};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
@@ -354,7 +354,7 @@ impl<A: Application> Device<A> {
 
     /// Reports a loss and obeys 0x1029, which is about heartbeat and bus-off only.
     fn lose(&mut self, loss: CommunicationLoss) {
-        if let Some((code, source)) = loss.error() {
+        if let Some(Condition { code, source }) = loss.error() {
             self.services.raise_from(code, source);
         }
         self.application
@@ -381,7 +381,7 @@ impl<A: Application> Device<A> {
     fn recover(&mut self, loss: CommunicationLoss) {
         let emcy = &self.services.emcy;
         let active = loss.error().filter(|error| emcy.is_active(*error));
-        if let Some((code, source)) = active {
+        if let Some(Condition { code, source }) = active {
             self.services.clear_from(code, source);
             self.application
                 .on_communication_recovery(&mut self.services, loss);

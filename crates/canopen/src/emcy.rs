@@ -109,8 +109,13 @@ impl EmergencyMessage {
     }
 }
 
-/// Condition that lasts: its code, and its source, which separates several with the same code.
-type Condition = (ErrorCode, u16);
+/// Condition that lasts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Condition {
+    pub(crate) code: ErrorCode,
+    /// RPDO or node, which separates several conditions with the same code.
+    pub(crate) source: u16,
+}
 
 /// EMCY producer of a node.
 #[derive(Clone, Debug, Default)]
@@ -182,7 +187,7 @@ impl Emcy {
             return;
         }
         self.active.push(condition);
-        let (code, _) = condition;
+        let code = condition.code;
         record(dictionary, code, manufacturer);
         self.announce(dictionary, code, manufacturer);
     }
@@ -195,7 +200,7 @@ impl Emcy {
             return;
         };
         self.active.swap_remove(place);
-        let (code, source) = condition;
+        let Condition { code, source } = condition;
         let [low, high] = code.0.to_le_bytes();
         let [source_low, source_high] = source.to_le_bytes();
         let manufacturer = [low, high, source_low, source_high, 0];
@@ -234,7 +239,7 @@ impl Emcy {
         manufacturer: [u8; 5],
     ) {
         let active = self.active.iter();
-        let bits = active.map(|(code, _)| code.register_bits());
+        let bits = active.map(|condition| condition.code.register_bits());
         let register = bits.fold(0, |all, bits| all | bits);
         set(dictionary, ERROR_REGISTER, 0, u32::from(register));
         if self.queue.len() >= QUEUE_LENGTH {

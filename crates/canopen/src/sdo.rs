@@ -71,38 +71,35 @@ pub(crate) enum Step {
     Done,
 }
 
-/// State of a transfer: the frame for which client or server waits.
+/// State of a transfer: the frame for which client or server waits. The first word says which of them has the state.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) enum State {
+    /// Both: no transfer.
     #[default]
     Idle,
-    /// The client asked for a value.
-    UploadRequested {
-        is_block: bool,
-    },
-    /// The client announced a value, or sent it. `is_expedited`: the answer ends the transfer.
-    DownloadRequested {
-        is_expedited: bool,
-    },
+    /// Client: it asked for a value.
+    UploadRequested { is_block: bool },
+    /// Client: it announced a value, or sent it. `is_expedited`: the answer ends the transfer.
+    DownloadRequested { is_expedited: bool },
+    /// Client: it announced a value, to send it in blocks.
     BlockDownloadRequested,
-    /// The next segment to receive has this toggle bit.
-    Receiving {
-        toggle: bool,
-    },
-    /// The next segment to send begins at `position`. The request for it has this toggle bit, or the confirmation of the one
-    /// before it.
-    Sending {
-        toggle: bool,
-        position: usize,
-    },
+    /// Both: the next segment to receive has this toggle bit.
+    Receiving { toggle: bool },
+    /// Both: the next segment to send begins at `position`. The request for it has this toggle bit, or the confirmation of the
+    /// one before it.
+    Sending { toggle: bool, position: usize },
+    /// Both: the next segment of a block.
     ReceivingBlock {
         /// Number of segments of the block that were stored.
         stored: u8,
     },
+    /// Both: the sender's end of the transfer.
     BlockReceived,
-    /// The server waits for the client's start.
+    /// Server: the client's start.
     BlockPrepared(BlockSender),
+    /// Both: the acknowledgement of a block.
     SendingBlock(BlockSender),
+    /// Both: the confirmation of the end.
     BlockSent,
 }
 
@@ -246,6 +243,13 @@ pub(crate) fn expedited(command: u8, bytes: &[u8]) -> Option<(u8, [u8; 4])> {
 /// Returns how many of the four bytes of an expedited command are used; `None` if the command does not tell.
 pub fn expedited_length(command: u8) -> Option<usize> {
     (command & 1 != 0).then_some(4 - usize::from(command >> 2 & 0b11))
+}
+
+/// Returns the number that bytes hold, least significant first; `None` for no bytes or more than four.
+pub fn little_endian_u32(bytes: &[u8]) -> Option<u32> {
+    let mut buffer = [0; 4];
+    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
 }
 
 /// Returns the segment of `data` that begins at `position`, and whether it is the last; the command specifier is 0 in both

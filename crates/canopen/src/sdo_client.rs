@@ -274,7 +274,9 @@ impl SdoClient {
                 Ok(Step::Forward)
             }
             State::BlockSent if answer[0] == 0xA1 => Ok(self.written()),
-            _ => Ok(Step::Stale),
+            State::Idle | State::BlockPrepared(_) | State::SendingBlock(_) | State::BlockSent => {
+                Ok(Step::Stale)
+            }
         }
     }
 
@@ -393,13 +395,6 @@ impl SdoClient {
         self.transfer.with_crc = answer[0] & 0b100 != 0;
         Ok(Step::Forward)
     }
-}
-
-/// Decodes a value that was read as a little-endian number of one to four bytes.
-pub fn unsigned(bytes: &[u8]) -> Option<u32> {
-    let mut buffer = [0; 4];
-    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
 }
 
 #[cfg(test)]

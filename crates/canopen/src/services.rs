@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use crate::emcy::{self, Emcy, ErrorCode};
+use crate::emcy::{self, Condition, Emcy, ErrorCode};
 use crate::heartbeat::{self, HeartbeatConsumer, HeartbeatProducer};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
@@ -188,13 +188,14 @@ impl Services {
 
     /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. An error that is active already is not raised again.
     pub fn raise_error(&mut self, code: ErrorCode, manufacturer: [u8; 5]) {
+        let condition = Condition { code, source: 0 };
         self.emcy
-            .raise(&mut self.dictionary, (code, 0), manufacturer);
+            .raise(&mut self.dictionary, condition, manufacturer);
     }
 
     /// Ends an error: 0x1001 and the EMCY "no error" follow. An error that is not active does not end.
     pub fn clear_error(&mut self, code: ErrorCode) {
-        self.emcy.clear(&mut self.dictionary, (code, 0));
+        self.clear_from(code, 0);
     }
 
     /// Sets the shortest time without a SYNC before [`crate::CommunicationLoss::Sync`], which CiA 301 leaves open. The time-out
@@ -229,14 +230,16 @@ impl Services {
     pub(crate) fn raise_from(&mut self, code: ErrorCode, source: u16) {
         let [low, high] = source.to_le_bytes();
         let manufacturer = [low, high, 0, 0, 0];
+        let condition = Condition { code, source };
         self.emcy
-            .raise(&mut self.dictionary, (code, source), manufacturer);
+            .raise(&mut self.dictionary, condition, manufacturer);
     }
 
     /// Ends an error of one RPDO or node.
     #[inline]
     pub(crate) fn clear_from(&mut self, code: ErrorCode, source: u16) {
-        self.emcy.clear(&mut self.dictionary, (code, source));
+        let condition = Condition { code, source };
+        self.emcy.clear(&mut self.dictionary, condition);
     }
 
     /// Returns an object's value as a client reads it.

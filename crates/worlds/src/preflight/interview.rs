@@ -6,7 +6,8 @@
 use std::time::Duration;
 
 use canopen::object_dictionary::{AbortCode, Entry};
-use canopen::sdo_client::{SdoClient, SdoError, SdoFailure, unsigned};
+use canopen::sdo::little_endian_u32;
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{NmtCommand, NodeId, cia402};
 use platform::clock::Clock;
 use scenario::rig::object_address;
@@ -159,7 +160,7 @@ impl<'a> Interview<'a> {
             };
             let read = match self.ask_drive(address, None)? {
                 Err(error) => return Ok(failed(error.to_string())),
-                Ok(bytes) => unsigned(&bytes),
+                Ok(bytes) => little_endian_u32(&bytes),
             };
             let wanted = format!("0x{wanted:X}");
             let read = read.map_or("no number".to_owned(), |number| format!("0x{number:X}"));
