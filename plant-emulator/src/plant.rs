@@ -3,7 +3,8 @@
 use std::any::Any;
 use std::{fmt, io};
 
-use scenario::custom::{Parameters, WrongParameter};
+use scenario::custom::Parameters;
+pub use scenario::custom::WrongParameter;
 pub use scenario::fault::Faults;
 pub use scenario::port::{Port, Ports};
 
@@ -23,8 +24,8 @@ pub trait Plant: Any + fmt::Debug + Send {
     where
         Self: Sized;
 
-    /// Returns the kinds of `[[fault.plant.…]]` that its condition supports; others are refused. The format has those of the
-    /// plants whose tables it has.
+    /// Returns the kinds of `[[fault.plant.…]]` that its condition supports; others are refused. For a plant whose table the
+    /// scenario format has, the format lists them, and this is not asked.
     fn faults() -> &'static [&'static str]
     where
         Self: Sized,
