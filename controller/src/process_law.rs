@@ -89,7 +89,7 @@ pub(crate) fn placed(mut law: ProcessLaw, wiring: &Wiring) -> (ProcessLaw, Ports
 
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
-/// Returns the port of a signal. An amplifier limits its command.
+/// Returns the port of a signal, without a range: the amplifier limits commands.
 fn port_of(signal: &str, wiring: &Wiring) -> Port {
     Port::output(&whole_name(signal, wiring), ANY)
 }
@@ -209,25 +209,25 @@ mod tests {
                 terms: vec!["x.sum".to_owned()],
                 parameters: BTreeMap::new(),
             };
-            let (part, _) = placed(ProcessLaw::from(&program), &wiring);
+            let (law, _) = placed(ProcessLaw::from(&program), &wiring);
             let controller = Controller {
                 program: Some(program),
                 ..Controller::default()
             };
-            (part, objection(&controller, &wiring))
+            (law, objection(&controller, &wiring))
         };
-        let (part, wrong) = written(Command::Current, "x.current_milliamperes");
+        let (law, wrong) = written(Command::Current, "x.current_milliamperes");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
-        assert_eq!(part.setup.ranges, [[-2000.0, 4000.0]]);
+        assert_eq!(law.setup.ranges, [[-2000.0, 4000.0]]);
         assert_eq!(
-            (&part.setup.writes[0], &part.setup.terms[0]),
+            (&law.setup.writes[0], &law.setup.terms[0]),
             (&"current_milliamperes".to_owned(), &"sum".to_owned())
         );
-        let (part, wrong) = written(Command::Voltage, "voltage_volts");
+        let (law, wrong) = written(Command::Voltage, "voltage_volts");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
-        assert_eq!(part.setup.ranges, [[-2.0, 4.0]]);
-        let (part, wrong) = written(Command::Voltage, "current_amperes");
-        assert_eq!(part.setup.ranges, [ANY], "one for each of `writes`");
+        assert_eq!(law.setup.ranges, [[-2.0, 4.0]]);
+        let (law, wrong) = written(Command::Voltage, "current_amperes");
+        assert_eq!(law.setup.ranges, [ANY], "one for each of `writes`");
         let wrong = wrong.unwrap();
         assert_eq!(wrong.path, "controller.program.writes.0");
         assert!(

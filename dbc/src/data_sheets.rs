@@ -86,8 +86,8 @@ fn with_clients_listed(text: &str, count: usize) -> String {
     format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
 }
 
-/// Returns an EDS for one node of a rig, with the node's name and number, with objects that have other values there, and with the
-/// word of the unit of a drive's positions, if it is not the millimetre.
+/// Returns an EDS for one node of a rig, with the node's name and number, with the values of `presets`, and with the word of the unit
+/// of a drive's positions, if it is not the millimetre.
 pub fn node_sheet(
     eds: &str,
     (name, node_id): (&str, u8),

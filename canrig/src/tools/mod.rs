@@ -81,13 +81,13 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
 /// Reason why a tool failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ToolError {
-    /// An argument or a file is wrong, or the bus does not work.
+    /// An argument or a file is wrong, there is not one run to join, signals cannot be handled, or the bus does not work.
     #[error(transparent)]
     Failed(#[from] Failure),
     /// A transfer failed.
     #[error(transparent)]
     Sdo(#[from] SdoError),
-    /// There is not one run to join, or the tool would disturb a running controller.
+    /// The tool would disturb a running controller.
     #[error("{0}")]
     Refused(String),
     /// Ctrl-C or SIGTERM came before the end.

@@ -59,7 +59,7 @@ pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<Controller
         let real = real_drive.as_deref();
         (view, real.map(|drive| (&drive.real, &drive.layout)))
     });
-    controller_node_of_loops(loops, &|part| laws.start(part))
+    controller_node_of_loops(loops, &|law| laws.start(law))
         .map_err(|error| WorldError::set_up(&laws.controller, &error))
 }
 
