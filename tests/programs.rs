@@ -886,8 +886,8 @@ fn played_twice_the_first_frame_that_differs_is_named() {
     assert!(text.contains(" of controller at "), "{text}");
     // More frames than a recorded run keeps in memory.
     let long = ["simulate", "--twice", "--set", "duration_seconds=70.0"];
-    let step = Path::new("scenarios/step.toml");
-    let (_, text, _) = played(step, &folder.path().join("long"), &long);
+    let step = root().join("scenarios/step.toml");
+    let (_, text, _) = played(&step, &folder.path().join("long"), &long);
     assert!(text.contains("played twice: the same 3"), "{text}");
 }
 
