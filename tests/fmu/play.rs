@@ -8,15 +8,14 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use fmu::export::Role;
-use fmu::table::{Wire, Wiring, wiring};
-use fmu::unit::Conversion;
+use fmu::table::{Wiring, wiring};
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
 use platform::keeper;
 use runner::console::{failed, print};
 use runner::exit::{Exit, Failure};
 use scenario::plant::Fmu;
-use scenario::port::Port;
+use scenario::port::{Port, Ports};
 use worlds::fmu_worker::{self, RemoteFmu};
 
 /// Plays an FMU, and prints its outputs as CSV
@@ -107,16 +106,15 @@ fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Failure> {
         let wanted = variables
             .iter()
             .filter(move |variable| is_wanted(&variable.role));
-        wanted.map(|variable| Wire {
-            port: Port::output(&variable.name, [f64::NEG_INFINITY, f64::INFINITY]),
-            variable: variable.name.clone(),
-            conversion: Conversion::NONE,
-        })
+        let endless = [f64::NEG_INFINITY, f64::INFINITY];
+        wanted.map(move |variable| Port::output(&variable.name, endless))
     };
     let wiring = Wiring {
         configuration: Configuration::default(),
-        inputs: ports(|role| matches!(role, Role::Input(_))).collect(),
-        outputs: ports(|role| *role == Role::Output).collect(),
+        ports: Ports {
+            inputs: ports(|role| matches!(role, Role::Input(_))).collect(),
+            outputs: ports(|role| *role == Role::Output).collect(),
+        },
     };
     let outputs = plant.outputs();
     let step_seconds = args.step_milliseconds / 1e3;
@@ -138,7 +136,7 @@ fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Failure> {
         })
     })?;
     let unpacked = archive.unpack().map_err(of_fmu)?;
-    let mut at_start = vec![0.0; wiring.outputs.len()];
+    let mut at_start = vec![0.0; wiring.ports.outputs.len()];
     let mut remote =
         RemoteFmu::load(&unpacked, &wiring.configuration, &mut at_start).map_err(of_fmu)?;
     steps(args, &wiring, &at_start, |to_seconds, inputs, outputs| {
@@ -159,11 +157,12 @@ fn steps(
         None => Vec::new(),
     };
     let mut outputs = at_start.to_owned();
-    let mut inputs = vec![0.0; wiring.inputs.len()];
+    let mut inputs = vec![0.0; wiring.ports.inputs.len()];
     if !args.cost {
-        let names = wiring.outputs.iter().map(|wire| wire.port.name.as_str());
+        let ports = wiring.ports.outputs.iter();
+        let names = ports.map(|port| port.name.as_str());
         print(&Vec::from_iter(std::iter::once("time_seconds").chain(names)).join(","));
-        print(&row(0.0, &outputs, wiring));
+        print(&row(0.0, at_start));
     }
     let clock = Clock::start();
     for step in 1..=args.steps {
@@ -174,7 +173,7 @@ fn steps(
         let to_seconds = f64::from(step) * args.step_milliseconds / 1e3;
         advance(to_seconds, &inputs, &mut outputs)?;
         if !args.cost {
-            print(&row(to_seconds, &outputs, wiring));
+            print(&row(to_seconds, &outputs));
         }
     }
     if args.cost {
@@ -199,36 +198,30 @@ fn plant_table(path: &Path) -> Result<(String, Fmu), Failure> {
     plant.ok_or_else(|| refused("it has no table [plant.NAME.fmu]".to_owned()))
 }
 
-/// Reads the inputs of each step, in the units of the FMU and the order of the configuration.
+/// Reads the inputs of each step, in the order of the configuration.
 fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Failure> {
     let refused = |reason: String| of_file(path, reason);
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
     let mut lines = text.lines();
     let names = Vec::from_iter(lines.next().unwrap_or_default().split(','));
-    let columns = wiring.inputs.iter().map(|wire| {
-        let column = names.iter().position(|name| *name == wire.port.name);
-        column.ok_or_else(|| refused(format!("it has no column {}", wire.port.name)))
+    let columns = wiring.ports.inputs.iter().map(|port| {
+        let column = names.iter().position(|name| *name == port.name);
+        column.ok_or_else(|| refused(format!("it has no column {}", port.name)))
     });
     let columns = columns.collect::<Result<Vec<_>, Failure>>()?;
     let row = |line: &str| {
         let cells = Vec::from_iter(line.split(','));
-        let values = columns.iter().zip(&wiring.inputs).map(|(column, port)| {
+        let values = columns.iter().map(|column| {
             let cell = cells.get(*column).copied().unwrap_or_default();
-            let value: f64 = cell
-                .parse()
-                .map_err(|_| refused(format!("`{cell}` is no number")))?;
-            Ok(port.conversion.back(value))
+            cell.parse()
+                .map_err(|_| refused(format!("`{cell}` is no number")))
         });
         values.collect::<Result<Vec<_>, Failure>>()
     };
     lines.map(row).collect()
 }
 
-fn row(time_seconds: f64, outputs: &[f64], wiring: &Wiring) -> String {
-    let values = outputs
-        .iter()
-        .zip(&wiring.outputs)
-        .map(|(value, port)| port.conversion.of(*value));
-    let cells = std::iter::once(time_seconds).chain(values);
+fn row(time_seconds: f64, outputs: &[f64]) -> String {
+    let cells = std::iter::once(time_seconds).chain(outputs.iter().copied());
     Vec::from_iter(cells.map(|value| value.to_string())).join(",")
 }

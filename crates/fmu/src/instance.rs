@@ -8,6 +8,7 @@ use crate::archive::description_in;
 use crate::description::Variable;
 use crate::error::{Fault, said};
 use crate::library::{self, Slave, Status, text};
+use crate::unit::Conversion;
 
 /// Largest number of halvings of a step that the FMU refuses.
 const HALVINGS_MAX: i32 = 20;
@@ -26,11 +27,20 @@ pub struct Configuration {
     /// Start values, by the names of variables.
     pub start: Vec<(String, StartValue)>,
     /// Variables that are set before each step, in this order.
-    pub inputs: Vec<String>,
+    pub inputs: Vec<PortVariable>,
     /// Variables that are read after each step, in this order.
-    pub outputs: Vec<String>,
+    pub outputs: Vec<PortVariable>,
     /// The only length of a step; `None` for steps of any length.
     pub step_seconds: Option<f64>,
+}
+
+/// Variable behind a port of a plant or a law.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct PortVariable {
+    /// The variable.
+    pub variable: Variable,
+    /// Conversion from the variable to the port.
+    pub conversion: Conversion,
 }
 
 /// A start value.
@@ -45,10 +55,8 @@ pub enum StartValue {
 /// One instance of an FMU at its time. An advance neither allocates nor looks anything up.
 pub struct Instance {
     slave: Box<dyn Slave>,
-    inputs: Vec<Variable>,
-    outputs: Vec<Variable>,
-    /// Last values of the inputs; NaN before the first.
-    last_inputs: Vec<f64>,
+    inputs: Vec<Input>,
+    outputs: Vec<PortVariable>,
     /// The only length of a step.
     step_seconds: Option<f64>,
     /// Number of steps of that length since the start.
@@ -59,6 +67,14 @@ pub struct Instance {
     time_seconds: f64,
     /// Whether the FMU is to be terminated: after its start, and until a fatal error.
     is_initialized: bool,
+}
+
+/// Input with its value in this step.
+struct Input {
+    behind: PortVariable,
+    /// Value in the FMU's unit; NaN before the first.
+    value: f64,
+    is_changed: bool,
 }
 
 /// Terminates the instance as FMI requires: some FMUs write their files then. An error comes too late to report.
@@ -79,23 +95,19 @@ impl Instance {
     pub fn new(folder: &Path, configuration: &Configuration) -> Result<Self, Fault> {
         let description = description_in(folder)?;
         let co_simulation = description.served()?;
-        let variables = |names: &[String]| {
-            let found = names.iter().map(|name| description.variable(name).cloned());
-            found.collect::<Result<Vec<_>, Fault>>()
-        };
         let start = configuration.start.iter();
         let start = start.map(|(name, value)| Ok((description.variable(name)?, value)));
         let start = start.collect::<Result<Vec<_>, Fault>>()?;
-        let (inputs, outputs) = (
-            variables(&configuration.inputs)?,
-            variables(&configuration.outputs)?,
-        );
+        let inputs = configuration.inputs.iter().cloned().map(|behind| Input {
+            behind,
+            value: f64::NAN,
+            is_changed: false,
+        });
         let slave = library::instantiate(folder, &description, &text(&configuration.name)?)?;
         let mut instance = Self {
             slave,
-            last_inputs: vec![f64::NAN; inputs.len()],
-            inputs,
-            outputs,
+            inputs: inputs.collect(),
+            outputs: configuration.outputs.clone(),
             step_seconds: configuration.step_seconds,
             steps: 0.0,
             may_shorten: co_simulation.takes_any_step,
@@ -139,8 +151,8 @@ impl Instance {
         self.time_seconds
     }
 
-    /// Advances the time under constant inputs. An FMU with a fixed step advances by whole steps; its outputs are then
-    /// constant until the next one.
+    /// Advances the time under constant inputs, in the units of their ports. An FMU with a fixed step advances by whole
+    /// steps; its outputs are then constant until the next one.
     ///
     /// # Errors
     /// An input is no number, or the FMU failed.
@@ -155,7 +167,7 @@ impl Instance {
         }
     }
 
-    /// Reads the outputs.
+    /// Reads the outputs, in the units of their ports.
     ///
     /// # Errors
     /// An output is no finite number, or the FMU failed.
@@ -168,14 +180,16 @@ impl Instance {
             self.outputs.len(),
             "outputs of the configuration"
         );
-        for (variable, value) in self.outputs.iter().zip(outputs) {
-            let status = self.slave.number(variable.kind, variable.reference, value);
+        for (behind, output) in self.outputs.iter().zip(outputs) {
+            let variable = &behind.variable;
+            let (status, value) = self.slave.number(variable.kind, variable.reference);
             if !status.is_good() {
                 return Err(refused(&mut *self.slave, variable, "read", status));
             }
             if !value.is_finite() {
-                return Err(self.not_finite(variable, *value, "the FMU computed it"));
+                return Err(self.not_finite(variable, value, "the FMU computed it"));
             }
+            *output = behind.conversion.of(value);
         }
         Ok(())
     }
@@ -186,45 +200,47 @@ impl Instance {
             self.inputs.len(),
             "inputs of the configuration"
         );
-        let mut pairs = self.inputs.iter().zip(inputs);
-        if let Some((variable, value)) = pairs.find(|(_, value)| !value.is_finite()) {
-            return Err(self.not_finite(variable, *value, "what is wired to it put it out"));
+        for (input, value) in self.inputs.iter_mut().zip(inputs) {
+            let value = input.behind.conversion.back(*value);
+            input.is_changed = value.to_bits() != input.value.to_bits();
+            input.value = value;
+        }
+        let mut inputs = self.inputs.iter();
+        if let Some(input) = inputs.find(|input| !input.value.is_finite()) {
+            let whose = "what is wired to it put it out";
+            return Err(self.not_finite(&input.behind.variable, input.value, whose));
         }
         // Discrete inputs are set in event mode, if the FMU has one.
-        self.set_those(inputs, false)?;
-        let is_changed = |((variable, value), last): ((&Variable, &f64), &f64)| {
-            variable.is_discrete_input() && value.to_bits() != last.to_bits()
-        };
-        let mut pairs = self.inputs.iter().zip(inputs).zip(&self.last_inputs);
-        if self.has_events && pairs.any(is_changed) {
+        self.set_those(false)?;
+        let is_event =
+            |input: &Input| input.is_changed && input.behind.variable.is_discrete_input();
+        if self.has_events && self.inputs.iter().any(is_event) {
             self.call(library::ENTER_EVENT_MODE)?;
-            self.set_those(inputs, true)?;
+            self.set_those(true)?;
             self.update_and_go_on()?;
         } else if !self.has_events {
-            self.set_those(inputs, true)?;
+            self.set_those(true)?;
         }
         Ok(())
     }
 
     /// Sets the inputs that have changed: the discrete ones, or the others.
-    fn set_those(&mut self, inputs: &[f64], is_discrete: bool) -> Result<(), Fault> {
-        let values = self.inputs.iter().zip(inputs).zip(&mut self.last_inputs);
-        for ((variable, value), last) in values {
-            let is_wanted = variable.is_discrete_input() == is_discrete;
-            if !is_wanted || value.to_bits() == last.to_bits() {
+    fn set_those(&mut self, is_discrete: bool) -> Result<(), Fault> {
+        for input in &self.inputs {
+            let (variable, value) = (&input.behind.variable, input.value);
+            if !input.is_changed || variable.is_discrete_input() != is_discrete {
                 continue;
             }
             let kind = variable.kind;
             let taken = match kind.whole_range() {
                 Some([lowest, highest]) => value.round().clamp(lowest, highest),
-                None => *value,
+                None => value,
             };
             let status = self.slave.set_number(kind, variable.reference, taken);
             if !status.is_good() {
                 let action = format!("set to {value} at {} s", self.time_seconds);
                 return Err(refused(&mut *self.slave, variable, &action, status));
             }
-            *last = *value;
         }
         Ok(())
     }

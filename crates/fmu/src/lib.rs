@@ -27,5 +27,5 @@ pub mod unit;
 pub use archive::{Archive, Unpacked};
 pub use description::Description;
 pub use error::{Fault, FmuError, said};
-pub use instance::{Configuration, Instance, StartValue};
+pub use instance::{Configuration, Instance, PortVariable, StartValue};
 pub use library::law::LawLibrary;

@@ -1,34 +1,22 @@
 //! `[plant.NAME.fmu]` of a rig file: fits its table to an FMU.
 
 use scenario::plant::{Fmu, FmuPort};
-use scenario::port::{Port, symbol_of};
+use scenario::port::{Port, Ports, symbol_of};
 use toml::Value;
 
 use crate::description::{Causality, CoSimulation, Description, Kind, Variable};
 use crate::error::Fault;
-use crate::instance::{Configuration, StartValue};
+use crate::instance::{Configuration, PortVariable, StartValue};
 use crate::unit::{Conversion, Known, unit_by_base, unit_by_symbol, unit_in_name};
 
-/// A port of a plant or a law, and the variable of an FMU behind it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Wire {
-    /// The port. Its range is infinite if neither the table nor the FMU has a limit.
-    pub port: Port,
-    /// Name of the variable.
-    pub variable: String,
-    /// Conversion from the variable to the port.
-    pub conversion: Conversion,
-}
-
 /// A table that fits an FMU: the configuration of the worker, and the ports.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Wiring {
     /// Configuration of the worker.
     pub configuration: Configuration,
-    /// Ports that are set, in the order of the configuration's inputs.
-    pub inputs: Vec<Wire>,
-    /// Ports that are read, in the order of the configuration's outputs.
-    pub outputs: Vec<Wire>,
+    /// Ports of the plant or the law, in the order of the configuration's inputs and outputs. The range of a port is infinite if
+    /// neither the table nor the FMU has a limit.
+    pub ports: Ports,
 }
 
 /// Error of a table that does not fit an FMU.
@@ -59,8 +47,9 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         let start = start.map_err(Misfit::at(format!("start.{name}")))?;
         Ok((name.clone(), start))
     });
-    let start = start.collect::<Result<Vec<_>, Misfit>>()?;
-    let (mut inputs, mut outputs) = (Vec::<Wire>::new(), Vec::new());
+    let mut wiring = Wiring::default();
+    wiring.configuration.name = name.to_owned();
+    wiring.configuration.start = start.collect::<Result<_, Misfit>>()?;
     for (name, port) in &table.ports {
         let place = format!("ports.{name}");
         let at_variable = || Misfit::at(format!("{place}.variable"));
@@ -68,40 +57,34 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
             .variable(&port.variable)
             .map_err(at_variable())?;
         check_port(variable).map_err(at_variable())?;
-        if inputs.iter().any(|other| other.variable == variable.name) {
+        let mut inputs = wiring.configuration.inputs.iter();
+        if inputs.any(|other| other.variable.name == variable.name) {
             let reason = "is two ports already, and can be set by one";
             return Err(at_variable()(Fault::variable(&variable.name, reason)));
         }
-        let mut wire =
-            wire(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
+        let (mut port, behind) =
+            wired(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
         if variable.is_input() {
-            let given = start.iter().find(|(name, _)| *name == wire.variable);
+            let mut start = wiring.configuration.start.iter();
+            let given = start.find(|(name, _)| *name == variable.name);
             if let Some((_, StartValue::Number(number))) = given {
-                wire.port.at_rest = wire.conversion.of(*number);
+                port.at_rest = behind.conversion.of(*number);
             }
-            inputs.push(wire);
+            wiring.ports.inputs.push(port);
+            wiring.configuration.inputs.push(behind);
         } else {
-            outputs.push(wire);
+            wiring.ports.outputs.push(port);
+            wiring.configuration.outputs.push(behind);
         }
     }
-    record(table, description, &mut outputs)?;
+    record(table, description, &mut wiring)?;
     let (wanted, step_key) = match table.step_milliseconds {
         Some(step) => (Some(step / 1e3), "step_milliseconds"),
         None => (None, "file"),
     };
     let step_seconds = fixed_step(wanted, co_simulation, description);
-    let variables = |wires: &[Wire]| wires.iter().map(|wire| wire.variable.clone()).collect();
-    Ok(Wiring {
-        configuration: Configuration {
-            name: name.to_owned(),
-            start,
-            inputs: variables(&inputs),
-            outputs: variables(&outputs),
-            step_seconds: step_seconds.map_err(Misfit::at(step_key))?,
-        },
-        inputs,
-        outputs,
-    })
+    wiring.configuration.step_seconds = step_seconds.map_err(Misfit::at(step_key))?;
+    Ok(wiring)
 }
 
 /// Checks whether a port can carry a variable.
@@ -190,7 +173,7 @@ fn fixed_step(
 }
 
 /// Makes ports of the additional recorded variables.
-fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Wire>) -> Result<(), Misfit> {
+fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result<(), Misfit> {
     let mut taken = Vec::from_iter(table.ports.keys().cloned());
     for (place, name) in table.record.iter().enumerate() {
         let at_place = || Misfit::at(format!("record.{place}"));
@@ -204,13 +187,14 @@ fn record(table: &Fmu, description: &Description, outputs: &mut Vec<Wire>) -> Re
             variable: variable.name.clone(),
             ..FmuPort::default()
         };
-        let wire = wire(&name, &port, variable, description).map_err(at_place())?;
-        if !wire.port.range.iter().all(|limit| limit.is_finite()) {
+        let (port, behind) = wired(&name, &port, variable, description).map_err(at_place())?;
+        if !port.range.iter().all(|limit| limit.is_finite()) {
             return refused(
                 "has no lowest and highest value in the FMU, which its frame needs; make it one of the ports, with a range",
             );
         }
-        outputs.push(wire);
+        wiring.ports.outputs.push(port);
+        wiring.configuration.outputs.push(behind);
     }
     Ok(())
 }
@@ -254,12 +238,12 @@ pub fn proposed(name: &str, file: &str, description: &Description) -> String {
 }
 
 /// Wires a port of a table to its variable. The port has the FMU's description, and the unit from which values are converted.
-fn wire(
+fn wired(
     name: &str,
     port: &FmuPort,
     variable: &Variable,
     description: &Description,
-) -> Result<Wire, Fault> {
+) -> Result<(Port, PortVariable), Fault> {
     let conversion = match (port.factor, port.offset) {
         (None, None) => unit_conversion(name, variable, description)?,
         (factor, offset) => Conversion {
@@ -289,11 +273,12 @@ fn wire(
         let known = symbol_of(word);
         port = port.with_unit(word, if known == *word { symbol } else { known });
     }
-    Ok(Wire {
-        port,
-        variable: variable.name.clone(),
+    let variable = variable.clone();
+    let behind = PortVariable {
+        variable,
         conversion,
-    })
+    };
+    Ok((port, behind))
 }
 
 /// Returns the range from the table, else from the FMU.

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, SystemTime};
 
 use fmu::Fault;
-use fmu::table::{self, Misfit, Wire, wiring};
+use fmu::table::{self, Misfit, wiring};
 use fmu::{Archive, FmuError, Unpacked};
 use plant_emulator::plant::{InvalidPlant, Plant, Ports};
 use scenario::Objection;
@@ -58,28 +58,17 @@ fn wired_plant(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> 
     })
 }
 
-fn fmu_ports(wiring: &table::Wiring) -> Ports {
-    let ports = |wires: &[Wire]| wires.iter().map(|wire| wire.port.clone()).collect();
-    Ports {
-        inputs: ports(&wiring.inputs),
-        outputs: ports(&wiring.outputs),
-    }
-}
-
 /// Plant that an FMU in a worker process computes.
 #[derive(Debug)]
 pub(crate) struct FmuPlant {
-    wiring: table::Wiring,
+    ports: Ports,
     /// The FMU in its worker; `None` after a failure, with which the worker is gone.
     remote: Option<RemoteFmu>,
     /// Files that the worker has open.
     _unpacked: Arc<Unpacked>,
     /// Time in whole nanoseconds, as the drive counts it, so that no sum drifts.
     time: Duration,
-    /// Inputs in the FMU's units.
-    set: Vec<f64>,
-    /// Outputs in the FMU's units.
-    raw: Vec<f64>,
+    outputs: Vec<f64>,
     failure: Option<String>,
 }
 
@@ -100,25 +89,25 @@ impl Plant for FmuPlant {
             _ => InvalidPlant::Other(error.to_string()),
         };
         let unpacked = opened.unpacked().map_err(cannot)?;
-        let mut raw = vec![0.0; wiring.outputs.len()];
-        let remote = RemoteFmu::load(&unpacked, &wiring.configuration, &mut raw).map_err(cannot)?;
+        let mut outputs = vec![0.0; wiring.ports.outputs.len()];
+        let remote =
+            RemoteFmu::load(&unpacked, &wiring.configuration, &mut outputs).map_err(cannot)?;
         Ok(Self {
             remote: Some(remote),
             _unpacked: unpacked,
             time: Duration::ZERO,
-            set: vec![0.0; wiring.inputs.len()],
-            raw,
-            wiring,
+            outputs,
+            ports: wiring.ports,
             failure: None,
         })
     }
 
     fn ports_by(fmu: &Fmu) -> Result<Ports, InvalidPlant> {
-        wired_plant(fmu).map(|(_, wiring)| fmu_ports(&wiring))
+        wired_plant(fmu).map(|(_, wiring)| wiring.ports)
     }
 
     fn ports(&self) -> Ports {
-        fmu_ports(&self.wiring)
+        self.ports.clone()
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
@@ -126,21 +115,15 @@ impl Plant for FmuPlant {
             return;
         };
         self.time += Duration::try_from_secs_f64(duration_seconds).unwrap_or_default();
-        let values = inputs.iter().zip(&self.wiring.inputs);
-        for (set, (input, wire)) in self.set.iter_mut().zip(values) {
-            *set = wire.conversion.back(*input);
-        }
-        if let Err(error) = remote.advance(self.time.as_secs_f64(), &self.set, &mut self.raw) {
+        let to_seconds = self.time.as_secs_f64();
+        if let Err(error) = remote.advance(to_seconds, inputs, &mut self.outputs) {
             self.failure = Some(error.to_string());
             self.remote = None;
         }
     }
 
     fn read(&self, outputs: &mut [f64]) {
-        let values = self.raw.iter().zip(&self.wiring.outputs);
-        for (output, (raw, wire)) in outputs.iter_mut().zip(values) {
-            *output = wire.conversion.of(*raw);
-        }
+        outputs.copy_from_slice(&self.outputs);
     }
 
     fn failure(&self) -> Option<&str> {

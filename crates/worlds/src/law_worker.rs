@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, absolute};
 
-use fmu::table::{Misfit, Wire};
-use fmu::unit::Conversion;
-use fmu::{Fault, Instance, LawLibrary};
+use fmu::table::Misfit;
+use fmu::{Configuration, Fault, Instance, LawLibrary};
 use platform::program::Seat;
 use scenario::Objection;
 use scenario::plant::{Fmu, FmuPort};
@@ -51,7 +50,8 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
             return Some(objection(place_in_law(&place, law), fault.to_string()));
         }
     };
-    let is_input = |variable: &String| wiring.configuration.inputs.contains(variable);
+    let inputs = &wiring.configuration.inputs;
+    let is_input = |name: &String| inputs.iter().any(|input| input.variable.name == *name);
     ports(law).into_iter().find_map(|(key, ports)| {
         let is_read = key == "reads";
         let wrong = ports
@@ -146,36 +146,33 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &LawSetup) -> Result<Loaded, St
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
     let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))
         .map_err(|misfit| misfit.fault.to_string())?;
-    let mut instance = Instance::new(folder, &wiring.configuration).map_err(told)?;
-    let inputs = places(&wiring.inputs, welcome.reads.iter());
-    let outputs = places(&wiring.outputs, welcome.writes.iter().chain(&welcome.terms));
-    let mut set = vec![0.0; wiring.inputs.len()];
-    let mut seen = vec![0.0; wiring.outputs.len()];
+    let (ports, configuration) = (&wiring.ports, &wiring.configuration);
+    let reads = welcome.reads.iter();
+    let reads = reads.filter_map(|name| configuration.inputs.get(ports.input(name)?));
+    let written = welcome.writes.iter().chain(&welcome.terms);
+    let written = written.filter_map(|name| configuration.outputs.get(ports.output(name)?));
+    // In the order of the law's values.
+    let configuration = Configuration {
+        inputs: reads.cloned().collect(),
+        outputs: written.cloned().collect(),
+        ..configuration.clone()
+    };
+    let mut instance = Instance::new(folder, &configuration).map_err(told)?;
+    // Until there is a value, an input is 0 in the FMU's unit.
+    let inputs = configuration.inputs.iter();
+    let mut set = Vec::from_iter(inputs.map(|input| input.conversion.of(0.0)));
     Ok(Box::new(move |time, period, reads, writes| {
-        for (read, (place, conversion)) in reads.iter().zip(&inputs) {
+        for (set, read) in set.iter_mut().zip(reads) {
             if !read.is_nan() {
-                set[*place] = conversion.back(*read);
+                *set = *read;
             }
         }
         instance.advance(time + period, &set).map_err(told)?;
-        instance.read(&mut seen).map_err(told)?;
-        for (write, (place, conversion)) in writes.iter_mut().zip(&outputs) {
-            *write = conversion.of(seen[*place]);
-        }
-        Ok(())
+        instance.read(writes).map_err(told)
     }))
 }
 
 /// Returns the text of an error for the other end of the seat, which knows the file.
 pub(crate) fn told(fault: Fault) -> String {
     fault.to_string()
-}
-
-/// Returns the indices of ports by their names, with their conversions.
-fn places<'a>(wires: &[Wire], names: impl Iterator<Item = &'a String>) -> Vec<(usize, Conversion)> {
-    let place = |name: &String| {
-        let place = wires.iter().position(|wire| wire.port.name == *name)?;
-        Some((place, wires[place].conversion))
-    };
-    names.filter_map(place).collect()
 }

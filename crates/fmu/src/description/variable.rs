@@ -1,7 +1,7 @@
 //! One variable of an FMU.
 
-use serde::Deserialize;
 use serde::de::value::{Error, StrDeserializer};
+use serde::{Deserialize, Serialize};
 
 /// Returns the value of this name in FMI; `None` if there is none.
 pub(super) fn keyword<'a, T: Deserialize<'a>>(text: &'a str) -> Option<T> {
@@ -9,7 +9,7 @@ pub(super) fn keyword<'a, T: Deserialize<'a>>(text: &'a str) -> Option<T> {
 }
 
 /// The type of a variable's values.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Kind {
     Float32,
@@ -72,7 +72,7 @@ impl Kind {
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
 /// Role of a variable.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Causality {
@@ -101,7 +101,7 @@ impl Causality {
 }
 
 /// Times at which a variable may change.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Variability {
@@ -113,7 +113,7 @@ pub enum Variability {
 }
 
 /// Source of a variable's first value.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Initial {
@@ -123,7 +123,7 @@ pub enum Initial {
 }
 
 /// A variable.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Variable {
     /// Name of the variable.
     pub name: String,

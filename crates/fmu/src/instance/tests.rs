@@ -41,9 +41,8 @@ impl Slave for Fake {
         self.noted(format!("set {reference} {value}"));
         Status(0)
     }
-    fn number(&mut self, _: Kind, _: u32, value: &mut f64) -> Status {
-        *value = self.value;
-        Status(0)
+    fn number(&mut self, _: Kind, _: u32) -> (Status, f64) {
+        (Status(0), self.value)
     }
     fn set_text(&mut self, _: u32, _: &CStr) -> Status {
         Status(0)
@@ -94,8 +93,8 @@ impl Slave for Fake {
     }
 }
 
-fn variable(name: &str, reference: u32, kind: Kind, variability: Variability) -> Variable {
-    Variable {
+fn behind(name: &str, reference: u32, kind: Kind, variability: Variability) -> PortVariable {
+    let variable = Variable {
         name: name.to_owned(),
         reference,
         description: String::new(),
@@ -108,6 +107,18 @@ fn variable(name: &str, reference: u32, kind: Kind, variability: Variability) ->
         unit: None,
         min: None,
         max: None,
+    };
+    PortVariable {
+        variable,
+        conversion: Conversion::NONE,
+    }
+}
+
+fn input(behind: PortVariable) -> Input {
+    Input {
+        behind,
+        value: f64::NAN,
+        is_changed: false,
     }
 }
 
@@ -115,8 +126,7 @@ fn instance(fake: Fake) -> Instance {
     Instance {
         slave: Box::new(fake),
         inputs: Vec::new(),
-        outputs: vec![variable("x", 9, Kind::Float64, Continuous)],
-        last_inputs: Vec::new(),
+        outputs: vec![behind("x", 9, Kind::Float64, Continuous)],
         step_seconds: None,
         steps: 0.0,
         may_shorten: true,
@@ -244,10 +254,9 @@ fn inputs_are_set_where_they_changed_and_discrete_ones_in_events() {
     let mut instance = instance(fake);
     instance.has_events = true;
     instance.inputs = vec![
-        variable("u", 1, Kind::Float64, Continuous),
-        variable("valve", 2, Kind::UInt8, Discrete),
+        input(behind("u", 1, Kind::Float64, Continuous)),
+        input(behind("valve", 2, Kind::UInt8, Discrete)),
     ];
-    instance.last_inputs = vec![f64::NAN; 2];
     instance.advance(1.0, &[0.5, 3.4]).unwrap();
     assert_eq!(
         noted.borrow_mut().split_off(0),
@@ -277,6 +286,30 @@ fn steps_of_one_length_do_not_drift() {
 }
 
 #[test]
+fn values_are_in_the_units_of_their_ports() {
+    let fake = Fake {
+        value: 0.02,
+        ..Fake::default()
+    };
+    let noted = fake.calls.clone();
+    let mut instance = instance(fake);
+    let thousands = Conversion {
+        factor: 1e3,
+        offset: 0.0,
+    };
+    instance.outputs[0].conversion = thousands;
+    instance.inputs = vec![input(PortVariable {
+        conversion: thousands,
+        ..behind("u", 1, Kind::Float64, Continuous)
+    })];
+    instance.advance(1.0, &[500.0]).unwrap();
+    assert_eq!(*noted.borrow(), ["set 1 0.5", "step 0 1"]);
+    let mut outputs = [0.0];
+    instance.read(&mut outputs).unwrap();
+    assert_eq!(outputs, [20.0]);
+}
+
+#[test]
 fn what_is_no_number_is_named() {
     let mut computed = instance(Fake {
         value: f64::NAN,
@@ -284,10 +317,9 @@ fn what_is_no_number_is_named() {
     });
     let error = computed.read(&mut [0.0]).unwrap_err().to_string();
     assert_eq!(error, "variable `x` is NaN at 0 s: the FMU computed it");
-    let mut wired = instance(Fake::default());
-    wired.inputs = vec![variable("u", 1, Kind::Float64, Continuous)];
-    wired.last_inputs = vec![f64::NAN];
-    let error = wired
+    let mut given = instance(Fake::default());
+    given.inputs = vec![input(behind("u", 1, Kind::Float64, Continuous))];
+    let error = given
         .advance(1.0, &[f64::INFINITY])
         .unwrap_err()
         .to_string();

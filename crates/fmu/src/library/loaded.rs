@@ -177,12 +177,10 @@ impl Slave for Loaded {
         })
     }
 
-    fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status {
+    fn number(&mut self, kind: Kind, reference: u32) -> (Status, f64) {
         let numbers = self.numbers(kind);
         let got = numbers.map(|numbers| (numbers.get)(self.component, reference));
-        let (status, number) = got.unwrap_or((Status::ERROR, 0.0));
-        *value = number;
-        status
+        got.unwrap_or((Status::ERROR, 0.0))
     }
 
     fn set_text(&mut self, reference: u32, text: &CStr) -> Status {

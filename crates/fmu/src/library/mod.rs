@@ -78,7 +78,7 @@ pub(crate) const TERMINATE: &str = "Terminate";
 pub(crate) trait Slave {
     /// Sets a number; `value` is within the range of its kind.
     fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status;
-    fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status;
+    fn number(&mut self, kind: Kind, reference: u32) -> (Status, f64);
     fn set_text(&mut self, reference: u32, text: &CStr) -> Status;
     fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status;
     fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped;

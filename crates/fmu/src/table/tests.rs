@@ -45,18 +45,19 @@ fn ports_are_in_the_units_of_their_names() {
         arm_celsius = { variable = \"T\" }\n\
         turns = { variable = \"count\", factor = 0.5, offset = 1.0 }\n";
     let wiring = wiring(ports).unwrap();
-    let input = &wiring.inputs[0];
-    let unit = input.port.symbol.as_str();
-    assert_eq!((unit, input.conversion.back(500.0)), ("mA", 0.5));
+    let (ports, configuration) = (wiring.ports, wiring.configuration);
+    let input = configuration.inputs[0].conversion.back(500.0);
+    assert_eq!((&*ports.inputs[0].symbol, input), ("mA", 0.5));
     let value = |name: &str, value: f64| {
-        let wire = wiring.outputs.iter().find(|wire| wire.port.name == name);
-        wire.unwrap().conversion.of(value)
+        let place = ports.output(name).unwrap();
+        configuration.outputs[place].conversion.of(value)
     };
     assert!((value("position_metres", 20.0) - 0.02).abs() < 1e-15);
     assert!((value("arm_celsius", 300.0) - 26.85).abs() < 1e-12);
     assert_eq!(value("turns", 4.0), 3.0);
-    let position = wiring.outputs.iter().find(|wire| wire.variable == "x");
-    assert_eq!(position.unwrap().port.range, [0.0, 0.06]);
+    let position = ports.output("position_metres").unwrap();
+    assert_eq!(configuration.outputs[position].variable.name, "x");
+    assert_eq!(ports.outputs[position].range, [0.0, 0.06]);
 }
 
 #[test]
@@ -107,9 +108,9 @@ fn the_proposed_table_fits() {
     let value: toml::Table = text.parse().unwrap();
     let table: Fmu = value["plant"]["arm"]["fmu"].clone().try_into().unwrap();
     let wiring = super::wiring(&table, "arm", &description()).unwrap();
-    let names = Vec::from_iter(wiring.outputs.iter().map(|wire| wire.port.name.as_str()));
+    let names = Vec::from_iter(wiring.ports.outputs.iter().map(|port| port.name.as_str()));
     assert_eq!(names, ["count", "t_kelvins", "x_millimetres"]);
-    assert_eq!(wiring.inputs[0].port.name, "motor_i_amperes");
+    assert_eq!(wiring.ports.inputs[0].name, "motor_i_amperes");
     assert_eq!(wiring.configuration.start.len(), 4);
     assert!(
         text.contains("x_millimetres = { variable = \"x\" }  # mm: height of it\n"),
@@ -155,15 +156,15 @@ fn a_recorded_variable_keeps_its_name_and_a_port_has_the_range_that_is_said() {
          arm_celsius = { variable = \"T\", range = [-20.0, 90.0] }\n",
     );
     let wiring = wiring.unwrap();
-    let named = |wire: &Wire| (wire.port.name.clone(), wire.port.range);
+    let named = |port: &Port| (port.name.clone(), port.range);
     assert_eq!(
-        Vec::from_iter(wiring.outputs.iter().map(named)),
+        Vec::from_iter(wiring.ports.outputs.iter().map(named)),
         [
             ("arm_celsius".to_owned(), [-20.0, 90.0]),
             ("x_millimetres".to_owned(), [0.0, 60.0])
         ]
     );
-    assert_eq!(wiring.inputs[0].port.at_rest, 250.0);
+    assert_eq!(wiring.ports.inputs[0].at_rest, 250.0);
     for range in ["[1.0, 1.0]", "[1.0]", "[0.0, inf]"] {
         refused(
             &format!("[ports]\narm_celsius = {{ variable = \"T\", range = {range} }}"),
@@ -179,9 +180,8 @@ fn an_input_rests_at_the_start_value_of_the_table() {
     let description = Description::parse(&XML.replace(parameter, input)).unwrap();
     let at_rest = |start: &str| {
         let table = table(&format!("{start}[ports]\non = {{ variable = \"on\" }}\n"));
-        super::wiring(&table, "arm", &description).unwrap().inputs[0]
-            .port
-            .at_rest
+        let wiring = super::wiring(&table, "arm", &description).unwrap();
+        wiring.ports.inputs[0].at_rest
     };
     assert_eq!(at_rest(""), 1.0);
     assert_eq!(at_rest("start = { on = false }\n"), 0.0);
