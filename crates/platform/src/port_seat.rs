@@ -7,7 +7,8 @@ use std::time::Duration;
 use crate::listener::Listener;
 use crate::program::{Order, PORTS_VARIABLE, Program, START_PATIENCE, open_seat};
 use crate::seat::{
-    Header, Kind, MESSAGE_BYTES_MAX, read_answer, read_hello, write_numbers, write_welcome,
+    Header, Kind, MESSAGE_BYTES_MAX, read_answer, read_hello, read_values, write_numbers,
+    write_welcome,
 };
 
 /// Reason why a process gives no answer.
@@ -15,7 +16,7 @@ pub enum NoAnswer {
     /// It ended, or closed its channel without an end: how, and its last output.
     Ended((String, String)),
     /// It took too long.
-    Late(String),
+    Late,
     /// It gave up, with this text.
     GaveUp(String),
     /// It did what no program at a seat does, or cannot be reached.
@@ -29,6 +30,9 @@ pub struct PortSeat {
     pub program: Program,
     message: Vec<u8>,
     answer: Vec<u8>,
+    /// Number of the latest step, and of the latest one that was answered.
+    asked: u32,
+    answered: u32,
 }
 
 impl PortSeat {
@@ -51,6 +55,8 @@ impl PortSeat {
             program: Program::start(&order, Some(listener))?,
             message: Vec::with_capacity(MESSAGE_BYTES_MAX),
             answer: Vec::with_capacity(MESSAGE_BYTES_MAX),
+            asked: 0,
+            answered: 0,
         })
     }
 
@@ -67,7 +73,7 @@ impl PortSeat {
     ) -> Result<(), NoAnswer> {
         if !self.program.accept().map_err(unreachable)? {
             let seconds = START_PATIENCE.as_secs();
-            let late = || NoAnswer::Late(format!("did not come to its seat in {seconds} s"));
+            let late = || NoAnswer::Wrong(format!("did not come to its seat in {seconds} s"));
             let ended = self.program.ended(Duration::ZERO);
             return Err(ended.map_or_else(late, NoAnswer::Ended));
         }
@@ -86,15 +92,10 @@ impl PortSeat {
     ///
     /// # Errors
     /// If there is none in time, or the process is gone or cannot be reached.
-    pub fn answer(
-        &mut self,
-        patience: Duration,
-        closed_patience: Duration,
-    ) -> Result<&[u8], NoAnswer> {
+    fn answer(&mut self, patience: Duration, closed_patience: Duration) -> Result<&[u8], NoAnswer> {
         let received = self.program.receive(&mut self.answer, patience);
         if !received.map_err(unreachable)? {
-            let seconds = patience.as_secs();
-            return Err(NoAnswer::Late(format!("gave no answer in {seconds} s")));
+            return Err(NoAnswer::Late);
         }
         if self.answer.is_empty() {
             let closed = || (CLOSED.to_owned(), String::new());
@@ -109,24 +110,37 @@ impl PortSeat {
     /// # Errors
     /// If the process is gone, or does not read.
     pub fn step(&mut self, header: Header, period_seconds: f64, reads: &[f64]) -> io::Result<()> {
+        self.asked = self.asked.wrapping_add(1);
+        let number = self.asked;
+        let header = Header { number, ..header };
         write_numbers(&mut self.message, header, Some(period_seconds), reads);
         self.program.send(&self.message)
     }
 
-    /// Waits for a message; `None` if none came, and an empty one if the process closed its channel.
+    /// Waits for the answer to a step, which has `count` values; `None` if a late one to an earlier step has come. A process
+    /// that closed its channel has `closed_patience` to end.
     ///
     /// # Errors
-    /// If the system refuses.
-    pub fn receive(&mut self, patience: Duration) -> io::Result<Option<&[u8]>> {
-        let has_come = self.program.receive(&mut self.answer, patience)?;
-        Ok(has_come.then_some(&self.answer))
+    /// If there is none in time, the process gave up, is gone or cannot be reached.
+    pub fn values(
+        &mut self,
+        patience: Duration,
+        closed_patience: Duration,
+        count: usize,
+    ) -> Result<Option<&[u8]>, NoAnswer> {
+        self.answer(patience, closed_patience)?;
+        self.answered = self.answered.wrapping_add(1);
+        let told = read_values(&self.answer, self.answered, count)
+            .map_err(|wrong| NoAnswer::Wrong(format!("answered what is no answer: {wrong}")))?;
+        let body = told.map_err(NoAnswer::GaveUp)?;
+        Ok((self.answered == self.asked).then_some(body))
     }
 
     /// Asks the process to stop; returns whether it does in time.
     pub fn has_stopped(&mut self, patience: Duration) -> bool {
         Header::of(Kind::Stop).begin(&mut self.message);
         let is_asked = self.program.send(&self.message).is_ok();
-        is_asked && matches!(self.receive(patience), Ok(Some([_, ..])))
+        is_asked && self.answer(patience, Duration::ZERO).is_ok()
     }
 }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use fmu::{Configuration, Fault, FmuError, Instance, Unpacked};
 use platform::port_seat::{NoAnswer, PortSeat};
 use platform::program::{Order, START_PATIENCE, Seat};
-use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers, read_values};
+use platform::seat::{Header, Kind, MESSAGE_BYTES_MAX, numbers};
 
 use crate::law_worker::{Loaded, command, told};
 
@@ -29,7 +29,6 @@ const STEPPED: &str = "stepped";
 pub struct RemoteFmu {
     file: PathBuf,
     seat: PortSeat,
-    asked: u32,
 }
 
 impl RemoteFmu {
@@ -61,11 +60,7 @@ impl RemoteFmu {
                 source,
             },
         })?;
-        let mut remote = Self {
-            file,
-            seat,
-            asked: 0,
-        };
+        let mut remote = Self { file, seat };
         let inputs = vec![0.0; configuration.inputs.len()];
         let loaded = remote
             .meet(configuration)
@@ -111,31 +106,23 @@ impl RemoteFmu {
         inputs: &[f64],
         outputs: &mut [f64],
     ) -> Result<(), Fault> {
-        self.asked = self.asked.wrapping_add(1);
-        let header = Header {
-            number: self.asked,
-            ..Header::of(Kind::Step)
-        };
-        let sent = self.seat.step(header, to_seconds, inputs);
+        let seat = &mut self.seat;
+        let sent = seat.step(Header::of(Kind::Step), to_seconds, inputs);
         let patience = if sent.is_ok() {
             STEP_PATIENCE
         } else {
             Duration::ZERO
         };
-        let answered = match (self.seat.answer(patience, CLOSED_PATIENCE), sent) {
-            (Err(NoAnswer::Late(_)), Err(error)) => {
+        let answered = match (seat.values(patience, CLOSED_PATIENCE, outputs.len()), sent) {
+            (Err(NoAnswer::Late), Err(error)) => {
                 Err(NoAnswer::Wrong(format!("cannot be reached: {error}")))
             }
             // Of a worker that is gone, its end says more.
             (answered, _) => answered,
         };
-        let values = answered.and_then(|answer| {
-            let told = read_values(answer, self.asked, outputs.len())
-                .map_err(|_| NoAnswer::Wrong("answered what is no answer".to_owned()))?;
-            told.map_err(NoAnswer::GaveUp)
-        });
-        let values = values.map_err(|why| unanswered(doing, STEP_PATIENCE, why))?;
-        let values = outputs.iter_mut().zip(numbers(values));
+        let values = answered.map_err(|why| unanswered(doing, STEP_PATIENCE, why))?;
+        // Each step is waited for, so none is answered late.
+        let values = outputs.iter_mut().zip(numbers(values.unwrap_or_default()));
         values.for_each(|(output, value)| *output = value);
         Ok(())
     }
@@ -166,7 +153,7 @@ fn unanswered(doing: &str, patience: Duration, why: NoAnswer) -> Fault {
                 "the process that had it loaded {how} while it {doing}; only this run is lost{said}"
             )
         }
-        NoAnswer::Late(_) => {
+        NoAnswer::Late => {
             format!("it did not return within {patience:?} while it {doing}; its process was ended")
         }
         NoAnswer::GaveUp(text) => text,

@@ -15,7 +15,7 @@ use plan::Plan;
 use platform::clock::Clock;
 use platform::port_seat::{CLOSED, NoAnswer, PortSeat};
 use platform::program::{Order, START_PATIENCE};
-use platform::seat::{Header, IS_MISSING, Kind, numbers, read_values};
+use platform::seat::{Header, IS_MISSING, Kind, numbers};
 use scenario::node::Part;
 use scenario::process_law::{LawSetup, Plays, ProcessLaw};
 
@@ -106,8 +106,6 @@ impl LawPlace {
             clock: Clock::start(),
             is_real_time: self.is_real_time,
             ahead: Duration::MAX,
-            asked: 0,
-            answered: 0,
             late: Arc::clone(&self.late),
             late_in_a_row: 0,
             failure: None,
@@ -185,9 +183,6 @@ struct LawProcess {
     is_real_time: bool,
     /// Smallest lead seen of its clock over the node's time, which is never later than the present.
     ahead: Duration,
-    /// Number of the latest question, and of the latest one that was answered.
-    asked: u32,
-    answered: u32,
     late: Arc<AtomicU64>,
     late_in_a_row: u32,
     failure: Option<String>,
@@ -199,11 +194,7 @@ impl LawProcess {
         let welcome = serde_json::to_value(setup).map_err(|error| error.to_string())?;
         let welcome = welcome.to_string();
         let met = self.seat.meet(seed, welcome.as_bytes(), CLOSED_PATIENCE);
-        met.map_err(|why| match why {
-            NoAnswer::Ended(ended) => end_text(&ended),
-            NoAnswer::Late(what) | NoAnswer::Wrong(what) => what,
-            NoAnswer::GaveUp(text) => format!("gave up: {text}"),
-        })
+        met.map_err(|why| unanswered(START_PATIENCE, why))
     }
 
     fn fail(&mut self, what: &str) {
@@ -221,14 +212,12 @@ impl LawProcess {
     }
 
     fn ask(&mut self, cycle: &Cycle, reads: &[f64]) {
-        self.asked = self.asked.wrapping_add(1);
         let time = Duration::try_from_secs_f64(cycle.scenario_time_seconds)
             .unwrap_or_default()
             .as_nanos();
         let is_missing = reads.iter().any(|value| value.is_nan());
         let header = Header {
             a: if is_missing { IS_MISSING } else { 0 },
-            number: self.asked,
             time: u64::try_from(time).unwrap_or(u64::MAX),
             ..Header::of(Kind::Step)
         };
@@ -240,31 +229,25 @@ impl LawProcess {
         let mut waits = 0;
         while !self.is_gone {
             let patience = self.patience(window, WAIT);
-            match self.seat.receive(patience) {
-                Ok(Some([])) | Err(_) => self.is_gone = true,
-                Ok(Some(message)) => {
-                    self.answered = self.answered.wrapping_add(1);
-                    let read = answer(message, self.answered, writes.len());
-                    // A late answer to an earlier question has no effect.
-                    let is_late = read.is_ok() && self.answered != self.asked;
-                    if is_late {
-                        continue;
-                    }
-                    match read.and_then(|body| take(body, writes, &self.outputs)) {
-                        Ok(()) => return true,
-                        Err(what) => self.fail(&what),
-                    }
-                    return false;
+            let answered = self.seat.values(patience, Duration::ZERO, writes.len());
+            let taken = match answered {
+                // A late answer to an earlier question has no effect.
+                Ok(None) => continue,
+                Ok(Some(body)) => take(body, writes, &self.outputs),
+                Err(NoAnswer::Ended(_)) => break,
+                Err(NoAnswer::Late) if self.is_real_time => return false,
+                Err(NoAnswer::Late) if waits < WAITS_MAX => {
+                    waits += 1;
+                    continue;
                 }
-                Ok(None) if self.is_real_time => return false,
-                Ok(None) if waits < WAITS_MAX => waits += 1,
-                Ok(None) => {
-                    let seconds = (WAITS_MAX * WAIT).as_secs();
-                    self.fail(&format!("did not answer in {seconds} s"));
-                    return false;
-                }
+                Err(why) => Err(unanswered(WAITS_MAX * WAIT, why)),
+            };
+            if let Err(what) = &taken {
+                self.fail(what);
             }
+            return taken.is_ok();
         }
+        self.is_gone = true;
         // In real time one of the next cycles sees how it ended.
         let patience = self.patience(window, CLOSED_PATIENCE);
         match self.seat.program.ended(patience) {
@@ -276,14 +259,14 @@ impl LawProcess {
     }
 }
 
-/// Returns the values in the answer with this number.
-///
-/// # Errors
-/// If it is no such answer, or the law gave up.
-fn answer(message: &[u8], number: u32, count: usize) -> Result<&[u8], String> {
-    let told = read_values(message, number, count)
-        .map_err(|wrong| format!("answered what is no answer: {wrong}"))?;
-    told.map_err(|text| format!("gave up: {text}"))
+/// Describes the reason why a process gives no answer.
+fn unanswered(patience: Duration, why: NoAnswer) -> String {
+    match why {
+        NoAnswer::Ended(ended) => end_text(&ended),
+        NoAnswer::Late => format!("did not answer in {} s", patience.as_secs()),
+        NoAnswer::GaveUp(text) => format!("gave up: {text}"),
+        NoAnswer::Wrong(what) => what,
+    }
 }
 
 /// Takes the values of an answer.
