@@ -1,7 +1,6 @@
 //! Process that loads the shared library or the FMU of a law, away from all others: `canrig law-worker`, at a seat like any
 //! program.
 
-use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, absolute};
 
@@ -10,8 +9,7 @@ use fmu::{Configuration, Fault, Instance, LawLibrary};
 use platform::program::Seat;
 use scenario::Objection;
 use scenario::plant::{Fmu, FmuPort};
-use scenario::process_law::{FmuLaw, LawSetup};
-use toml::Value;
+use scenario::process_law::{FmuLaw, LawSetup, ProcessLaw};
 
 use crate::fmu_plant::{fmu_wiring, objection_to};
 
@@ -35,15 +33,11 @@ pub(crate) fn command(subcommand: &str, paths: &[&Path]) -> Result<Vec<String>, 
 
 /// Returns the objection to the FMU of a law, by the FMU's description.
 pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
-    let variables = ports(law)
-        .into_iter()
-        .flat_map(|(_, ports)| ports)
-        .map(|(variable, signal)| (signal.clone(), variable.clone()));
     let objection = |place: String, what: String| {
         let path = format!("controller.fmu.{place}");
         objection_to(&law.file, path, format!("law: {what}"))
     };
-    let table = fmu_table(&law.file, variables.collect(), law.parameters.clone());
+    let table = fmu_table(&law.file, ProcessLaw::from(law).setup);
     let wiring = match fmu_wiring(&table) {
         Ok(wiring) => wiring,
         Err(Misfit { place, fault }) => {
@@ -52,27 +46,28 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
     };
     let inputs = &wiring.configuration.inputs;
     let is_input = |name: &String| inputs.iter().any(|input| input.variable.name == *name);
-    ports(law).into_iter().find_map(|(key, ports)| {
-        let is_read = key == "reads";
-        let wrong = ports
-            .keys()
-            .find(|variable| is_input(variable) != is_read)?;
-        let what = if is_read {
-            format!("variable `{wrong}` is no input, so it reads nothing")
-        } else {
-            format!("variable `{wrong}` is an input, so it writes nothing")
-        };
-        Some(objection(format!("{key}.{wrong}"), what))
-    })
+    let mut ports = ports(law);
+    let (key, wrong, _) =
+        ports.find(|(key, variable, _)| is_input(variable) != (*key == "reads"))?;
+    let what = if key == "reads" {
+        format!("variable `{wrong}` is no input, so it reads nothing")
+    } else {
+        format!("variable `{wrong}` is an input, so it writes nothing")
+    };
+    Some(objection(format!("{key}.{wrong}"), what))
 }
 
-/// Returns the tables of a law's ports, by their keys.
-fn ports(law: &FmuLaw) -> [(&'static str, &BTreeMap<String, String>); 3] {
-    [
+/// Returns the ports of a law: the key of the table, the variable and the signal of each.
+fn ports(law: &FmuLaw) -> impl Iterator<Item = (&'static str, &String, &String)> {
+    let tables = [
         ("reads", &law.reads),
         ("writes", &law.writes),
         ("terms", &law.terms),
-    ]
+    ];
+    tables.into_iter().flat_map(|(key, ports)| {
+        let named = ports.iter();
+        named.map(move |(variable, signal)| (key, variable, signal))
+    })
 }
 
 /// Converts a place in the table of a plant to the place in the table of the law.
@@ -83,28 +78,21 @@ fn place_in_law(place: &str, law: &FmuLaw) -> String {
     let signal = place
         .strip_prefix("ports.")
         .map(|signal| signal.strip_suffix(".variable").unwrap_or(signal));
-    let found = ports(law).into_iter().find_map(|(key, ports)| {
-        let mut ports = ports.iter();
-        let (variable, _) = ports.find(|(_, port)| Some(port.as_str()) == signal)?;
-        Some(format!("{key}.{variable}"))
-    });
-    found.unwrap_or_else(|| "file".to_owned())
+    let found = ports(law).find(|(.., port)| Some(port.as_str()) == signal);
+    let in_table = found.map(|(key, variable, _)| format!("{key}.{variable}"));
+    in_table.unwrap_or_else(|| "file".to_owned())
 }
 
 /// Returns the table of a plant that is the same FMU with ports of these names.
-fn fmu_table(
-    file: &str,
-    variables: BTreeMap<String, String>,
-    parameters: BTreeMap<String, Value>,
-) -> Fmu {
+fn fmu_table(file: &str, setup: LawSetup) -> Fmu {
     let port = |variable| FmuPort {
         variable,
         ..FmuPort::default()
     };
-    let ports = variables.into_iter();
+    let ports = setup.variables.into_iter();
     Fmu {
         file: file.to_owned(),
-        start: parameters,
+        start: setup.parameters,
         ports: ports
             .map(|(name, variable)| (name, port(variable)))
             .collect(),
@@ -143,8 +131,7 @@ fn load_library(file: &Path, setup: &LawSetup, seed: u64) -> Result<Loaded, Stri
 /// commands of this cycle. A missing input keeps its value.
 fn load_fmu(file: &Path, folder: &Path, welcome: &LawSetup) -> Result<Loaded, String> {
     let name = file.to_string_lossy();
-    let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
-    let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))
+    let wiring = fmu_wiring(&fmu_table(&name, welcome.clone()))
         .map_err(|misfit| misfit.fault.to_string())?;
     let (ports, configuration) = (&wiring.ports, &wiring.configuration);
     let reads = welcome.reads.iter();
