@@ -144,17 +144,6 @@ fn preset_line(preset: &Preset, line: &str) -> Option<String> {
     })
 }
 
-/// Analogue output of an io node (CiA 401) that the rig defines.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct AnalogueOutput {
-    /// Place among the outputs of the node, from 0.
-    pub place: usize,
-    /// Name of the output.
-    pub name: String,
-    /// Value at the start and after an error, in steps.
-    pub at_rest: i16,
-}
-
 /// Objects "write analogue output 16-bit", error mode and error value (CiA 401), each with the data type and the access of its
 /// entries.
 const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
@@ -165,19 +154,21 @@ const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
 /// Section before which new sections are inserted.
 const MANUFACTURER_OBJECTS: &str = "[ManufacturerObjects]";
 
-/// Returns the EDS of an io node with these outputs. The sheet has the fan and the load as they are, before all others.
-pub fn with_outputs(eds: &str, mut outputs: Vec<AnalogueOutput>) -> String {
-    outputs.retain(|output| ![CONVECTION_FACTOR, ADDED_LOAD].contains(&&*output.name));
-    let (Some(first), Some(last)) = (outputs.first(), outputs.last()) else {
+/// Returns the EDS of an io node (CiA 401) with these analogue outputs, each with its place from 0, its name, and its value at the
+/// start and after an error, in steps. The sheet has the fan and the load as they are, before all others.
+pub fn with_outputs<'a>(eds: &str, outputs: impl Iterator<Item = (usize, &'a str, i16)>) -> String {
+    let is_other = |(_, name, _): &(_, &str, _)| ![CONVECTION_FACTOR, ADDED_LOAD].contains(name);
+    let outputs = Vec::from_iter(outputs.filter(is_other));
+    let (Some((first, ..)), Some((last, ..))) = (outputs.first(), outputs.last()) else {
         return eds.to_owned();
     };
-    let count = last.place + 1;
+    let count = last + 1;
     let is_replaced = |section: &str| {
         OUTPUT_OBJECTS.iter().any(|(object, ..)| {
             let number = section
                 .strip_prefix(object)
                 .and_then(|rest| rest.strip_prefix("sub")?.parse().ok());
-            number.is_some_and(|number: usize| number > first.place)
+            number.is_some_and(|number: usize| number > *first)
         })
     };
     let mut section = String::new();
@@ -186,7 +177,7 @@ pub fn with_outputs(eds: &str, mut outputs: Vec<AnalogueOutput>) -> String {
         if let Some(name) = line.strip_prefix('[') {
             name.trim_end_matches(']').clone_into(&mut section);
             if line == MANUFACTURER_OBJECTS {
-                outputs.iter().for_each(|output| text += &entries(output));
+                outputs.iter().for_each(|output| text += &entries(*output));
             }
         }
         // Comments on fan and load, and sections that are written again.
@@ -230,16 +221,11 @@ fn adapted_line(section: &str, line: &str, count: usize) -> String {
 }
 
 /// Returns the entries of an output.
-fn entries(output: &AnalogueOutput) -> String {
-    let AnalogueOutput {
-        place,
-        name,
-        at_rest,
-    } = output;
+fn entries((place, name, at_rest): (usize, &str, i16)) -> String {
     let entries = OUTPUT_OBJECTS.iter().map(|(object, data_type, access)| {
         let (limits, default) = match *object {
             "6443" => ("LowLimit=0\nHighLimit=1\n", 1),
-            _ => ("", *at_rest),
+            _ => ("", at_rest),
         };
         let mapping = u8::from(*object == "6411");
         format!(
@@ -275,24 +261,16 @@ mod tests {
         assert_eq!(clients(&[0x10]).0.len(), 1);
     }
 
-    fn output(place: usize, name: &str, at_rest: i16) -> AnalogueOutput {
-        AnalogueOutput {
-            place,
-            name: name.to_owned(),
-            at_rest,
-        }
-    }
-
     #[test]
     fn an_io_node_has_the_outputs_that_the_rig_wires() {
-        assert_eq!(with_outputs(DISTURBANCE_EDS, Vec::new()), DISTURBANCE_EDS);
-        let outputs = vec![
-            output(0, CONVECTION_FACTOR, 1000),
-            output(1, ADDED_LOAD, 0),
-            output(2, "valve_percent", 500),
-            output(3, "tilt_degrees", -3),
-        ];
-        let text = with_outputs(DISTURBANCE_EDS, outputs);
+        let with_outputs = |outputs: &[_]| with_outputs(DISTURBANCE_EDS, outputs.iter().copied());
+        assert_eq!(with_outputs(&[]), DISTURBANCE_EDS);
+        let text = with_outputs(&[
+            (0, CONVECTION_FACTOR, 1000),
+            (1, ADDED_LOAD, 0),
+            (2, "valve_percent", 500),
+            (3, "tilt_degrees", -3),
+        ]);
         let beside = eds::parse(&text, 0x11).unwrap();
         let values = |index: u16| {
             [1, 2, 3, 4].map(|sub_index| {
@@ -307,7 +285,7 @@ mod tests {
         assert_eq!(beside.unsigned(0x1600, 0), Some(4));
         assert_eq!(beside.unsigned(0x1600, 3), Some(0x6411_0310));
 
-        let text = with_outputs(DISTURBANCE_EDS, vec![output(0, "valve_percent", 7)]);
+        let text = with_outputs(&[(0, "valve_percent", 7)]);
         let alone = eds::parse(&text, 0x11).unwrap();
         let handle = alone.find(0x6411, 1).unwrap();
         assert_eq!(alone.entry(handle).name, "valve_percent");

@@ -38,7 +38,6 @@ use canopen::{Device, NodeId};
 
 use clocked_plant::ClockedPlant;
 use data_sheet::{dictionary, node_id};
-use dbc::data_sheets::AnalogueOutput;
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 use drive_node::{DriveNode, Parts};
@@ -342,12 +341,8 @@ fn disturbance(
     manager: u8,
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
-    let outputs = outputs.iter().map(|output| AnalogueOutput {
-        place: output.place,
-        name: output.port.name.clone(),
-        at_rest: output.raw_at_rest(),
-    });
-    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, outputs.collect());
+    let outputs = outputs.iter().map(IoOutput::in_sheet);
+    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, outputs);
     let mut objects = dictionary(node_id, &text)?;
     objects.preset(&dbc::data_sheets::io_watch(manager));
     let module = DisturbanceModule::new(&objects)?;

@@ -1,11 +1,11 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use canopen::object_dictionary::Preset;
-use dbc::data_sheets::AnalogueOutput;
 use dbc::loops::truth_presets;
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::node::Node;
 use scenario::port::Unit;
+use scenario::wiring::IoOutput;
 
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::plan::{ControlLoop, Plan, each_once};
@@ -43,12 +43,8 @@ fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
         }
     };
     let io_sheets = one.nodes.io.iter().map(|io| {
-        let outputs = one.io_outputs(io).iter().map(|output| AnalogueOutput {
-            place: output.place,
-            name: output.port.name.clone(),
-            at_rest: output.raw_at_rest(),
-        });
-        let eds = data_sheets::with_outputs(DISTURBANCE_EDS, outputs.collect());
+        let outputs = one.io_outputs(io).iter().map(IoOutput::in_sheet);
+        let eds = data_sheets::with_outputs(DISTURBANCE_EDS, outputs);
         let watch = data_sheets::io_watch(one.nodes.controller.id);
         sheet(io, &eds, &[watch], None)
     });

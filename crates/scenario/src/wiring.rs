@@ -309,13 +309,15 @@ impl IoOutput {
         steps.max(least) / self.steps_per_input
     }
 
-    /// Returns the value while no node commands it in steps, cut to 16 bits.
+    /// Returns its place and its name as the node's data sheet has them, and the value while no node commands it in steps, cut to
+    /// 16 bits.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "`as` cuts to the ends of the type, which is what is wanted"
     )]
-    pub fn raw_at_rest(&self) -> i16 {
-        libm::round(self.port.at_rest * self.port.steps_per_unit) as i16
+    pub fn in_sheet(&self) -> (usize, &str, i16) {
+        let at_rest = libm::round(self.port.at_rest * self.port.steps_per_unit) as i16;
+        (self.place, &self.port.name, at_rest)
     }
 }
 
