@@ -7,8 +7,7 @@ use dbc::{Signal, layout};
 use scenario::Objection;
 use scenario::controller::{Controller, is_built_in};
 use scenario::custom::{CustomTable, Section, defaults, is_name};
-use scenario::law_ports::{LawWires, WrongPort};
-use scenario::port::{Measurand, Ports, Unit};
+use scenario::law_ports::WrongPort;
 use scenario::registration::{InvalidRegistration, register};
 use scenario::wiring::{LoopFacts, Wiring};
 
@@ -16,7 +15,6 @@ use crate::error::ControllerError;
 use crate::law::{AnyLaw, Law};
 use crate::laws::SHIPPED;
 use crate::process_law;
-use crate::terms::described;
 
 /// A law that a scenario can choose by the table with its name.
 #[derive(Clone, Copy)]
@@ -24,8 +22,8 @@ pub struct LawRow {
     name: &'static str,
     table: fn() -> CustomTable,
     make: fn(&Controller, &Wiring) -> Result<AnyLaw, ControllerError>,
-    /// Ports of a law of one loop with its default parameters; `None` if some parameters have no default.
-    ports: fn() -> Option<Ports>,
+    /// Makes a law of one loop with its default parameters; `None` if some parameters have no default.
+    make_default: fn() -> Option<AnyLaw>,
 }
 
 impl LawRow {
@@ -37,10 +35,9 @@ impl LawRow {
             make: |controller, wiring| {
                 Ok(controller.with_parameters(|config| AnyLaw::of::<L>(config, wiring))?)
             },
-            ports: || {
-                let config = L::DRIVES.and_then(|_| defaults::<L::Config>().ok());
-                let currents = Wiring::default().currents(L::DRIVES);
-                config.map(|config| L::new(&config, &currents).ports())
+            make_default: || {
+                let config = L::DRIVES.and_then(|_| defaults::<L::Config>().ok())?;
+                Some(AnyLaw::of::<L>(&config, &Wiring::default()))
             },
         }
     }
@@ -63,15 +60,11 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidRegistration> {
 
 /// Checks whether the bus can carry the outputs of a law of one loop.
 fn check(row: &LawRow) -> Result<(), InvalidRegistration> {
-    let Some(ports) = (row.ports)() else {
+    let Some(law) = (row.make_default)() else {
         return Ok(());
     };
-    let wires = LawWires::for_one_loop(&ports, &Unit::Millimetres);
-    let checked = wires.and_then(|wires| {
-        let terms = wires.terms(0, &ports.outputs);
-        let described = terms.map(|(_, port, _)| described(port, &Measurand::default()));
-        check_terms(&Vec::from_iter(described))
-    });
+    let wires = law.wires();
+    let checked = wires.and_then(|_| check_terms(&law.terms(&Wiring::default())));
     checked.map_err(|wrong| InvalidRegistration(format!("the law `{}`: {wrong}", row.name)))
 }
 
@@ -162,6 +155,8 @@ mod tests {
     use super::*;
     use crate::law::{CurrentRange, Cycle, Port, one_loop};
     use crate::laws::pid::Pid;
+    use crate::terms::described;
+    use scenario::port::{Measurand, Ports};
     use scenario::{Identifiers, controller};
 
     #[test]
