@@ -5,6 +5,8 @@
 
 mod heat;
 mod motion;
+#[cfg(test)]
+mod tests;
 
 use std::sync::LazyLock;
 
@@ -33,7 +35,7 @@ pub struct DcMotor {
 
 impl DcMotor {
     /// Makes a motor with these parameters, at rest on the stop, without current and as warm as the air.
-    pub fn with(config: &scenario::plant::DcMotor) -> Self {
+    fn with(config: &scenario::plant::DcMotor) -> Self {
         Self {
             heat: Heat::new(config),
             motion: Motion::new(config),
@@ -41,40 +43,13 @@ impl DcMotor {
         }
     }
 
-    /// Works as [`DcMotor::with`], for a motor that is lifted to a height and released there.
-    pub fn let_go_at(config: &scenario::plant::DcMotor, position_metres: f64) -> Self {
-        let mut motor = Self::with(config);
-        motor.motion.lift_to(position_metres);
-        motor
-    }
-
     /// Advances the time under constant inputs, in equal steps of at most [`STEP_SECONDS_MAX`].
-    pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
+    fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
         let step = |step_seconds| {
             self.heat.step(step_seconds, inputs);
             self.motion.step(step_seconds, inputs, self.condition);
         };
         in_equal_steps(duration_seconds, STEP_SECONDS_MAX, STEP_EXCESS, step);
-    }
-
-    /// Returns the height of the load above its stop.
-    pub fn position_metres(&self) -> f64 {
-        self.motion.position_metres
-    }
-
-    /// Returns the speed of the load, upwards.
-    pub fn velocity_metres_per_second(&self) -> f64 {
-        self.motion.velocity_metres_per_second
-    }
-
-    /// Returns the temperature of the winding.
-    pub fn winding_celsius(&self) -> f64 {
-        self.heat.winding_celsius
-    }
-
-    /// Returns the temperature of the housing.
-    pub fn housing_celsius(&self) -> f64 {
-        self.heat.housing_celsius
     }
 }
 
@@ -113,8 +88,8 @@ impl Plant for DcMotor {
 
     fn read(&self, outputs: &mut [f64]) {
         outputs.copy_from_slice(&[
-            self.position_metres(),
-            self.winding_celsius(),
+            self.motion.position_metres,
+            self.heat.winding_celsius,
             self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU,
             self.motion.spring_newtons(),
             self.motion.pinion_angle_radians().to_degrees(),
@@ -122,7 +97,7 @@ impl Plant for DcMotor {
     }
 
     fn heated_celsius(&self, _input: usize) -> Option<f64> {
-        Some(self.winding_celsius())
+        Some(self.heat.winding_celsius)
     }
 
     fn set_condition(&mut self, _input: usize, faults: &Faults, time_seconds: f64) {
@@ -138,21 +113,4 @@ fn check(config: &scenario::plant::DcMotor) -> Result<(), InvalidPlant> {
     follows("heat", heat, STEP_SECONDS_MAX)?;
     let motion = Motion::new(config).fastest_rate_per_second();
     follows("motion", motion, STEP_SECONDS_MAX)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_motor_that_is_too_fast_is_refused() {
-        let config = scenario::plant::DcMotor {
-            rotor_inertia_kilogram_square_metres: 1e-12,
-            gear_inertia_kilogram_square_metres: 0.0,
-            spring_newtons_per_metre: 1e6,
-            ..scenario::plant::DcMotor::default()
-        };
-        let message = check(&config).unwrap_err().to_string();
-        assert!(message.starts_with("motion changes at up to"), "{message}");
-    }
 }

@@ -63,12 +63,6 @@ impl Motion {
         }
     }
 
-    /// Moves the load to rest at a height.
-    pub(super) fn lift_to(&mut self, position_metres: f64) {
-        self.position_metres = position_metres;
-        self.velocity_metres_per_second = 0.0;
-    }
-
     /// Takes one step. Coulomb friction and the stop change the equation at a reversal, so the step is divided there.
     pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs, condition: Condition) {
         let forces = self.forces(inputs, condition);

@@ -1,9 +1,10 @@
 //! Physics of the DC motor, compared with closed forms and with numbers of the data sheet that are not parameters.
 
-use plant_emulator::plant::{CURRENT, Inputs, Plant};
-use plant_emulator::plants::dc_motor::DcMotor;
 use scenario::Trial;
 use scenario::plant::DcMotor as Config;
+
+use super::*;
+use crate::plant::CURRENT;
 
 /// `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
@@ -42,6 +43,13 @@ fn config(has_coulomb: bool, viscous_factor: f64) -> Config {
     config
 }
 
+/// Returns a motor that is lifted to a height and released there.
+fn let_go_at(config: &Config, position_metres: f64) -> DcMotor {
+    let mut motor = DcMotor::with(config);
+    motor.motion.position_metres = position_metres;
+    motor
+}
+
 fn current(current_amperes: f64) -> Inputs {
     Inputs {
         current_amperes,
@@ -59,14 +67,14 @@ fn holding_amperes(config: &Config, position_metres: f64) -> f64 {
 fn turns(motor: &mut DcMotor, inputs: &Inputs, seconds: f64) -> Vec<(f64, f64)> {
     let step = 1e-4;
     let mut turns = Vec::new();
-    let mut before = motor.velocity_metres_per_second();
+    let mut before = motor.motion.velocity_metres_per_second;
     let mut time = 0.0;
     while time < seconds {
         motor.advance(step, inputs);
         time += step;
-        let now = motor.velocity_metres_per_second();
+        let now = motor.motion.velocity_metres_per_second;
         if before != 0.0 && now * before <= 0.0 {
-            turns.push((time, motor.position_metres()));
+            turns.push((time, motor.motion.position_metres));
         }
         before = now;
     }
@@ -98,9 +106,9 @@ fn the_nominal_current_heats_the_winding_to_its_largest_temperature() {
     let mut motor = DcMotor::with(&Config::default());
     motor.advance(10.0 * 612.0, &current(1.24));
     assert!(
-        (motor.winding_celsius() - 100.0).abs() < 1.5,
+        (motor.heat.winding_celsius - 100.0).abs() < 1.5,
         "{}",
-        motor.winding_celsius()
+        motor.heat.winding_celsius
     );
 }
 
@@ -120,11 +128,11 @@ fn the_temperatures_settle_where_heat_in_is_heat_out() {
         let at_reference = config.winding_resistance_ohms * amperes * amperes * resistance;
         let rise = at_reference / (1.0 - 0.003_93 * at_reference);
         assert!(
-            (motor.winding_celsius() - 25.0 - rise).abs() < 0.01,
+            (motor.heat.winding_celsius - 25.0 - rise).abs() < 0.01,
             "{amperes} A, fan {fan}"
         );
         let housing = rise * to_air / resistance;
-        assert!((motor.housing_celsius() - 25.0 - housing).abs() < 0.01);
+        assert!((motor.heat.housing_celsius - 25.0 - housing).abs() < 0.01);
     }
 }
 
@@ -132,7 +140,7 @@ fn the_temperatures_settle_where_heat_in_is_heat_out() {
 fn without_friction_the_load_swings_at_its_natural_frequency_for_ever() {
     let config = config(false, 0.0);
     let half = std::f64::consts::PI * (mass(&config) / config.spring_newtons_per_metre).sqrt();
-    let mut motor = DcMotor::let_go_at(&config, 0.035);
+    let mut motor = let_go_at(&config, 0.035);
     let turns = turns(
         &mut motor,
         &current(holding_amperes(&config, 0.02)),
@@ -156,7 +164,7 @@ fn viscous_friction_alone_takes_the_same_share_of_every_swing() {
     let (mass, stiffness) = (mass(&config), config.spring_newtons_per_metre);
     let ratio = damping(&config) / (2.0 * (mass * stiffness).sqrt());
     let share = libm::exp(-std::f64::consts::PI * ratio / (1.0 - ratio * ratio).sqrt());
-    let mut motor = DcMotor::let_go_at(&config, 0.05);
+    let mut motor = let_go_at(&config, 0.05);
     let turns = turns(&mut motor, &current(holding_amperes(&config, 0.03)), 3.0);
     let mut amplitude = 0.02;
     for (time, height) in &turns {
@@ -177,7 +185,7 @@ fn coulomb_friction_alone_takes_the_same_height_of_every_swing() {
         ..config(true, 0.0)
     };
     let loss = 2.0 * coulomb_newtons(&config) / config.spring_newtons_per_metre;
-    let mut motor = DcMotor::let_go_at(&config, 0.05);
+    let mut motor = let_go_at(&config, 0.05);
     let inputs = current(holding_amperes(&config, 0.03));
     let turns = turns(&mut motor, &inputs, 6.0);
     let mut amplitude = 0.02;
@@ -190,10 +198,13 @@ fn coulomb_friction_alone_takes_the_same_height_of_every_swing() {
     }
     let expected = ((0.02 / loss) - 0.5).ceil();
     assert!((turns.len() as f64 - expected).abs() < 0.5, "{turns:?}");
-    let rest = motor.position_metres();
+    let rest = motor.motion.position_metres;
     motor.advance(1.0, &inputs);
     assert_eq!(
-        (motor.position_metres(), motor.velocity_metres_per_second()),
+        (
+            motor.motion.position_metres,
+            motor.motion.velocity_metres_per_second
+        ),
         (rest, 0.0)
     );
 }
@@ -210,7 +221,7 @@ fn a_slow_ramp_draws_the_hysteresis_of_the_friction() {
         let amperes = 0.6 * (1.0 - (seconds / 120.0 - 1.0).abs());
         motor.advance(1e-3, &current(amperes));
         if millisecond == 60_000 || millisecond == 180_000 {
-            heights.push(motor.position_metres());
+            heights.push(motor.motion.position_metres);
         }
     }
     let weight = config.load_kilograms * GRAVITY;
@@ -233,7 +244,7 @@ fn a_sine_of_current_is_answered_as_the_linear_equation_says() {
     let natural = (stiffness / mass).sqrt();
     for factor in [0.3, 1.0, 2.0] {
         let frequency = factor * natural;
-        let mut motor = DcMotor::let_go_at(&config, 0.03);
+        let mut motor = let_go_at(&config, 0.03);
         let bias = holding_amperes(&config, 0.03);
         let (mut highest, mut lowest) = (f64::MIN, f64::MAX);
         for step in 0..120_000_u32 {
@@ -241,8 +252,8 @@ fn a_sine_of_current_is_answered_as_the_linear_equation_says() {
             let amperes = bias + 0.02 * libm::sin(frequency * seconds);
             motor.advance(2.5e-4, &current(amperes));
             if step > 100_000 {
-                highest = motor.position_metres().max(highest);
-                lowest = motor.position_metres().min(lowest);
+                highest = motor.motion.position_metres.max(highest);
+                lowest = motor.motion.position_metres.min(lowest);
             }
         }
         let reactance = stiffness - mass * frequency * frequency;
@@ -259,10 +270,13 @@ fn a_sine_of_current_is_answered_as_the_linear_equation_says() {
 #[test]
 fn what_the_motor_puts_in_is_stored_or_rubbed_away() {
     let config = Config::default();
-    let mut motor = DcMotor::let_go_at(&config, 0.02);
+    let mut motor = let_go_at(&config, 0.02);
     let step = 1e-4;
     let energy = |motor: &DcMotor| {
-        let (height, speed) = (motor.position_metres(), motor.velocity_metres_per_second());
+        let (height, speed) = (
+            motor.motion.position_metres,
+            motor.motion.velocity_metres_per_second,
+        );
         0.5 * mass(&config) * speed * speed
             + 0.5 * config.spring_newtons_per_metre * height * height
             + config.load_kilograms * GRAVITY * height
@@ -272,14 +286,20 @@ fn what_the_motor_puts_in_is_stored_or_rubbed_away() {
     for index in 0..50_000_u32 {
         let seconds = f64::from(index) * step;
         let amperes = 0.45 + 0.15 * libm::sin(3.0 * seconds) + 0.05 * libm::sin(7.0 * seconds);
-        let (height, speed) = (motor.position_metres(), motor.velocity_metres_per_second());
+        let (height, speed) = (
+            motor.motion.position_metres,
+            motor.motion.velocity_metres_per_second,
+        );
         motor.advance(step, &current(amperes));
-        let way = motor.position_metres() - height;
-        let mean = 0.5 * (speed + motor.velocity_metres_per_second());
+        let way = motor.motion.position_metres - height;
+        let mean = 0.5 * (speed + motor.motion.velocity_metres_per_second);
         work += force_per_ampere(&config) * amperes * way;
         coulomb += coulomb_newtons(&config) * way.abs();
         viscous += damping(&config) * mean * mean * step;
-        assert!(motor.position_metres() > 0.0, "the stop takes energy too");
+        assert!(
+            motor.motion.position_metres > 0.0,
+            "the stop takes energy too"
+        );
     }
     let stored = energy(&motor) - before;
     let missing = work - stored - coulomb - viscous;
@@ -295,26 +315,26 @@ fn the_load_rests_on_its_stop_until_the_current_lifts_it() {
     let mut motor = DcMotor::with(&config);
     motor.advance(1.0, &current(-1.0));
     motor.advance(1.0, &current(0.99 * needed));
-    assert_eq!(motor.position_metres(), 0.0);
+    assert_eq!(motor.motion.position_metres, 0.0);
     motor.advance(1.0, &current(1.01 * needed));
-    assert!(motor.position_metres() > 0.0);
+    assert!(motor.motion.position_metres > 0.0);
 }
 
 #[test]
 fn a_jammed_pinion_stands_and_a_dropped_load_no_longer_pulls() {
     let config = config(false, 20.0);
-    let mut motor = DcMotor::let_go_at(&config, 0.03);
+    let mut motor = let_go_at(&config, 0.03);
     let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
                 [[fault.plant.jammed_pulley]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
                 [[fault.plant.dropped_load]]\nfrom_seconds = 2.0\n";
     let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
     motor.set_condition(CURRENT, &scenario.run.faults, 1.5);
     motor.advance(1.0, &current(1.0));
-    assert_eq!(motor.position_metres(), 0.03);
+    assert_eq!(motor.motion.position_metres, 0.03);
     motor.set_condition(CURRENT, &scenario.run.faults, 2.5);
     motor.advance(60.0, &current(holding_amperes(&config, 0.03)));
     let higher = config.load_kilograms * GRAVITY / config.spring_newtons_per_metre;
-    assert!((motor.position_metres() - 0.03 - higher).abs() < 1e-6);
+    assert!((motor.motion.position_metres - 0.03 - higher).abs() < 1e-6);
 }
 
 #[test]
@@ -328,6 +348,18 @@ fn many_short_steps_come_to_the_same_as_one_long() {
     for _ in 0..6250 {
         often.advance(0.000_32, &inputs);
     }
-    assert!((once.position_metres() - often.position_metres()).abs() < 1e-6);
-    assert!((once.winding_celsius() - often.winding_celsius()).abs() < 1e-9);
+    assert!((once.motion.position_metres - often.motion.position_metres).abs() < 1e-6);
+    assert!((once.heat.winding_celsius - often.heat.winding_celsius).abs() < 1e-9);
+}
+
+#[test]
+fn a_motor_that_is_too_fast_is_refused() {
+    let config = Config {
+        rotor_inertia_kilogram_square_metres: 1e-12,
+        gear_inertia_kilogram_square_metres: 0.0,
+        spring_newtons_per_metre: 1e6,
+        ..Config::default()
+    };
+    let message = check(&config).unwrap_err().to_string();
+    assert!(message.starts_with("motion changes at up to"), "{message}");
 }
