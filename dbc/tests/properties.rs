@@ -53,9 +53,10 @@ fn plant_signals() -> impl Strategy<Value = Vec<Signal>> {
                 .into_iter()
                 .zip(parts)
                 .map(|(name, (unit, comment, resolution, range))| {
-                    let kind = match range.minimum < 0.0 {
-                        true => Kind::Signed,
-                        false => Kind::Unsigned,
+                    let kind = if range.minimum < 0.0 {
+                        Kind::Signed
+                    } else {
+                        Kind::Unsigned
                     };
                     let coding = Coding::little_endian(0, 16, kind, resolution, Some(range));
                     Signal::new(name, &unit, &comment, coding)

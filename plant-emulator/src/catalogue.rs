@@ -148,9 +148,10 @@ mod tests {
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| {
             let [minimum, maximum] = port.range;
-            let kind = match minimum < 0.0 {
-                true => Kind::Signed,
-                false => Kind::Unsigned,
+            let kind = if minimum < 0.0 {
+                Kind::Signed
+            } else {
+                Kind::Unsigned
             };
             let range = Some(Range { minimum, maximum });
             let coding = Coding::little_endian(0, 16, kind, 1.0 / port.steps_per_unit, range);

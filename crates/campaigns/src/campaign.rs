@@ -295,10 +295,10 @@ mod tests {
     #[test]
     fn results_come_in_order_and_do_not_depend_on_the_number_of_threads() {
         let play = |threads| {
-            let verdicts = campaign(threads).play(plans(), |played| {
+            let results = campaign(threads).play(plans(), |played| {
                 (played.index, played.frames.len(), played.verdict.to_json())
             });
-            let verdicts = verdicts.unwrap().into_iter();
+            let verdicts = results.unwrap().into_iter();
             Vec::from_iter(verdicts.map(Result::unwrap))
         };
         let alone = play(1);

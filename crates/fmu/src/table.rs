@@ -273,9 +273,8 @@ fn wired(
         let known = symbol_of(word);
         port = port.with_unit(word, if known == *word { symbol } else { known });
     }
-    let variable = variable.clone();
     let behind = PortVariable {
-        variable,
+        variable: variable.clone(),
         conversion,
     };
     Ok((port, behind))

@@ -53,14 +53,14 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         Evidence::new(timeline, control_loop, circumstances).among(&plan.shared.contours, &loops)
     });
     let all = Vec::from_iter(evidence);
-    let broke_off = end.and_then(|end| broke_off(&all, end));
+    let found = end.and_then(|end| broke_off(&all, end));
     // For loops whose nodes did not cause it, the end is that of the bench.
     let mut elsewhere = circumstances.clone();
     if let Some(end) = &mut elsewhere.ended_early {
         end.by = EndedBy::Bench;
     }
     let verdicts = all.iter().map(|evidence| {
-        let broke_off = broke_off.as_ref();
+        let broke_off = found.as_ref();
         let verdict = match broke_off.and_then(|end| end.node_elsewhere(evidence)) {
             None => judge_loop(plan, evidence, broke_off),
             Some(node) => {

@@ -17,11 +17,11 @@ pub fn expected_rows(plan: &Plan, is_timed: bool) -> Vec<ExpectedRow> {
         own.for_each(|row| row.name.insert_str(0, &one.prefix()));
         rows
     });
-    let contours = plan.shared.contours.iter().flat_map(Contour::rows);
-    let contours = contours.filter(|row| row.limit.is_some());
+    let of_contours = plan.shared.contours.iter().flat_map(Contour::rows);
+    let limited = of_contours.filter(|row| row.limit.is_some());
     let loops = plan.loops.iter().filter(|_| is_timed);
     let timing = loops.flat_map(|one| one.trial.expect.timing_rows());
-    of_loops.chain(contours).chain(timing).collect()
+    of_loops.chain(limited).chain(timing).collect()
 }
 
 /// Returns the rows of a verdict that have limits, with their limits, except for those on timing.

@@ -522,8 +522,8 @@ fn the_limits_of_a_scenario_are_those_of_its_verdict() {
     let judged: Vec<_> = rows
         .filter_map(|row| Some((row.name, row.limit?)))
         .collect();
-    let expected = limited.expected_rows().into_iter();
-    let expected = expected.filter_map(|row| Some((row.name, row.limit?)));
+    let all = limited.expected_rows().into_iter();
+    let expected = all.filter_map(|row| Some((row.name, row.limit?)));
     assert_eq!(Vec::from_iter(expected), judged);
     assert_eq!(judged.len(), 5);
 }

@@ -227,8 +227,8 @@ impl EventReader {
             return Events::default();
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let planned = planned(trial, self.node_names.loop_name());
-        let planned = planned.into_iter().filter(|event| {
+        let all = planned(trial, self.node_names.loop_name());
+        let planned = all.into_iter().filter(|event| {
             from_seconds <= event.time_seconds && event.time_seconds < until_seconds
         });
         // If the scenario never began, times are those of the recording.
@@ -395,8 +395,8 @@ mod tests {
             [[disturbance.load]]\nat_seconds = 25.0\nadded_grams = -5.0\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut reader = EventReader::new(Database::shipped(), NodeNames::default());
-        let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
-        let events = events.iter();
+        let taken = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
+        let events = taken.iter();
         let texts = events.map(|event| format!("{} {}", event.time_seconds, event.text));
         assert_eq!(
             Vec::from_iter(texts),

@@ -82,11 +82,11 @@ pub struct Failure {
 impl Failure {
     /// Returns the failure of a scenario or rig file that cannot be used.
     pub fn invalid(error: impl Into<miette::Report>) -> Self {
-        let error = error.into();
+        let report = error.into();
         Self {
             exit: Exit::CannotStart,
-            reason: error.to_string(),
-            diagnostic: Some(error),
+            reason: report.to_string(),
+            diagnostic: Some(report),
         }
     }
 }

@@ -95,8 +95,8 @@ fn led_by(text: String, command: &[String], read: &dyn Fn(&str) -> io::Result<St
         None => read(rig).ok(),
     });
     let rig = rig_text.and_then(|text| Rig::parse(&text, "").ok());
-    let controller = rig.as_ref().and_then(Rig::controller);
-    let controller = controller.map_or(Part::Controller.word(), |(name, _)| name);
+    let of_rig = rig.as_ref().and_then(Rig::controller);
+    let controller = of_rig.map_or(Part::Controller.word(), |(name, _)| name);
     let key = format!("node.{controller}.program");
     match set(&mut document, &key, command.to_vec().into()) {
         Ok(()) => document.to_string(),

@@ -134,10 +134,10 @@ fn load_fmu(file: &Path, folder: &Path, welcome: &LawSetup) -> Result<Loaded, St
     let wiring = fmu_wiring(&fmu_table(&name, welcome.clone()))
         .map_err(|misfit| misfit.fault.to_string())?;
     let (ports, configuration) = (&wiring.ports, &wiring.configuration);
-    let reads = welcome.reads.iter();
-    let reads = reads.filter_map(|name| configuration.inputs.get(ports.input(name)?));
-    let written = welcome.writes.iter().chain(&welcome.terms);
-    let written = written.filter_map(|name| configuration.outputs.get(ports.output(name)?));
+    let read_names = welcome.reads.iter();
+    let reads = read_names.filter_map(|name| configuration.inputs.get(ports.input(name)?));
+    let written_names = welcome.writes.iter().chain(&welcome.terms);
+    let written = written_names.filter_map(|name| configuration.outputs.get(ports.output(name)?));
     // In the order of the law's values.
     let configuration = Configuration {
         inputs: reads.cloned().collect(),

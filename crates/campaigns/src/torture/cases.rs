@@ -144,8 +144,8 @@ impl Cases for TortureCases {
     }
 
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, Failure> {
-        let plan = self.case(number).plan();
-        let plan = plan.map_err(|reason| Exit::Internal.because(reason))?;
+        let planned = self.case(number).plan();
+        let plan = planned.map_err(|reason| Exit::Internal.because(reason))?;
         let broken = play_one(number, &plan, watch, violation)?;
         Ok(self.row(number, Some(plan.shared.run.seed), broken))
     }

@@ -147,7 +147,7 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         }
     };
     let stays = without_cycles.into_iter().chain(without_commands);
-    let stays = stays.map(move |stay| {
+    let attributed_stays = stays.map(move |stay| {
         let duty = match stay.cause {
             Cause::Node(duty) => duty,
             _ => stay.first.duty,
@@ -160,7 +160,7 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         let (duty, from) = (Duty::Heartbeat(lost.node), lost.due_seconds);
         attributed(duty, from, attribution.is_by_fault(duty, from))
     });
-    stays.chain(heartbeats)
+    attributed_stays.chain(heartbeats)
 }
 
 /// Returns the stay of breaches that lasts to the end; in a run that was played to its end, it must be long enough for a silence.

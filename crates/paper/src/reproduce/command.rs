@@ -53,10 +53,10 @@ pub struct ReproduceArgs {
 pub fn reproduce(args: &ReproduceArgs) -> Result<Exit, Failure> {
     let is_shown = !args.json && !args.quiet;
     let experiments = experiments(args.reduced);
-    let Ok(kept) = played(&experiments, is_shown) else {
+    let Ok(runs) = played(&experiments, is_shown) else {
         return Ok(Exit::Interrupted);
     };
-    let kept = kept.into_iter().collect::<Result<_, Failure>>()?;
+    let kept = runs.into_iter().collect::<Result<_, Failure>>()?;
     match evaluated(experiments, kept, is_shown) {
         Ok(results) => Ok(report(args, &results)?),
         Err(Interrupted) => Ok(Exit::Interrupted),

@@ -200,8 +200,8 @@ fn a_node_that_does_not_stop_ends_the_loop() {
 #[test]
 fn a_deadline_that_does_not_move_ends_the_loop() {
     let bench = bench(Echo::new(Duration::ZERO));
-    let error = bench.echo.join().unwrap().1.unwrap_err();
-    let error = error.to_string();
+    let ended = bench.echo.join().unwrap().1.unwrap_err();
+    let error = ended.to_string();
     assert!(error.ends_with("its deadline does not move"), "{error}");
 }
 

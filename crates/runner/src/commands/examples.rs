@@ -24,8 +24,8 @@ pub struct ExamplesArgs {
 
 /// Lists, shows or copies the files.
 pub fn examples(args: &ExamplesArgs) -> Result<Exit, Failure> {
-    let chosen = args.names.iter().map(|name| named(name));
-    let chosen = chosen.collect::<Result<Vec<ShippedFile>, _>>()?;
+    let found = args.names.iter().map(|name| named(name));
+    let chosen = found.collect::<Result<Vec<ShippedFile>, _>>()?;
     match (&args.to, chosen.as_slice()) {
         (Some(folder), []) => copy(folder, &files().collect::<Vec<_>>())?,
         (Some(folder), chosen) => copy(folder, &with_what_they_name(chosen))?,

@@ -84,8 +84,8 @@ pub fn export(args: &ExportArgs) -> Result<Exit, Failure> {
         Format::Frames | Format::Mf4 | Format::Mcap => zero(&recorded)?,
         _ => Duration::ZERO,
     };
-    let message = args.message.as_deref();
-    let message = message.map(|name| message_of(database, name)).transpose()?;
+    let name = args.message.as_deref();
+    let message = name.map(|name| message_of(database, name)).transpose()?;
     for remark in recorded.log.unread.remarks() {
         print_problem(format!("{remark}; the other frames are written"));
     }

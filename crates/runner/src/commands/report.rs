@@ -34,8 +34,8 @@ pub fn report(args: &ReportArgs) -> Result<Exit, Failure> {
     let folders = opened(&args.runs);
     let paths = runs_among(&folders);
     let bar = WorkBar::new(PASSES * paths.len() as u64, true);
-    let runs = paths.into_iter().map(read);
-    let runs = runs.collect::<Result<Vec<JudgedRecording>, _>>()?;
+    let recordings = paths.into_iter().map(read);
+    let runs = recordings.collect::<Result<Vec<JudgedRecording>, _>>()?;
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;

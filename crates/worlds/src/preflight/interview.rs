@@ -232,12 +232,12 @@ fn name(entry: &Entry) -> String {
 /// Returns every object of the drive that a run uses.
 fn used_objects(drive: &LoadedDrive) -> impl Iterator<Item = (u16, u8)> {
     let drive = &drive.real;
-    let named = [
+    let objects = [
         &drive.command.object,
         &drive.position.object,
         &drive.current.object,
     ];
-    let named = named.into_iter();
+    let named = objects.into_iter();
     let addresses = named.filter_map(|text| object_address(text).ok());
     addresses.chain(USED)
 }

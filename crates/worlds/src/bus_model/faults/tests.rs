@@ -99,8 +99,8 @@ fn a_corrupted_frame_differs_in_as_many_bits_as_asked_for() {
 fn no_fault_hits_the_report_of_a_plant_whatever_its_identifier() {
     let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
         [[fault.bus.delay]]\nfrom_seconds = 0.0\nsender = \"drive\"\ndelay_milliseconds = 5.0\n";
-    let rig = scenario::rig::shipped::text("sma_actuator").unwrap();
-    let rig = rig.replace("node_id = 0x10", "node_id = 0x30");
+    let shipped = scenario::rig::shipped::text("sma_actuator").unwrap();
+    let rig = shipped.replace("node_id = 0x10", "node_id = 0x30");
     let trial = Trial::parse(text, "t.toml", |_| Ok(rig.clone())).unwrap();
     assert_eq!(trial.wiring.identifiers.truth, 0x6D0);
     let plan = Plan::new(trial, &Catalogue::shipped());
@@ -112,8 +112,8 @@ fn no_fault_hits_the_report_of_a_plant_whatever_its_identifier() {
     let mut outbox = VecDeque::new();
     let frames = [0x1B0, 0x6D0].map(|id| (milliseconds(1), CanFrame::new(id, &[0; 8])));
     faults.queue(0, &frames, &mut outbox);
-    let sent = outbox.iter();
-    let sent = sent.map(|(time, frame)| (time.as_millis(), frame.standard_id().unwrap()));
+    let queued = outbox.iter();
+    let sent = queued.map(|(time, frame)| (time.as_millis(), frame.standard_id().unwrap()));
     assert_eq!(Vec::from_iter(sent), [(1, 0x6D0), (6, 0x1B0)]);
 }
 
