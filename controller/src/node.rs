@@ -104,11 +104,11 @@ impl Leader {
         let identifiers = plans.iter().map(|plan| plan.view.wiring.identifiers.terms);
         let terms = Vec::from_iter(terms.into_iter().zip(identifiers));
         let dictionary = dictionary(own_id, &terms, &Vec::from_iter(drives), &io_nodes)?;
-        let laws = laws.into_iter().map(|(law, places)| {
+        let leading = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;
             LeadingLaw::new(law, places, wiring, &dictionary)
         });
-        let laws = laws.collect::<Result<_, ControllerError>>()?;
+        let laws = leading.collect::<Result<_, ControllerError>>()?;
         let follows = plans
             .iter()
             .map(|plan| followed_place(&plans, plan))

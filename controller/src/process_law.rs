@@ -59,8 +59,8 @@ pub fn no_player(law: &ProcessLaw) -> Result<Box<dyn Player>, String> {
 pub(crate) fn placed(mut law: ProcessLaw, wiring: &Wiring) -> (ProcessLaw, Ports) {
     let setup = &mut law.setup;
     let port = |signal: &String| port_of(signal, wiring);
-    let terms = setup.terms.iter();
-    let terms = terms.map(|term| Port::term(&whole_name(term, wiring)));
+    let term = |name: &String| Port::term(&whole_name(name, wiring));
+    let terms = setup.terms.iter().map(term);
     let ports = Ports {
         inputs: setup.reads.iter().map(port).collect(),
         outputs: setup.writes.iter().map(port).chain(terms).collect(),

@@ -94,8 +94,8 @@ impl Composer {
     /// Adds a drive, with the signals of its plant that an emulated one publishes.
     #[must_use]
     pub fn with_drive(mut self, (name, node_id): (&str, u8), published: Option<&[Signal]>) -> Self {
-        let own = names::SERVICES.into_iter().map(|(service, _)| service);
-        let own = own.filter(|service| !names::PLANT_SERVICES.contains(service));
+        let services = names::SERVICES.into_iter().map(|(service, _)| service);
+        let own = services.filter(|service| !names::PLANT_SERVICES.contains(service));
         self.add_node(DRIVE, (name, node_id), &Vec::from_iter(own));
         if let Some(published) = published {
             self.add_plant((name, node_id), published);

@@ -199,9 +199,8 @@ impl Database {
 
     /// Labels the target of an NMT command with the names of these nodes, by their node-IDs.
     pub fn with_nodes<'a>(&self, nodes: impl IntoIterator<Item = (u8, &'a str)>) -> Self {
-        let nodes = nodes.into_iter();
-        let labels = nodes.map(|(node_id, name)| (i64::from(node_id), name.to_owned()));
-        let labels = BTreeMap::from_iter(labels);
+        let label = |(node_id, name): (u8, &str)| (i64::from(node_id), name.to_owned());
+        let labels = BTreeMap::from_iter(nodes.into_iter().map(label));
         let mut messages = self.messages.clone();
         let signals = messages.iter_mut().flat_map(|message| &mut message.signals);
         for signal in signals.filter(|signal| signal.name == NMT_NODE_ID) {

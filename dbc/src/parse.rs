@@ -67,12 +67,11 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
             "message {name} has {bytes} bytes (classical CAN carries 8)"
         ))
     })?;
-    let signals: Result<Vec<_>, _> = message
+    let signals = message
         .signals
         .iter()
         .map(|signal| read_signal(dbc, message, signal))
-        .collect();
-    let signals = signals?;
+        .collect::<Result<Vec<_>, _>>()?;
     refuse_overlap(name, &signals)?;
     let cycle_time = dbc.resolved_message_attribute(message.id, CYCLE_TIME);
     Ok(Message {

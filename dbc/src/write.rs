@@ -237,9 +237,8 @@ impl Line<'_> {
         if self.signal.labels.is_empty() {
             return String::new();
         }
-        let labels = self.signal.labels.iter();
-        let labels = labels.map(|(value, label)| format!(" {value} {}", quoted(label)));
-        let labels = String::from_iter(labels);
+        let written = |(value, label): &(i64, String)| format!(" {value} {}", quoted(label));
+        let labels = String::from_iter(self.signal.labels.iter().map(written));
         format!("VAL_ {} {}{labels} ;\n", self.raw_id, self.short_name)
     }
 

@@ -112,10 +112,10 @@ pub fn joint_emulator(
     loops: &[&Trial],
     database: &Database,
 ) -> Result<PlantEmulator, InvalidEmulator> {
-    let plants = loops.first().into_iter().flat_map(|first| first.plants());
-    let plants = plants.map(|(name, model)| Ok((name.to_owned(), plant(model)?)));
-    let plants = plants.collect::<Result<Vec<_>, InvalidEmulator>>()?;
-    PlantEmulator::of(plants, loops, database)
+    let models = loops.first().into_iter().flat_map(|first| first.plants());
+    let plants = models.map(|(name, model)| Ok((name.to_owned(), plant(model)?)));
+    let made = plants.collect::<Result<_, InvalidEmulator>>()?;
+    PlantEmulator::of(made, loops, database)
 }
 
 fn find_row(model: &PlantModel) -> Result<&'static PlantRow, InvalidEmulator> {

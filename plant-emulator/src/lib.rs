@@ -117,8 +117,8 @@ impl PlantEmulator {
         loops: &[&Trial],
         database: &Database,
     ) -> Result<Self, InvalidEmulator> {
-        let manager = loops.first().map(|trial| trial.wiring.nodes.controller.id);
-        let manager = manager.unwrap_or_default();
+        let controller = loops.first().map(|trial| trial.wiring.nodes.controller.id);
+        let manager = controller.unwrap_or_default();
         let ports = plants
             .iter()
             .map(|(name, plant)| (name.as_str(), plant.ports()));
@@ -341,8 +341,8 @@ fn disturbance(
     manager: u8,
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
-    let outputs = outputs.iter().map(IoOutput::in_sheet);
-    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, outputs);
+    let in_sheet = outputs.iter().map(IoOutput::in_sheet);
+    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, in_sheet);
     let mut objects = dictionary(node_id, &text)?;
     objects.preset(&dbc::data_sheets::io_watch(manager));
     let module = DisturbanceModule::new(&objects)?;

@@ -74,9 +74,9 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, Failure> {
     let folder = args.path.clone().unwrap_or_else(|| PathBuf::from(name));
     let [program, build, test] = args.language.commands();
     let renamed = |text: &str| text.replace(NAME, name);
-    let readme = renamed(README).replace("    BUILD\n", &indented(build));
+    let built = renamed(README).replace("    BUILD\n", &indented(build));
     let command = program.replace(['"', ','], "");
-    let readme = readme.replace("TEST", test).replace("COMMAND", &command);
+    let readme = built.replace("TEST", test).replace("COMMAND", &command);
     let skeletons = args.language.files().into_iter();
     let of_language = skeletons.map(|(file, text)| (file.to_owned(), renamed(text)));
     let scenario = renamed(SCENARIO).replace(PROGRAM, program);

@@ -251,9 +251,9 @@ impl Skeleton {
     fn renamed(&self, name: &str, checkout: &Path) -> Vec<(String, String)> {
         let checkout = escaped(&checkout.display().to_string());
         let renamed = |text: &str| {
-            let text = text.replace(self.name, name);
-            let text = text.replace(&camel(self.name), &camel(name));
-            text.replace(CHECKOUT, &checkout)
+            let snake_case = text.replace(self.name, name);
+            let both_cases = snake_case.replace(&camel(self.name), &camel(name));
+            both_cases.replace(CHECKOUT, &checkout)
         };
         let shared = [(".cargo/config.toml", CONFIG), (".gitignore", IGNORED)];
         let files = self.files.iter().chain(&shared);
@@ -355,11 +355,11 @@ mod tests {
             assert!(lines < 100, "a walk is short");
             let files = skeletons.iter().flat_map(|one| one.files);
             let is_told = |path: &str| path.starts_with("src/") || path.starts_with("scenarios/");
-            let files = files.filter(|(path, _)| is_told(path));
-            let files = Vec::from_iter(files.map(|(_, text)| text));
+            let told = files.filter(|(path, _)| is_told(path));
+            let texts = Vec::from_iter(told.map(|(_, text)| text));
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
-                let is_shown = files.iter().any(|file| file.contains(code));
+                let is_shown = texts.iter().any(|text| text.contains(code));
                 assert!(is_shown || kind == "sh", "not in the skeleton:\n{code}");
             }
         }

@@ -62,11 +62,11 @@ mod tests {
 
     #[test]
     fn a_rig_is_written_once_and_its_scenario_is_valid() {
-        let folder = tempfile::tempdir().unwrap();
-        let args = args(folder.path(), "gantry");
+        let temporary = tempfile::tempdir().unwrap();
+        let args = args(temporary.path(), "gantry");
         let said = written(&args).unwrap();
         assert!(said.contains("deep/down/gantry_steps.toml"), "{said}");
-        let folder = folder.path().join("deep/down");
+        let folder = temporary.path().join("deep/down");
         let plan = Plan::load(&folder.join("gantry_steps.toml"), catalogue()).unwrap();
         assert_eq!(plan.loops.len(), 2);
         let rig = fs::read_to_string(folder.join("gantry.toml")).unwrap();

@@ -208,8 +208,8 @@ impl Mf4File {
     }
 
     fn fixed_channels(&mut self, channels: &[Channel]) -> u64 {
-        let channels = channels.iter().rev();
-        channels.fold(0, |next, channel| {
+        let last_first = channels.iter().rev();
+        last_first.fold(0, |next, channel| {
             self.channel(next, channel, FIXED_LENGTH, NO_SYNC)
         })
     }

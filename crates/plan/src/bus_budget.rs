@@ -261,9 +261,8 @@ fn share<'a>(
     messages: impl IntoIterator<Item = &'a Message>,
     pace: Pace,
 ) -> Option<BusShare> {
-    let messages = messages.into_iter();
-    let bits = messages.map(|message| f64::from(occupied_bits_max(message.length_bytes)));
-    let bits = Vec::from_iter(bits);
+    let occupied = |message: &Message| f64::from(occupied_bits_max(message.length_bytes));
+    let bits = Vec::from_iter(messages.into_iter().map(occupied));
     let frames = match bits.len() {
         0 => return None,
         1 => "1 frame".to_owned(),

@@ -346,8 +346,8 @@ impl Published {
         let io = wiring.io.iter().zip(&self.outputs);
         let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
         let mut composer = outputs.fold(composer, |composer, (io, outputs)| {
-            let outputs = outputs.iter().map(|output| &output.port);
-            let signals = outputs.map(|port| signal_of(port, port.name.clone()));
+            let ports = outputs.iter().map(|output| &output.port);
+            let signals = ports.map(|port| signal_of(port, port.name.clone()));
             composer.with_io((&io.node.name, io.node.id), &Vec::from_iter(signals))
         });
         let Identifiers {
@@ -376,9 +376,9 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
         return composer;
     }
     let followed = &wiring.nodes.followed;
-    let composer = composer.with_drive((&followed.name, followed.id), Some(&[]));
+    let with_drive = composer.with_drive((&followed.name, followed.id), Some(&[]));
     let current = Some(CurrentRange::default());
-    with_units(composer, &followed.name, &wiring.feedback, current)
+    with_units(with_drive, &followed.name, &wiring.feedback, current)
 }
 
 /// Puts the quantities of a drive into its frames, those of an emulated drive with its counts and its range of currents.

@@ -102,8 +102,8 @@ impl DataSheet {
         node_id: u8,
         text: &str,
     ) -> Result<Self, DataSheetError> {
-        let dictionary = eds::parse(text, node_id);
-        let dictionary = dictionary.map_err(|error| DataSheetError(format!("{name}: {error}")))?;
+        let parsed = eds::parse(text, node_id);
+        let dictionary = parsed.map_err(|error| DataSheetError(format!("{name}: {error}")))?;
         Ok(Self {
             name,
             node_name: node_name.to_owned(),

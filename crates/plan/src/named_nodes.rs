@@ -35,8 +35,8 @@ fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
         Some(rig) => (drive.clone(), rig.eds.clone()),
         None => {
             let wiring = &one.trial.wiring;
-            let unit = Some(&wiring.sensor.measurand.unit);
-            let unit = unit.filter(|unit| **unit != Unit::Millimetres);
+            let measured = Some(&wiring.sensor.measurand.unit);
+            let unit = measured.filter(|unit| **unit != Unit::Millimetres);
             let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
             let presets = Vec::from_iter(one.trial.presets().into_iter().chain(truth));
             sheet(drive, DRIVE_EDS, &presets, unit.map(Unit::word))

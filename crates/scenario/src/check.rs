@@ -209,8 +209,8 @@ fn travel(check: &mut Check<'_>, trial: &Trial) {
     let Reference { sine, chirp, .. } = &trial.reference;
     let sines = sine.iter().map(|one| (one.centre, one.amplitude));
     let chirps = chirp.iter().map(|one| (one.centre, one.amplitude));
-    let sines = sines.enumerate().map(|one| ("sine", one));
-    let pieces = sines.chain(chirps.enumerate().map(|one| ("chirp", one)));
+    let named_sines = sines.enumerate().map(|one| ("sine", one));
+    let pieces = named_sines.chain(chirps.enumerate().map(|one| ("chirp", one)));
     for (kind, (index, (centre, amplitude))) in pieces {
         let (lowest, highest) = (centre - amplitude, centre + amplitude);
         if lowest < min || highest > max {

@@ -153,10 +153,10 @@ impl Trial {
             expect.row(name, Some(limit))
         });
         let checks = expect.signal.iter();
-        let checks = checks.flat_map(|check| check.rows(duration_seconds));
+        let check_rows = checks.flat_map(|check| check.rows(duration_seconds));
         let sequences = expect.sequence.iter();
-        let sequences = sequences.flat_map(|sequence| sequence.rows(duration_seconds));
-        metrics.chain(checks).chain(sequences).collect()
+        let sequence_rows = sequences.flat_map(|sequence| sequence.rows(duration_seconds));
+        metrics.chain(check_rows).chain(sequence_rows).collect()
     }
 }
 

@@ -452,8 +452,8 @@ mod tests {
         ];
         assert_eq!(wires.outputs[1..], expected);
         let terms = wires.terms(2, &ports.outputs);
-        let terms = terms.map(|(_, port, _)| port.local_name());
-        assert_eq!(Vec::from_iter(terms), ["current_error_amperes"]);
+        let names = terms.map(|(_, port, _)| port.local_name());
+        assert_eq!(Vec::from_iter(names), ["current_error_amperes"]);
         assert_eq!(wires.terms(0, &ports.outputs).count(), 0);
     }
 

@@ -169,8 +169,8 @@ impl From<&Program> for ProcessLaw {
 impl From<&Library> for ProcessLaw {
     fn from(law: &Library) -> Self {
         let signals = [&law.reads, &law.writes, &law.terms].map(Vec::clone);
-        let parameters = law.parameters.iter();
-        let parameters = parameters.map(|(name, value)| (name.clone(), (*value).into()));
+        let given = law.parameters.iter();
+        let parameters = given.map(|(name, value)| (name.clone(), (*value).into()));
         Self::new(
             Plays::Library(law.file.clone()),
             signals,
@@ -185,8 +185,8 @@ impl From<&FmuLaw> for ProcessLaw {
         let signals = ports.map(|ports| ports.values().cloned().collect());
         let plays = Plays::Fmu(law.file.clone());
         let mut fmu = Self::new(plays, signals, law.parameters.clone());
-        let ports = ports.into_iter().flatten();
-        let variables = ports.map(|(variable, signal)| (signal.clone(), variable.clone()));
+        let pairs = ports.into_iter().flatten();
+        let variables = pairs.map(|(variable, signal)| (signal.clone(), variable.clone()));
         fmu.setup.variables = variables.collect();
         fmu
     }

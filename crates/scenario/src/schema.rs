@@ -116,10 +116,10 @@ pub(crate) fn schema_of<T: JsonSchema>() -> Value {
 /// Follows references to the definition that has the keywords; `root` is the whole schema.
 pub(crate) fn resolve<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     let target = schema["allOf"].get(0).unwrap_or(schema);
-    let Some(pointer) = target["$ref"].as_str() else {
+    let Some(reference) = target["$ref"].as_str() else {
         return target;
     };
-    let pointer = pointer.strip_prefix('#').unwrap_or(pointer);
+    let pointer = reference.strip_prefix('#').unwrap_or(reference);
     root.pointer(pointer).unwrap_or(&Value::Null)
 }
 

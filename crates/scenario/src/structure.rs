@@ -275,8 +275,8 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
             "[expect] has a limit for each metric, as in `overshoot_percent = {{ max = {number} }}`"
         ));
     }
-    let key = path.strip_prefix("expect.")?;
-    let key = key.rsplit('.').next().unwrap_or(key);
+    let below = path.strip_prefix("expect.")?;
+    let key = below.rsplit('.').next().unwrap_or(below);
     if has("p99") {
         Some(format!(
             "write the limit of a quantile, `{key} = {{ p99 = {{ max = {number} }} }}`; known are median, p99, p99_9 and max"

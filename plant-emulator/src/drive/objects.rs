@@ -210,8 +210,8 @@ pub(crate) fn declare(
         dictionary.insert(entry);
     }
     if published.len() > SIGNALS_IN_TPDO2 {
-        let further = PLANT_SIGNALS.iter().take(published.len());
-        let further = further.skip(SIGNALS_IN_TPDO2);
+        let objects = PLANT_SIGNALS.iter().take(published.len());
+        let further = objects.skip(SIGNALS_IN_TPDO2);
         let mapped = Vec::from_iter(further.map(|object| u32::from(*object) << 16 | 16));
         let identifier = TPDO3_FUNCTION + u16::from(node_id.get());
         let tpdo3 = dictionary.pdo_like(TPDO2, TPDO3, identifier, &mapped);

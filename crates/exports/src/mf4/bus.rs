@@ -85,8 +85,8 @@ pub(super) fn groups(file: &mut Mf4File, frames: &Frames) -> u64 {
     for stamped in frames.iter() {
         *counts.entry(Kind::of(&stamped)).or_default() += 1;
     }
-    let counts = counts.into_iter();
-    counts.fold(0, |next, (kind, count)| group(file, kind, count, next))
+    let kinds = counts.into_iter();
+    kinds.fold(0, |next, (kind, count)| group(file, kind, count, next))
 }
 
 fn group(file: &mut Mf4File, kind: Kind, count: usize, next: u64) -> u64 {

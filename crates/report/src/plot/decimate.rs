@@ -202,13 +202,13 @@ fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
 
 /// Returns the nearest whole unit.
 fn nearest(value: f64) -> i32 {
-    let value = value.clamp(-1e9, 1e9);
+    let bounded = value.clamp(-1e9, 1e9);
     #[expect(
         clippy::cast_possible_truncation,
         reason = "clamped to far less than i32"
     )]
-    let value = value.round() as i32;
-    value
+    let rounded = bounded.round() as i32;
+    rounded
 }
 
 /// Returns the cell of a point. Points outside of the drawing are in the cells at its edges, which bounds the number of cells.

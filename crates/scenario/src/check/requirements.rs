@@ -25,8 +25,8 @@ fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> 
     let timing = trial.expect.timing.rows();
     let measurand = &trial.wiring.feedback.measurand;
     let limits = trial.expect.limits();
-    let limits = limits.map(|(metric, _)| measurand.name(metric.name));
-    let given: Vec<String> = limits.chain(timing).collect();
+    let metrics = limits.map(|(metric, _)| measurand.name(metric.name));
+    let given: Vec<String> = metrics.chain(timing).collect();
     if given.iter().any(|given| given == key) {
         return None;
     }

@@ -158,8 +158,8 @@ impl<'text> Overlay<'_, 'text> {
 
     /// Returns the plants or the nodes of the rig file by name.
     fn entries(&self, section: &str) -> impl Iterator<Item = (&str, &DeTable<'text>)> {
-        let entries = self.tree.get(section).map(Spanned::get_ref);
-        let entries = entries.and_then(DeValue::as_table).into_iter().flatten();
+        let found = self.tree.get(section).map(Spanned::get_ref);
+        let entries = found.and_then(DeValue::as_table).into_iter().flatten();
         entries.filter_map(|(name, value)| Some((&**name.get_ref(), value.get_ref().as_table()?)))
     }
 

@@ -313,8 +313,8 @@ impl Resolver<'_> {
         };
         named.of_law(&trial.controller);
         trial.controller.place_files(Path::new(&self.files.name));
-        let objections = self.asked.objections.map(|find| find(&trial));
-        let objections = objections.into_iter().flatten();
+        let found = self.asked.objections.map(|find| find(&trial));
+        let objections = found.into_iter().flatten();
         check.add(objections.map(|objection| objection.problem(document)));
         without_problems(check.problems, Some(trial))
     }

@@ -459,9 +459,9 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
     });
     assert_eq!([x, y].map(|expect| expect.limit("safe_state")), [yes, yes]);
     let required = |place: usize| {
-        let rows = loops.loops[place].expected_rows().into_iter();
-        let rows = rows.filter(|row| !row.requirements.is_empty());
-        Vec::from_iter(rows.map(|row| row.name))
+        let mut rows = loops.loops[place].expected_rows();
+        rows.retain(|row| !row.requirements.is_empty());
+        Vec::from_iter(rows.into_iter().map(|row| row.name))
     };
     assert_eq!(required(0), ["bus_load_percent", "safe_state"]);
     assert_eq!(required(1), ["safe_state"]);

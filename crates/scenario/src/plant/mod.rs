@@ -129,13 +129,13 @@ impl PlantModel {
 
     /// Returns the table of the format that is given; the actuator's if there is none.
     fn table(&self) -> Table<'_> {
-        let others: [Table<'_>; 3] = [
+        let tables: [Table<'_>; 3] = [
             (DC_MOTOR, MOTOR_FAULTS, any(&self.dc_motor)),
             (SMA_PAIR, PAIR_FAULTS, any(&self.sma_pair)),
             (FMU, &[], any(&self.fmu)),
         ];
-        let mut given = others.into_iter();
-        let given = given.find(|(.., parameters)| parameters.is_some());
+        let mut others = tables.into_iter();
+        let given = others.find(|(.., parameters)| parameters.is_some());
         given.unwrap_or((SMA_ACTUATOR, SMA_FAULTS, any(&self.sma)))
     }
 }

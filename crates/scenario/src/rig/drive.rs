@@ -284,9 +284,8 @@ impl DriveLayout {
             Ok::<_, DriveError>(pdo)
         };
         let object = |text: &str| {
-            let address = object_address(text);
-            let address = address.map_err(|_| DriveError(format!("\"{text}\" names no object")))?;
-            Object::find(&dictionary, address)
+            let unnamed = |_| DriveError(format!("\"{text}\" names no object"));
+            Object::find(&dictionary, object_address(text).map_err(unnamed)?)
         };
         let word = |index| Object::find(&dictionary, (index, 0));
         let (statusword, controlword) = (word(cia402::STATUSWORD)?, word(cia402::CONTROLWORD)?);

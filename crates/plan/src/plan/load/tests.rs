@@ -118,8 +118,8 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     };
     assert_eq!(truth(&plan), [false, false]);
     let external = |names: &[&str]| {
-        let names = names.iter().map(ToString::to_string);
-        plan.clone().with_external(&Vec::from_iter(names))
+        let owned = names.iter().map(ToString::to_string);
+        plan.clone().with_external(&Vec::from_iter(owned))
     };
     let y = external(&["y"]).unwrap();
     assert_eq!(truth(&y), [false, true]);
@@ -142,8 +142,7 @@ fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
     let head = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
     let scenario = Trial::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());
     let plan = Plan::new(scenario.unwrap(), &Catalogue::shipped());
-    let names = names.iter().map(ToString::to_string);
-    plan.with_external(&Vec::from_iter(names))
+    plan.with_external(&Vec::from_iter(names.iter().map(ToString::to_string)))
 }
 
 #[test]
