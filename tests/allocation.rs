@@ -8,9 +8,9 @@ use std::time::Duration;
 use can::{CanFrame, Node};
 use controller::{ControllerNode, controller_node};
 use plant_emulator::{PlantEmulator, catalogue};
-use platform::counting_allocator::allocations;
 use scenario::{Trial, without_colours};
 
+use crate::counting_allocator::allocations;
 use crate::support::scenario;
 
 const SYNC: u16 = 0x080;

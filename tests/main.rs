@@ -10,6 +10,8 @@ mod attribution;
 mod book;
 mod checks;
 mod command_line;
+#[path = "../crates/platform/tests/support/counting_allocator.rs"]
+mod counting_allocator;
 mod coverage;
 mod data_sheets;
 mod drawn;
@@ -46,5 +48,4 @@ mod tools;
 mod viewer;
 
 #[global_allocator]
-static ALLOCATOR: platform::counting_allocator::CountingAllocator =
-    platform::counting_allocator::CountingAllocator;
+static ALLOCATOR: counting_allocator::CountingAllocator = counting_allocator::CountingAllocator;

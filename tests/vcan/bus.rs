@@ -7,7 +7,6 @@ use can::frame::ERROR_FLAG;
 use can::{CanFrame, Filter, Node, Progress};
 use platform::bus::Bus;
 use platform::clock::Clock;
-use platform::counting_allocator::allocations;
 use platform::lockstep::{
     ANSWER_PATIENCE, Answer, Failure, FollowError, Participant, Remote, Setting, channel, follow,
 };
@@ -15,6 +14,7 @@ use platform::real_time;
 use platform::recorder::Recorder;
 use platform::stop::StopSignal;
 
+use crate::counting_allocator::allocations;
 use crate::echo::Echo;
 
 const SOON: Duration = Duration::from_secs(5);

@@ -10,6 +10,8 @@
 
 mod bench;
 mod bus;
+#[path = "../../crates/platform/tests/support/counting_allocator.rs"]
+mod counting_allocator;
 #[path = "../../crates/platform/src/testing.rs"]
 mod echo;
 mod hardware;
@@ -22,9 +24,9 @@ mod support;
 use std::process::{Command, ExitCode};
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use platform::counting_allocator::CountingAllocator;
 use platform::probe;
 
+use counting_allocator::CountingAllocator;
 use real_time::while_time_flows;
 
 #[global_allocator]

@@ -11,7 +11,6 @@
 pub mod bus;
 pub mod claim;
 pub mod clock;
-pub mod counting_allocator;
 pub mod hub;
 pub mod keeper;
 mod kernel_format;
@@ -40,6 +39,9 @@ mod wait;
 
 pub use open::open;
 
+#[cfg(test)]
+#[path = "../tests/support/counting_allocator.rs"]
+mod counting_allocator;
 #[cfg(test)]
 mod testing;
 

@@ -1,6 +1,6 @@
 //! Allocator that counts the allocations of each thread, for tests of code that must not allocate.
 //!
-//! A test program declares it as its `#[global_allocator]`, which needs no unsafe code there; no other program uses it.
+//! Each test program includes this file and declares the allocator as its `#[global_allocator]`.
 #![expect(unsafe_code, reason = "a global allocator is unsafe to implement")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -8,14 +8,14 @@ use std::cell::Cell;
 
 /// System allocator with a count.
 #[derive(Clone, Copy, Debug)]
-pub struct CountingAllocator;
+pub(crate) struct CountingAllocator;
 
 thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
 /// Returns the number of allocations and reallocations by this thread so far; always 0 with another allocator.
-pub fn allocations() -> u64 {
+pub(crate) fn allocations() -> u64 {
     COUNT.get()
 }
 
