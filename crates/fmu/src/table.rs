@@ -273,8 +273,12 @@ fn wired(
         let known = symbol_of(word);
         port = port.with_unit(word, if known == *word { symbol } else { known });
     }
+    // The port has the description. It would fill the message to the worker.
     let behind = PortVariable {
-        variable: variable.clone(),
+        variable: Variable {
+            description: String::new(),
+            ..variable.clone()
+        },
         conversion,
     };
     Ok((port, behind))

@@ -11,6 +11,7 @@ use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal};
 use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports};
+use scenario::rig::nodes::kind_of_output;
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, Measured, Wiring};
 use scenario::{CurrentRange, Identifiers, Objection, Trial};
@@ -167,6 +168,9 @@ fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = ambiguous_name(&frames.database, &frames.wiring)?;
     let published = &frames.published;
+    // The name of a fan or a load is that of its disturbance.
+    let is_free =
+        |output: &IoOutput| output.port.name == name && kind_of_output(&output.port.name).is_none();
     let mut nodes = trial.wiring.io.iter().zip(&published.outputs);
     let (path, owner) = if published.terms.iter().any(|term| term.name == name) {
         (
@@ -174,7 +178,7 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
             "a term of this law",
         )
     } else if let Some((io, _)) =
-        nodes.find(|(_, outputs)| outputs.iter().any(|output| output.port.name == name))
+        nodes.find(|(_, outputs)| outputs.iter().any(|output| is_free(output)))
     {
         (
             format!("node.{}.outputs.{name}", io.node.name),

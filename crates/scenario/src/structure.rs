@@ -287,9 +287,7 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
              or both sides, `{{ min = …, max = … }}`"
         ))
     } else if schema["type"] == "number" && found.is_table() {
-        Some(format!(
-            "`{key}` is the largest value that passes; write the number alone, `{key} = {number}`"
-        ))
+        Some(format!("write the number alone, `{key} = {number}`"))
     } else {
         None
     }

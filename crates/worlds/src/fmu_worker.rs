@@ -157,9 +157,10 @@ fn unanswered(doing: &str, patience: Duration, why: NoAnswer) -> Fault {
             format!("it did not return within {patience:?} while it {doing}; its process was ended")
         }
         NoAnswer::GaveUp(text) => text,
-        NoAnswer::Wrong(what) => {
-            return Fault::Invalid(format!("the process that is to load it {what}"));
+        NoAnswer::Wrong(what) if doing == STEPPED => {
+            format!("the process that has it loaded {what}")
         }
+        NoAnswer::Wrong(what) => format!("the process that is to load it {what}"),
     };
     if doing == STEPPED {
         Fault::InRun(text)

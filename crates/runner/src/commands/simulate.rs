@@ -131,6 +131,8 @@ impl Testbed for OneProcess<'_> {
         let frames = &judged.frames;
         let path = plan.shared.beside.scenario().display();
         let (exit, failed) = match self.difference(plan, frames, watch) {
+            // The second play has been cut short.
+            _ if watch.is_interrupted() => return,
             Ok(None) => {
                 let same = format!("played twice: the same {} frames", frames.len());
                 self.listener.on_note(same);
