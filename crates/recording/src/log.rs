@@ -73,7 +73,7 @@ fn push_decimal(text: &mut String, number: u64, digits: usize) {
         *digit += u8::try_from(rest % 10).expect("a digit");
         rest /= 10;
     }
-    text.extend(shown[..digits].iter().copied().map(char::from));
+    text.push_str(str::from_utf8(&shown[..digits]).expect("digits"));
 }
 
 /// Parses a line of `candump -L` into its interface and its frame, `None` for one of CAN FD.
