@@ -205,10 +205,10 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
         @for remark in &comparison.remarks { p { (page::sentence(remark)) } }
         (heads(compared))
         p.soft {
-            "What counts: a signal beyond its tolerance, if no value of A within " (terminal::rounded(1e3 * compared.time_tolerance_seconds))
+            "What counts: a signal beyond its tolerance, if no value of the other run within " (terminal::rounded(1e3 * compared.time_tolerance_seconds))
             " ms before or after is near enough, and a metric beyond its own. What has no tolerance, as currents, velocities and the terms of a \
              law, is shown and does not count. What only one run has a value of counts as a difference if it is a metric, and not if it is a \
-             signal. Plots of a difference show 0 where a value of A in that time is near enough."
+             signal. Plots of a difference show 0 where each run has a value in that time that is near enough."
         }
         h2 { "Plots" }
         @let plots = Plots::of(compared);
