@@ -177,9 +177,7 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
             format!("controller.{}", trial.controller.law_name()),
             "a term of this law",
         )
-    } else if let Some((io, _)) =
-        nodes.find(|(_, outputs)| outputs.iter().any(|output| is_free(output)))
-    {
+    } else if let Some((io, _)) = nodes.find(|(_, outputs)| outputs.iter().any(&is_free)) {
         (
             format!("node.{}.outputs.{name}", io.node.name),
             "an output of this node",
