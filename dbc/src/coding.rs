@@ -114,6 +114,17 @@ impl Coding {
         }
     }
 
+    /// Makes the coding of an output of a plant: 16 bits, signed if its range begins below zero.
+    pub fn of_output(steps_per_unit: f64, [minimum, maximum]: [f64; 2]) -> Self {
+        let kind = if minimum < 0.0 {
+            Kind::Signed
+        } else {
+            Kind::Unsigned
+        };
+        let range = Some(Range { minimum, maximum });
+        Self::little_endian(0, 16, kind, 1.0 / steps_per_unit, range)
+    }
+
     /// Sets the physical value per raw step.
     pub fn set_factor(&mut self, factor: f64) {
         self.factor = factor;

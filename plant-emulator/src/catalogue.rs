@@ -131,7 +131,7 @@ mod tests {
     use std::time::Duration;
 
     use can::{CanFrame, Node};
-    use dbc::{Coding, Kind, Range, Signal};
+    use dbc::{Coding, Signal};
 
     use super::*;
 
@@ -147,14 +147,7 @@ mod tests {
         let ports = Ports::joined([(&*trial.wiring.plant, ports(&trial.plant).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| {
-            let [minimum, maximum] = port.range;
-            let kind = if minimum < 0.0 {
-                Kind::Signed
-            } else {
-                Kind::Unsigned
-            };
-            let range = Some(Range { minimum, maximum });
-            let coding = Coding::little_endian(0, 16, kind, 1.0 / port.steps_per_unit, range);
+            let coding = Coding::of_output(port.steps_per_unit, port.range);
             let name = port.local_name().to_owned();
             Signal::new(name, &port.symbol, &port.comment, coding)
         });

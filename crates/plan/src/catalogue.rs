@@ -460,16 +460,9 @@ fn terms_of_sliding_mode() -> Vec<Signal> {
     terms.cloned().collect()
 }
 
-/// Returns the signal of a port on the bus, under this name: 16 bits, signed if its range begins below zero.
+/// Returns the signal of a port on the bus, under this name.
 fn signal_of(port: &Port, name: String) -> Signal {
-    let [minimum, maximum] = port.range;
-    let kind = if minimum < 0.0 {
-        Kind::Signed
-    } else {
-        Kind::Unsigned
-    };
-    let range = Some(Range { minimum, maximum });
-    let coding = Coding::little_endian(0, 16, kind, 1.0 / port.steps_per_unit, range);
+    let coding = Coding::of_output(port.steps_per_unit, port.range);
     Signal::new(name, &port.symbol, &port.comment, coding)
 }
 
