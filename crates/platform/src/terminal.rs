@@ -25,7 +25,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
 /// of annotations), and noncharacters, which XML does not admit either.
 fn steers(character: char) -> bool {
     match character {
-        '\n' | '\t' => false,
+        '\n' | '\t' | ' '..='~' => false,
         '\u{2028}'..='\u{202e}' | '\u{fff9}'..='\u{fffb}' | '\u{fffe}' | '\u{ffff}' => true,
         '\u{ad}'
         | '\u{34f}'

@@ -25,17 +25,21 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     let columns = signals.iter().map(|signal| (signal.values.iter(), None));
     let mut columns = Vec::from_iter(columns);
     let mut cells = vec![String::new(); columns.len()];
+    let mut row = String::new();
     let mut pass = Pass::new(first.cycle.len() as u64);
     for cycle in &first.cycle {
         pass.advance(1);
+        row.clear();
         for (text, (values, before)) in cells.iter_mut().zip(&mut columns) {
             let value = values.next().expect("a value for each cycle");
             // Most values hold for many rows.
             if before.replace(value.to_bits()) != Some(value.to_bits()) {
                 *text = cell(value);
             }
+            row.push(',');
+            row.push_str(text);
         }
-        writeln!(output, "{cycle},{}", cells.join(","))?;
+        writeln!(output, "{cycle}{row}")?;
     }
     Ok(())
 }

@@ -57,8 +57,10 @@ impl Passing {
         self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);
         self.first_frame.get_or_insert(stamped.time);
+        if stamped.time < self.highest {
+            self.is_order_lost |= self.highest - stamped.time > STEP_MAX;
+        }
         self.highest = self.highest.max(stamped.time);
-        self.is_order_lost |= self.highest - stamped.time > STEP_MAX;
         self.last_frame = stamped.time;
         if let Some(time) = time.filter(|time| *time <= self.end) {
             self.latest = time;

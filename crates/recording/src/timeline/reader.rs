@@ -63,8 +63,10 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
         }
         readers[0].events.on_frame(stamped);
         let id = stamped.frame.raw_id();
-        for place in read_by.get(id).into_iter().flatten() {
-            readers[*place].on_read_frame(id, stamped, time);
+        if let Some(places) = read_by.get(id) {
+            for place in places {
+                readers[*place].on_read_frame(id, stamped, time);
+            }
         }
     }
     if let [first, others @ ..] = readers {

@@ -285,6 +285,9 @@ fn sampling(values: &Series<f64>) -> (String, Shape) {
         if value != before && value.is_finite() && rows.len() < CHANGES {
             rows.push(row);
         }
+        if held.len() == CHANGES {
+            break;
+        }
     }
     match (held.len(), common_distance(&lone), common_distance(&held)) {
         (..CHANGES, Some(cycles), _) => (few(cycles), Shape::Points),

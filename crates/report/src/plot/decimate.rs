@@ -159,22 +159,20 @@ fn parts(y: &[f64]) -> Vec<Range<usize>> {
     Vec::from_iter([before, Some(all), after].into_iter().flatten())
 }
 
-/// Draws the first, the lowest, the highest and the last of some points; the first and the last one must be finite. A point
-/// between them that is not finite has height 0, so it can only replace a point at that height.
+/// Draws the first, the lowest, the highest and the last of some points; the first and the last one must be finite.
 fn draw(x: &[f64], y: &[f64], (low, high): (f64, f64), scale: &DrawingScale, line: &mut Polyline) {
-    let height = |y: f64| nearest(scale.down(y));
-    let point = |place: usize| (nearest(scale.along(x[place])), height(y[place]));
-    push(line, point(0));
-    let (bottom, top) = (height(low), height(high));
-    if bottom != top {
-        let first_at = |wanted| y.iter().position(|y| height(*y) == wanted);
-        let mut extremes = [bottom, top].map(|wanted| first_at(wanted).unwrap_or(0));
-        extremes.sort_unstable();
-        for place in extremes {
-            push(line, point(place));
-        }
+    let first_at = |wanted| y.iter().position(|y| *y == wanted).unwrap_or(0);
+    let mut places = [0, first_at(low), first_at(high), y.len() - 1];
+    places.sort_unstable();
+    for place in places {
+        push(
+            line,
+            (
+                nearest(scale.along(x[place])),
+                nearest(scale.down(y[place])),
+            ),
+        );
     }
-    push(line, point(y.len() - 1));
 }
 
 /// Appends a point, unless the line is there already. Of a level stretch only the ends are kept.
