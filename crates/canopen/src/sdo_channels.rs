@@ -9,6 +9,7 @@ use crate::sdo_server::{Access, SdoServer};
 use can::CanFrame;
 use can::earliest;
 
+const DEFAULT: u16 = 0x1200;
 const FIRST_ADDITIONAL: u16 = 0x1201;
 const LAST: u16 = 0x127F;
 const REQUEST_ID: u8 = 1;
@@ -37,27 +38,25 @@ pub(crate) fn check_write(
 /// Servers of a node, one for each channel.
 #[derive(Clone, Debug)]
 pub(crate) struct SdoServers {
-    default: SdoServer,
-    /// Additional channels by their indices; without server while a COB-ID is invalid.
-    additional: Vec<(u16, Option<SdoServer>)>,
+    /// Channels by their indices, the default one first. An additional one has no server while a COB-ID is invalid.
+    channels: Vec<(u16, Option<SdoServer>)>,
 }
 
 impl SdoServers {
     /// Makes the servers of a dictionary.
     pub(crate) fn new(node_id: NodeId, dictionary: &ObjectDictionary) -> Self {
+        let mut channels = vec![(DEFAULT, Some(SdoServer::for_node(node_id.get())))];
         let indices =
             (FIRST_ADDITIONAL..=LAST).filter(|index| dictionary.find(*index, REQUEST_ID).is_ok());
-        let mut servers = Self {
-            default: SdoServer::for_node(node_id.get()),
-            additional: indices.map(|index| (index, None)).collect(),
-        };
+        channels.extend(indices.map(|index| (index, None)));
+        let mut servers = Self { channels };
         servers.configure(dictionary);
         servers
     }
 
     /// Follows the dictionary after a write; a server whose COB-IDs have not changed continues its transfer.
     pub(crate) fn configure(&mut self, dictionary: &ObjectDictionary) {
-        for (index, server) in &mut self.additional {
+        for (index, server) in &mut self.channels[1..] {
             let ids = channel_ids(dictionary, *index);
             let current = server.as_ref();
             if ids != current.map(|server| (server.request_id(), server.response_id())) {
@@ -104,13 +103,15 @@ impl SdoServers {
     }
 
     fn servers(&self) -> impl Iterator<Item = &SdoServer> {
-        let additional = self.additional.iter();
-        std::iter::once(&self.default).chain(additional.flat_map(|(_, server)| server))
+        self.channels
+            .iter()
+            .filter_map(|(_, server)| server.as_ref())
     }
 
     fn servers_mut(&mut self) -> impl Iterator<Item = &mut SdoServer> {
-        let additional = self.additional.iter_mut();
-        std::iter::once(&mut self.default).chain(additional.flat_map(|(_, server)| server))
+        self.channels
+            .iter_mut()
+            .filter_map(|(_, server)| server.as_mut())
     }
 }
 

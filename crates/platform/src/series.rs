@@ -396,6 +396,12 @@ pub struct Iter<'a, T> {
 }
 
 impl<T: Pod> Iter<'_, T> {
+    /// Returns the next value from a block of the file.
+    #[inline(never)]
+    fn next_read(&mut self) -> Option<T> {
+        self.read.next().or_else(|| self.next_block())
+    }
+
     /// Begins the next block.
     #[cold]
     fn next_block(&mut self) -> Option<T> {
@@ -417,7 +423,7 @@ impl<T: Pod> Iterator for Iter<'_, T> {
     fn next(&mut self) -> Option<T> {
         match self.kept.next() {
             Some(value) => Some(*value),
-            None => self.read.next().or_else(|| self.next_block()),
+            None => self.next_read(),
         }
     }
 

@@ -354,11 +354,13 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     }
 
     /// Returns the time at which a fault next acts by itself.
-    #[inline]
     fn next_fault(&self) -> Nanos {
-        let Some(faults) = &self.faults else {
-            return NEVER;
-        };
+        self.faults
+            .as_ref()
+            .map_or(NEVER, |faults| self.next_of(faults))
+    }
+
+    fn next_of(&self, faults: &BusFaults) -> Nanos {
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
         let recoveries = faults
             .states

@@ -85,8 +85,8 @@ pub struct TimelineReader {
     period: Duration,
     /// Time after a SYNC from which a frame does not belong to its cycle.
     late_after: Duration,
-    /// Scenario time of the latest SYNC.
-    latest_sync: Duration,
+    /// Scenario time after which a frame does not belong to the latest cycle.
+    late_from: Duration,
     end_cycle: u64,
     events: EventReader,
     losses: LossReader,
@@ -119,7 +119,7 @@ impl TimelineReader {
             traffic: Traffic::new(one),
             period,
             late_after: period + period / 2,
-            latest_sync: Duration::ZERO,
+            late_from: period + period / 2,
             events: EventReader::new(&one.database, NodeNames::new(shared, one)),
             losses: LossReader::new(one),
             commands: CommandReader::new(one, period, kept_max)?,
@@ -187,13 +187,13 @@ impl TimelineReader {
             }
         }
         if let Some(time) = time.filter(|_| is_sync) {
-            self.latest_sync = time;
+            self.late_from = time.saturating_add(self.late_after);
             if time < self.passing.end {
                 self.syncs_seconds.push(time.as_secs_f64());
             }
             self.begin_cycle(cycles(time, self.period));
         }
-        if let Some(time) = time.filter(|time| *time < self.passing.end && !self.traces.is_empty())
+        if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.passing.end)
         {
             let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
             self.traces.on_frame(frame, time, cycle_seconds);
@@ -202,7 +202,7 @@ impl TimelineReader {
 
     /// Returns whether a frame comes after the end of the latest cycle and before the SYNC of another.
     fn is_late(&self, time: Duration) -> bool {
-        time.saturating_sub(self.latest_sync) > self.late_after
+        time > self.late_from
     }
 
     /// Returns the start of the latest cycle.
