@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use fmu::description::Version;
-use fmu::export::write_fmu;
 use plan::Plan;
 use scenario::rig::nodes::Rig;
 use serde_json::Value;
 use toml::Table;
 
+use crate::fmus::motor;
 use crate::support::{canrig, output, root};
 
 /// Pages outside the book.
@@ -292,25 +292,14 @@ fn miette_text(error: impl std::fmt::Debug) -> String {
     format!("{error:?}")
 }
 
-/// Writes the FMU of the motor with this library.
-fn motor_fmu(folder: &Path, library: &[u8]) {
-    let shipped = fmu_plants::shipped();
-    let motor = shipped
-        .iter()
-        .find(|exported| exported.name() == "dc_motor");
-    let model = motor.unwrap().model().unwrap();
-    let file = fs::File::create(folder.join("motor.fmu")).unwrap();
-    write_fmu(file, &model, Version::Three, library).unwrap();
-}
-
 /// The motor behind its drive, as on the page.
 #[test]
 fn the_motor_from_another_tool_passes() {
-    // Cargo builds the library next to the tests, which depend on it.
-    let library = std::env::current_exe().unwrap();
-    let library = fs::read(library.with_file_name("libcanrig_plants.so")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    motor_fmu(folder.path(), &library);
+    let mut export = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    export.args(["fmu", "--export", "dc_motor", "--output"]);
+    let (code, _, stderr) = output(export.arg(folder.path().join("motor.fmu")));
+    assert_eq!(code, Some(0), "{stderr}");
     for name in ["motor_rig.toml", "motor_step.toml"] {
         let example = root().join("docs/examples").join(name);
         fs::copy(example, folder.path().join(name)).unwrap();
@@ -333,7 +322,7 @@ fn every_scenario_loads() {
     .unwrap();
     let eds = root().join("tests/foreign/servo.eds");
     fs::copy(eds, folder.path().join("servo.eds")).unwrap();
-    motor_fmu(folder.path(), b"no library");
+    motor(folder.path(), Version::Three);
     for (page, name) in [
         ("several-drives", "feeder.toml"),
         ("several-drives", "feed_and_press.toml"),

@@ -314,17 +314,9 @@ fn output_that_cannot_be_written_is_no_success() {
 
 /// Returns the program with a limit on the size of files, in kilobytes.
 fn limited(kilobytes: u32, arguments: &[&str]) -> Command {
-    limited_program(
-        Path::new(env!("CARGO_BIN_EXE_canrig")),
-        kilobytes,
-        arguments,
-    )
-}
-
-fn limited_program(program: &Path, kilobytes: u32, arguments: &[&str]) -> Command {
     let mut bash = Command::new("bash");
     bash.args(["-c", &format!("ulimit -f {kilobytes}; exec \"$@\""), "-"]);
-    bash.arg(program).args(arguments);
+    bash.arg(env!("CARGO_BIN_EXE_canrig")).args(arguments);
     bash
 }
 
@@ -366,27 +358,14 @@ fn a_run_whose_recording_cannot_be_written_says_nowhere_that_it_passed() {
     }
 }
 
-/// Copies the program into a folder, with the library of its plants next to it, where it expects it; cargo builds the
-/// library next to the tests.
-fn with_library(folder: &Path) -> PathBuf {
-    let program = folder.join("canrig");
-    fs::copy(env!("CARGO_BIN_EXE_canrig"), &program).unwrap();
-    let name = "libcanrig_plants.so";
-    let library = std::env::current_exe().unwrap().with_file_name(name);
-    fs::copy(library, folder.join(name)).unwrap();
-    program
-}
-
 /// These commands begin quickly, and take some time to write.
 #[test]
 fn a_signal_leaves_nothing_half_written() {
     let folder = tempfile::tempdir().unwrap();
-    let program = with_library(folder.path());
     let place = folder.path().join("sma.fmu");
     let partial = place.with_added_extension("partial");
     for signal in [Signal::INT, Signal::TERM] {
-        let mut export = Command::new(&program);
-        let export = export.args(["fmu", "--export", "sma", "--output"]);
+        let mut export = bare(&["fmu", "--export", "sma", "--output"]);
         let mut export = export.arg(&place).spawn().unwrap();
         // On a busy machine the command may have ended before the check.
         let mut ended = None;
@@ -408,9 +387,7 @@ fn a_signal_leaves_nothing_half_written() {
 fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("sma.fmu");
-    let program = with_library(folder.path());
-    let arguments = ["fmu", "--export", "sma", "--output"];
-    let mut export = limited_program(&program, 10, &arguments);
+    let mut export = limited(10, &["fmu", "--export", "sma", "--output"]);
     let (code, stdout, stderr) = output(export.arg(&place));
     assert_eq!(code, Some(4), "{stderr}");
     assert_eq!(

@@ -1,5 +1,6 @@
 //! `canrig fmu --export`: writes plants as FMUs.
 
+use std::borrow::Cow;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use runner::exit::{Exit, Failure};
 use runner::output::unwritten;
 
 /// Shared library with the plants that ship.
-const SHIPPED_LIBRARY: &str = "libcanrig_plants.so";
+const SHIPPED_LIBRARY: &[u8] = include_bytes!(env!("SHIPPED_LIBRARY"));
 
 /// Constructor of the model of a custom plant.
 pub(crate) type OwnModel = fn() -> Box<dyn Exported>;
@@ -35,8 +36,8 @@ pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Result<Stri
     let custom = Vec::from_iter(OWN.get().into_iter().flatten().map(|custom| custom()));
     let find = |models| named(models, plant);
     let (exported, library) = match (find(&custom), find(&shipped)) {
-        (Some(custom), _) => (custom, library_of_program()?),
-        (None, Some(shipped)) => (shipped, shipped_library()?),
+        (Some(custom), _) => (custom, Cow::Owned(library_of_program()?)),
+        (None, Some(shipped)) => (shipped, Cow::Borrowed(SHIPPED_LIBRARY)),
         (None, None) => {
             let known = shipped.iter().chain(&custom);
             let names = known.map(|exported| exported.name());
@@ -50,11 +51,8 @@ pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Result<Stri
         let text = "cannot be made from its defaults";
         Exit::CannotStart.because(format!("the plant `{plant}` {text}: {reason}"))
     })?;
-    let bytes = fs::read(&library).map_err(|error| {
-        Exit::BenchFailed.because(format!("{} cannot be read: {error}", library.display()))
-    })?;
     let path = output.map_or_else(|| PathBuf::from(format!("{plant}.fmu")), Path::to_owned);
-    let write = |file: &mut BufWriter<File>| write_fmu(file, &model, version, &bytes);
+    let write = |file: &mut BufWriter<File>| write_fmu(file, &model, version, &library);
     write_new(&path, write).map_err(|error| unwritten(&path, &error))?;
     let (version, count) = (version.name(), model.variables.len());
     Ok(format!(
@@ -69,48 +67,21 @@ fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Expo
     models.find(|exported| exported.name() == name)
 }
 
-/// Returns the folder of this program.
-fn beside() -> PathBuf {
+/// Reads the library of the program's own crate, which Cargo builds next to it.
+fn library_of_program() -> Result<Vec<u8>, Failure> {
     let program = std::env::current_exe().and_then(|program| program.canonicalize());
-    program
-        .ok()
-        .and_then(|program| program.parent().map(Path::to_owned))
-        .unwrap_or_default()
-}
-
-/// Finds the library of the plants that ship. Cargo and the archive put it next to the program; the wheel puts it into
-/// its package below the same prefix.
-fn shipped_library() -> Result<PathBuf, Failure> {
-    let beside = beside();
-    let mut places = vec![beside.clone(), beside.join("../lib")];
-    let pythons = fs::read_dir(beside.join("../lib"))
-        .into_iter()
-        .flatten()
-        .flatten();
-    places.extend(pythons.map(|python| python.path().join("site-packages/canrig")));
-    let advice = "`cargo build --release` makes it, the wheel and the archive of a release have it";
-    found(SHIPPED_LIBRARY.to_owned(), &places, advice)
-}
-
-/// Finds the library of the program's own crate. Cargo builds both together.
-fn library_of_program() -> Result<PathBuf, Failure> {
-    let program = std::env::current_exe().unwrap_or_default();
-    let stem = program
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .replace('-', "_");
-    let advice = "let the crate's Cargo.toml have crate-type = [\"lib\", \"cdylib\"] below [lib], and name its plants in fmu_plants::export!";
-    found(format!("lib{stem}.so"), &[beside()], advice)
-}
-
-fn found(name: String, places: &[PathBuf], advice: &'static str) -> Result<PathBuf, Failure> {
-    let mut paths = places.iter().map(|place| place.join(&name));
-    let found = paths.find(|path| path.is_file());
-    found.ok_or_else(|| {
-        let place = places[0].display();
-        Exit::CannotStart.because(format!(
-            "the shared library {name} is not in {place}; {advice}"
-        ))
+    let program = program.unwrap_or_default();
+    let stem = program.file_stem().unwrap_or_default().to_string_lossy();
+    let name = format!("lib{}.so", stem.replace('-', "_"));
+    let folder = program.parent().unwrap_or(Path::new(""));
+    let path = folder.join(&name);
+    if !path.is_file() {
+        let place = folder.display();
+        let advice = "let the crate's Cargo.toml have crate-type = [\"lib\", \"cdylib\"] below [lib], and name its plants in fmu_plants::export!";
+        let reason = format!("the shared library {name} is not in {place}; {advice}");
+        return Err(Exit::CannotStart.because(reason));
+    }
+    fs::read(&path).map_err(|error| {
+        Exit::BenchFailed.because(format!("{} cannot be read: {error}", path.display()))
     })
 }
