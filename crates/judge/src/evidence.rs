@@ -331,8 +331,8 @@ impl<'a> Evidence<'a> {
         match value(&all, cut) {
             Ok(value) => Ok(Known::at_least(value)),
             Err(absence) if matches!(absence.why, Why::Unseen(_)) => Err(Absence::left_out()),
-            Err(_) if is_time && longer_than > 0.0 => Ok(Known::at_least(longer_than)),
-            Err(_) => Err(Absence::left_out()),
+            Err(_) if is_time => Ok(Known::at_least(longer_than)),
+            Err(absence) => Err(absence),
         }
     }
 

@@ -803,6 +803,11 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
         let verdict = beside_a_stall(STEP_LIMIT, missed, stall, overshooting);
         assert_eq!(verdict.outcome, Outcome::Fail, "{:?}", verdict.reason);
     }
+    // A step without height has no overshoot, stall or not.
+    let flat = "[[reference.step]]\nat_seconds = 0.5\nposition_millimetres = 10.0\n";
+    let limit = format!("{STEP_LIMIT}{flat}");
+    let verdict = beside_a_stall(&limit, 800..815, (800, 815), step_response(1.1));
+    assert_eq!(verdict.outcome, Outcome::Fail, "{:?}", verdict.reason);
     // More than 1 % of the cycles were missed in stalls, and none before them: the result is open.
     let verdict = beside_a_stall(STEP_LIMIT, 3000..3200, (3000, 3200), step_response(1.1));
     assert_eq!(verdict.outcome, Outcome::Inconclusive);
