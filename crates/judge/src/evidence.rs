@@ -201,7 +201,7 @@ impl CycleSample {
     }
 
     pub(crate) fn has_same_set_point(&self, other: &Self) -> bool {
-        (self.set_point - other.set_point).abs() < SAME_MAX
+        (self.set_point - other.set_point).abs() <= SAME_MAX
     }
 }
 

@@ -72,7 +72,7 @@ fn step_settling_time(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue
 /// Returns the distance of the position beyond the set-point in the direction of the step, relative to its height.
 fn step_overshoot(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let height = step.to - step.from;
-    if height.abs() < SAME_MAX {
+    if height.abs() <= SAME_MAX {
         return Err("a step without height".into());
     }
     let samples = evidence.seen(step.window)?;
