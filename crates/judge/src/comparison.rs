@@ -259,6 +259,42 @@ mod tests {
     }
 
     #[test]
+    fn a_difference_is_positive_where_the_second_run_is_above_the_first() {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let run = |position: fn(u32) -> Option<f64>| decode(frames(501, position), &plan).unwrap();
+        let a = run(|cycle| match cycle {
+            100 => Some(13.0),
+            300 => Some(11.0),
+            _ => Some(10.0),
+        });
+        let b = run(|cycle| match cycle {
+            200 => Some(12.0),
+            300 => None,
+            _ => Some(10.0),
+        });
+        let tolerances = Tolerances {
+            given: &[],
+            time_seconds: 0.001,
+            scales: vec![Scale::of(plan.only_loop().unwrap())],
+        };
+        let verdict = Verdict::incomplete("compared", 1, "");
+        let compared = compare_runs(&tolerances, (&a, &verdict), (&b, &verdict));
+        let mut signals = compared.signals.iter();
+        let signal = signals.find(|one| one.name == "position_millimetres");
+        let signal = signal.unwrap();
+        let found = (signal.largest, signal.largest_at_seconds);
+        assert_eq!(found, (Some(3.0), Some(0.1)));
+        // 3 of 500 cycles.
+        assert!((signal.beyond_percent - 0.6).abs() < 1e-9);
+        let values = [a[0].position(), b[0].position()];
+        let (times, differences) = distances(signal, [&a[0], &b[0]], values);
+        let all = times.iter().zip(&differences);
+        let others = all.filter(|(_, difference)| *difference != 0.0);
+        let expected = [(0.1, -3.0), (0.2, 2.0), (0.3, -1.0)];
+        assert_eq!(Vec::from_iter(others), expected);
+    }
+
+    #[test]
     fn metrics_of_either_run_are_compared_by_their_tolerances() {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
         let tolerances = Tolerances {

@@ -181,7 +181,71 @@ impl Path {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
+    use can::CanFrame;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
+    use recording::log::Stamped;
+    use recording::timeline::decode;
+    use scenario::Beside;
+
     use super::*;
+    use crate::{Circumstances, judge};
+
+    /// Two axes hold (30, 30) mm for 1 s; from 0.5 s on they measure (30.3, 30.4) mm.
+    #[test]
+    fn a_contour_is_judged_in_its_window_as_far_as_its_loops_are() {
+        let judged = |expected: &str| {
+            let text = format!(
+                "schema = 1\nrig = \"two_axes\"\nname = \"point\"\nduration_seconds = 1.0\n[controller.all.pid]\n\
+                 [[reference.hold]]\nloop = \"x\"\nat_seconds = 0.0\nposition_millimetres = 30.0\n\
+                 [[reference.hold]]\nloop = \"y\"\nat_seconds = 0.0\nposition_millimetres = 30.0\n\
+                 [[expect.contour]]\nloops = [\"x\", \"y\"]\ncontour_error_millimetres_max = {{ max = 1.0 }}\n{expected}"
+            );
+            let beside = Beside::new("point.toml".as_ref());
+            let read = |_: &str| unreachable!("no table");
+            let plan = Plan::parse(&beside, text, read, &Catalogue::shipped()).unwrap();
+            let measured = |axis: &str, position: f64| {
+                let message = format!("{axis}_tpdo1");
+                let mut feedback = plan.database().builder(&message).unwrap();
+                for (name, value) in [
+                    ("statusword_state", 39.0),
+                    ("position_millimetres", position),
+                ] {
+                    let path = format!("{message}.{name}");
+                    feedback.set(&plan.database().signal(&path).unwrap(), value);
+                }
+                feedback.frame()
+            };
+            let cycles = (0..500_u64).flat_map(|cycle| {
+                let [x, y] = if cycle < 250 { [30.0; 2] } else { [30.3, 30.4] };
+                let start = Duration::from_millis(2 * cycle + 1);
+                let frames = [
+                    CanFrame::new(0x080, &[]),
+                    measured("x", x),
+                    measured("y", y),
+                ];
+                frames.map(|frame| Stamped::new(start, frame))
+            });
+            let on = ["x", "y"].map(|axis| Stamped::new(Duration::ZERO, measured(axis, 30.0)));
+            let frames = on.into_iter().chain(cycles);
+            let timelines = decode(frames, &plan).unwrap();
+            let rows = judge(&plan, &timelines, &Circumstances::default()).metrics;
+            ["max", "rms"].map(|end| {
+                let name = format!("x_y.contour_error_millimetres_{end}");
+                let row = rows.iter().find(|row| row.name == name).unwrap();
+                (row.value, row.remark.clone())
+            })
+        };
+        let seen = |value| (Some(value), None);
+        assert_eq!(judged(""), [seen(0.5), seen(0.353_553)]);
+        assert_eq!(judged("from_seconds = 0.5\n"), [seen(0.5), seen(0.5)]);
+        let ended = "from_seconds = 0.5\n[expect.all]\njudged_until_seconds = 0.5\n";
+        let reason = "the window begins behind what is judged".to_owned();
+        let unseen = (None, Some(reason));
+        assert_eq!(judged(ended), [unseen.clone(), unseen]);
+    }
 
     /// Checks the example of `docs/reference/metrics.md`.
     #[test]

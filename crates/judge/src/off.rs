@@ -104,7 +104,7 @@ mod tests {
     use crate::{Circumstances, judge};
 
     /// Returns the end of a run in which the drive was on until the controller died at 0.2 s: the drive's heartbeat until a time,
-    /// and its answers at 0.4 s.
+    /// and then its answers.
     fn frames(until_milliseconds: u64, answers: Option<(u16, i16)>) -> Vec<Stamped> {
         let database = Database::shipped();
         let mut on = database.builder("drive_tpdo1").unwrap();
@@ -124,7 +124,7 @@ mod tests {
             for (object, value) in [(0x41, statusword), (0x78, milliamperes.cast_unsigned())] {
                 let [low, high] = value.to_le_bytes();
                 let answer = [0x4B, object, 0x60, 0, low, high, 0, 0];
-                frames.push(at(400, CanFrame::new(0x590, &answer)));
+                frames.push(at(until_milliseconds, CanFrame::new(0x590, &answer)));
             }
         }
         frames
@@ -182,6 +182,10 @@ mod tests {
         assert_eq!(reported(frames(400, None)), silent);
         let short = unseen("no report before its watches have passed (0.100 s)");
         assert_eq!(reported(frames(230, None)), short);
+        // The watches pass 0.1 s after the end at 0.201 s of the recording.
+        assert_eq!(reported(frames(300, Some((0x0237, 0)))), short);
+        let (passed, _) = reported(frames(301, Some((0x0237, 0))));
+        assert_eq!(passed, Some(false));
     }
 
     #[test]

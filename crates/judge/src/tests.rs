@@ -926,18 +926,18 @@ fn missed_commands_have_their_limit_without_those_of_the_bench() {
     );
 }
 
-/// The drive is given up in a stall in which no cycle was missed.
+/// A node is given up in a stall in which no cycle was missed.
 #[test]
 fn an_end_in_a_stall_proves_nothing() {
     let plan = Plan::new(scenario(""), &Catalogue::shipped());
     let mut frames = frames(2000, |_| Some(10.0));
     answer_positions(&mut frames);
     let timelines = decode(&frames, &plan).unwrap();
-    let judged = |stall: (u64, u64)| {
+    let judged = |node: &str, stall: (u64, u64)| {
         let [from, until] = [stall.0, stall.1].map(|time| Duration::from_millis(1 + time));
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {
-                node: Some("drive".to_owned()),
+                node: Some(node.to_owned()),
                 since_seconds: Some(1.9),
                 at_seconds: Some(2.0),
                 ..EarlyEnd::without_node(EndedBy::Node, "given up")
@@ -950,8 +950,11 @@ fn an_end_in_a_stall_proves_nothing() {
         };
         judge(&plan, &timelines, &circumstances).outcome
     };
-    assert_eq!(judged((1900, 2000)), Outcome::Inconclusive);
-    assert_eq!(judged((1000, 1100)), Outcome::Fail);
+    // The io node is outside the loop.
+    for node in ["drive", "disturbance"] {
+        assert_eq!(judged(node, (1900, 2000)), Outcome::Inconclusive);
+        assert_eq!(judged(node, (1000, 1100)), Outcome::Fail);
+    }
 }
 
 #[test]

@@ -143,13 +143,15 @@ mod tests {
     fn a_command_that_did_not_come_is_late() {
         let mut limits = Expect::default();
         limits.timing.round_trip_microseconds.p99 = max(800.0);
+        limits.timing.frames_delayed = max(0.0);
         let judged = |missed_percent: f64, p99| {
             let mut verdict = Verdict::incomplete("hold", 1, "");
             (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
             let missed = Metric::new("x.missed_commands_percent", Ok(missed_percent), None);
             verdict.metrics = vec![missed];
             judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[]);
-            let row = verdict.metrics.pop().unwrap();
+            let [_, row, delayed] = verdict.metrics.try_into().unwrap();
+            assert_eq!((delayed.value, delayed.passed), (Some(0.0), Some(true)));
             (verdict.outcome, row.value, row.remark)
         };
         assert_eq!(judged(1.0, 700.0), (Outcome::Pass, Some(700.0), None));
