@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use canopen::Services;
 use canopen::cia402::State;
+use scenario::cycle_start_seconds;
 use scenario::reference::{SetPoint, Trajectory};
 use scenario::rig::drive::Feedback;
 
@@ -127,9 +128,7 @@ impl ControlLoop {
 
     /// Updates the inputs of a law for a cycle with this position, and returns the set-point.
     pub(super) fn look(&mut self, number: u64, position: f64) -> SetPoint {
-        let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
-        let time = Duration::from_nanos(period_nanoseconds.saturating_mul(number));
-        self.scenario_time_seconds = time.as_secs_f64();
+        self.scenario_time_seconds = cycle_start_seconds(number, self.sync_period.as_secs_f64());
         let set_point = self.trajectory.at(self.scenario_time_seconds);
         let reads = LoopReads {
             position,

@@ -6,10 +6,11 @@ use std::rc::Rc;
 use dbc::names::{self, TPDO1, TRUE_POSITION};
 use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
-use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline, cycle_start_seconds};
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use scenario::Trial;
 use scenario::contour::Contour;
+use scenario::cycle_start_seconds;
 use scenario::events::Window;
 use scenario::expect::{ExpectedRow, rounded};
 use scenario::fault::Group;
@@ -184,7 +185,7 @@ impl<T: AsRef<str>> From<T> for Absence {
 /// Least time within a band for a stay; a shorter one may be a passage.
 pub(crate) const STAY_SECONDS: f64 = 0.1;
 
-/// Largest difference of equal set-points: they are computed in metres and from sines, and rounding separates two of them.
+/// Largest difference of equal set-points: they are computed from sines, and rounding separates two of them.
 pub(crate) const SAME_MAX: f64 = 1e-6;
 
 /// Set-point and position in one cycle.

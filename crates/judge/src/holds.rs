@@ -1,7 +1,8 @@
 //! Quietness of the loop at the end, with a constant set-point: the ripple of its current, and hunting.
 
 use dbc::names::TARGET_CURRENT;
-use recording::timeline::{TIME_TOLERANCE_SECONDS, cycle_start_seconds};
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use scenario::cycle_start_seconds;
 use scenario::events::Window;
 
 use crate::disturbances::recovery;

@@ -39,3 +39,22 @@ impl Bus {
         Duration::from_micros(100).mul_f64(tenths)
     }
 }
+
+/// Returns the scenario time at which a cycle begins, the same for a law, a judge and a reader.
+pub fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
+    cycle as f64 * period_seconds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cycle_begins_not_before_the_time_that_a_file_gives_it() {
+        for cycle in 0..60_000 {
+            let written = format!("{}.{:03}", cycle / 1000, cycle % 1000);
+            let written: f64 = written.parse().unwrap();
+            assert!(cycle_start_seconds(cycle, 1e-3) >= written, "{cycle}");
+        }
+    }
+}

@@ -3,7 +3,8 @@
 use std::iter::Peekable;
 
 use plan::ControlLoop;
-use recording::timeline::{Timeline, cycle_start_seconds};
+use recording::timeline::Timeline;
+use scenario::cycle_start_seconds;
 use scenario::node::Part;
 
 /// Duty of a node towards the others.

@@ -2,7 +2,8 @@
 //! breaches follow from it by the nodes' own watches.
 
 use recording::stalls::Who;
-use recording::timeline::{TIME_TOLERANCE_SECONDS, cycle_start_seconds};
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use scenario::cycle_start_seconds;
 use scenario::expect::rounded;
 use scenario::node::Part;
 use serde::{Deserialize, Serialize};

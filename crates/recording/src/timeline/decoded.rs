@@ -75,7 +75,7 @@ pub struct Timeline {
     pub lost_heartbeats: Vec<LostHeartbeat>,
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
     pub temperature_silence: Option<(f64, f64)>,
-    /// Quantity that the loop measures; `position_millimetres` is its name in this code.
+    /// Quantity that the loop measures; its values are called positions in this code.
     pub measurand: Measurand,
     /// Raw set-point of the scenario, which is NaN if the scenario has none, then the signals on the bus.
     pub columns: Vec<Column>,
@@ -239,9 +239,4 @@ pub fn all_events(timelines: &[Timeline]) -> Events {
         });
     }
     all
-}
-
-/// Returns scenario time at which a cycle begins.
-pub fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
-    cycle as f64 * period_seconds
 }

@@ -8,11 +8,11 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, names};
 use plan::{ControlLoop, Plan, Shared};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
-use scenario::Trial;
+use scenario::{Trial, cycle_start_seconds};
 
 use super::columns::Columns;
 use super::commands::CommandReader;
-use super::decoded::{Column, Timeline, cycle_start_seconds};
+use super::decoded::{Column, Timeline};
 use super::passing::{Passing, Traffic};
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
