@@ -218,7 +218,9 @@ mod tests {
             log.flush().unwrap();
             assert_eq!(fs::metadata(&path).unwrap().len(), 0);
         }
+        assert!(Log::read(&path).unwrap().frames.is_empty());
         log.flush().unwrap();
-        assert_eq!(Log::read(&path).unwrap().frames.len(), 2);
+        let frames = Log::read(&path).unwrap().frames;
+        assert_eq!((frames.len(), frames.is_empty()), (2, false));
     }
 }

@@ -385,6 +385,20 @@ mod tests {
     }
 
     #[test]
+    fn among_several_drives_an_emergency_names_the_one_concerned() {
+        let mut reader = EventReader::new(Database::shipped(), two_loops("y"));
+        for node in [0x12, 0x14] {
+            let frame = CanFrame::new(0x081, &[0, 0x10, 1, node, 6, 0, 0, 0]);
+            reader.on_frame(&Stamped::new(Duration::ZERO, frame));
+        }
+        let events = reader.events.take_since(0.0);
+        let texts = Vec::from_iter(events.iter().map(|event| event.text.as_str()));
+        let start = "controller: emergency generic error: the drive reports an emergency";
+        let expected = ["(left)", "(node 20)"].map(|node| format!("{start} {node}"));
+        assert_eq!(texts, expected);
+    }
+
+    #[test]
     fn steps_and_disturbances_are_events_with_their_values() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 30.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\

@@ -465,6 +465,11 @@ mod tests {
             let line = format!("(0.000001) can0 {frame}");
             assert!(parse(&line).is_err(), "{line}");
         }
+        for (id, limit) in [("70145677", "1FFFFFFF"), ("800", "7FF")] {
+            let reason = parse(&format!("(0.000001) can0 {id}#00")).unwrap_err();
+            let start = format!("identifier is beyond {limit}");
+            assert!(reason.starts_with(&start), "{reason}");
+        }
         let error = "(0000000000.000001) can0 20000004#0001000000000000";
         assert_eq!(shown(&parse(error).unwrap()), error);
     }
@@ -594,6 +599,11 @@ mod tests {
     fn blank_lines_do_not_go_on_for_ever() {
         let (frames, unread) = read_cut_log(format!("{LOG}\n\n{LOG}").as_bytes()).unwrap();
         assert_eq!((frames.len(), unread), (4, Unread::default()));
+        for (blank, expected) in [(UNREADABLE_BYTES_MAX, 4), (UNREADABLE_BYTES_MAX + 1, 2)] {
+            let log = format!("{LOG}{}{LOG}", "\n".repeat(blank));
+            let (frames, _) = read_cut_log(log.as_bytes()).unwrap();
+            assert_eq!(frames.len(), expected, "{blank}");
+        }
         let endless = io::Read::chain(LOG.as_bytes(), io::BufReader::new(io::repeat(b'\n')));
         let (frames, unread) = read_cut_log(endless).unwrap();
         assert_eq!(frames.len(), 2);

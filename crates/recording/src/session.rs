@@ -208,5 +208,9 @@ mod tests {
         let drive = |plan: &Plan| plan.loops[0].real_drive.as_ref().unwrap().eds.clone();
         assert_eq!(drive(&read), drive(&plan));
         assert_eq!(read.shared.tables, plan.shared.tables);
+        // Frames whose meaning cannot be read do not get that of the catalogue.
+        fs::write(folder.path().join(file::FRAMES), [0xFF]).unwrap();
+        let error = read_plan(folder.path(), None, &Catalogue::shipped()).unwrap_err();
+        assert!(matches!(error, ReadError::File { .. }), "{error}");
     }
 }

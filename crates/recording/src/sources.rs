@@ -718,19 +718,24 @@ mod tests {
 
     #[test]
     fn without_a_report_a_rate_is_no_one_senders() {
-        let twice = || {
-            let again = |(time, frame): (Duration, CanFrame)| (time + 400 * MICRO, frame);
-            let is_command = |(_, frame): &(Duration, CanFrame)| frame.standard_id() == Some(0x210);
-            let foreign = on_time().into_iter().filter(is_command).map(again);
+        let twice_of = |id| {
+            let again = |(time, _)| (time + 400 * MICRO, CanFrame::new(id, &[7]));
+            let is_it = |(_, frame): &(Duration, CanFrame)| frame.standard_id() == Some(id);
+            let foreign = on_time().into_iter().filter(is_it).map(again);
             [on_time(), foreign.collect()].concat()
         };
-        let [(identifier, _, frames)] = &found(twice())[..] else {
-            panic!("{:?}", found(twice()))
-        };
-        assert_eq!(
-            (identifier.as_str(), frames.abs_diff(1500) < 3),
-            ("0x210", true)
-        );
+        // A SYNC is found by its counter, too, and named once.
+        for (id, name) in [(0x210, "0x210"), (SYNC_COB_ID, "0x080")] {
+            let found = found(twice_of(id));
+            let [(identifier, _, frames)] = &found[..] else {
+                panic!("{found:?}")
+            };
+            assert_eq!(
+                (identifier.as_str(), frames.abs_diff(1500) < 3),
+                (name, true)
+            );
+        }
+        let twice = || twice_of(0x210);
         // An external controller may send at any rate.
         let external = ["controller"];
         assert_eq!(found_in(twice(), "", &external, &Sent::default()), []);

@@ -434,6 +434,19 @@ mod tests {
         assert_eq!(texts(&[&timeline.piece(0..2)]), texts(&[&timeline]));
     }
 
+    #[test]
+    fn a_message_that_comes_at_the_very_end_of_the_scenario_is_back() {
+        for (late, expected) in [(0, true), (1, false)] {
+            let (plan, mut frames) = two_cycles();
+            let end = Duration::from_micros(10_001_000 + late);
+            frames.push(Stamped::new(end, CanFrame::new(SYNC_COB_ID, &[])));
+            let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+            let mut texts = timeline.events.iter().map(|event| event.text.as_str());
+            let is_back = texts.any(|text| text == "SYNC from the controller is back");
+            assert_eq!(is_back, expected, "{late}");
+        }
+    }
+
     /// Only the whole recording has the silence, none of its pieces.
     #[test]
     fn no_piece_has_the_silence_of_the_whole() {
