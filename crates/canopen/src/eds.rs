@@ -453,6 +453,19 @@ mod tests {
         }
     }
 
+    /// The numbers of CiA 301, table 44.
+    #[test]
+    fn integers_of_all_lengths_are_read() {
+        let signed = [0x02, 0x03, 0x10, 0x04, 0x12, 0x13, 0x14, 0x15];
+        let unsigned = [0x05, 0x06, 0x16, 0x07, 0x18, 0x19, 0x1A, 0x1B];
+        for (types, default) in [(signed, -2_i64), (unsigned, 2)] {
+            for (data_type, length) in types.into_iter().zip(1..) {
+                let bytes = value(&format!("DataType={data_type:#x}\nDefaultValue={default}"));
+                assert_eq!(bytes, default.to_le_bytes()[..length], "{data_type:#x}");
+            }
+        }
+    }
+
     #[test]
     fn trailing_comments_are_cut() {
         assert_eq!(

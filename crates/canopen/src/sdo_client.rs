@@ -500,6 +500,17 @@ mod tests {
     }
 
     #[test]
+    fn another_channel_has_identifiers_of_11_bits() {
+        let mut client = client().with_channel(0x8000 | 0x633, 0x8000 | 0x5B3);
+        client.start_upload(NOW, (0x2000, 0)).unwrap();
+        let request = client.next_frame().unwrap();
+        assert_eq!(request.to_string(), "633#4000200000000000");
+        let answer = CanFrame::new(0x5B3, b"\x4F\x00\x20\0\x05\0\0\0");
+        client.on_frame(NOW, &answer);
+        assert_eq!(client.take_result(), Some(Ok(vec![5])));
+    }
+
+    #[test]
     fn errors_name_node_object_and_reason() {
         let message = |failure| {
             SdoError {

@@ -116,7 +116,7 @@ impl Services {
         self.commit(handle, bytes)
     }
 
-    /// Requests an NMT state change or reset of this node itself, after the present call.
+    /// Requests an NMT state change or reset of this node itself, after the present call. At most eight wait; more are dropped.
     pub fn request_nmt(&mut self, command: NmtCommand) {
         if self.requests.len() < REQUESTS_MAX {
             self.requests.push_back(command);

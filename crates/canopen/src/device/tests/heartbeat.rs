@@ -101,6 +101,8 @@ fn several_nodes_are_watched_each_by_its_time() {
         bench.write(0x1016, sub_index, &entry).unwrap();
         bench.send(0x700 + u16::from(node_id), &[5]);
     }
+    let watches = |node_id| bench.device.watches(NodeId::new(node_id).unwrap());
+    assert_eq!([1, 2, 3, 127].map(watches), [true, true, false, true]);
     let sent = bench.pass(milliseconds(200));
     assert_eq!(
         sent,

@@ -43,6 +43,17 @@ fn two_commands_in_a_row_are_both_obeyed() {
 }
 
 #[test]
+fn at_most_eight_requests_of_the_node_itself_wait() {
+    let mut bench = Bench::new();
+    for command in [NmtCommand::Start, NmtCommand::Stop].repeat(5) {
+        bench.device.services_mut().request_nmt(command);
+    }
+    bench.tick();
+    bench.tick();
+    assert_eq!(bench.heard().len(), 8);
+}
+
+#[test]
 fn commands_for_other_nodes_are_ignored() {
     let mut bench = Bench::new();
     for specifier in [1, 2, 128, 129, 130] {

@@ -322,6 +322,12 @@ fn type_252_samples_at_sync_and_253_at_the_remote_frame() {
     let dictionary = bench.device.services_mut().dictionary_mut();
     dictionary.set_integer(STATUSWORD, 0, 8).unwrap();
     assert_eq!(bench.send_frame(&remote(0x190)), ["190#080000000000"]);
+    assert!(bench.send_frame(&remote(0x290)).is_empty(), "forbidden");
+    bench.send(0, &[128, ID]);
+    assert!(
+        bench.send_frame(&remote(0x190)).is_empty(),
+        "not Operational"
+    );
 }
 
 #[test]
