@@ -10,9 +10,10 @@ use canopen::cia402::Command;
 use canopen::nmt::ERROR_CONTROL_ID;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
-use scenario::rig::drive::{DriveLayout, Feedback, Scaled};
+use scenario::rig::drive::{Feedback, Scaled};
 
-use super::checklist::{Check, CheckOutcome, Found, failed, open, passed};
+use super::checklist::Check;
+use super::checklist::Found::{self, Failed, Open, Passed};
 use super::observed::{Motion, QuickStop, Span};
 use crate::error::WorldError;
 use crate::played::End;
@@ -167,10 +168,10 @@ impl<'a> Heating<'a> {
         ];
         let mut checks = Vec::new();
         for (name, found) in found {
-            let missing = |text| failed(reason.clone().unwrap_or(text));
+            let missing = |text| Failed(reason.clone().unwrap_or(text));
             let found = found.unwrap_or_else(missing);
-            let is_failed = found.outcome == CheckOutcome::Failed;
-            checks.push(Check::new(name, found));
+            let is_failed = matches!(found, Failed(_));
+            checks.push(Check(name, found));
             if is_failed {
                 return checks;
             }
@@ -183,40 +184,38 @@ impl<'a> Heating<'a> {
         let name = "error frames";
         let errors = self.errors.join(", ");
         match reason {
-            Some(reason) => Check::new("end", failed(reason)),
-            None if errors.is_empty() => Check::new(name, passed("none")),
+            Some(reason) => Check("end", Failed(reason)),
+            None if errors.is_empty() => Check(name, Passed("none".to_owned())),
             None => {
                 let found = format!("{errors}: look at cable, termination and bit rates");
-                Check::new(name, failed(found))
+                Check(name, Failed(found))
             }
         }
     }
 
     fn configuration(&self) -> Finding {
-        let DriveLayout {
-            feedback, command, ..
-        } = &self.drive.layout;
+        let drive = &self.drive.layout;
         let is_stop_seen = self.quick_stop.is_some_and(|stop| stop.last.is_some());
         if self.rest.is_none() && self.motion.is_none() && !is_stop_seen {
-            return Err(format!("no PDO 0x{:03X} came", feedback.id()));
+            return Err(format!("no PDO 0x{:03X} came", drive.feedback.id()));
         }
-        let pdos = [feedback, command]
+        let pdos = [&drive.feedback, &drive.command]
             .map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes()));
-        Ok(passed(format!("PDOs {} are mapped", pdos.join(" and "))))
+        Ok(Passed(format!("PDOs {} are mapped", pdos.join(" and "))))
     }
 
     fn enabled(&self) -> Finding {
         match (self.clock.zero(), self.position()) {
-            (Some(_), _) => Ok(passed("Operation enabled, at 0 A")),
-            (None, Err(_)) => Ok(open("not awaited")),
+            (Some(_), _) => Ok(Passed("Operation enabled, at 0 A".to_owned())),
+            (None, Err(_)) => Ok(Open("not awaited".to_owned())),
             (None, Ok(())) => Err("the drive was not enabled".to_owned()),
         }
     }
 
     fn at_rest(&self) -> Finding {
         match (self.position(), self.rest, self.motion) {
-            (Err(text), ..) => Ok(failed(text)),
-            (Ok(()), Some(rest), Some(_)) => Ok(passed(at_rest(rest, self.unit))),
+            (Err(text), ..) => Ok(Failed(text)),
+            (Ok(()), Some(rest), Some(_)) => Ok(Passed(at_rest(rest, self.unit))),
             _ => Err("the drive sent no position for a second".to_owned()),
         }
     }
@@ -256,15 +255,15 @@ impl<'a> Heating<'a> {
         let (displacement, amperes) = (motion.displacement, motion.amperes);
         let symbol = self.unit.symbol();
         if !preflight.heating {
-            Ok(open("not heated, as you wished"))
+            Ok(Open("not heated, as you wished".to_owned()))
         } else if displacement <= -threshold {
             // A motion may reach a limit of the rig before it counts as motion.
-            Ok(failed(format!(
+            Ok(Failed(format!(
                 "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
                 -displacement
             )))
         } else if motion.has_moved() {
-            Ok(passed(format!(
+            Ok(Passed(format!(
                 "rises by {displacement:.2} {symbol} at {amperes:.2} A"
             )))
         } else {
@@ -282,20 +281,20 @@ impl<'a> Heating<'a> {
             let after_milliseconds = after.as_secs_f64() * 1e3;
             let text = format!("after {after_milliseconds:.1} ms (limit {limit_milliseconds} ms)");
             return if after <= Duration::from_millis(limit_milliseconds.into()) {
-                Ok(passed(format!("no current {text}")))
+                Ok(Passed(format!("no current {text}")))
             } else {
-                Ok(failed(format!("no current only {text}")))
+                Ok(Failed(format!("no current only {text}")))
             };
         }
         // Without a sample a limit was violated: NMT stop came at once.
         let last = quick_stop.last.ok_or("no sample came after it")?;
         let flowing = last.current_amperes;
         match flowing.filter(|amperes| amperes.abs() > self.no_current_amperes()) {
-            Some(amperes) => Ok(failed(format!(
+            Some(amperes) => Ok(Failed(format!(
                 "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
             ))),
-            None => Ok(failed(
-                "the drive stays in Operation enabled; switch it off by hand",
+            None => Ok(Failed(
+                "the drive stays in Operation enabled; switch it off by hand".to_owned(),
             )),
         }
     }
@@ -304,11 +303,11 @@ impl<'a> Heating<'a> {
         let limit = self.patience();
         let limit_milliseconds = limit.as_millis();
         match self.stopped_after.filter(|after| *after <= limit) {
-            Some(after) => Ok(passed(format!(
+            Some(after) => Ok(Passed(format!(
                 "Stopped in a heartbeat after {:.1} ms (limit {limit_milliseconds} ms)",
                 after.as_secs_f64() * 1e3
             ))),
-            None => Ok(failed(format!(
+            None => Ok(Failed(format!(
                 "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
             ))),
         }

@@ -4,7 +4,8 @@ use std::io;
 
 use platform::link::{CanState, Link};
 
-use super::checklist::{Check, Found, failed, open, passed};
+use super::checklist::Check;
+use super::checklist::Found::{self, Failed, Open, Passed};
 use crate::bus_choice::RunBus;
 
 const BITS_PER_KILOBIT: u32 = 1000;
@@ -16,9 +17,9 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
             link_checks(name, platform::link::link(name), kilobits_per_second)
         }
         RunBus::Embedded { .. } | RunBus::Private => vec![
-            Check::new("interface", passed("canrig's own bus")),
-            Check::new("bit rate", open("this bus has none")),
-            Check::new("bus errors", open("this bus reports none")),
+            Check("interface", Passed("canrig's own bus".to_owned())),
+            Check("bit rate", Open("this bus has none".to_owned())),
+            Check("bus errors", Open("this bus reports none".to_owned())),
         ],
     }
 }
@@ -26,15 +27,15 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
 fn link_checks(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
     match link {
         Ok(link) => vec![
-            Check::new("interface", interface(name, &link)),
-            Check::new("bit rate", bit_rate(name, &link, kilobits_per_second)),
-            Check::new("bus errors", bus_errors(name, &link)),
+            Check("interface", interface(name, &link)),
+            Check("bit rate", bit_rate(name, &link, kilobits_per_second)),
+            Check("bus errors", bus_errors(name, &link)),
         ],
         Err(error) => {
             let text = format!(
                 "the kernel reports nothing of {name}: {error}; look at `ip -details link show {name}`"
             );
-            vec![Check::new("interface", failed(text))]
+            vec![Check("interface", Failed(text))]
         }
     }
 }
@@ -42,7 +43,7 @@ fn link_checks(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> 
 fn interface(name: &str, link: &Link) -> Found {
     if !link.is_up {
         let text = format!("{name} is down; bring it up with: ip link set {name} up");
-        return failed(text);
+        return Failed(text);
     }
     for (is_on, mode) in [
         (link.is_listen_only, "listen-only"),
@@ -52,30 +53,30 @@ fn interface(name: &str, link: &Link) -> Found {
             let text = format!(
                 "{name} is in {mode} mode; set it down, then: ip link set {name} type can {mode} off"
             );
-            return failed(text);
+            return Failed(text);
         }
     }
-    passed(format!("{name} is up"))
+    Passed(format!("{name} is up"))
 }
 
 fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Found {
     let Some(bit_rate) = link.bit_rate else {
-        return open("not reported by this interface");
+        return Open("not reported by this interface".to_owned());
     };
     let wanted = kilobits_per_second * BITS_PER_KILOBIT;
     let shown = f64::from(bit_rate) / f64::from(BITS_PER_KILOBIT);
     if bit_rate == wanted {
-        return passed(format!("{shown} kbit/s"));
+        return Passed(format!("{shown} kbit/s"));
     }
     let text = format!(
         "{shown} kbit/s instead of {kilobits_per_second}; set {name} down, then: ip link set {name} up type can bitrate {wanted}"
     );
-    failed(text)
+    Failed(text)
 }
 
 fn bus_errors(name: &str, link: &Link) -> Found {
     let Some(state) = link.state else {
-        return open("not reported by this interface");
+        return Open("not reported by this interface".to_owned());
     };
     let counters = link.errors.map_or_else(String::new, |[transmit, receive]| {
         format!(", error counters {transmit} (transmit) and {receive} (receive)")
@@ -84,14 +85,14 @@ fn bus_errors(name: &str, link: &Link) -> Found {
     let restart = format!("repair the bus, then: ip link set {name} type can restart");
     let (state, advice) = match state {
         CanState::ErrorActive => {
-            return passed(format!("error active{counters}"));
+            return Passed(format!("error active{counters}"));
         }
         CanState::ErrorWarning => ("error warning", look),
         CanState::ErrorPassive => ("error passive", look),
         CanState::BusOff => ("bus-off", restart.as_str()),
         CanState::Stopped => ("stopped", restart.as_str()),
     };
-    failed(format!("{state}{counters}; {advice}"))
+    Failed(format!("{state}{counters}; {advice}"))
 }
 
 #[cfg(test)]

@@ -12,7 +12,8 @@ use canopen::{NmtCommand, NodeId, cia402};
 use platform::clock::Clock;
 use scenario::rig::object_address;
 
-use super::checklist::{Check, CheckOutcome, Found, failed, passed};
+use super::checklist::Check;
+use super::checklist::Found::{self, Failed, Passed};
 use crate::guest::{Guest, GuestError};
 use plan::loaded_drive::LoadedDrive;
 use plan::presence::Presence;
@@ -78,7 +79,7 @@ impl<'a> Interview<'a> {
         self.guest.keep_place_of(self.manager);
         let reset = NmtCommand::ResetCommunication.frame(Some(self.drive.layout.node_id));
         self.guest.send(&reset).map_err(BrokenOff::Guest)?;
-        let mut checks = vec![Check::new(OTHER_MANAGER, passed("none is heard"))];
+        let mut checks = vec![Check(OTHER_MANAGER, Passed("none is heard".to_owned()))];
         let named = |(node, name): &(NodeId, String)| format!("{name} (node {node})");
         for node in nodes {
             if !self.has_answered(node.0)? {
@@ -87,17 +88,17 @@ impl<'a> Interview<'a> {
                     "{} answered no SDO for {seconds} s: is it switched on, is that its node-ID, and its bit rate that of the bus?",
                     named(node)
                 );
-                checks.push(Check::new("nodes", failed(text)));
+                checks.push(Check("nodes", Failed(text)));
                 return Ok(checks);
             }
         }
         let found = Vec::from_iter(nodes.iter().map(named)).join(", ");
-        checks.push(Check::new("nodes", passed(format!("found: {found}"))));
+        checks.push(Check("nodes", Passed(format!("found: {found}"))));
         let identity = self.identity()?;
-        let is_the_drive = identity.outcome == CheckOutcome::Passed;
-        checks.push(Check::new("identity", identity));
+        let is_the_drive = matches!(identity, Passed(_));
+        checks.push(Check("identity", identity));
         if is_the_drive {
-            checks.push(Check::new("objects", self.objects()?));
+            checks.push(Check("objects", self.objects()?));
         }
         Ok(checks)
     }
@@ -159,20 +160,20 @@ impl<'a> Interview<'a> {
                 continue;
             };
             let read = match self.ask_drive(address, None)? {
-                Err(error) => return Ok(failed(error.to_string())),
+                Err(error) => return Ok(Failed(error.to_string())),
                 Ok(bytes) => little_endian_u32(&bytes),
             };
             let wanted = format!("0x{wanted:X}");
             let read = read.map_or("no number".to_owned(), |number| format!("0x{number:X}"));
             if read != wanted {
                 let name = name(entry);
-                return Ok(failed(format!(
+                return Ok(Failed(format!(
                     "{name} is {read}, in the EDS {wanted}: another drive, or another EDS"
                 )));
             }
             shown.push(wanted);
         }
-        Ok(passed(format!(
+        Ok(Passed(format!(
             "as in the EDS: device type, vendor, product {}",
             shown.join(", ")
         )))
@@ -191,10 +192,10 @@ impl<'a> Interview<'a> {
             if entry.access.is_readable() {
                 match self.ask_drive(address, None)? {
                     Err(error) => {
-                        return Ok(failed(format!("{} cannot be read: {error}", name(entry))));
+                        return Ok(Failed(format!("{} cannot be read: {error}", name(entry))));
                     }
                     Ok(bytes) if size.is_some_and(|size| size != bytes.len()) => {
-                        return Ok(failed(format!(
+                        return Ok(Failed(format!(
                             "{} has {} bytes, in the EDS {}",
                             name(entry),
                             bytes.len(),
@@ -211,12 +212,12 @@ impl<'a> Interview<'a> {
                     Ok(_) => written += 1,
                     Err(error) if waits_for_operational(entry, &error) => {}
                     Err(error) => {
-                        return Ok(failed(format!("{} does not take 0: {error}", name(entry))));
+                        return Ok(Failed(format!("{} does not take 0: {error}", name(entry))));
                     }
                 }
             }
         }
-        Ok(passed(format!(
+        Ok(Passed(format!(
             "{read} read, {written} written, as the EDS says"
         )))
     }
@@ -263,7 +264,6 @@ mod tests {
     use platform::bus::{Bus, BusError};
     use scenario::rig::{Limits, RealDrive};
 
-    use super::super::checklist::CheckOutcome;
     use super::*;
 
     /// Drive that answers expedited transfers (CiA 301, 7.2.4.3) with the values of a data sheet.
@@ -344,9 +344,9 @@ mod tests {
             let Ok(checks) = interview.checks(&[node]) else {
                 panic!("nobody else is there");
             };
-            let names = Vec::from_iter(checks.iter().map(|check| check.name));
+            let names = Vec::from_iter(checks.iter().map(|Check(name, _)| *name));
             assert_eq!(names, made);
-            let has_passed = checks.last().unwrap().outcome == CheckOutcome::Passed;
+            let has_passed = matches!(checks.last(), Some(Check(_, Passed(_))));
             assert_eq!(
                 has_passed,
                 device_type == 0x0002_0192,

@@ -31,7 +31,7 @@ use crate::error::WorldError;
 use crate::guest::{Guest, GuestError};
 use crate::played::End;
 use crate::real_time;
-use checklist::{Check, CheckOutcome, failed, open};
+use checklist::{Check, Found};
 use heating::Heating;
 use interview::{BrokenOff, Interview, OTHER_MANAGER};
 use plan::loaded_drive::LoadedDrive;
@@ -127,8 +127,8 @@ impl Preflight {
         session.pass(interface::checks(bus, bit_rate))?;
         let is_led_elsewhere = |one: &&ControlLoop| one.is_external(Part::Controller);
         if unchecked.iter().any(is_led_elsewhere) {
-            let text = "left to the external controller, which leads it";
-            session.pass(vec![Check::new("drive", open(text))])?;
+            let text = "left to the external controller, which leads it".to_owned();
+            session.pass(vec![Check("drive", Found::Open(text))])?;
             return Ok(End::Completed);
         }
         for one in unchecked {
@@ -152,8 +152,8 @@ impl Preflight {
             Err(BrokenOff::Guest(GuestError::Bus(error))) => return Err(error.into()),
             Err(BrokenOff::Manager(manager)) => {
                 let remedy = "end the other controller, or name it with --external controller";
-                let found = failed(format!("{manager} is heard: {remedy}"));
-                let check = Check::new(OTHER_MANAGER, found);
+                let found = Found::Failed(format!("{manager} is heard: {remedy}"));
+                let check = Check(OTHER_MANAGER, found);
                 (session.report)(&PreflightEvent::Step(check.to_string()));
                 let found = format!("the pre-flight hears {manager}: {remedy}");
                 return Err(WorldError::SecondMaster(found));
@@ -203,10 +203,10 @@ impl Session<'_> {
     /// Reports the checks, up to the first that failed.
     fn pass(&self, checks: Vec<Check>) -> Result<(), WorldError> {
         for check in checks {
-            let is_failed = check.outcome == CheckOutcome::Failed;
-            let failed = is_failed.then(|| WorldError::preflight(check.name, &check.found));
             (self.report)(&PreflightEvent::Step(check.to_string()));
-            failed.map_or(Ok(()), Err)?;
+            if let Check(name, Found::Failed(text)) = check {
+                return Err(WorldError::preflight(name, &text));
+            }
         }
         Ok(())
     }
