@@ -62,14 +62,13 @@ fn wired_plant(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> 
 #[derive(Debug)]
 pub(crate) struct FmuPlant {
     ports: Ports,
-    /// The FMU in its worker; `None` after a failure, with which the worker is gone.
-    remote: Option<RemoteFmu>,
+    /// The FMU in its worker, or its failure, with which the worker is gone.
+    remote: Result<RemoteFmu, String>,
     /// Files that the worker has open.
     _unpacked: Arc<Unpacked>,
     /// Time in whole nanoseconds, as the drive counts it, so that no sum drifts.
     time: Duration,
     outputs: Vec<f64>,
-    failure: Option<String>,
 }
 
 impl Plant for FmuPlant {
@@ -93,12 +92,11 @@ impl Plant for FmuPlant {
         let remote =
             RemoteFmu::load(&unpacked, &wiring.configuration, &mut outputs).map_err(cannot)?;
         Ok(Self {
-            remote: Some(remote),
+            remote: Ok(remote),
             _unpacked: unpacked,
             time: Duration::ZERO,
             outputs,
             ports: wiring.ports,
-            failure: None,
         })
     }
 
@@ -111,14 +109,13 @@ impl Plant for FmuPlant {
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
-        let Some(remote) = &mut self.remote else {
+        let Ok(remote) = &mut self.remote else {
             return;
         };
         self.time += Duration::try_from_secs_f64(duration_seconds).unwrap_or_default();
         let to_seconds = self.time.as_secs_f64();
         if let Err(error) = remote.advance(to_seconds, inputs, &mut self.outputs) {
-            self.failure = Some(error.to_string());
-            self.remote = None;
+            self.remote = Err(error.to_string());
         }
     }
 
@@ -127,7 +124,7 @@ impl Plant for FmuPlant {
     }
 
     fn failure(&self) -> Option<&str> {
-        self.failure.as_deref()
+        self.remote.as_ref().err().map(String::as_str)
     }
 }
 
