@@ -62,15 +62,8 @@ struct InFlight {
     sender: Option<usize>,
     start: Duration,
     end: Duration,
-    fate: Fate,
-}
-
-/// Fate of a frame on the bus.
-enum Fate {
-    /// It passes whole, and takes this number of bits.
-    Whole { occupied_bits: u32 },
-    /// An error ends it, so its sender tries again.
-    Disturbed,
+    /// Number of bits that it takes if it passes whole; `None` if an error ends it, so its sender tries again.
+    whole_bits: Option<u32>,
 }
 
 /// Participants, the bus between them, and the time.
@@ -255,7 +248,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             sender: Some(sender),
             start: self.now,
             end,
-            fate: Fate::Disturbed,
+            whole_bits: None,
         });
     }
 
@@ -266,14 +259,14 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             sender,
             start: self.now,
             end,
-            fate: Fate::Whole { occupied_bits },
+            whole_bits: Some(occupied_bits),
         });
     }
 
     /// Ends a transmission: the others receive the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight) -> Result<(), WorldError> {
         let (now, frame) = (self.now, &passed.frame);
-        if let Fate::Whole { occupied_bits } = passed.fate {
+        if let Some(occupied_bits) = passed.whole_bits {
             self.wire.put(now, frame, occupied_bits)?;
             if let Some(faults) = &mut self.faults {
                 faults.observe(now, frame);
@@ -300,7 +293,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         let (now, start) = (self.now, passed.start);
         let free_at = self.bus.free_at();
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
-        let is_disturbed = matches!(passed.fate, Fate::Disturbed);
+        let is_disturbed = passed.whole_bits.is_none();
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let number = faults.node_number(index);
             let state = &mut faults.states[index];
