@@ -93,10 +93,6 @@ impl BenchNode {
             self.stop_drives();
         }
     }
-
-    fn is_due(&self, now: Duration) -> bool {
-        self.next_deadline().is_some_and(|deadline| deadline <= now)
-    }
 }
 
 /// Set-points that the bench sends, each after a SYNC for the next one: it acts with the SYNC.
@@ -229,11 +225,10 @@ impl Node for BenchNode {
     }
 
     fn on_tick(&mut self, now: Duration) {
-        if !self.is_due(now) {
-            return;
+        if self.next_deadline().is_some_and(|deadline| deadline <= now) {
+            let due = self.frames.pop_front();
+            self.due.extend(due.map(|(_, frame)| frame));
         }
-        self.due
-            .extend(self.frames.pop_front().map(|(_, frame)| frame));
     }
 
     fn on_stop(&mut self, _now: Duration) {

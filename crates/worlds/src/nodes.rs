@@ -25,17 +25,13 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
     let loops = Vec::from_iter(drives.map(|one| &one.trial));
     match catalogue::joint_emulator(&loops, plan.database()) {
         Ok(emulator) => Ok(Box::new(emulator)),
-        Err(error) => Err(no_emulator(name, error)),
-    }
-}
-
-fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
-    match error {
-        InvalidEmulator::Plant(InvalidPlant::Machine { what, source }) => WorldError::CannotBegin {
-            what: format!("the {name} cannot be set up: {what}: {source}"),
-            source: Some(source),
-        },
-        error => WorldError::set_up(name, &error),
+        Err(InvalidEmulator::Plant(InvalidPlant::Machine { what, source })) => {
+            Err(WorldError::CannotBegin {
+                what: format!("the {name} cannot be set up: {what}: {source}"),
+                source: Some(source),
+            })
+        }
+        Err(error) => Err(WorldError::set_up(name, &error)),
     }
 }
 
