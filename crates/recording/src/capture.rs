@@ -58,7 +58,8 @@ pub struct Capture<'a> {
     frames: Vec<Stamped>,
     /// Number of frames so far.
     count: usize,
-    unrecorded: Unrecorded,
+    /// Traffic that was on the bus and could not be taken.
+    pub unrecorded: Unrecorded,
     /// Number of the frames that are in the log.
     written: usize,
     log: Option<BusLog>,
@@ -140,11 +141,6 @@ impl<'a> Capture<'a> {
         &self.frames[..self.frames.partition_point(is_of_run)]
     }
 
-    /// Returns whether the user wants the run to end.
-    pub fn is_interrupted(&self) -> bool {
-        self.watch.is_interrupted()
-    }
-
     pub fn watch(&self) -> &'a Watch {
         self.watch
     }
@@ -201,16 +197,6 @@ impl<'a> Capture<'a> {
         self.frames.clear();
         self.frames.extend(kept);
         self.frames.extend(latest);
-    }
-
-    /// Notes frames that were on the bus and could not be taken.
-    pub fn lose(&mut self, frames: u64) {
-        self.unrecorded.frames_lost += frames;
-    }
-
-    /// Notes CAN FD frames that were on the bus.
-    pub fn count_fd(&mut self, frames: u64) {
-        self.unrecorded.fd_frames += frames;
     }
 
     /// Returns the frames, after all were written to the log if there is one, with a count of the missing ones.

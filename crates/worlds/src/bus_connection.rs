@@ -116,8 +116,8 @@ impl BusConnection {
     pub fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         self.recorder.stop();
         self.hub = None;
-        capture.lose(self.recorder.lost());
-        capture.count_fd(self.recorder.fd_frames());
+        capture.unrecorded.frames_lost += self.recorder.lost();
+        capture.unrecorded.fd_frames += self.recorder.fd_frames();
         self.collect(capture)
     }
 }

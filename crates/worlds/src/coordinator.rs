@@ -75,9 +75,10 @@ pub(crate) struct Coordinator<'a, 'b, 'c> {
     bus: BusModel,
     faults: Option<BusFaults>,
     in_flight: Option<InFlight>,
-    now: Duration,
+    /// Virtual time.
+    pub(crate) now: Duration,
     /// Time beyond which no participant goes ahead, since one may be asked to stop then.
-    horizon: Duration,
+    pub(crate) horizon: Duration,
 }
 
 impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
@@ -108,11 +109,6 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         }
     }
 
-    /// Returns the virtual time.
-    pub(crate) fn now(&self) -> Duration {
-        self.now
-    }
-
     /// Goes to the next event, the end of a frame or the start of one, and returns its time; `None` if there will be no further
     /// event.
     ///
@@ -124,7 +120,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             self.pass(&passed)?;
             return Ok(Some(self.now));
         }
-        let ready = self.now.max(self.bus.free_at());
+        let ready = self.now.max(self.bus.free_at);
         let next = self.agenda.next(nanos(ready)).min(self.next_fault());
         if next == NEVER {
             return Ok(None);
@@ -140,11 +136,6 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         }
         self.arbitrate();
         Ok(Some(self.now))
-    }
-
-    /// Sets the time beyond which no participant goes ahead.
-    pub(crate) fn set_horizon(&mut self, horizon: Duration) {
-        self.horizon = horizon;
     }
 
     /// Continues until no participant is ahead any more, so that one may be asked to stop now: its frames must not reach others
@@ -190,7 +181,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         while self.in_flight.is_some() {
             self.step()?;
         }
-        self.now = self.now.max(self.bus.free_at());
+        self.now = self.now.max(self.bus.free_at);
         self.transmit(None, frame);
         Ok(())
     }
@@ -291,7 +282,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             return Ok(());
         };
         let (now, start) = (self.now, passed.start);
-        let free_at = self.bus.free_at();
+        let free_at = self.bus.free_at;
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
         let is_disturbed = passed.whole_bits.is_none();
         for (index, slot) in self.slots.iter_mut().enumerate() {
@@ -359,7 +350,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             .states
             .iter()
             .map(|state| state.recovers_at(sequence));
-        let free_at = self.now.max(self.bus.free_at());
+        let free_at = self.now.max(self.bus.free_at);
         let foreign = faults.next_foreign(free_at);
         earliest(recoveries.chain([foreign])).map_or(NEVER, nanos)
     }
@@ -492,7 +483,7 @@ mod tests {
                 bus: None,
             };
             let mut coordinator = Coordinator::new(1000, vec![&mut talker], None, wire);
-            coordinator.set_horizon(Duration::ZERO);
+            coordinator.horizon = Duration::ZERO;
             let error = (0..10_000).find_map(|_| coordinator.step().err());
             assert_eq!(error.unwrap().to_string(), said);
         }

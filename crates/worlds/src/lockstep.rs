@@ -153,7 +153,7 @@ struct Run<'a, 'b, 'c> {
 impl Run<'_, '_, '_> {
     /// Moves the participants until the scenario is over, the user stops it, or an error occurs.
     fn follow(&mut self) -> Result<End, WorldError> {
-        self.coordinator.set_horizon(START_PATIENCE);
+        self.coordinator.horizon = START_PATIENCE;
         let mut until = None;
         let clock = Clock::start();
         let (mut flushed, mut seen) = (Duration::ZERO, 0);
@@ -171,7 +171,7 @@ impl Run<'_, '_, '_> {
                     let zero = self.coordinator.wire.capture.zero();
                     until = zero.map(|zero| zero + self.plan.duration());
                     if let Some(until) = until {
-                        self.coordinator.set_horizon(until);
+                        self.coordinator.horizon = until;
                     }
                 }
             }
@@ -185,7 +185,7 @@ impl Run<'_, '_, '_> {
             if !capture.since(&mut seen).is_empty() {
                 capture.flush()?;
             }
-            if capture.is_interrupted() {
+            if capture.watch().is_interrupted() {
                 return Ok(End::Interrupted);
             }
         }
@@ -199,8 +199,8 @@ impl Run<'_, '_, '_> {
             for request in requests {
                 coordinator.put(request)?;
             }
-            let until = coordinator.now() + time;
-            coordinator.set_horizon(until);
+            let until = coordinator.now + time;
+            coordinator.horizon = until;
             while coordinator.step()?.is_some_and(|now| now < until) {}
             coordinator.settle()?;
         }
@@ -213,7 +213,7 @@ impl Run<'_, '_, '_> {
         coordinator.settle()?;
         for index in left.iter().copied().rev() {
             coordinator.stop(index)?;
-            let give_up = coordinator.now() + STOP_PATIENCE;
+            let give_up = coordinator.now + STOP_PATIENCE;
             while !coordinator.is_stopped(index) {
                 let is_late = coordinator.step()?.is_none_or(|now| now > give_up);
                 // A participant that a fault keeps from ending is left as it is.

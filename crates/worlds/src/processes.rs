@@ -22,7 +22,7 @@ use recording::run_folder::RunFolder;
 
 /// Nodes that are processes of their own, the manager last; without external nodes.
 pub(super) struct Processes {
-    all: Vec<NodeProcess>,
+    pub(super) all: Vec<NodeProcess>,
     manager: String,
 }
 
@@ -30,10 +30,6 @@ impl Processes {
     pub(super) fn new(all: Vec<NodeProcess>, plan: &Plan) -> Self {
         let manager = plan.controller().name.clone();
         Self { all, manager }
-    }
-
-    pub(super) fn iter(&self) -> impl Iterator<Item = &NodeProcess> {
-        self.all.iter()
     }
 
     /// Returns the process of a node, unless the node is external.

@@ -49,7 +49,7 @@ impl Default for Hosting<'_> {
 pub(crate) struct ProgramOrder {
     node: Node,
     /// Its command and its folder; `None` if canrig does not start it.
-    command: Option<(Vec<String>, PathBuf)>,
+    pub(crate) command: Option<(Vec<String>, PathBuf)>,
     log: Option<PathBuf>,
     part: String,
     /// Description of the run at its begin.
@@ -85,11 +85,6 @@ impl ProgramOrder {
     /// Returns its name among the participants.
     pub(crate) fn name(&self) -> &str {
         &self.node.name
-    }
-
-    /// Returns whether canrig starts it.
-    pub(crate) fn is_started(&self) -> bool {
-        self.command.is_some()
     }
 
     /// Starts the program of the node, on a bus.

@@ -152,7 +152,7 @@ fn start_nodes(
     let spawned = names::played(plan).into_iter().map(spawn);
     let mut processes = spawned.collect::<Result<Vec<_>, _>>()?;
     for order in ProgramOrder::all(plan, Some(folder.path()), None) {
-        if order.is_started() {
+        if order.command.is_some() {
             let refused = WorldError::spawn(order.name());
             processes.push(NodeProcess::start(order, address).map_err(refused)?);
         }
@@ -215,7 +215,7 @@ impl Run<'_, '_> {
             let now = clock.now();
             self.connection.collect(self.capture)?;
             second_master.check(self.capture)?;
-            if self.capture.is_interrupted() {
+            if self.capture.watch().is_interrupted() {
                 return Ok(End::Interrupted);
             }
             if (self.is_enough)(self.capture) {

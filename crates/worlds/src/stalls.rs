@@ -37,7 +37,7 @@ impl StallRecorder {
             controller: plan.controller().name.clone(),
             longer_than,
         };
-        for process in processes.iter() {
+        for process in &processes.all {
             recorder.watch(process);
         }
         Ok(recorder)

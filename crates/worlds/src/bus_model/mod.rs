@@ -26,7 +26,8 @@ pub(crate) struct BusModel {
     nanoseconds_per_bit: f64,
     /// Durations by number of bits, for the lengths of frames, since each frame asks twice.
     frame_times: [Duration; FRAME_BITS_END],
-    free_at: Duration,
+    /// Time at which the next frame may start.
+    pub(crate) free_at: Duration,
 }
 
 impl BusModel {
@@ -42,11 +43,6 @@ impl BusModel {
             frame_times,
             free_at: Duration::ZERO,
         }
-    }
-
-    /// Returns the time at which the next frame may start.
-    pub(crate) fn free_at(&self) -> Duration {
-        self.free_at
     }
 
     /// Puts a frame on the idle bus. Returns the time of its last bit, and the number of bits that it takes, as
