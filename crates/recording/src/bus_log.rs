@@ -2,7 +2,6 @@
 
 use std::fs::{File, Metadata};
 use std::io::{self, Write};
-use std::mem;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -30,9 +29,8 @@ pub struct BusLog {
     text: String,
     /// Time of the first frame among them.
     since: Duration,
-    /// Whether frames came since the latest flush.
-    has_new: bool,
-    idle_flushes: u32,
+    /// Number of flushes since the latest frame.
+    flushes: u32,
 }
 
 impl BusLog {
@@ -71,8 +69,7 @@ impl BusLog {
             compressor,
             text: String::new(),
             since: Duration::ZERO,
-            has_new: false,
-            idle_flushes: 0,
+            flushes: 0,
         })
     }
 
@@ -87,7 +84,7 @@ impl BusLog {
                 self.since = stamped.time;
             }
             stamped.push_to(&mut self.text);
-            self.has_new = true;
+            self.flushes = 0;
         }
         Ok(())
     }
@@ -98,14 +95,10 @@ impl BusLog {
     /// # Errors
     /// If the disk does not take it.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.idle_flushes = if mem::take(&mut self.has_new) {
-            0
-        } else {
-            self.idle_flushes.saturating_add(1)
-        };
-        if self.compressor.is_none() || self.idle_flushes == IDLE_FLUSHES_MAX {
+        if self.compressor.is_none() || self.flushes == IDLE_FLUSHES_MAX {
             self.write()?;
         }
+        self.flushes = self.flushes.saturating_add(1);
         Ok(())
     }
 
