@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use can::CanFrame;
-use dbc::names;
+use dbc::{Message, names};
 use plan::ControlLoop;
 use scenario::node::{Node, Part};
 
@@ -62,6 +62,16 @@ impl LossReader {
         let nodes = &one.nodes;
         let [controller, drive] = [&nodes.controller, &nodes.drive].map(Node::in_sentence);
         let drives = |service| one.message(&nodes.drive, service).ok();
+        let watch = |message: &Message, what, heartbeat_sender, period, periods_max: u32| {
+            let watched = Watched {
+                what,
+                heartbeat_sender,
+                period,
+                limit: periods_max * period,
+                last: None,
+            };
+            (message.raw_id, watched)
+        };
         let cyclic = [
             (
                 one.database.message(names::SYNC),
@@ -70,27 +80,13 @@ impl LossReader {
             (drives(names::TPDO1), format!("position from {drive}")),
             (drives(names::TPDO2), String::new()),
         ]
-        .map(|(message, what)| {
-            let watched = Watched {
-                what,
-                heartbeat_sender: None,
-                period: sync_period,
-                limit: PERIODS_MAX * sync_period,
-                last: None,
-            };
-            Some((message?.raw_id, watched))
-        });
+        .map(|(message, what)| Some(watch(message?, what, None, sync_period, PERIODS_MAX)));
         let heartbeats = nodes.all().map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
-            let watched = Watched {
-                what: format!("heartbeat from {}", node.in_sentence()),
-                heartbeat_sender: Some(node.part).filter(|part| *part != Part::Io),
-                period,
-                limit: HEARTBEATS_MAX * period,
-                last: None,
-            };
-            Some((message.raw_id, watched))
+            let what = format!("heartbeat from {}", node.in_sentence());
+            let sender = Some(node.part).filter(|part| *part != Part::Io);
+            Some(watch(message, what, sender, period, HEARTBEATS_MAX))
         });
         Self {
             watched: cyclic.into_iter().chain(heartbeats).flatten().collect(),
