@@ -12,14 +12,6 @@ use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
 use crate::occurrences::Occurrence;
 
-/// Cycles in a row without their command.
-#[derive(Clone, Copy)]
-struct Silence {
-    /// Scenario time of the first position that waited for one.
-    since: Duration,
-    cycles: u32,
-}
-
 /// Smallest delay after its position from which a command that comes with the next SYNC is late: adapters on USB carry frames in
 /// bundles.
 const LATE_MIN: Duration = Duration::from_millis(2);
@@ -41,7 +33,8 @@ pub(super) struct CommandReader {
     lacking: SeriesWriter<u64>,
     /// Cycles whose command acts a cycle too late: it came after the next SYNC.
     late: SeriesWriter<u64>,
-    silence: Option<Silence>,
+    /// Cycles in a row without their command: scenario time of the first position that waited for one, and their number.
+    silence: Option<(Duration, u32)>,
 }
 
 impl CommandReader {
@@ -120,8 +113,8 @@ impl CommandReader {
 
     fn on_lacking(&mut self, cycle: u64, since: Duration) {
         self.lacking.push(cycle);
-        let silence = self.silence.get_or_insert(Silence { since, cycles: 0 });
-        silence.cycles = silence.cycles.saturating_add(1);
+        let (_, cycles) = self.silence.get_or_insert((since, 0));
+        *cycles = cycles.saturating_add(1);
     }
 
     /// Takes all cycles without their command, those whose command came a whole cycle late, and a lasting loss; `latest` is the
@@ -132,10 +125,10 @@ impl CommandReader {
             self.on_lacking(cycle, since);
         }
         // A loss takes as many cycles as for any cyclic frame.
-        let is_loss = |silence: &Silence| silence.cycles > PERIODS_MAX;
-        let loss = self.silence.take().filter(is_loss).map(|silence| {
+        let is_loss = |(_, cycles): &(Duration, u32)| *cycles > PERIODS_MAX;
+        let loss = self.silence.take().filter(is_loss).map(|(since, _)| {
             let text = format!("loss: no {} from here on", self.what);
-            Occurrence::new(silence.since.as_secs_f64(), Event::new(Level::Error, &text))
+            Occurrence::new(since.as_secs_f64(), Event::new(Level::Error, &text))
         });
         let lacking = self.lacking.take(self.lacking.len());
         let late = self.late.take(self.late.len());
