@@ -302,17 +302,19 @@ impl<'a> LogReader<'a> {
     pub(crate) fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
         while self.read_line()? {
             if self.line.trim_ascii().is_empty() {
-                self.pass_over_blank();
+                // It has no meaning, but there may not be too many.
+                self.open_bytes += self.line.len();
+                if self.open_bytes > UNREADABLE_BYTES_MAX {
+                    self.put_aside("nothing but blank lines".to_owned());
+                }
                 continue;
             }
             let frame = match whole_line(&self.line, &mut self.interface) {
                 // A part of the log is there twice, or in the wrong place.
                 Ok(Some(stamped)) if self.latest > Some(stamped.time + STEP_MAX) => {
-                    Err("it is earlier than the frame above".to_owned())
+                    self.put_aside("it is earlier than the frame above".to_owned());
+                    continue;
                 }
-                read => read,
-            };
-            let frame = match frame {
                 Ok(frame) => frame,
                 Err(reason) => {
                     self.put_aside(reason);
@@ -360,14 +362,6 @@ impl<'a> LogReader<'a> {
         });
         self.open_bytes += self.line.len().max(STRANGE_BYTES_MIN);
         self.is_at_end |= self.open_bytes > UNREADABLE_BYTES_MAX;
-    }
-
-    /// Skips a blank line. It has no meaning, but there may not be too many.
-    fn pass_over_blank(&mut self) {
-        self.open_bytes += self.line.len();
-        if self.open_bytes > UNREADABLE_BYTES_MAX {
-            self.put_aside("nothing but blank lines".to_owned());
-        }
     }
 
     /// Returns the parts that were no frames.
