@@ -140,7 +140,7 @@ pub struct Sources {
     /// Frames that no node of the run sends, in any number.
     unexpected: BTreeMap<(&'static str, u16, String), SecondSource>,
     /// Whether time ran backwards by more than a clock is ever stepped in a run; then neither rates nor sequences prove anything.
-    is_order_lost: bool,
+    pub(crate) is_order_lost: bool,
     /// Whether a fault of a node changes the rate of its frames.
     is_rate_changed: bool,
     /// Whether a fault of the scenario changes, doubles or adds frames on the bus, so that contents do not identify a sender.
@@ -422,11 +422,6 @@ impl SourceReader {
             (identifier, &[specifier, ..]) => self.on_sdo(now, identifier, specifier),
             _ => {}
         }
-    }
-
-    /// Notes that time ran backwards.
-    pub(crate) fn lose_order(&mut self) {
-        self.sources.is_order_lost = true;
     }
 
     /// Checks that the counter of a SYNC is the next one. 1 begins anew, and a lost SYNC leaves a gap; a step back or another

@@ -178,7 +178,8 @@ impl TimelineReader {
         }
         self.io_nodes.on_frame(frame);
         let is_sync = frame.standard_id() == Some(SYNC_COB_ID);
-        let is_late = time.is_some_and(|time| self.is_late(time));
+        // After the end of the latest cycle and before the SYNC of another.
+        let is_late = time.is_some_and(|time| time > self.late_from);
         // Frames after the last cycle, with which the nodes stop, are no part of it.
         if time.is_none_or(|time| time < self.passing.end) && !self.is_over {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
@@ -195,20 +196,11 @@ impl TimelineReader {
         }
         if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.passing.end)
         {
-            let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
+            let latest = self.cycle.last().filter(|_| is_sync || !is_late);
+            let period_seconds = self.period.as_secs_f64();
+            let cycle_seconds = latest.map(|cycle| cycle_start_seconds(*cycle, period_seconds));
             self.traces.on_frame(frame, time, cycle_seconds);
         }
-    }
-
-    /// Returns whether a frame comes after the end of the latest cycle and before the SYNC of another.
-    fn is_late(&self, time: Duration) -> bool {
-        time > self.late_from
-    }
-
-    /// Returns the start of the latest cycle.
-    fn cycle_seconds(&self) -> Option<f64> {
-        let latest = self.cycle.last()?;
-        Some(cycle_start_seconds(*latest, self.period.as_secs_f64()))
     }
 
     fn begin_cycle(&mut self, number: u64) {
@@ -269,13 +261,12 @@ impl TimelineReader {
         let time_seconds: Series<f64> = starts
             .map(|cycle| cycle_start_seconds(cycle, period_seconds))
             .collect();
-        if self.passing.is_order_lost {
-            self.sources.lose_order();
-        }
         let zero = self.passing.clock.zero();
         let origin = zero.unwrap_or(self.passing.first_frame.unwrap_or_default());
         let last_frame = self.passing.last_frame;
         let since_zero = last_frame.saturating_sub(zero.unwrap_or_default());
+        let mut sources = self.sources.sources().clone();
+        sources.is_order_lost = self.passing.is_order_lost;
         let traffic = &self.traffic;
         let wiring = &trial.wiring;
         let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
@@ -302,7 +293,7 @@ impl TimelineReader {
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             origin_seconds: origin.as_secs_f64(),
             last_frame_seconds: since_zero.as_secs_f64(),
-            sources: self.sources.sources().clone(),
+            sources,
             bus_load_percent: traffic.load_percent(trial.run.bus.bitrate_kilobits_per_second),
             sync_interval_milliseconds_max: traffic.sync_interval_milliseconds_max(),
             ..Timeline::default()
