@@ -159,7 +159,7 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
     let lost = heartbeats.filter(|lost| lost.back_seconds.is_infinite());
     let heartbeats = lost.map(move |lost| {
         let (duty, from) = (Duty::Heartbeat(lost.node), lost.due_seconds);
-        attributed(duty, from, attribution.is_by_fault(duty, from))
+        attributed(duty, from, attribution.faults.explain(duty, from, from))
     });
     attributed_stays.chain(heartbeats)
 }

@@ -6,7 +6,7 @@ use scenario::expect::Emergency;
 use scenario::fault::{Fault, Touch};
 use scenario::node::Part;
 
-use super::breaches::{Breach, Duty};
+use super::breaches::Duty;
 
 /// Longest reaction of a node to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
@@ -16,7 +16,7 @@ const REACTION_PERIODS: f64 = 5.0;
 const LATE_PERIODS: f64 = 0.5;
 
 /// Explanations of misses by the faults of a scenario, in a recording.
-pub(super) struct ScenarioFaults<'a> {
+pub(crate) struct ScenarioFaults<'a> {
     faults: Vec<&'a Fault>,
     /// Node-ID of the loop's drive; that of another loop is not its drive.
     drive: u8,
@@ -61,12 +61,12 @@ impl<'a> ScenarioFaults<'a> {
     }
 
     /// Returns whether a fault explains a breach: it touches the frame, or the controller gives up because of it and says so.
-    pub(super) fn explain(&self, breach: &Breach) -> bool {
+    pub(crate) fn explain(&self, duty: Duty, from_seconds: f64, until_seconds: f64) -> bool {
         let is_near = |begins: f64, ends: f64| {
-            breach.until_seconds + TIME_TOLERANCE_SECONDS >= begins
-                && breach.from_seconds <= ends + self.reaction_seconds
+            until_seconds + TIME_TOLERANCE_SECONDS >= begins
+                && from_seconds <= ends + self.reaction_seconds
         };
-        let owing = breach.duty.node();
+        let owing = duty.node();
         let touches = |fault: &&Fault| {
             let (from, until) = span(fault);
             let node = fault.node.as_ref();
@@ -84,7 +84,7 @@ impl<'a> ScenarioFaults<'a> {
                 Touch::Node | Touch::Late => is_of_node && is_near(from, until),
                 // The others notice the fault when it begins.
                 Touch::Heartbeats => {
-                    let is_heartbeat = matches!(breach.duty, Duty::Heartbeat(_));
+                    let is_heartbeat = matches!(duty, Duty::Heartbeat(_));
                     is_heartbeat && is_of_node && is_near(from, until)
                         || owing == other && is_near(from, from)
                 }

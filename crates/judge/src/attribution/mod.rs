@@ -56,7 +56,7 @@ pub(crate) struct Attribution<'a> {
     pub(crate) due: u64,
     /// Stalls that controller and drive feel.
     felt: [FeltStalls; 2],
-    faults: ScenarioFaults<'a>,
+    pub(crate) faults: ScenarioFaults<'a>,
     /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
     /// First cycle from which frames are missing to the end. Such a silence is not taken for an unnoticed stall.
@@ -127,18 +127,15 @@ impl<'a> Attribution<'a> {
         // The cycle that would continue the last stretch of breaches, and the cause with which that began.
         let mut goes_on: Option<(u64, Cause)> = None;
         breaches.map(move |breach| {
-            let stall = self.stall(
-                breach.duty.node(),
-                breach.from_seconds,
-                breach.until_seconds,
-            );
+            let (duty, from, until) = (breach.duty, breach.from_seconds, breach.until_seconds);
+            let stall = self.stall(duty.node(), from, until);
             let begun = goes_on.filter(|(next, _)| *next == breach.cycle);
             let first = match (begun, stall) {
                 (Some((_, cause)), _) => Some(cause),
                 (None, Some(_)) => None,
-                (None, None) if self.faults.explain(&breach) => Some(Cause::Fault),
+                (None, None) if self.faults.explain(duty, from, until) => Some(Cause::Fault),
                 (None, None) if self.is_stopped(&breach) => Some(Cause::Node(Duty::Nmt)),
-                (None, None) => Some(Cause::Node(breach.duty)),
+                (None, None) => Some(Cause::Node(duty)),
             };
             goes_on = first.map(|cause| (breach.cycle + 1, cause));
             let cause = match (stall, first) {
@@ -148,7 +145,7 @@ impl<'a> Attribution<'a> {
                 (None, Some(Cause::Node(begun @ (Duty::Position | Duty::Nmt)))) => {
                     self.by_node(begun, &breach)
                 }
-                (None, _) => self.by_node(breach.duty, &breach),
+                (None, _) => self.by_node(duty, &breach),
             };
             (breach, cause)
         })
@@ -165,16 +162,6 @@ impl<'a> Attribution<'a> {
     /// Returns the stall that explains the missing frames of a node.
     pub(crate) fn stall(&self, node: Part, from: f64, until: f64) -> Option<Stretch> {
         self.felt[place(node)].explaining(from, until)
-    }
-
-    /// Returns whether a fault explains a breach that begins at a time.
-    pub(crate) fn is_by_fault(&self, duty: Duty, from_seconds: f64) -> bool {
-        self.faults.explain(&Breach {
-            duty,
-            cycle: 0,
-            from_seconds,
-            until_seconds: from_seconds,
-        })
     }
 
     /// Attributes a miss that neither a noticed stall nor a fault explains.
@@ -269,10 +256,7 @@ impl Commands {
     pub(crate) fn totals(self, evidence: &Evidence<'_>) -> Totals {
         let attribution = &evidence.attribution;
         if self.are_sound(evidence.timeline) {
-            return Totals {
-                due: attribution.due,
-                ..Totals::default()
-            };
+            return Totals::default();
         }
         let breaking = self.breaking(evidence.timeline).iter();
         let mut due = 0;
