@@ -317,11 +317,8 @@ impl<'a> Evidence<'a> {
             left_out: None,
             ..self.clone()
         };
-        let touched = |left_out: &LeftOut| {
-            let times = &left_out.times;
-            times.first_in(window.from_seconds, window.until_seconds)
-        };
-        let Some(touched_at) = self.left_out.as_ref().and_then(touched) else {
+        let touched = self.left_out_from(window.from_seconds, window.until_seconds);
+        let Some(touched_at) = touched else {
             return value(&all, window).map(Known::from);
         };
         let cut = Window {
@@ -376,8 +373,13 @@ impl<'a> Evidence<'a> {
 
     /// Returns whether a part of a stretch of time is left out.
     pub(crate) fn leaves_out(&self, from_seconds: f64, until_seconds: f64) -> bool {
-        let left_out = self.left_out.as_ref();
-        left_out.is_some_and(|left_out| left_out.times.touch(from_seconds, until_seconds))
+        self.left_out_from(from_seconds, until_seconds).is_some()
+    }
+
+    /// Returns the begin of the first piece that is left out of a stretch of time.
+    fn left_out_from(&self, from_seconds: f64, until_seconds: f64) -> Option<f64> {
+        let left_out = self.left_out.as_ref()?;
+        left_out.times.first_in(from_seconds, until_seconds)
     }
 
     /// Returns the first stretch of a window without a sample that is longer than allowed, and not left out.

@@ -153,11 +153,6 @@ impl Spans {
         self.0[first..].iter().take_while(begins_in)
     }
 
-    /// Returns whether a span touches a stretch of time.
-    pub(crate) fn touch(&self, from: f64, until: f64) -> bool {
-        self.touching(from, until).next().is_some()
-    }
-
     /// Returns the begin of the first span that touches a stretch of time.
     pub(crate) fn first_in(&self, from: f64, until: f64) -> Option<f64> {
         self.touching(from, until).next().map(|(begins, _)| *begins)
