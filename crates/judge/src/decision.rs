@@ -53,7 +53,7 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         Evidence::new(timeline, control_loop, circumstances).among(&plan.shared.contours, &loops)
     });
     let all = Vec::from_iter(evidence);
-    let found = end.and_then(|end| broke_off(&all, end));
+    let found = end.map(|end| broke_off(&all, end));
     // For loops whose nodes did not cause it, the end is that of the bench.
     let mut elsewhere = circumstances.clone();
     if let Some(end) = &mut elsewhere.ended_early {
@@ -131,8 +131,6 @@ struct BrokeOff {
     cause: NamedCause,
     /// Whether the host is the cause.
     is_of_host: bool,
-    /// Whether the end follows from the cause by the watch of another node.
-    is_before_end: bool,
 }
 
 impl BrokeOff {
@@ -148,13 +146,11 @@ impl BrokeOff {
 /// Returns whether a node is the controller or the drive of a loop.
 fn is_in_loop(evidence: &Evidence<'_>, node: &str) -> bool {
     let nodes = &evidence.control_loop.nodes;
-    [&nodes.controller, &nodes.drive]
-        .iter()
-        .any(|one| one.name == node)
+    nodes.controller.name == node || nodes.drive.name == node
 }
 
 /// Returns the earliest breach of all loops that lasts to an end caused by a node, or else the end itself.
-fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
+fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
     let lasting = all.iter().filter_map(|evidence| {
         let lasting = Lasting::earliest(evidence, Some(end.at_seconds?))?;
         Some((lasting, evidence))
@@ -162,12 +158,10 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     let earliest =
         lasting.min_by(|(one, _), (other, _)| one.from_seconds.total_cmp(&other.from_seconds));
     if let Some((lasting, evidence)) = earliest {
-        let cause = lasting.named(evidence);
-        return Some(BrokeOff {
+        return BrokeOff {
+            cause: lasting.named(evidence),
             is_of_host: matches!(lasting.cause, Cause::Host(_)),
-            is_before_end: end.node.as_ref() != Some(&cause.node),
-            cause,
-        });
+        };
     }
     let ended_by = end.node.as_deref().unwrap_or_default();
     let concerns = |evidence: &&Evidence<'_>| is_in_loop(evidence, ended_by);
@@ -178,16 +172,15 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
         let stretch = evidence.stall_of_end(end)?;
         Some(NamedCause::by_stall(evidence, &stretch, "end"))
     });
-    Some(BrokeOff {
+    BrokeOff {
         is_of_host: stall.is_some(),
-        is_before_end: false,
         cause: stall.unwrap_or_else(|| NamedCause {
             node: end.node.clone().unwrap_or_default(),
             duty: "end".to_owned(),
             at_seconds: end.since_seconds.or(end.at_seconds),
             description: end.to_string(),
         }),
-    })
+    }
 }
 
 /// Decides a run that broke off. Its traffic is reported, and so are its failures until then. An end by a node is a failure,
@@ -218,7 +211,8 @@ fn decide_broken(
         );
         return (Outcome::Inconclusive, Some(reason), cause);
     }
-    let reason = if broke_off.is_before_end {
+    // The end follows from a cause elsewhere by the watch of another node.
+    let reason = if broke_off.cause.node != end.node.as_deref().unwrap_or_default() {
         format!("{description}; {end}")
     } else {
         end.to_string()
