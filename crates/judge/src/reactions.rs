@@ -3,6 +3,7 @@
 
 use canopen::cia402::State;
 use dbc::names;
+use recording::events::word;
 use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS};
 use recording::truth::PlantTruth;
 use scenario::events::Window;
@@ -302,13 +303,7 @@ fn is_enabled_since(evidence: &Evidence<'_>, from_seconds: f64) -> bool {
 
 /// Returns the state of a statusword.
 pub(crate) fn state(statusword: f64) -> Option<State> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a word of 16 bits"
-    )]
-    let statusword = statusword as u16;
-    State::from_statusword(statusword)
+    State::from_statusword(word(statusword))
 }
 
 /// Measures missing emergencies: 0 if all demanded ones came.

@@ -190,8 +190,12 @@ impl EventReader {
             }
         };
         let is_emergency = signal.kind == EventKind::Emergency && value != 0.0;
+        let emergency = || Emergency {
+            node: node.clone(),
+            code: word(value),
+        };
         let event = Event {
-            emergency: is_emergency.then(|| emergency(node, value)),
+            emergency: is_emergency.then(emergency),
             ..Event::new(level, &text)
         };
         self.events.add(at_seconds, event);
@@ -273,17 +277,14 @@ fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
     events
 }
 
-fn emergency(node: &str, value: f64) -> Emergency {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a signal of 16 bits"
-    )]
-    let code = value as u16;
-    Emergency {
-        node: node.to_owned(),
-        code,
-    }
+/// Returns the value of a signal that is a word, such as an error code or a statusword.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a signal of 16 bits"
+)]
+pub fn word(value: f64) -> u16 {
+    value as u16
 }
 
 /// Returns the signals that make events: commands of NMT, and for each node its state, its statusword and its emergencies.

@@ -63,14 +63,17 @@ impl Shared {
 
 /// Returns the number of rows before and after that count as the same time.
 pub(super) fn reach(time_seconds: f64, period_seconds: f64) -> usize {
-    let rows = libm::floor(time_seconds / period_seconds + 1e-6).clamp(0.0, 100_000.0);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped"
-    )]
-    let rows = rows as usize;
-    rows
+    clamped(libm::floor(time_seconds / period_seconds + 1e-6), 100_000.0)
+}
+
+/// Returns a whole number of rows, at most `rows_max`.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped"
+)]
+fn clamped(rows: f64, rows_max: f64) -> usize {
+    rows.clamp(0.0, rows_max) as usize
 }
 
 /// Returns the values of a run in the shared rows.
@@ -88,13 +91,7 @@ pub(super) fn deviation(
     period_seconds: f64,
 ) -> Option<(f64, f64)> {
     let straight = mean_squares(a, b, 0, 1)[0]?;
-    let reach = libm::round(LAG_SECONDS_MAX / period_seconds).clamp(0.0, LAG_ROWS_MAX);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped"
-    )]
-    let reach = reach as usize;
+    let reach = clamped(libm::round(LAG_SECONDS_MAX / period_seconds), LAG_ROWS_MAX);
     let stride = a.len() / LAG_SAMPLES_MAX + 1;
     let later = mean_squares(a, b, reach, stride);
     let earlier = mean_squares(b, a, reach, stride);
