@@ -28,12 +28,6 @@ impl Columns {
         self.0.iter().map(|message| message.raw_id)
     }
 
-    /// Reserves memory for the rows of each signal, as far as they are kept there.
-    pub(super) fn reserve(&mut self, rows: usize) {
-        let signals = self.0.iter_mut().flat_map(|message| &mut message.signals);
-        signals.for_each(|signal| signal.rows.reserve(rows));
-    }
-
     /// Takes a frame of the latest of `rows` cycles. A value that is measured after the end of that cycle belongs to no cycle.
     pub(super) fn on_frame(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
         let mut messages = self.0.iter_mut();

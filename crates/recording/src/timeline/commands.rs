@@ -144,23 +144,21 @@ mod tests {
 
     use super::*;
 
-    const PERIOD_MICROS: u64 = 1000;
-
     fn plan() -> Plan {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         Plan::new(scenario, &Catalogue::shipped())
     }
 
-    /// Returns the findings in these cycles. Each is a text of frames at even distances: `s` a SYNC, `p` a position, `c` a
-    /// command.
-    fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
-        let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
+    /// Returns the findings in these cycles of so many milliseconds: those without a command, those with a late one, and the
+    /// losses. Each cycle is a text of frames, a tenth of it apart: `s` a SYNC, `p` a position, `c` a command.
+    fn found(milliseconds: u64, cycles: &[&str]) -> (Vec<u64>, Vec<u64>, Vec<(f64, String)>) {
+        let micros = |cycle: u64| Duration::from_micros(cycle * 1000 * milliseconds);
         let plan = plan();
         let mut reader = CommandReader::new(plan.only_loop().unwrap(), micros(1), 100).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
-                let time = micros(number) + Duration::from_micros(100 * place);
+                let time = micros(number) + Duration::from_micros(100 * milliseconds * place);
                 match letter {
                     's' => reader.begin_cycle(number),
                     'p' => reader.on_frame(&CanFrame::new(0x190, &[0; 8]), time, false),
@@ -169,15 +167,15 @@ mod tests {
                 }
             }
         }
-        let (lacking, _, events) = reader.take_all(micros(cycles.len() as u64));
+        let (lacking, late, events) = reader.take_all(micros(cycles.len() as u64));
         let events = events
             .iter()
             .map(|event| (event.time_seconds, event.text.clone()));
-        (lacking.to_vec(), events.collect())
+        (lacking.to_vec(), late.to_vec(), events.collect())
     }
 
     fn lacking(cycles: &[&str]) -> Vec<u64> {
-        found(cycles).0
+        found(1, cycles).0
     }
 
     #[test]
@@ -210,10 +208,16 @@ mod tests {
     }
 
     #[test]
+    fn a_command_is_late_from_the_next_sync_on() {
+        assert_eq!(found(30, &["spc", "spc"]).1, [0; 0]);
+        assert_eq!(found(30, &["sp", "sc", "spc"]).1, [0]);
+    }
+
+    #[test]
     fn more_than_20_commands_that_do_not_come_any_more_are_a_loss() {
         let cycles = |silent: usize, after: usize| {
             let all = [vec!["spc"; 3], vec!["sp"; silent], vec!["spc"; after]];
-            found(&all.concat()).1
+            found(1, &all.concat()).2
         };
         // The last position is still waiting.
         assert_eq!(cycles(21, 0), []);

@@ -40,12 +40,7 @@ pub fn decode(
     let mut readers = loops
         .map(|one| TimelineReader::new(&plan.shared, one, kept_max))
         .collect::<Result<Vec<_>, _>>()?;
-    let frames = frames.into_iter();
-    let expected = frames.size_hint().0;
-    for reader in &mut readers {
-        reader.reserve(expected);
-    }
-    read_with(&mut readers, frames);
+    read_with(&mut readers, frames.into_iter());
     let timelines = readers.iter_mut().zip(&plan.loops);
     timelines
         .map(|(reader, one)| reader.take_rest(&one.trial))
@@ -134,14 +129,6 @@ impl TimelineReader {
             cycles_due: 0,
             is_over: false,
         })
-    }
-
-    /// Reserves room for the rows of this many frames.
-    fn reserve(&mut self, frames: usize) {
-        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
-        let rows = cycles.min(frames);
-        self.cycle.reserve(rows);
-        self.columns.reserve(rows);
     }
 
     /// Returns the identifiers of the messages from which everything but events is read. On a rig with several loops, most frames
@@ -364,8 +351,15 @@ mod tests {
 
     /// Returns two cycles, after which the drive continues to send.
     fn two_cycles() -> (Plan, Vec<Stamped>) {
-        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
-                    [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
+        two_cycles_with("position_millimetres", (0, CanFrame::new(0x7FF, &[])))
+    }
+
+    /// Returns these cycles with one more frame, judged by a signal.
+    fn two_cycles_with(signal: &str, more: (u64, CanFrame)) -> (Plan, Vec<Stamped>) {
+        let text = &format!(
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
+             [[expect.signal]]\nname = \"{signal}\"\nreaches = {{ min = 9.0 }}\n"
+        );
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(trial, &Catalogue::shipped());
         let database = plan.database();
@@ -376,7 +370,8 @@ mod tests {
             message.frame()
         };
         let sync = CanFrame::new(SYNC_COB_ID, &[]);
-        let frames = [
+        let mut frames = [
+            more,
             (0, position(0.0)),
             (1000, sync),
             (1130, position(1.0)),
@@ -384,6 +379,7 @@ mod tests {
             (2130, position(2.0)),
             (3700, position(9.0)),
         ];
+        frames.sort_by_key(|(micros, _)| *micros);
         let frames =
             frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
         (plan, frames.into())
@@ -400,6 +396,15 @@ mod tests {
             .map(|one| (one.time_seconds, one.value))
             .collect();
         assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
+    }
+
+    #[test]
+    fn what_follows_no_sync_is_sampled_when_it_comes() {
+        let heartbeat = (1500, CanFrame::new(0x710, &[5]));
+        let (plan, frames) = two_cycles_with("drive_heartbeat.nmt_state", heartbeat);
+        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let sample = timeline.traces[0].samples.first().unwrap();
+        assert_eq!((sample.time_seconds, sample.value), (0.0005, 5.0));
     }
 
     #[test]
