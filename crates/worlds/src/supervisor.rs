@@ -110,6 +110,7 @@ mod tests {
             CanFrame::new(0x210, &[0x0F, 0, low, high])
         };
         let still = feedback(10_000, 500);
+        let received = can::FilterSet::from(Vec::from_iter(supervisor().filters()));
         for violating in [
             feedback(46_000, 0),
             feedback(-1_100, 0),
@@ -118,6 +119,7 @@ mod tests {
             command(901),
             command(-901),
         ] {
+            assert!(received.accepts(&violating), "{violating}");
             let violation = after(&[still, violating]);
             assert!(violation.unwrap().starts_with("limit of the rig: "));
         }
