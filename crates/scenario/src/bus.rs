@@ -40,9 +40,17 @@ impl Bus {
     }
 }
 
-/// Returns the scenario time at which a cycle begins, the same for a law, a judge and a reader.
+/// Returns the scenario time at which a cycle begins: the number that its decimal in a file is, since it is rounded once. Periods
+/// are multiples of 0.1 ms.
 pub fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
-    cycle as f64 * period_seconds
+    cycle as f64 * libm::round(period_seconds * 1e4) / 1e4
+}
+
+/// Returns the nearest whole number of periods.
+pub fn nearest_cycle(time: Duration, period: Duration) -> u64 {
+    let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    let period = nanos(period).max(1);
+    nanos(time).saturating_add(period / 2) / period
 }
 
 #[cfg(test)]
@@ -50,11 +58,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cycle_begins_not_before_the_time_that_a_file_gives_it() {
-        for cycle in 0..60_000 {
-            let written = format!("{}.{:03}", cycle / 1000, cycle % 1000);
-            let written: f64 = written.parse().unwrap();
-            assert!(cycle_start_seconds(cycle, 1e-3) >= written, "{cycle}");
+    fn a_cycle_begins_at_the_time_that_a_file_gives_it() {
+        for tenths in 1..=1000 {
+            for cycle in (0..60).chain(1118..1130).chain(59_990..60_000) {
+                let place = cycle * tenths;
+                let written = format!("{}.{:04}", place / 10_000, place % 10_000);
+                let period = Duration::from_micros(100 * tenths).as_secs_f64();
+                let begin = cycle_start_seconds(cycle, period);
+                assert_eq!(written.parse(), Ok(begin), "{cycle} of {tenths}");
+            }
         }
     }
 }

@@ -61,7 +61,7 @@ pub mod wiring;
 pub const TIME_SECONDS_MAX: f64 = 604_800.0;
 
 pub use beside::Beside;
-pub use bus::{Bus, cycle_start_seconds};
+pub use bus::{Bus, cycle_start_seconds, nearest_cycle};
 pub use current::CurrentRange;
 pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, read_text, require_file};

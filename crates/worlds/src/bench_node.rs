@@ -18,6 +18,7 @@ use crate::error::WorldError;
 use crate::supervisor::Supervisor;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use scenario::reference::Trajectory;
+use scenario::{cycle_start_seconds, nearest_cycle};
 
 /// Reserved number of frames, enough to stop as many real drives as a rig may have.
 const FRAMES_AT_ONCE: usize = 64;
@@ -98,7 +99,7 @@ impl BenchNode {
 /// Set-points that the bench sends, each after a SYNC for the next one: it acts with the SYNC.
 struct SetPoints {
     period: Duration,
-    every_cycles: u32,
+    every_cycles: u64,
     loops: Vec<SentSetPoint>,
 }
 
@@ -124,9 +125,10 @@ impl SetPoints {
     /// Returns the frames after a SYNC at this scenario time, with the values for the next SYNC; before the scenario, those of
     /// time 0.
     fn behind_sync(&mut self, time: Option<Duration>) -> impl Iterator<Item = CanFrame> {
-        let cycle = time.map(|time| time.div_duration_f64(self.period).round());
-        let is_due = cycle.is_none_or(|cycle| cycle % f64::from(self.every_cycles) == 0.0);
-        let at_seconds = cycle.map_or(0.0, |cycle| (cycle + 1.0) * self.period.as_secs_f64());
+        let cycle = time.map(|time| nearest_cycle(time, self.period));
+        let is_due = cycle.is_none_or(|cycle| cycle % self.every_cycles == 0);
+        let period_seconds = self.period.as_secs_f64();
+        let at_seconds = cycle.map_or(0.0, |cycle| cycle_start_seconds(cycle + 1, period_seconds));
         let due = self.loops.iter_mut().filter(move |_| is_due);
         due.map(move |one| one.frame(at_seconds))
     }

@@ -335,7 +335,7 @@ impl Plain<'_> {
             .iter()
             .map(|one| 100.0 * (one.position - step.to) / height);
         // Rounding gives a height to two equal set-points.
-        (height.abs() >= 1e-6).then(|| beyond.fold(0.0, f64::max))
+        (height.abs() > 1e-6).then(|| beyond.fold(0.0, f64::max))
     }
 
     fn sines(&self, sines: &[(Span, f64)]) -> Vec<(&'static str, Option<f64>)> {

@@ -8,7 +8,7 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, names};
 use plan::{ControlLoop, Plan, Shared};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
-use scenario::{Trial, cycle_start_seconds};
+use scenario::{Trial, cycle_start_seconds, nearest_cycle};
 
 use super::columns::Columns;
 use super::commands::CommandReader;
@@ -109,7 +109,7 @@ impl TimelineReader {
         let passing = Passing::new(one)?;
         Ok(Self {
             loop_name: one.name().to_owned(),
-            end_cycle: cycles(passing.end, period),
+            end_cycle: nearest_cycle(passing.end, period),
             passing,
             traffic: Traffic::new(one),
             period,
@@ -179,7 +179,7 @@ impl TimelineReader {
             if time < self.passing.end {
                 self.syncs_seconds.push(time.as_secs_f64());
             }
-            self.begin_cycle(cycles(time, self.period));
+            self.begin_cycle(nearest_cycle(time, self.period));
         }
         if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.passing.end)
         {
@@ -292,13 +292,6 @@ impl TimelineReader {
 fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
     let place = columns.iter().position(|column| column.name == name);
     place.ok_or_else(|| SignalMissing::new(name))
-}
-
-/// Returns the nearest whole number of periods.
-fn cycles(time: Duration, period: Duration) -> u64 {
-    let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-    let period = nanos(period).max(1);
-    nanos(time).saturating_add(period / 2) / period
 }
 
 fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
