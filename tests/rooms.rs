@@ -75,11 +75,10 @@ fn rules(root: &Path) -> Vec<Rule> {
         let names = |list: &str| list.split(", ").map(str::to_owned).collect();
         let may_depend_on: BTreeSet<String> = match cells[cells.len() - 2] {
             "–" => BTreeSet::new(),
-            list => match list.strip_prefix("all above") {
-                None => names(list),
-                Some(but) => {
-                    let others: BTreeSet<String> =
-                        but.strip_prefix(" but ").map(names).unwrap_or_default();
+            list => match list.strip_prefix("all above but ") {
+                None if list != "all above" => names(list),
+                but => {
+                    let others: BTreeSet<String> = but.map(names).unwrap_or_default();
                     let above = rules
                         .iter()
                         .map(|rule| rule.room.clone())

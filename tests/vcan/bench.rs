@@ -74,7 +74,6 @@ fn same_bytes_of_a_pair() -> Result<(), Failed> {
     is_simulated_alike(&scenario("sma_pair_step.toml"))
 }
 
-/// Expects the library of the FMU next to the program, where `cargo build --release` builds it.
 fn same_bytes_of_an_fmu() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     for name in ["motor_rig.toml", "motor_step.toml"] {

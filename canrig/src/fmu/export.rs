@@ -14,7 +14,7 @@ use runner::exit::{Exit, Failure};
 use runner::output::unwritten;
 
 /// Shared library with the plants that ship.
-const SHIPPED_LIBRARY: &[u8] = include_bytes!(env!("SHIPPED_LIBRARY"));
+const SHIPPED_LIBRARY: &[u8] = shared_library::shared_library!(canrig_plants);
 
 /// Constructor of the model of a custom plant.
 pub(crate) type OwnModel = fn() -> Box<dyn Exported>;
@@ -37,6 +37,11 @@ pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Result<Stri
     let find = |models| named(models, plant);
     let (exported, library) = match (find(&custom), find(&shipped)) {
         (Some(custom), _) => (custom, Cow::Owned(library_of_program()?)),
+        (None, Some(_)) if SHIPPED_LIBRARY.is_empty() => {
+            return Err(Exit::CannotStart.because(
+                "this program was built for a system without shared libraries, so it has none for an FMU",
+            ));
+        }
         (None, Some(shipped)) => (shipped, Cow::Borrowed(SHIPPED_LIBRARY)),
         (None, None) => {
             let known = shipped.iter().chain(&custom);
