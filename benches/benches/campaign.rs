@@ -24,6 +24,11 @@ const CYCLES: u64 = 24_000;
 /// more than before the law learnt whether its wire remembers.
 const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 23_270;
 
+/// Number of cases that are resolved without being played.
+const CASES_RESOLVED: usize = 100;
+/// Limit for one of them.
+const INSTRUCTIONS_PER_CASE_MAX: u64 = 3_000_000;
+
 /// Returns the cases of the sweep to play.
 fn cases() -> SweepCases {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
@@ -66,5 +71,16 @@ fn sweep_in_memory(plan: SweepCases) -> [(SweepRow, usize); CASES.len()] {
     CASES.map(|number| black_box(played(&plan, number)))
 }
 
-library_benchmark_group!(name = campaign, benchmarks = [sweep_in_memory]);
+/// Resolves cases: their texts, with the scenario's values in the rig, become plans.
+#[library_benchmark(config = limit(CASES_RESOLVED as u64 * INSTRUCTIONS_PER_CASE_MAX))]
+#[bench::cases_100(args = (cases()))]
+fn cases_resolved(sweep: SweepCases) -> usize {
+    let plans = (1..=CASES_RESOLVED).map(|number| sweep.case(number).plan());
+    plans.filter(|plan| black_box(plan).is_ok()).count()
+}
+
+library_benchmark_group!(
+    name = campaign,
+    benchmarks = [sweep_in_memory, cases_resolved]
+);
 main!(library_benchmark_groups = campaign);
