@@ -71,7 +71,7 @@ fn sweep_in_memory(plan: SweepCases) -> [(SweepRow, usize); CASES.len()] {
     CASES.map(|number| black_box(played(&plan, number)))
 }
 
-/// Resolves cases: their texts, with the scenario's values in the rig, become plans.
+// The texts of cases become plans, with the values of the case in the rig.
 #[library_benchmark(config = limit(CASES_RESOLVED as u64 * INSTRUCTIONS_PER_CASE_MAX))]
 #[bench::cases_100(args = (cases()))]
 fn cases_resolved(sweep: SweepCases) -> usize {

@@ -128,7 +128,7 @@ impl ControlLoop {
 
     /// Updates the inputs of a law for a cycle with this position, and returns the set-point.
     pub(super) fn look(&mut self, number: u64, position: f64) -> SetPoint {
-        self.scenario_time_seconds = cycle_start_seconds(number, self.sync_period.as_secs_f64());
+        self.scenario_time_seconds = cycle_start_seconds(number, self.sync_period);
         let set_point = self.trajectory.at(self.scenario_time_seconds);
         let reads = LoopReads {
             position,

@@ -10,7 +10,6 @@ use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use scenario::Trial;
 use scenario::contour::Contour;
-use scenario::cycle_start_seconds;
 use scenario::events::Window;
 use scenario::expect::{ExpectedRow, rounded};
 use scenario::fault::Group;
@@ -500,7 +499,7 @@ impl<'a> Evidence<'a> {
     /// Returns the silence of the SYNC up to the end of the judged time.
     pub(crate) fn silence_of_sync(&self) -> Option<Window> {
         let timeline = self.timeline;
-        let from = cycle_start_seconds(timeline.cycles_due, timeline.period_seconds);
+        let from = timeline.cycle_start_seconds(timeline.cycles_due);
         let until = self.trial.judged_end_seconds();
         self.is_silence(from, until)
             .then(|| Window::new(from, until))

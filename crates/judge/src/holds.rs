@@ -2,7 +2,6 @@
 
 use dbc::names::TARGET_CURRENT;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use scenario::cycle_start_seconds;
 use scenario::events::Window;
 
 use crate::disturbances::recovery;
@@ -99,7 +98,6 @@ fn calm(evidence: &Evidence<'_>) -> Window {
 
 /// Returns the first cycles in a row without a command that are too many, in a window.
 fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window> {
-    let period = evidence.timeline.period_seconds;
     let uncommanded = evidence.timeline.uncommanded.iter();
     let mut begun: Option<(u64, u64)> = None;
     let mut silences = uncommanded.filter_map(|cycle| {
@@ -108,8 +106,14 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
             .unwrap_or((cycle, cycle));
         begun = Some((first, cycle));
         let silence = Window::new(
-            cycle_start_seconds(first, period).max(window.from_seconds),
-            cycle_start_seconds(cycle + 1, period).min(window.until_seconds),
+            evidence
+                .timeline
+                .cycle_start_seconds(first)
+                .max(window.from_seconds),
+            evidence
+                .timeline
+                .cycle_start_seconds(cycle + 1)
+                .min(window.until_seconds),
         );
         evidence
             .is_silence(silence.from_seconds, silence.until_seconds)

@@ -40,17 +40,20 @@ impl Bus {
     }
 }
 
-/// Returns the scenario time at which a cycle begins: the number that its decimal in a file is, since it is rounded once. Periods
-/// are multiples of 0.1 ms.
-pub fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
-    cycle as f64 * libm::round(period_seconds * 1e4) / 1e4
+/// Returns the scenario time at which a cycle begins: the number that its decimal in a file is, since it is rounded once.
+#[inline]
+pub fn cycle_start_seconds(cycle: u64, period: Duration) -> f64 {
+    cycle.saturating_mul(nanos(period)) as f64 / 1e9
 }
 
 /// Returns the nearest whole number of periods.
 pub fn nearest_cycle(time: Duration, period: Duration) -> u64 {
-    let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
     let period = nanos(period).max(1);
     nanos(time).saturating_add(period / 2) / period
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]
@@ -63,8 +66,7 @@ mod tests {
             for cycle in (0..60).chain(1118..1130).chain(59_990..60_000) {
                 let place = cycle * tenths;
                 let written = format!("{}.{:04}", place / 10_000, place % 10_000);
-                let period = Duration::from_micros(100 * tenths).as_secs_f64();
-                let begin = cycle_start_seconds(cycle, period);
+                let begin = cycle_start_seconds(cycle, Duration::from_micros(100 * tenths));
                 assert_eq!(written.parse(), Ok(begin), "{cycle} of {tenths}");
             }
         }

@@ -127,8 +127,7 @@ impl SetPoints {
     fn behind_sync(&mut self, time: Option<Duration>) -> impl Iterator<Item = CanFrame> {
         let cycle = time.map(|time| nearest_cycle(time, self.period));
         let is_due = cycle.is_none_or(|cycle| cycle % self.every_cycles == 0);
-        let period_seconds = self.period.as_secs_f64();
-        let at_seconds = cycle.map_or(0.0, |cycle| cycle_start_seconds(cycle + 1, period_seconds));
+        let at_seconds = cycle.map_or(0.0, |cycle| cycle_start_seconds(cycle + 1, self.period));
         let due = self.loops.iter_mut().filter(move |_| is_due);
         due.map(move |one| one.frame(at_seconds))
     }

@@ -4,7 +4,6 @@ use std::iter::Peekable;
 
 use plan::ControlLoop;
 use recording::timeline::Timeline;
-use scenario::cycle_start_seconds;
 use scenario::node::Part;
 
 /// Duty of a node towards the others.
@@ -72,12 +71,12 @@ pub(crate) struct Breach {
 
 impl Breach {
     /// Returns the breach of a single cycle.
-    fn in_cycle(duty: Duty, cycle: u64, period_seconds: f64) -> Self {
+    fn in_cycle(duty: Duty, cycle: u64, timeline: &Timeline) -> Self {
         Self {
             duty,
             cycle,
-            from_seconds: cycle_start_seconds(cycle, period_seconds),
-            until_seconds: cycle_start_seconds(cycle + 1, period_seconds),
+            from_seconds: timeline.cycle_start_seconds(cycle),
+            until_seconds: timeline.cycle_start_seconds(cycle + 1),
         }
     }
 }
@@ -96,7 +95,7 @@ pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item
                 Some((_, position)) => position.is_nan().then_some((cycle, Duty::Position)),
             },
         );
-    missing.map(|(cycle, duty)| Breach::in_cycle(duty, cycle, timeline.period_seconds))
+    missing.map(move |(cycle, duty)| Breach::in_cycle(duty, cycle, timeline))
 }
 
 /// Returns those due cycles in which the command breaks its duty. Both sequences are in order.
@@ -107,7 +106,7 @@ pub(super) fn command_breaches(
 ) -> impl Iterator<Item = Breach> {
     let mut breaking = breaking.peekable();
     let cycles = due.filter(move |cycle| has_next(&mut breaking, *cycle));
-    cycles.map(|cycle| Breach::in_cycle(Duty::Command, cycle, timeline.period_seconds))
+    cycles.map(move |cycle| Breach::in_cycle(Duty::Command, cycle, timeline))
 }
 
 /// Returns the cycles with a position.

@@ -3,7 +3,6 @@
 
 use recording::stalls::Who;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use scenario::cycle_start_seconds;
 use scenario::expect::rounded;
 use scenario::node::Part;
 use serde::{Deserialize, Serialize};
@@ -173,7 +172,7 @@ fn lasting(
 ) -> Option<Stay> {
     let stay = totals.lasting(cycles.saturating_sub(1))?;
     let count = stay.last_cycle + 1 - stay.first.cycle;
-    let seconds = cycle_start_seconds(count, evidence.timeline.period_seconds);
+    let seconds = evidence.timeline.cycle_start_seconds(count);
     let lost = evidence.circumstances.unrecorded.frames_lost;
     let is_silence = count.saturating_sub(lost) > SILENT_AT_END.0
         && seconds > SILENT_AT_END.1 + TIME_TOLERANCE_SECONDS;

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use plan::loop_prefix;
 use platform::series::Series;
+use scenario::cycle_start_seconds;
 use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
@@ -118,6 +119,11 @@ impl Timeline {
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
         by(name).or_else(|| by(&self.measurand.name(name)))
+    }
+
+    /// Returns the scenario time at which a cycle begins.
+    pub fn cycle_start_seconds(&self, cycle: u64) -> f64 {
+        cycle_start_seconds(cycle, Duration::from_secs_f64(self.period_seconds))
     }
 
     /// Returns the raw set-point of the scenario; NaN if the scenario has none.

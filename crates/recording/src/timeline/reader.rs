@@ -184,8 +184,7 @@ impl TimelineReader {
         if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.passing.end)
         {
             let latest = self.cycle.last().filter(|_| is_sync || !is_late);
-            let period_seconds = self.period.as_secs_f64();
-            let cycle_seconds = latest.map(|cycle| cycle_start_seconds(*cycle, period_seconds));
+            let cycle_seconds = latest.map(|cycle| cycle_start_seconds(*cycle, self.period));
             self.traces.on_frame(frame, time, cycle_seconds);
         }
     }
@@ -242,11 +241,10 @@ impl TimelineReader {
 
     /// Takes the first rows as a timeline of their own, without events.
     fn take_rows(&mut self, rows: usize, trial: &Trial) -> Result<Timeline, SignalMissing> {
-        let period_seconds = self.period.as_secs_f64();
         let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
         let time_seconds: Series<f64> = starts
-            .map(|cycle| cycle_start_seconds(cycle, period_seconds))
+            .map(|cycle| cycle_start_seconds(cycle, self.period))
             .collect();
         let zero = self.passing.clock.zero();
         let origin = zero.unwrap_or(self.passing.first_frame.unwrap_or_default());
@@ -267,7 +265,7 @@ impl TimelineReader {
         let columns = Vec::from_iter([set_point].into_iter().chain(on_bus));
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
-            period_seconds,
+            period_seconds: self.period.as_secs_f64(),
             measurand: measurand.clone(),
             cycle,
             time_seconds,
