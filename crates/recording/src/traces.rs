@@ -86,21 +86,20 @@ impl TraceReader {
         self.collected.is_empty()
     }
 
-    /// Takes a frame of the scenario with its time and the start of its cycle.
+    /// Takes a frame of the scenario with its time and the start of its cycle, which few frames need.
     pub(crate) fn on_frame(
         &mut self,
         frame: &CanFrame,
         time: Duration,
-        cycle_seconds: Option<f64>,
+        cycle_seconds: impl Fn() -> Option<f64>,
     ) {
-        let time_seconds = time.as_secs_f64();
         for collected in &mut self.collected {
             let Some(value) = collected.handle.decode(frame) else {
                 continue;
             };
-            let cycle = cycle_seconds.filter(|_| collected.follows_sync);
+            let cycle = collected.follows_sync.then(&cycle_seconds).flatten();
             collected.push(SignalSample {
-                time_seconds: cycle.unwrap_or(time_seconds),
+                time_seconds: cycle.unwrap_or_else(|| time.as_secs_f64()),
                 value,
             });
         }

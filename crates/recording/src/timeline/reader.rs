@@ -183,8 +183,11 @@ impl TimelineReader {
         }
         if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.passing.end)
         {
-            let latest = self.cycle.last().filter(|_| is_sync || !is_late);
-            let cycle_seconds = latest.map(|cycle| cycle_start_seconds(*cycle, self.period));
+            let (cycle, period) = (&self.cycle, self.period);
+            let cycle_seconds = || {
+                let latest = cycle.last().filter(|_| is_sync || !is_late)?;
+                Some(cycle_start_seconds(*latest, period))
+            };
             self.traces.on_frame(frame, time, cycle_seconds);
         }
     }
