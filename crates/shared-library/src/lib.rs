@@ -6,8 +6,8 @@ use std::path::Path;
 
 use proc_macro::TokenStream;
 
-/// Expands to the bytes of the shared library of a dependency of both kinds, `crate-type = ["cdylib", "lib"]`; to none where it
-/// is not made, as by `cargo check` and for systems without shared libraries.
+/// Expands to the bytes of the shared library of a dependency of both kinds, `crate-type = ["cdylib", "lib"]`. There are no bytes
+/// if the library is not made: by `cargo check`, and for systems without shared libraries.
 #[proc_macro]
 pub fn shared_library(dependency: TokenStream) -> TokenStream {
     // As in `--extern canrig_plants=/…/libcanrig_plants.rlib`.

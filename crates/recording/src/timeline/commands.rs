@@ -150,8 +150,8 @@ mod tests {
         Plan::new(scenario, &Catalogue::shipped())
     }
 
-    /// Returns the findings in these cycles of so many milliseconds: those without a command, those with a late one, and the
-    /// losses. Each cycle is a text of frames, a tenth of it apart: `s` a SYNC, `p` a position, `c` a command.
+    /// Returns the cycles without a command, those with a late one, and the losses. Each cycle is a text of frames, a tenth of its
+    /// length apart: `s` a SYNC, `p` a position, `c` a command.
     fn found(milliseconds: u64, cycles: &[&str]) -> (Vec<u64>, Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * 1000 * milliseconds);
         let plan = plan();
