@@ -99,7 +99,7 @@ impl TraceReader {
             };
             let cycle = collected.follows_sync.then(&cycle_seconds).flatten();
             collected.push(SignalSample {
-                time_seconds: cycle.unwrap_or_else(|| time.as_secs_f64()),
+                time_seconds: cycle.unwrap_or(time.as_secs_f64()),
                 value,
             });
         }
