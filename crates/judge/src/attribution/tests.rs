@@ -139,7 +139,7 @@ fn slow(
             (false, false) => "node",
         };
         let is_by_canrig = doing == "node" && !external.contains(&whose_node);
-        whose.push((f64::from(number) * 0.01, doing, is_by_canrig));
+        whose.push((f64::from(number) / 100.0, doing, is_by_canrig));
     }
     let count = |wanted: fn(&str, bool) -> bool| {
         let is_wanted = |miss: &&(f64, &str, bool)| wanted(miss.1, miss.2);
@@ -150,7 +150,7 @@ fn slow(
     let prevails = by_bench > 0 && 4 * by_canrig <= by_bench;
     // A silence to the end is not taken for an unnoticed stall.
     let served = cycles.iter().rposition(|one| *one == Cycle::Served);
-    let silent_from = served.map_or(0, |served| served + 1) as f64 * 0.01;
+    let silent_from = served.map_or(0, |served| served + 1) as f64 / 100.0;
     let settled = whose.into_iter().map(|(at, doing, is_by_canrig)| {
         let is_stall = prevails && is_by_canrig && at < silent_from - 1e-9;
         (at, if is_stall { "bench" } else { doing })
