@@ -9,6 +9,11 @@ use proptest::prelude::*;
 use recording::log::Stamped;
 
 pub(crate) const PERIOD_SECONDS: f64 = 0.01;
+
+/// Returns the time at which a cycle begins, rounded once as in the decimal of a file.
+pub(crate) fn begin_seconds(number: u32) -> f64 {
+    f64::from(number) / 100.0
+}
 /// Number of cycles in which all planned pieces of a scenario begin.
 const PLANNED_CYCLES: u32 = 200;
 /// Number of cycles of a run that continues beyond them and has a hold.
@@ -424,7 +429,7 @@ fn cycles(course: &Course, pieces: &[(f64, Piece)], cycles_due: u32) -> Vec<Cycl
         } else {
             course.late_micros[place]
         };
-        let set_point = crate::plain::set_point(pieces, f64::from(number) * PERIOD_SECONDS);
+        let set_point = crate::plain::set_point(pieces, begin_seconds(number));
         let sent = course.positions[place].then(|| Sent {
             position: measured(set_point, course.errors[place]),
             true_position: measured(set_point, course.true_errors[place]),

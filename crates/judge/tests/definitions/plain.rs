@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use can::CanFrame;
 
 use crate::drawn::{
-    Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, TEMPERATURE_MICROS, ZERO_MICROS,
+    Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, TEMPERATURE_MICROS, ZERO_MICROS, begin_seconds,
     scenario_seconds,
 };
 
@@ -60,7 +60,7 @@ fn samples(drawn: &Drawn, is_true: bool) -> Vec<Sample> {
     let cycles = drawn.cycles.iter();
     let samples = cycles.filter_map(|cycle| {
         let sent = cycle.sent?;
-        let time = f64::from(cycle.number) * PERIOD_SECONDS;
+        let time = begin_seconds(cycle.number);
         Some(Sample {
             time,
             set_point: set_point(&drawn.pieces, time),
@@ -274,7 +274,7 @@ impl Plain<'_> {
         let mut commands = Vec::new();
         for cycle in &self.drawn.cycles {
             latest = cycle.command.or(latest);
-            if is_in(f64::from(cycle.number) * PERIOD_SECONDS, hold) {
+            if is_in(begin_seconds(cycle.number), hold) {
                 commands.extend(latest);
             }
         }
@@ -415,17 +415,17 @@ impl Plain<'_> {
             .drawn
             .cycles
             .iter()
-            .filter(|cycle| is_in(f64::from(cycle.number) * PERIOD_SECONDS, self.whole()))
+            .filter(|cycle| is_in(begin_seconds(cycle.number), self.whole()))
             .filter_map(|cycle| Some(cycle.sent?.current.powi(2)))
             .collect();
         let rms = self.seen(self.whole()).map(|_| mean(&currents).sqrt());
         rows.insert("current_amperes_rms".to_owned(), rms);
         rows.insert("current_ripple_amperes_rms".to_owned(), self.ripple());
         let due = self.drawn.cycles.last().map_or(0, |cycle| cycle.number + 1);
-        let due_seconds = f64::from(due) * PERIOD_SECONDS;
+        let due_seconds = begin_seconds(due);
         let has_sync = self.end - due_seconds <= SILENCE_SECONDS + TOLERANCE;
         let due = (0..self.drawn.cycles_due)
-            .filter(|number| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole()))
+            .filter(|number| is_in(begin_seconds(*number), self.whole()))
             .count();
         let served = self.within(self.whole()).len();
         let missed = 100.0 * (due - served) as f64 / due as f64;
@@ -461,8 +461,8 @@ impl Plain<'_> {
         let lacking = self.lacking_commands();
         let runs = lacking.chunk_by(|before, after| before + 1 == *after);
         let lengths = runs.map(|run| {
-            let from = (f64::from(run[0]) * PERIOD_SECONDS).max(span.0);
-            let until = (f64::from(run[run.len() - 1] + 1) * PERIOD_SECONDS).min(span.1);
+            let from = (begin_seconds(run[0])).max(span.0);
+            let until = (begin_seconds(run[run.len() - 1] + 1)).min(span.1);
             until - from
         });
         lengths
@@ -514,7 +514,7 @@ impl Plain<'_> {
     /// Returns the percentage of such cycles among all with a position.
     fn share_of_commands(&self, cycles: &[u32]) -> Option<f64> {
         self.seen(self.whole())?;
-        let is_judged = |number: &u32| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole());
+        let is_judged = |number: &u32| is_in(begin_seconds(*number), self.whole());
         let sent = self
             .drawn
             .cycles
@@ -652,12 +652,8 @@ impl Plain<'_> {
             .filter(|truth| truth.time_seconds >= from - 1e-6);
         let flows = lately.any(|truth| truth.current != 0.0);
         let cycles = self.drawn.cycles.iter().rev();
-        let mut states = cycles.filter_map(|cycle| {
-            Some((
-                f64::from(cycle.number) * PERIOD_SECONDS,
-                cycle.sent?.is_enabled,
-            ))
-        });
+        let mut states =
+            cycles.filter_map(|cycle| Some((begin_seconds(cycle.number), cycle.sent?.is_enabled)));
         let is_enabled = states
             .next()
             .is_some_and(|(time, is_enabled)| time >= from && is_enabled);
