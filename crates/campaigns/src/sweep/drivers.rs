@@ -100,15 +100,13 @@ impl<'a> Sampler<'a> {
                 .map_or(1.0, |limit| -limit.margin(*value));
             let worst = self.worst.entry(name.clone()).or_default();
             let place = worst.partition_point(|one| one.badness >= badness);
-            if place < self.worst_max {
-                let one = Worst {
-                    badness,
-                    case: row.case,
-                    value: *value,
-                };
-                worst.insert(place, one);
-                worst.truncate(self.worst_max);
-            }
+            let one = Worst {
+                badness,
+                case: row.case,
+                value: *value,
+            };
+            worst.insert(place, one);
+            worst.truncate(self.worst_max);
         }
         // Invariants are rarely broken: all such runs are in the sample, as far as there is room.
         let is_rare = !broken.is_empty() && self.sample.len() < 2 * SAMPLE;
