@@ -165,3 +165,48 @@ impl SharedCampaign<'_> {
         parts.collect()
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::path::Path;
+
+    use plan::Plan;
+    use scenario::Beside;
+    use worlds::catalogue::catalogue;
+
+    use super::*;
+    use crate::sweep::sweep_cases::SweepCases;
+
+    /// Returns the plan of a sweep of four runs.
+    pub(in crate::engine) fn plan() -> Plan {
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
+            [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
+        let beside = Beside::new(Path::new("s.toml"));
+        Plan::parse_beside(&beside, text.to_owned(), catalogue()).unwrap()
+    }
+
+    pub(in crate::engine) fn campaign<'a>(
+        cases: &'a dyn Cases,
+        output: &Path,
+    ) -> SharedCampaign<'a> {
+        SharedCampaign {
+            cases,
+            header: Header::new(cases).unwrap(),
+            output: output.to_owned(),
+            arguments: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_values_of_the_first_command_line_stay_with_the_campaign() {
+        let cases = SweepCases::new(&plan()).unwrap();
+        let output = tempfile::tempdir().unwrap();
+        let campaign = campaign(&cases, output.path());
+        for overrides in [vec!["seed=3".parse().unwrap()], vec![]] {
+            campaign.prepare(&overrides).unwrap();
+            let played = PlayRecord::read(&campaign.path()).unwrap().unwrap();
+            assert_eq!(played.set, ["seed=3"]);
+        }
+    }
+}

@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::campaign::{Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, wait};
-use super::{EngineKind, Limits};
+use super::{Engine, EngineKind, Limits};
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
 use crate::sweep::estimate::Estimate;
@@ -101,15 +101,16 @@ pub fn submit(args: &SubmitArgs) -> Result<Exit, Failure> {
         arguments,
     };
     let mut record = record(args, &campaign)?;
+    let engine = record.engine.engine();
     if args.dry_run {
         let parts = Vec::from_iter(1..=record.parts);
         let job = campaign.job(&record, &parts);
-        print(record.engine.engine().file(&job).1.trim_end());
+        print(engine.file(&job).1.trim_end());
         return Ok(Exit::Pass);
     }
     campaign.prepare(&args.values.all())?;
     campaign.keep(&record)?;
-    play(args, &campaign, &mut record)?;
+    play(args, &campaign, engine, &mut record)?;
     let of = record.parts;
     let parts = Vec::from_iter((1..=of).map(|number| campaign.part(Shard { number, of })));
     let shown = Shown::unless(args.quiet);
@@ -196,11 +197,11 @@ fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usiz
 fn play(
     args: &SubmitArgs,
     campaign: &SharedCampaign<'_>,
+    engine: &dyn Engine,
     record: &mut Record,
 ) -> Result<(), Failure> {
     let mut counter = RowCounter(campaign.rows(record.parts)?);
     let bar = Bar::parts(campaign.cases.facts().runs, counter.rows(), !args.quiet);
-    let engine = record.engine.engine();
     let mut begun = 0;
     loop {
         let submitted = match record.job.clone() {
@@ -218,7 +219,7 @@ fn play(
                         logs.display()
                     )));
                 }
-                let submitted = hand_over(campaign, record, missing)?;
+                let submitted = hand_over(campaign, engine, record, missing)?;
                 let (count, id) = (submitted.parts.len(), &submitted.id);
                 if !args.quiet {
                     bar.print(&format!("{:?} job {id}: {count} parts", record.engine));
@@ -248,10 +249,10 @@ fn play(
 /// Submits some parts, and records the id that the engine gives the job.
 fn hand_over(
     campaign: &SharedCampaign<'_>,
+    engine: &dyn Engine,
     record: &mut Record,
     parts: Vec<usize>,
 ) -> Result<Submitted, Failure> {
-    let engine = record.engine.engine();
     let (name, text) = engine.file(&campaign.job(record, &parts));
     let file = campaign.write_job(name, &text)?;
     let submitted = Submitted {
@@ -300,5 +301,120 @@ fn print_parts(bar: &Bar, lines: impl Iterator<Item = String>) {
     }
     if let more @ 1.. = lines.len().saturating_sub(NAMED_MAX) {
         bar.print(&format!("and {more} more parts"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+    use std::sync::Mutex;
+    use std::time::Duration;
+
+    use clap::{Command, FromArgMatches};
+    use runner::machine::Stopwatch;
+
+    use super::super::campaign::tests::{campaign, plan};
+    use super::super::{Job, JobState, ranges};
+    use super::*;
+    use crate::sweep::row::{Ended, SweepRow};
+    use crate::sweep::store::{Rows, Writer};
+
+    fn args(options: &str) -> SubmitArgs {
+        let words = ["submit", "s.toml"].into_iter().chain(options.split(' '));
+        let command = SubmitArgs::augment_args(Command::new("submit"));
+        let matches = command.try_get_matches_from(words).unwrap();
+        SubmitArgs::from_arg_matches(&matches).unwrap()
+    }
+
+    /// Engine that is asked twice about a job before it is over. It loses the second part of the first two jobs.
+    struct Lossy<'a> {
+        campaign: &'a SharedCampaign<'a>,
+        jobs: Mutex<Vec<String>>,
+        watch: Stopwatch,
+        asked: Mutex<Vec<Duration>>,
+    }
+
+    impl Engine for Lossy<'_> {
+        fn file(&self, job: &Job<'_>) -> (&'static str, String) {
+            ("job", ranges(job.parts))
+        }
+
+        fn submit(&self, file: &Path) -> Result<String, Failure> {
+            let mut jobs = self.jobs.lock().unwrap();
+            jobs.push(fs::read_to_string(file).unwrap());
+            Ok(jobs.len().to_string())
+        }
+
+        fn state(&self, id: &str, _: &Path, parts: &[usize]) -> Result<JobState, Failure> {
+            let mut asked = self.asked.lock().unwrap();
+            asked.push(self.watch.elapsed());
+            let mut state = JobState {
+                is_over: asked.len().is_multiple_of(2),
+                ..JobState::default()
+            };
+            if !state.is_over {
+                return Ok(state);
+            }
+            for &number in parts {
+                if number == 2 && id != "3" {
+                    state.failed.insert(number, "lost".to_owned());
+                    continue;
+                }
+                let shard = Shard { number, of: 2 };
+                let folder = self.campaign.part(shard);
+                fs::create_dir_all(&folder).unwrap();
+                let mut writer = Writer::begin(&folder, &self.campaign.header)?;
+                for case in shard.cases(4) {
+                    let row = SweepRow::without_verdict(case, "id", Ended::Invalid, String::new());
+                    writer.append(&row)?;
+                }
+            }
+            Ok(state)
+        }
+
+        fn cancel_command(&self, id: &str, _: Option<&str>) -> String {
+            id.to_owned()
+        }
+    }
+
+    #[test]
+    fn lost_parts_are_submitted_again_as_often_as_the_retries_say() {
+        let cases = SweepCases::new(&plan()).unwrap();
+        let output = tempfile::tempdir().unwrap();
+        let campaign = campaign(&cases, output.path());
+        let engine = Lossy {
+            campaign: &campaign,
+            jobs: Mutex::default(),
+            watch: Stopwatch::start(),
+            asked: Mutex::default(),
+        };
+        let args = args("--engine slurm --parts 2 --retries 1 --quiet");
+        let mut record = record(&args, &campaign).unwrap();
+        let error = play(&args, &campaign, &engine, &mut record).unwrap_err();
+        let text = "1 of 2 parts were lost, and were submitted 2 times.";
+        assert!(error.reason.starts_with(text), "{error}");
+        // The next command begins with the rows that there are.
+        play(&args, &campaign, &engine, &mut record).unwrap();
+        assert!(campaign.rows(2).unwrap().iter().all(Rows::is_whole));
+        assert_eq!(*engine.jobs.lock().unwrap(), ["1-2", "2", "2"]);
+        // It is asked ever less often.
+        let asked = engine.asked.lock().unwrap();
+        assert!(
+            asked[1] - asked[0] > Duration::from_millis(300),
+            "{asked:?}"
+        );
+    }
+
+    #[test]
+    fn a_campaign_of_months_has_as_many_parts_as_an_engine_takes() {
+        let draws = Draws {
+            runs: u32::MAX,
+            seed: 1,
+        };
+        let cases = TortureCases::new(&plan(), draws);
+        let campaign = campaign(&cases, Path::new("runs"));
+        let record = record(&args("--engine slurm --quiet"), &campaign).unwrap();
+        assert_eq!(record.parts, 1000);
     }
 }

@@ -108,3 +108,28 @@ impl RowCounter {
         left.all(|part| failed.contains_key(part))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::campaign::tests::{campaign, plan};
+    use super::*;
+    use crate::sweep::sweep_cases::SweepCases;
+
+    #[test]
+    fn the_state_says_what_there_is_and_why_nothing_runs() {
+        let cases = SweepCases::new(&plan()).unwrap();
+        let output = tempfile::tempdir().unwrap();
+        let counter = RowCounter(campaign(&cases, output.path()).rows(4).unwrap());
+        let mut state = JobState {
+            waiting: 3,
+            why_waiting: Some("Resources".to_owned()),
+            failed: [(4, "TIMEOUT".to_owned())].into(),
+            ..JobState::default()
+        };
+        let text = "0 of 4 parts, 3 waiting, 1 failed (Resources)";
+        assert_eq!(state_text(&state, &counter), text);
+        (state.waiting, state.running) = (1, 2);
+        let text = "0 of 4 parts, 2 running, 1 waiting, 1 failed";
+        assert_eq!(state_text(&state, &counter), text);
+    }
+}
