@@ -182,3 +182,20 @@ fn summary(requirements: &[Requirement]) -> String {
         total => format!("{total} requirements: {}", counts.join(", ")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_summary_counts_the_requirements() {
+        let never = Requirement::new("REQ-1".to_owned(), true);
+        for (requirements, expected) in [
+            (vec![], "no scenario names a requirement"),
+            (vec![never.clone()], "1 requirement: 1 never tested"),
+            (vec![never; 2], "2 requirements: 2 never tested"),
+        ] {
+            assert_eq!(summary(&requirements), expected);
+        }
+    }
+}

@@ -45,14 +45,11 @@ impl Estimate {
     /// Plays some of the cases, one at a time, and discards the results.
     pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, Failure> {
         let runs = cases.facts().runs;
-        let probes = runs.min(PROBES_MAX);
         let stopwatch = Stopwatch::start();
         let (mut probed, mut bytes) = (0, 0);
         let work = |watch: &Watch| {
-            for number in 0..probes {
-                // The case is in the middle of one of as many stretches of equal length.
-                let case = (2 * number + 1) * runs / (2 * probes) + 1;
-                let row = cases.row_of(case.min(runs), watch)?;
+            for case in probed_cases(runs) {
+                let row = cases.row_of(case, watch)?;
                 probed += 1;
                 bytes += serde_json::to_string(&row).map_or(0, |text| text.len());
                 if stopwatch.elapsed() >= PROBE || watch.is_interrupted() {
@@ -152,6 +149,12 @@ impl fmt::Display for Estimate {
     }
 }
 
+/// Returns the cases of a probe, each in the middle of one of as many stretches of equal length.
+fn probed_cases(runs: usize) -> impl Iterator<Item = usize> {
+    let probes = runs.min(PROBES_MAX);
+    (0..probes).map(move |number| (2 * number + 1) * runs / (2 * probes) + 1)
+}
+
 /// Rounds up to the next whole number.
 fn whole(number: f64) -> usize {
     #[expect(
@@ -215,5 +218,15 @@ mod tests {
         assert_eq!(estimate(1_000_000, 10.0, 1).parts(), 1000);
         assert_eq!(estimate(3, 10_000.0, 1).parts(), 3);
         assert_eq!(estimate(3, 0.001, 1).parts(), 1);
+        for (runs, disk) in [(3, "disk     6 kB"), (1000, "disk     2 MB")] {
+            let text = estimate(runs, 0.001, 1).to_string();
+            assert!(text.ends_with(disk), "{disk}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_probe_is_spread_over_all_cases() {
+        assert!(probed_cases(240).eq((6..=236).step_by(10)));
+        assert!(probed_cases(3).eq(1..=3));
     }
 }

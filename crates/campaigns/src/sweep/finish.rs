@@ -147,6 +147,12 @@ mod tests {
         let folder = RunFolder::lasting(parent.path(), "run", "1").unwrap();
         // The folder does not exist yet.
         remove_others(&folder, &[]).unwrap();
+        // Scenarios that cannot be looked through are not removed in silence.
+        let file = folder.path().join(FAILING);
+        fs::write(&file, b"").unwrap();
+        let error = remove_others(&folder, &[]).unwrap_err();
+        assert_eq!(error.path, file);
+        fs::remove_file(file).unwrap();
         let failing = Failing {
             case: 3,
             id: "0123456789abcdef".to_owned(),

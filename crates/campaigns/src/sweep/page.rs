@@ -353,3 +353,38 @@ fn class(ended: Ended) -> &'static str {
         judged => page::class(judged.outcome()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spread(max: Option<f64>, sorted: &[f64]) -> MetricSpread {
+        let limit = max.map(|max| Limit {
+            min: None,
+            max: Some(max),
+        });
+        MetricSpread::new("overshoot_percent", limit, 0, sorted)
+    }
+
+    #[test]
+    fn a_distribution_is_drawn_where_most_runs_are_and_a_near_limit_is() {
+        let even = Vec::from_iter((0..=100).map(f64::from));
+        let with_outlier = [&even[..], &[10_000.0]].concat();
+        let all_but_one_same = [&[0.0; 200][..], &[100.0]].concat();
+        for (sorted, max, (from, until)) in [
+            (&even, None, (-2.0, 102.0)),
+            (&even, Some(150.0), (-3.0, 153.0)),
+            (&even, Some(400.0), (-2.0, 102.0)),
+            (&with_outlier, None, (-2.99, 152.49)),
+            (&all_but_one_same, None, (-2.0, 102.0)),
+        ] {
+            let shown = shown_range(&spread(max, sorted));
+            let is_near = (shown.0 - from).abs() < 1e-9 && (shown.1 - until).abs() < 1e-9;
+            assert!(is_near, "{shown:?} is not {from} to {until}");
+        }
+        let drawn = drawn(&spread(None, &with_outlier)).into_string();
+        for text in [">overshoot_percent</p>", "1 outlier (0 to "] {
+            assert!(drawn.contains(text), "{text}: {drawn}");
+        }
+    }
+}

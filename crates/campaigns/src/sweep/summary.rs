@@ -167,6 +167,11 @@ fn add_new<'n>(names: &mut Vec<String>, new: impl IntoIterator<Item = &'n String
     }
 }
 
+/// Returns the number of metrics whose values are in memory at the same time.
+fn metrics_at_a_time(runs: usize) -> usize {
+    (VALUES_MAX / runs.max(1)).max(1)
+}
+
 /// Returns the distributions of all metrics, by as many passes over the rows as the bound on memory needs.
 fn spreads(
     metrics: &[String],
@@ -175,9 +180,8 @@ fn spreads(
     missed: &BTreeMap<String, usize>,
     rows: &Rows,
 ) -> Result<Vec<MetricSpread>, Failure> {
-    let group = (VALUES_MAX / runs.max(1)).max(1);
     let mut spreads = Vec::new();
-    for names in metrics.chunks(group) {
+    for names in metrics.chunks(metrics_at_a_time(runs)) {
         let mut columns = vec![Vec::new(); names.len()];
         for row in rows.iter()? {
             let row = row?;
@@ -196,7 +200,7 @@ fn spreads(
 }
 
 impl MetricSpread {
-    fn new(name: &str, limit: Option<Limit>, missed: usize, sorted: &[f64]) -> Self {
+    pub(super) fn new(name: &str, limit: Option<Limit>, missed: usize, sorted: &[f64]) -> Self {
         let at = |percent| quantile(sorted, percent).unwrap_or(f64::NAN);
         Self {
             name: name.to_owned(),
@@ -245,5 +249,24 @@ mod tests {
         let never = MetricSpread::new("m", None, 3, &[]);
         assert!(never.count == 0 && never.quantiles.iter().all(|one| one.is_nan()));
         assert!(!never.varies());
+        let groups = [0, 60, 900_000, 10_000_000].map(metrics_at_a_time);
+        assert_eq!(groups, [4_000_000, 66_666, 4, 1]);
+    }
+
+    #[test]
+    fn a_case_that_fails_is_listed_with_what_it_missed() {
+        let limit = Limit {
+            min: None,
+            max: Some(10.0),
+        };
+        let limits = ["overshoot_percent", "settling_time_seconds"];
+        let limits = BTreeMap::from(limits.map(|name| (name.to_owned(), limit)));
+        let mut row = SweepRow::without_verdict(1, "id", Ended::Fail, String::new());
+        row.missed = limits.keys().cloned().chain(["panic".to_owned()]).collect();
+        row.metrics = vec![("overshoot_percent".to_owned(), 12.5)];
+        assert_eq!(
+            missed(&row, &limits),
+            "overshoot_percent 12.50 (limit ≤ 10), settling_time_seconds never (limit ≤ 10), panic"
+        );
     }
 }
