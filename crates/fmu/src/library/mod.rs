@@ -186,7 +186,5 @@ fn whole<T: TryFrom<i64> + Default>(value: f64) -> T {
     T::try_from(value).unwrap_or_default()
 }
 
-/// Converts an integer to a float; above 2^53 to the nearest one.
-fn nearest_float(value: i64) -> f64 {
-    value as f64
-}
+#[cfg(test)]
+mod tests;

@@ -20,19 +20,21 @@ pub(super) fn missing_symbol(reason: &str) -> Option<&str> {
 
 /// Opens the library of Python for all libraries that are loaded later.
 pub(super) fn open(symbol: &str) -> Result<(), Fault> {
-    for path in candidates() {
-        // SAFETY: Python's library only defines symbols until it is initialized.
-        let opened = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_GLOBAL) };
-        if let Ok(library) = opened {
-            // The library stays loaded: code that uses an interpreter cannot lose it.
-            std::mem::forget(library);
-            return Ok(());
-        }
+    if candidates().iter().any(|path| open_if_there(path)) {
+        return Ok(());
     }
     Err(Fault::library(format!(
         "it is written in Python and needs its library (symbol {symbol}), and no libpython3.*.so was found beside the python3 in \
          PATH or where the system looks; install it (Debian: apt install libpython3-dev), or name its folder in LD_LIBRARY_PATH"
     )))
+}
+
+/// Opens a library if it is there, and returns whether it is.
+pub(super) fn open_if_there(path: &Path) -> bool {
+    // SAFETY: Python's library only defines symbols until it is initialized.
+    let opened = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_GLOBAL) };
+    // The library stays loaded: code that uses an interpreter cannot lose it.
+    opened.map(std::mem::forget).is_ok()
 }
 
 /// Returns candidates for the library. That of the `python3` in PATH is first, since its packages fit.
@@ -94,5 +96,11 @@ mod tests {
     fn an_interpreter_s_name_has_its_version() {
         assert_eq!(minor_version(Path::new("/usr/bin/python3.11")), Some(11));
         assert_eq!(minor_version(Path::new("/opt/shims/python3")), None);
+    }
+
+    #[test]
+    fn an_older_library_is_tried_after_a_newer_one() {
+        let oldest = ["libpython3.9.so.1.0", "libpython3.8.so.1.0"].map(PathBuf::from);
+        assert!(candidates().ends_with(&oldest));
     }
 }

@@ -7,7 +7,7 @@ use libloading::os::unix::Library;
 
 use super::loaded::{Component, Family, Loaded, Numbers, OwnFunctions, Step, Update};
 use super::log::Log;
-use super::{Status, Stepped, Updated, function, nearest_float, whole};
+use super::{Status, Stepped, Updated, function, whole};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -114,12 +114,14 @@ pub(super) fn instance(
 fn numbers(library: &Library) -> Vec<Numbers> {
     #[expect(clippy::cast_possible_truncation, reason = "its own precision")]
     let single = |value| value as f32;
-    let unsigned = |number| nearest_float(i64::try_from(number).unwrap_or(i64::MAX));
+    // Above 2^53 the nearest float.
+    let signed = |number: i64| number as f64;
+    let unsigned = |number: u64| number as f64;
     let truth = |value| u8::from(value != 0.0);
     let number = |truth| f64::from(u8::from(truth != 0));
     // SAFETY: the types are those of FMI 3.0.
     unsafe {
-        let int64 = |kind| Numbers::of::<Three, i64>(library, kind, "Int64", whole, nearest_float);
+        let int64 = |kind| Numbers::of::<Three, i64>(library, kind, "Int64", whole, signed);
         vec![
             Numbers::of::<Three, f64>(library, Kind::Float64, "Float64", f64::from, f64::from),
             Numbers::of::<Three, f32>(library, Kind::Float32, "Float32", single, f64::from),
