@@ -29,6 +29,7 @@ const THREE: &str = r#"<fmiModelDescription fmiVersion="3.0" modelName="Tank" in
     <UInt8 name="valve" valueReference="3" causality="input" start="0"/>
     <String name="path" valueReference="4" causality="parameter"><Start value="a b"/></String>
     <Clock name="tick" valueReference="5" causality="input" intervalVariability="constant"/>
+    <UInt64 name="size" valueReference="6" causality="structuralParameter" start="3"/>
   </ModelVariables>
 </fmiModelDescription>"#;
 
@@ -76,9 +77,12 @@ fn a_description_of_fmi_3_is_read() {
         needs,
         [
             "arrays are no ports: `field`",
-            "clocks are not ticked: `tick`"
+            "clocks are not ticked: `tick`",
+            "structural parameters keep their values: `size`"
         ]
     );
+    let takes_start = |name| read.variable(name).unwrap().takes_start();
+    assert!(takes_start("path") && !takes_start("size"));
 }
 
 #[test]

@@ -1,3 +1,5 @@
+use std::ffi::{CStr, c_char};
+
 use super::*;
 use crate::description::Description;
 
@@ -118,7 +120,7 @@ fn values_go_where_they_belong() {
         (2, 1.0),
         (3, 1.0),
         (4, 1.0),
-        (9, 1.0),
+        (5, 1.0),
         (0, 1.0),
         (1, f64::NAN),
     ] {
@@ -130,6 +132,19 @@ fn values_go_where_they_belong() {
     played.set_word(4, c"minus").unwrap();
     assert_eq!(played.word(4).unwrap(), c"minus");
     assert!(played.start().unwrap_err().contains("no sum of"));
+}
+
+#[test]
+#[expect(unsafe_code, reason = "C reads the texts")]
+fn the_versions_are_told() {
+    let text = |text: *const c_char| {
+        assert!(!text.is_null());
+        // SAFETY: a C string that is never freed.
+        unsafe { CStr::from_ptr(text) }
+    };
+    let of_two = [two::fmi2GetTypesPlatform(), two::fmi2GetVersion()];
+    assert_eq!(of_two.map(text), [c"default", c"2.0"]);
+    assert_eq!(text(three::fmi3GetVersion()), c"3.0");
 }
 
 #[test]

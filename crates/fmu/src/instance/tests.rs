@@ -28,6 +28,8 @@ struct Fake {
     calls: std::rc::Rc<std::cell::RefCell<Vec<String>>>,
     value: f64,
     next_event: Option<f64>,
+    /// Number of updates after which it asks for another one.
+    updates_again: u32,
 }
 
 impl Fake {
@@ -71,9 +73,11 @@ impl Slave for Fake {
     fn update_discrete(&mut self) -> (Status, Updated) {
         let next_event_seconds = self.next_event.take();
         let updated = Updated {
+            again: self.updates_again > 0,
             next_event_seconds,
             ..Updated::default()
         };
+        self.updates_again = self.updates_again.saturating_sub(1);
         (Status(0), updated)
     }
     fn call(&mut self, function: &'static str) -> Status {
@@ -244,6 +248,23 @@ fn events_are_handled_where_it_asks_and_where_it_told_of_them() {
     assert_eq!(
         noted.borrow_mut().split_off(0),
         ["step 0.25 0.5", "events", "step 0.5 1"]
+    );
+}
+
+#[test]
+fn discrete_states_are_updated_until_they_are_stable() {
+    let restless = |updates_again| {
+        let mut instance = instance(Fake {
+            updates_again,
+            ..always(Does::Event)
+        });
+        instance.has_events = true;
+        instance
+    };
+    restless(99).advance(1.0, &[]).unwrap();
+    fails(
+        restless(100),
+        "UpdateDiscreteStates wanted to be called more than 100 times at 1 s",
     );
 }
 

@@ -151,7 +151,7 @@ fn the_place_of_what_does_not_fit_is_named() {
 #[test]
 fn a_recorded_variable_keeps_its_name_and_a_port_has_the_range_that_is_said() {
     let wiring = wiring(
-        "record = [\"x\"]\n[start]\n\"motor.I\" = 0.25\n[ports]\n\
+        "record = [\"x\", \"on\"]\n[start]\n\"motor.I\" = 0.25\n[ports]\n\
          drive_milliamperes = { variable = \"motor.I\" }\n\
          arm_celsius = { variable = \"T\", range = [-20.0, 90.0] }\n",
     );
@@ -161,7 +161,8 @@ fn a_recorded_variable_keeps_its_name_and_a_port_has_the_range_that_is_said() {
         Vec::from_iter(wiring.ports.outputs.iter().map(named)),
         [
             ("arm_celsius".to_owned(), [-20.0, 90.0]),
-            ("x_millimetres".to_owned(), [0.0, 60.0])
+            ("x_millimetres".to_owned(), [0.0, 60.0]),
+            ("on".to_owned(), [0.0, 1.0])
         ]
     );
     assert_eq!(wiring.ports.inputs[0].at_rest, 250.0);
