@@ -278,8 +278,8 @@ fn commands_due(evidence: &Evidence<'_>) -> impl Iterator<Item = u64> {
 /// Totals of the breaches of a run.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Totals {
-    /// Number of cycles that were due.
-    pub(crate) due: u64,
+    /// Number of cycles that were due; 0 if no command breaks its duty, as then they are not counted.
+    due: u64,
     all: usize,
     by_host: usize,
     /// Stalls that explain breaches. A stall that explains several in a row is listed once.

@@ -106,6 +106,7 @@ impl TimelineReader {
     /// If the database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         let period = one.trial.run.bus.sync_period();
+        let late_after = period + period / 2;
         let passing = Passing::new(one)?;
         Ok(Self {
             loop_name: one.name().to_owned(),
@@ -113,8 +114,8 @@ impl TimelineReader {
             passing,
             traffic: Traffic::new(one),
             period,
-            late_after: period + period / 2,
-            late_from: period + period / 2,
+            late_after,
+            late_from: late_after,
             events: EventReader::new(&one.database, NodeNames::new(shared, one)),
             losses: LossReader::new(one),
             commands: CommandReader::new(one, period, kept_max)?,

@@ -165,13 +165,8 @@ fn draw(x: &[f64], y: &[f64], (low, high): (f64, f64), scale: &DrawingScale, lin
     let mut places = [0, first_at(low), first_at(high), y.len() - 1];
     places.sort_unstable();
     for place in places {
-        push(
-            line,
-            (
-                nearest(scale.along(x[place])),
-                nearest(scale.down(y[place])),
-            ),
-        );
+        let (along, down) = scale.place(x[place], y[place]);
+        push(line, (nearest(along), nearest(down)));
     }
 }
 

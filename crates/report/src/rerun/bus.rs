@@ -12,7 +12,7 @@ use crate::ReportError;
 use plan::ControlLoop;
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
-use scenario::Trial;
+use scenario::{Trial, cycle_start_seconds, nearest_cycle};
 
 /// Shortest stretch of time over which a load is averaged, and of which a long run logs the extremes. Stretches are longer if
 /// there would be more of them than the viewer can hold.
@@ -124,10 +124,8 @@ impl BusReader {
     }
 
     fn begin_cycle(&mut self, time: Duration) {
-        let period_seconds = self.period.as_secs_f64();
-        let number = (time.as_secs_f64() / period_seconds).round();
-        let due_seconds = number * period_seconds;
-        self.now = times::moment_at(due_seconds, period_seconds);
+        let due_seconds = cycle_start_seconds(nearest_cycle(time, self.period), self.period);
+        self.now = times::moment_at(due_seconds, self.period.as_secs_f64());
         let lateness = 1e6 * (time.as_secs_f64() - due_seconds);
         self.thin();
         self.push_cycle();
