@@ -230,7 +230,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     let (frames, unread) = read_cut_log(std::io::BufReader::new(log)).unwrap();
     assert_eq!(unread, Unread::default());
     let plan = plan(&run.join("scenario.toml"));
-    let timelines = decode(&frames, &plan).unwrap();
+    let timelines = decode(&frames.into(), &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());
     let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
     assert_eq!(

@@ -58,7 +58,7 @@ fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) ->
 fn judged(frames: &[Stamped], text: &str, external: &str) -> Verdict {
     let plan =
         Plan::new(scenario(text), &Catalogue::shipped()).recorded_external(&[external.to_owned()]);
-    let timelines = decode(frames, &plan).unwrap();
+    let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
     judge(&plan, &timelines, &Circumstances::default())
 }
 
@@ -200,7 +200,9 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
 
     let zero = {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        decode(&sound, &plan).unwrap()[0].zero_seconds.unwrap()
+        decode(&sound.clone().into(), &plan).unwrap()[0]
+            .zero_seconds
+            .unwrap()
     };
     let until = |seconds: f64| {
         let is_kept = |one: &&Stamped| {
@@ -260,7 +262,7 @@ fn no_command_of_several_loops_is_due_where_a_position_is_missing() {
         u16::try_from(message.raw_id).unwrap()
     };
     let percent = |frames: &[Stamped]| {
-        let timelines = decode(frames, &plan).unwrap();
+        let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let verdict = judge(&plan, &timelines, &Circumstances::default());
         let mut rows = verdict.metrics.iter();
         let row = rows.find(|row| row.name == "x.missed_commands_percent");

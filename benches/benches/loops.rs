@@ -79,7 +79,7 @@ fn played(plan: &Plan) -> Vec<usize> {
     let mut capture = Capture::in_memory(clock, &watch);
     simulate(plan, &Hosting::default(), &mut capture).expect("they are played");
     let (frames, _) = capture.finish().expect("the memory suffices");
-    let timelines = decode(frames.iter(), plan).expect("they are decoded");
+    let timelines = decode(&frames, plan).expect("they are decoded");
     black_box(judge(plan, &timelines, &Circumstances::default()));
     let cycles = timelines.iter().map(|timeline| timeline.cycle.len());
     cycles.collect()

@@ -198,7 +198,7 @@ mod tests {
     #[test]
     fn runs_of_different_length_do_not_agree() {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        let timelines = decode(frames(500, |_| Some(10.0)), &plan).unwrap();
+        let timelines = decode(&frames(500, |_| Some(10.0)).into(), &plan).unwrap();
         let whole = &timelines[0];
         let verdict = Verdict::incomplete("compared", 1, "");
         let tolerances = Tolerances {
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn zeros_of_a_law_without_a_term_are_not_compared() {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        let timelines = decode(frames(500, |_| Some(10.0)), &plan).unwrap();
+        let timelines = decode(&frames(500, |_| Some(10.0)).into(), &plan).unwrap();
         let name = "switching_part_of_a_test";
         let with_term = |value: f64| {
             let mut timeline = timelines[0].clone();
@@ -261,7 +261,9 @@ mod tests {
     #[test]
     fn a_difference_is_positive_where_the_second_run_is_above_the_first() {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        let run = |position: fn(u32) -> Option<f64>| decode(frames(501, position), &plan).unwrap();
+        let run = |position: fn(u32) -> Option<f64>| {
+            decode(&frames(501, position).into(), &plan).unwrap()
+        };
         let a = run(|cycle| match cycle {
             100 => Some(13.0),
             300 => Some(11.0),

@@ -230,7 +230,7 @@ mod tests {
             });
             let on = ["x", "y"].map(|axis| Stamped::new(Duration::ZERO, measured(axis, 30.0)));
             let frames = on.into_iter().chain(cycles);
-            let timelines = decode(frames, &plan).unwrap();
+            let timelines = decode(&frames.collect::<Vec<_>>().into(), &plan).unwrap();
             let rows = judge(&plan, &timelines, &Circumstances::default()).metrics;
             ["max", "rms"].map(|end| {
                 let name = format!("x_y.contour_error_millimetres_{end}");

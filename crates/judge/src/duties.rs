@@ -161,7 +161,9 @@ mod tests {
     /// Returns the largest error of a controller with these intervals between its SYNCs, in milliseconds.
     fn error(intervals: &[f64]) -> f64 {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        let mut timeline = decode(frames(4, |_| Some(10.0)), &plan).unwrap().remove(0);
+        let mut timeline = decode(&frames(4, |_| Some(10.0)).into(), &plan)
+            .unwrap()
+            .remove(0);
         let times = intervals.iter().scan(0.0, |time, interval| {
             *time += interval / 1e3;
             Some(*time)

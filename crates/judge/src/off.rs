@@ -144,7 +144,11 @@ mod tests {
             ended_early: Some(end),
             ..Circumstances::default()
         };
-        let verdict = judge(&plan, &decode(frames, &plan).unwrap(), &circumstances);
+        let verdict = judge(
+            &plan,
+            &decode(&frames.to_vec().into(), &plan).unwrap(),
+            &circumstances,
+        );
         let mut rows = verdict.metrics.into_iter();
         let row = rows.find(|row| row.name == DRIVE_OFF).unwrap();
         let cause = verdict.cause.map(|cause| cause.node);

@@ -229,7 +229,7 @@ mod tests {
         );
         let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
-        let timelines = decode(frames, &plan).unwrap();
+        let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(
             &timelines[0],

@@ -196,7 +196,9 @@ mod tests {
     /// Measures a signal in a run without stalls.
     fn measured(trace: &SignalTrace, window: Window, demand: &Demand<'_>) -> Measurement {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        let timeline = decode(frames(4, |_| Some(10.0)), &plan).unwrap().remove(0);
+        let timeline = decode(&frames(4, |_| Some(10.0)).into(), &plan)
+            .unwrap()
+            .remove(0);
         let circumstances = Circumstances::default();
         let evidence = Evidence::new(&timeline, plan.only_loop().unwrap(), &circumstances);
         measure(&evidence, trace, window, demand)

@@ -5,6 +5,7 @@ use dbc::Database;
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use recording::ending::{EarlyEnd, EndedBy};
+use recording::frames::Frames;
 use recording::latency::Host;
 use recording::log::Stamped;
 use recording::stalls::{Stall, What, Who};
@@ -61,7 +62,7 @@ pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<
 
 fn verdict_on(trial: &Trial, frames: &[Stamped], lost: u64) -> Verdict {
     let plan = Plan::new(trial.clone(), &Catalogue::shipped());
-    let timelines = decode(frames, &plan).unwrap();
+    let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
             frames_lost: lost,
@@ -201,7 +202,7 @@ fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
 fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     let frames = follows_the_chirp(|_| 0.9);
     let plan = Plan::new(chirp(""), &Catalogue::shipped());
-    let timelines = decode(&frames, &plan).unwrap();
+    let timelines = decode(&frames.into(), &plan).unwrap();
     let [points] = &crate::frequency_responses(&timelines[0], plan.only_loop().unwrap())[..] else {
         panic!("one chirp")
     };
@@ -404,7 +405,7 @@ fn what_the_bench_kept_from_being_seen_is_not_judged() {
     let plan = Plan::new(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
     let cut = dying_frames(990);
     let cut = &cut[..cut.len() / 2];
-    let timelines = decode(cut, &plan).unwrap();
+    let timelines = decode(&cut.to_vec().into(), &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
     assert_eq!(names(&verdict, None).len(), 7);
@@ -426,7 +427,7 @@ fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
     let with_fault = scenario(&format!("{CRASH}[expect]\n{limits}"));
     plan.loops[0].trial.expect = with_fault.expect;
-    let timelines = decode(&frames, &plan).unwrap();
+    let timelines = decode(&frames.into(), &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
     let unseen = ["current_zero_within_milliseconds", "safe_state"];
@@ -712,7 +713,7 @@ fn beside_a_stall(
     let plan = Plan::new(scenario(added), &Catalogue::shipped());
     let mut frames = frames(4000, position);
     answer_positions(&mut frames);
-    let timelines = decode(&frames, &plan).unwrap();
+    let timelines = decode(&frames.into(), &plan).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
         Duration::from_millis(1 + stall.0),
@@ -778,7 +779,7 @@ fn a_silence_behind_that_of_a_stall_is_the_nodes() {
         let is_missed = |cycle| (1150..1190).contains(&cycle) || missed.contains(&cycle);
         let mut frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
         answer_positions(&mut frames);
-        let timelines = decode(&frames, &plan).unwrap();
+        let timelines = decode(&frames.into(), &plan).unwrap();
         let (from, until) = (Duration::from_millis(1151), Duration::from_millis(1191));
         let circumstances = Circumstances {
             host: Host {
@@ -874,7 +875,7 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
         let plan = Plan::new(scenario(&limit), &Catalogue::shipped());
         let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
         let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
-        let timelines = decode(&frames, &plan).unwrap();
+        let timelines = decode(&frames.into(), &plan).unwrap();
         let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2101));
         let circumstances = Circumstances {
             host: Host {
@@ -901,7 +902,7 @@ fn missed_commands_have_their_limit_without_those_of_the_bench() {
         let is_command = stamped.frame.standard_id() == Some(0x210);
         !(is_command && (2001..2201).contains(&stamped.time.as_millis()))
     });
-    let timelines = decode(&frames, &plan).unwrap();
+    let timelines = decode(&frames.into(), &plan).unwrap();
     let judged = |who| {
         let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2201));
         let circumstances = Circumstances {
@@ -932,7 +933,7 @@ fn an_end_in_a_stall_proves_nothing() {
     let plan = Plan::new(scenario(""), &Catalogue::shipped());
     let mut frames = frames(2000, |_| Some(10.0));
     answer_positions(&mut frames);
-    let timelines = decode(&frames, &plan).unwrap();
+    let timelines = decode(&frames.into(), &plan).unwrap();
     let judged = |node: &str, stall: (u64, u64)| {
         let [from, until] = [stall.0, stall.1].map(|time| Duration::from_millis(1 + time));
         let circumstances = Circumstances {
@@ -960,7 +961,7 @@ fn an_end_in_a_stall_proves_nothing() {
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
     let plan = Plan::new(scenario(""), &Catalogue::shipped());
-    let timelines = decode(frames(2000, |_| Some(10.0)), &plan).unwrap();
+    let timelines = decode(&frames(2000, |_| Some(10.0)).into(), &plan).unwrap();
     let judged = |by| {
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {
@@ -1033,7 +1034,7 @@ fn a_load_that_no_bus_carries_fails_without_a_limit() {
 
 #[test]
 fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
-    let frames = frames(4000, |_| Some(10.0));
+    let frames = Frames::from(frames(4000, |_| Some(10.0)));
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
             fd_frames: 7,
@@ -1108,7 +1109,7 @@ fn the_earliest_breach_is_the_cause() {
     all.sort_by_key(|stamped| stamped.time);
     let judged = |frames: &[Stamped], stalls: Vec<Stall>| {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
-        let timelines = decode(frames, &plan).unwrap();
+        let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {
                 by: EndedBy::Node,

@@ -113,7 +113,7 @@ impl Recorded {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
-        timeline::decode(self.log.frames.iter(), &self.plan)
+        timeline::decode(&self.log.frames, &self.plan)
     }
 
     /// Decodes the recording, and takes its verdict by [`Recorded::judge`] or [`Recorded::verdict`].

@@ -79,7 +79,7 @@ pub fn run(
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
-    let timelines = timeline::decode(frames.iter(), plan)?;
+    let timelines = timeline::decode(&frames, plan)?;
     let mut verdict = Verdict {
         identity: Some(identity),
         ..verdict(&ended, &timelines, plan, &unrecorded)

@@ -67,7 +67,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let end = simulate(&plan, &Hosting::default(), &mut capture).unwrap();
         assert_eq!(end, End::Completed);
         let (frames, _) = capture.finish().unwrap();
-        let timelines = decode(frames.iter(), &plan).unwrap();
+        let timelines = decode(&frames, &plan).unwrap();
         for (timeline, name) in timelines.iter().zip(["x", "y"]) {
             let before = timeline.current().unwrap().get(2500).unwrap();
             assert!(
@@ -83,9 +83,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
 
 /// Returns the frames of an identifier from a scenario time on, each with its scenario time.
 fn frames_after(plan: &Plan, frames: &Frames, seconds: f64, id: u16) -> Vec<(f64, CanFrame)> {
-    let zero = decode(frames.iter(), plan).unwrap()[0]
-        .zero_seconds
-        .unwrap();
+    let zero = decode(frames, plan).unwrap()[0].zero_seconds.unwrap();
     let with_id = frames
         .iter()
         .filter(|one| one.frame.standard_id() == Some(id));
@@ -174,7 +172,7 @@ fn each_drive_has_other_noise() {
     let noise = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.05\n";
     let both = ["x", "y"].map(|node| noise.replace("NODE", node)).concat();
     let plan = two_axes_with(&both);
-    let timelines = decode(simulated(&plan).iter(), &plan).unwrap();
+    let timelines = decode(&simulated(&plan), &plan).unwrap();
     let hold = |timeline: &Timeline| {
         let samples = timeline.time_seconds.iter().zip(timeline.position());
         let hold = samples.filter(|(time, _)| (1.0..1.9).contains(time));
@@ -195,7 +193,7 @@ fn each_drive_has_other_noise() {
 fn two_axes_draw_a_circle() {
     let loops = two_axes();
     let frames = simulated(&loops);
-    let [x, y] = &decode(frames.iter(), &loops).unwrap()[..] else {
+    let [x, y] = &decode(&frames, &loops).unwrap()[..] else {
         panic!("two loops")
     };
     // One bus, one time.
@@ -260,7 +258,7 @@ fn two_drives_turn_one_joint_under_one_law() {
     let plan = shipped("sma_pair_step.toml");
     let names = plan.loops.iter().map(ControlLoop::prefix);
     assert_eq!(Vec::from_iter(names), ["angle.", "extensor."]);
-    let timelines = decode(simulated(&plan).iter(), &plan).unwrap();
+    let timelines = decode(&simulated(&plan), &plan).unwrap();
     let [angle, extensor] = &timelines[..] else {
         panic!("{} timelines", timelines.len())
     };
@@ -288,7 +286,7 @@ fn two_drives_turn_one_joint_under_one_law() {
 #[test]
 fn a_law_takes_the_current_from_all_its_drives_when_one_is_lost() {
     let plan = shipped("sma_pair_drive_lost.toml");
-    let timelines = decode(simulated(&plan).iter(), &plan).unwrap();
+    let timelines = decode(&simulated(&plan), &plan).unwrap();
     for timeline in &timelines {
         let currents = currents_after(timeline, 3.5);
         assert!(currents.iter().all(|current| *current == 0.0));

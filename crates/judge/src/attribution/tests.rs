@@ -202,7 +202,7 @@ proptest! {
         let last = u32::try_from(cycles.len()).unwrap();
         prop_assume!(faults.iter().all(|(_, until)| *until < last));
         let plan = setup(cycles.len(), &faults, &external);
-        let timelines = decode(frames(&cycles), &plan).unwrap();
+        let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
         let circumstances = Circumstances {
             host: Host { stalls: held.iter().map(|held| held.stall()).collect(), ..Host::default() },
             ..Circumstances::default()
@@ -226,7 +226,7 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
         Cycle::WithoutSync,
     );
     let plan = setup(100, &[], &[]);
-    let timelines = decode(frames(&cycles), &plan).unwrap();
+    let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
     let attribution = Attribution::new(
         &timelines[0],
         plan.only_loop().unwrap(),
@@ -249,7 +249,7 @@ fn where_stalls_prevail_frames_that_canrigs_nodes_left_out_prove_nothing() {
         cycles[10..30].fill(Cycle::WithoutSync);
         cycles[60..60 + left_out].fill(Cycle::WithoutSync);
         let plan = setup(100, &[], nodes);
-        let timelines = decode(frames(&cycles), &plan).unwrap();
+        let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
         let held = Held {
             from: 100,
             length: 200,
@@ -275,7 +275,7 @@ fn where_stalls_prevail_frames_that_canrigs_nodes_left_out_prove_nothing() {
 #[test]
 fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it() {
     let plan = setup(100, &[], &[]);
-    let mut timeline = decode(frames(&[Cycle::Served; 40]), &plan)
+    let mut timeline = decode(&frames(&[Cycle::Served; 40]).into(), &plan)
         .unwrap()
         .remove(0);
     let explained = |timeline: &Timeline, silence_seconds: f64, held: &[(i64, u32)]| {
@@ -324,7 +324,7 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
     let mut silent = vec![Cycle::Served; 40];
     silent.resize(100, Cycle::WithoutSync);
     let percent = |frames: &[Stamped], ended_early| {
-        let timelines = decode(frames, &plan).unwrap();
+        let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = Circumstances {
             ended_early,
             ..Circumstances::default()
@@ -349,7 +349,7 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
     cycles[60] = Cycle::WithoutSync;
     let external = ["controller"];
     let plan = setup(100, &[], &external);
-    let timelines = decode(frames(&cycles), &plan).unwrap();
+    let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
     let held = Held {
         from: 100,
         length: 40,
@@ -381,7 +381,7 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
 fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs() {
     let stood = |nodes: &[&str]| {
         let plan = setup(100, &[], nodes);
-        let mut timeline = decode(frames(&[Cycle::Served; 100]), &plan)
+        let mut timeline = decode(&frames(&[Cycle::Served; 100]).into(), &plan)
             .unwrap()
             .remove(0);
         timeline.lost_heartbeats = vec![LostHeartbeat {
@@ -413,7 +413,7 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
     cycles[50..].fill(Cycle::WithoutSync);
     let plan = setup(100, &[], &[]);
     let lasting = |cycles: &[Cycle], who| {
-        let timelines = decode(frames(cycles), &plan).unwrap();
+        let timelines = decode(&frames(cycles).into(), &plan).unwrap();
         let held = Held {
             from: 400,
             length: 100,
@@ -444,7 +444,7 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
         let mut cycles = vec![Cycle::Served; 100];
         cycles[40..45].fill(Cycle::WithoutSync);
         let plan = setup(100, &[], nodes);
-        let timelines = decode(frames(&cycles), &plan).unwrap();
+        let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
         let report = NodeReport {
             ticks: 95,
             overruns,

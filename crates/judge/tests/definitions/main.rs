@@ -29,7 +29,7 @@ fn verdict(drawn: &Drawn) -> Verdict {
     let scenario =
         scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
     let plan = Plan::new(scenario, &Catalogue::shipped());
-    let timelines = decode(drawn.stamped(), &plan).unwrap();
+    let timelines = decode(&drawn.stamped().into(), &plan).unwrap();
     judge(&plan, &timelines, &Circumstances::default())
 }
 

@@ -125,7 +125,7 @@ impl IdentificationData {
                 "its plant is `{name}`; identification knows the equations of the shape-memory-alloy wire only"
             ));
         }
-        let timelines = timeline::decode(frames.iter(), plan).map_err(of_other_dbc)?;
+        let timelines = timeline::decode(frames, plan).map_err(of_other_dbc)?;
         let timeline = &timelines[0];
         check_frames(frames, only, timeline)?;
         check_values(timeline, &only.trial)?;

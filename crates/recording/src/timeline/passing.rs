@@ -52,7 +52,8 @@ impl Passing {
     }
 
     /// Takes each frame of the bus; returns its scenario time, `None` before the scenario began.
-    #[inline]
+    // Of all frames: a call takes a third of what it does.
+    #[inline(always)]
     pub(super) fn on_frame(&mut self, stamped: &Stamped) -> Option<Duration> {
         self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);

@@ -1,6 +1,5 @@
 //! Decodes frames, cycle by cycle.
 
-use std::borrow::Borrow;
 use std::iter;
 use std::time::Duration;
 
@@ -16,6 +15,7 @@ use super::decoded::{Column, Timeline};
 use super::passing::{Passing, Traffic};
 use crate::drive_reports::DriveReportReader;
 use crate::events::EventReader;
+use crate::frames::Frames;
 use crate::identifiers::ByIdentifier;
 use crate::io_nodes::IoReader;
 use crate::log::Stamped;
@@ -30,17 +30,14 @@ use crate::truth::TruthReader;
 ///
 /// # Errors
 /// If the database lacks a signal that the bench needs.
-pub fn decode(
-    frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-    plan: &Plan,
-) -> Result<Vec<Timeline>, SignalMissing> {
+pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissing> {
     let loops = plan.loops.iter();
     // All of them together have as much in memory as one.
     let kept_max = KEPT_MAX / plan.loops.len();
     let mut readers = loops
         .map(|one| TimelineReader::new(&plan.shared, one, kept_max))
         .collect::<Result<Vec<_>, _>>()?;
-    read_with(&mut readers, frames.into_iter());
+    read_with(&mut readers, frames);
     let timelines = readers.iter_mut().zip(&plan.loops);
     timelines
         .map(|(reader, one)| reader.take_rest(&one.trial))
@@ -48,19 +45,18 @@ pub fn decode(
 }
 
 /// Gives each frame to its readers. The common properties and the events of all frames are read once.
-fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
+fn read_with(readers: &mut [TimelineReader], frames: &Frames) {
     let read_by = ByIdentifier::of_readers(readers.iter().map(TimelineReader::raw_ids));
-    for stamped in frames {
-        let stamped = stamped.borrow();
-        let time = readers[0].passing.on_frame(stamped);
+    for stamped in frames.iter() {
+        let time = readers[0].passing.on_frame(&stamped);
         for reader in readers.iter_mut() {
-            reader.traffic.on_frame(stamped, time);
+            reader.traffic.on_frame(&stamped, time);
         }
-        readers[0].events.on_frame(stamped);
+        readers[0].events.on_frame(&stamped);
         let id = stamped.frame.raw_id();
         if let Some(places) = read_by.get(id) {
             for place in places {
-                readers[*place].on_read_frame(id, stamped, time);
+                readers[*place].on_read_frame(id, &stamped, time);
             }
         }
     }
@@ -383,7 +379,7 @@ mod tests {
     #[test]
     fn a_position_after_the_last_cycle_is_in_no_row() {
         let (plan, frames) = two_cycles();
-        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
         assert_eq!(timeline.position().to_vec(), [1.0, 2.0]);
         let samples: Vec<_> = timeline.traces[0]
             .samples
@@ -397,7 +393,7 @@ mod tests {
     fn what_follows_no_sync_is_sampled_when_it_comes() {
         let heartbeat = (1500, CanFrame::new(0x710, &[5]));
         let (plan, frames) = two_cycles_with("drive_heartbeat.nmt_state", heartbeat);
-        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
         let sample = timeline.traces[0].samples.first().unwrap();
         assert_eq!((sample.time_seconds, sample.value), (0.0005, 5.0));
     }
@@ -405,7 +401,7 @@ mod tests {
     #[test]
     fn pieces_have_all_rows_and_events_once() {
         let (plan, frames) = two_cycles();
-        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
         let [first, second] = [0..1, 1..2].map(|rows| timeline.piece(rows));
         let rows = |piece: &Timeline| (piece.cycle.to_vec(), piece.position().to_vec());
         assert_eq!(rows(&first), (vec![0], vec![1.0]));
@@ -431,7 +427,7 @@ mod tests {
             let (plan, mut frames) = two_cycles();
             let end = Duration::from_micros(10_001_000 + late);
             frames.push(Stamped::new(end, CanFrame::new(SYNC_COB_ID, &[])));
-            let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+            let [timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
             let mut texts = timeline.events.iter().map(|event| event.text.as_str());
             let is_back = texts.any(|text| text == "SYNC from the controller is back");
             assert_eq!(is_back, expected, "{late}");
@@ -442,7 +438,7 @@ mod tests {
     #[test]
     fn no_piece_has_the_silence_of_the_whole() {
         let (plan, frames) = two_cycles();
-        let [mut timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let [mut timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
         timeline.temperature_silence = Some((0.5, 1.0));
         assert_eq!(timeline.piece(0..1).temperature_silence, None);
     }
@@ -460,7 +456,7 @@ mod tests {
             frames.push(Stamped::new(at(0), CanFrame::new(SYNC_COB_ID, &[])));
             frames.push(Stamped::new(at(130), message.frame()));
         }
-        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
         let values = &timeline.column("statusword_warning").unwrap().values;
         assert_eq!(values.to_vec(), [0.0, 0.0, 0.0, 1.0, 0.0]);
     }
@@ -471,7 +467,7 @@ mod tests {
         let (plan, mut frames) = two_cycles();
         let sync = CanFrame::new(SYNC_COB_ID, &[]);
         frames.push(Stamped::new(Duration::from_micros(5000), sync));
-        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames.into(), &plan).unwrap()).unwrap();
         assert_eq!(timeline.missed_cycles_percent(), 60.0);
     }
 

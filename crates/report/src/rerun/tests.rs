@@ -77,10 +77,10 @@ fn made_up_run() -> (Frames, Vec<Timeline>, Verdict) {
         frames.push((begin + 200, message("drive_tpdo2", &signals)));
     }
     let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
-    let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
+    let frames = Frames::from(frames.into_iter().map(stamped).collect::<Vec<_>>());
     let timelines = timeline::decode(&frames, &plan()).unwrap();
     let verdict = judge(&plan(), &timelines, &Circumstances::default());
-    (frames.into(), timelines, verdict)
+    (frames, timelines, verdict)
 }
 
 /// Returns all chunks of the recording itself, without the layout.
