@@ -261,7 +261,7 @@ fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
     evidence.first_silence([].into_iter(), window, seconds_max)
 }
 
-/// Returns whether no current flows in the wire at the end, and the drive is not enabled, or silent.
+/// Returns whether no current flows at the end, and the drive is not enabled, or silent.
 fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     let (timeline, end) = (evidence.timeline, evidence.end_seconds());
     let before_end = timeline

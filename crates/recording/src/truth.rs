@@ -21,9 +21,9 @@ const SIGNALS: [&str; 3] = [
 pub struct PlantTruth {
     /// Scenario time of the values; negative before the scenario.
     pub time_seconds: f64,
-    /// Current through the wire.
+    /// Output of the amplifier.
     pub current_amperes: f64,
-    /// Highest temperature of the wire since the message before.
+    /// Highest temperature of the heated part since the message before.
     pub peak_temperature_celsius: f64,
 }
 

@@ -40,7 +40,7 @@ struct Segment {
 
 /// Set-point or current prepared for a look-up in every cycle.
 ///
-/// The piece that started last acts; before the first piece the value is 0, the stop on which the load rests.
+/// The piece that started last acts; before the first piece the value is 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectory {
     segments: Vec<Segment>,

@@ -127,7 +127,7 @@ pub struct Table {
     pub from_seconds: f64,
     /// The file, relative to the scenario.
     pub file: String,
-    /// The rows, `(time_seconds, position_millimetres)`, put in by the loader.
+    /// The rows, time in seconds and set-point, put in by the loader.
     #[serde(skip)]
     pub rows: Arc<[(f64, f64)]>,
 }

@@ -28,7 +28,7 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
     !path.is_empty() && components.all(stays)
 }
 
-/// Reads the rows of a set-point, `(time_seconds, position_millimetres)`; times increase.
+/// Reads the rows of a set-point, time in seconds and value; times increase.
 ///
 /// The first problem ends the reading: most problems of a table repeat in every row.
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {

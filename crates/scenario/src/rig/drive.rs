@@ -26,9 +26,9 @@ impl From<EdsError> for DriveError {
 pub struct Feedback {
     /// Statusword (0x6041).
     pub statusword: u16,
-    /// Height of the load above its stop.
+    /// Sampled position, in the unit of the drive's signal.
     pub position: f64,
-    /// Current through the wire; `None` if the drive does not measure it.
+    /// Measured output of the amplifier; `None` if the drive does not measure it.
     pub current_amperes: Option<f64>,
 }
 
@@ -219,7 +219,7 @@ impl Field {
 pub struct Scaled {
     /// Place of the field.
     pub field: Field,
-    /// Raw steps for an ampere or a millimetre.
+    /// Raw steps for one unit.
     pub units: f64,
     /// Raw value of 0.
     pub offset: f64,
@@ -246,13 +246,13 @@ pub struct DriveLayout {
     pub mode_of_operation: i8,
     /// Place of the statusword in TPDO1.
     pub statusword: Field,
-    /// Position in TPDO1, in millimetres.
+    /// Position in TPDO1, in the unit of the drive's signal.
     pub position: Scaled,
-    /// Measured current in TPDO1, in amperes; `None` if the drive does not measure it.
+    /// Measured output of the amplifier in TPDO1, in the amplifier's unit; `None` if the drive does not measure it.
     pub current: Option<Scaled>,
     /// Place of the controlword in RPDO1.
     pub controlword: Field,
-    /// Commanded current in RPDO1, in amperes.
+    /// Command in RPDO1, in the amplifier's unit.
     pub target: Scaled,
     /// Largest command, in whole units of the target.
     target_max: f64,
