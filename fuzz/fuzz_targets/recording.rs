@@ -29,7 +29,7 @@ fuzz_target!(|bytes: &[u8]| {
             Stamped::new(now, step.frame)
         })
         .collect();
-    let timelines = timeline::decode(&frames, &PLAN).expect("the rig's own database");
+    let timelines = timeline::decode(&frames.into(), &PLAN).expect("the rig's own database");
     let verdict = judge(&PLAN, &timelines, &Circumstances::default());
     let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");
     assert_eq!(read.to_json(), verdict.to_json());
