@@ -144,3 +144,38 @@ pub(crate) fn seqpacket(flags: SocketFlags) -> Result<OwnedFd, Errno> {
     let (family, kind) = (AddressFamily::UNIX, SocketType::SEQPACKET);
     socket_with(family, kind, SocketFlags::CLOEXEC | flags, None)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_an_interface_that_the_kernel_can_have_or_a_socket() {
+        for good in [
+            "can0",
+            "vcan_15_letters",
+            "embedded:/run/x/socket",
+            "private:7",
+        ] {
+            let address = good.parse::<BusAddress>();
+            assert_eq!(address.unwrap().to_string(), good);
+        }
+        for bad in [
+            "",
+            ".",
+            "..",
+            "vcan_of_16_chars",
+            "can 0",
+            "a/b",
+            "can:0",
+            "embedded:",
+            "private:x",
+        ] {
+            let said = bad.parse::<BusAddress>().unwrap_err();
+            assert!(
+                said.starts_with(&format!("\"{bad}\" is not a bus: ")),
+                "{said}"
+            );
+        }
+    }
+}

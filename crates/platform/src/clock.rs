@@ -48,6 +48,15 @@ impl Clock {
         }
     }
 
+    /// Returns the clock as it was if the wall clock has been set ahead since.
+    #[cfg(test)]
+    pub(crate) fn before_step(self, ahead: Duration) -> Self {
+        Self {
+            wall_at_start: self.wall_at_start - ahead,
+            ..self
+        }
+    }
+
     /// Returns the difference that the wall clock has gained on the monotonic clock since the start, without its sign. More than
     /// a few milliseconds mean that it was stepped, and wall-clock receive stamps are not to be trusted.
     pub fn wall_clock_step(&self) -> Duration {
@@ -92,5 +101,19 @@ pub fn sleep(time: Duration) {
     };
     while let NanosleepRelativeResult::Interrupted(rest) = nanosleep(&remaining) {
         remaining = rest;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_of_the_wall_clock_is_seen_and_followed() {
+        let hour = Duration::from_secs(3600);
+        let mut clock = Clock::start().before_step(hour);
+        assert!(clock.wall_clock_step() > hour / 2);
+        clock.follow_wall_steps();
+        assert!(clock.wall_clock_step() < hour / 2);
     }
 }

@@ -143,6 +143,21 @@ mod tests {
     }
 
     #[test]
+    fn each_state_has_its_number() {
+        let states = [
+            CanState::ErrorActive,
+            CanState::ErrorWarning,
+            CanState::ErrorPassive,
+            CanState::BusOff,
+            CanState::Stopped,
+            CanState::Stopped,
+        ];
+        for (number, state) in (0..).zip(states) {
+            assert_eq!(read(&answer(&[(STATE, &[number])])).state, Some(state));
+        }
+    }
+
+    #[test]
     fn what_is_not_told_or_cut_short_is_not_known() {
         let up = Link {
             is_can: true,

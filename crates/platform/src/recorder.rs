@@ -225,3 +225,24 @@ fn from_socketcan(frame: &CanAnyFrame) -> Option<CanFrame> {
     };
     CanFrame::from_raw(raw.can_id, raw.can_dlc, raw.data)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_stamps_that_go_back_or_far_ahead_mean_a_stepped_wall_clock() {
+        let hour = Duration::from_secs(3600);
+        let moment = Duration::from_nanos(1);
+        let clock = Clock::start().before_step(hour);
+        let stamp = clock.wall_epoch() + hour;
+        let time_after = |latest| {
+            let mut stamps = Stamps { clock, latest };
+            stamps.run_time(SystemTime::UNIX_EPOCH + stamp)
+        };
+        assert_eq!(time_after(stamp), hour);
+        assert_eq!(time_after(stamp - STAMP_GAP), hour);
+        assert!(time_after(stamp - STAMP_GAP - moment) < hour / 2);
+        assert!(time_after(stamp + moment) < hour / 2);
+    }
+}

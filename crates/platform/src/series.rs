@@ -1,7 +1,6 @@
 //! Series of a run, which may be longer than memory. The first values go to a file without a name, which ends with the process;
 //! readers iterate over them as if they were in memory.
 
-use std::fmt;
 use std::fs::File;
 use std::io;
 use std::mem;
@@ -199,7 +198,7 @@ impl<T: Pod> Extend<T> for SeriesWriter<T> {
 }
 
 /// Sequence of values of any length, which are read by iterators. Copies and parts share the values.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Series<T> {
     values: Arc<Values<T>>,
     /// Places of the series among the values.
@@ -372,12 +371,6 @@ impl<'a, T: Pod> IntoIterator for &'a Series<T> {
 impl<T: Pod + PartialEq> PartialEq for Series<T> {
     fn eq(&self, other: &Self) -> bool {
         self.iter().eq(other)
-    }
-}
-
-impl<T: Pod + fmt::Debug> fmt::Debug for Series<T> {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_list().entries(self).finish()
     }
 }
 
@@ -604,5 +597,14 @@ mod tests {
             }
         }
         assert!(most.get() < 40_000_000, "{} bytes", most.get());
+    }
+
+    #[test]
+    fn the_latest_values_stay_in_memory_and_can_be_taken_back() {
+        let mut series = SeriesWriter::keeping(4);
+        series.extend(0..5_u64);
+        let latest = [(); 4].map(|()| series.pop());
+        assert_eq!(latest, [Some(4), Some(3), Some(2), None]);
+        assert!(series.finish().iter().eq(0..2));
     }
 }

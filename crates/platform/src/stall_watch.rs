@@ -344,4 +344,31 @@ mod tests {
         });
         assert!(seen.iter().any(|stall| stall.who == Some('v')), "{seen:?}");
     }
+
+    #[test]
+    fn a_thread_is_found_once_and_only_by_its_name() {
+        if waited_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
+            return;
+        }
+        let (hold, held) = std::sync::mpsc::channel::<()>();
+        let thread = std::thread::Builder::new().name("sought".into());
+        let (named, is_named) = std::sync::mpsc::channel();
+        let sought = thread.spawn(move || {
+            named.send(()).unwrap();
+            held.recv().unwrap_err();
+        });
+        is_named.recv().unwrap();
+        let order = Order {
+            who: 's',
+            process: std::process::id(),
+            thread: Some("sought"),
+        };
+        let mut threads = Vec::new();
+        for _ in 0..2 {
+            search(std::slice::from_ref(&order), &mut threads);
+            assert_eq!(threads.len(), 1);
+        }
+        drop(hold);
+        sought.unwrap().join().unwrap();
+    }
 }

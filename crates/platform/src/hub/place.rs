@@ -218,6 +218,24 @@ mod tests {
     }
 
     #[test]
+    fn a_node_removes_the_socket_of_a_bench_that_is_gone_only() {
+        let parent = tempfile::tempdir().unwrap();
+        let left_by = |process: Pid| {
+            let directory = parent
+                .path()
+                .join(format!("{PREFIX}{}-x", process.as_raw_nonzero()));
+            fs::create_dir(&directory).unwrap();
+            let socket = directory.join(SOCKET);
+            fs::write(&socket, "").unwrap();
+            remove_orphaned(&socket);
+            directory.exists()
+        };
+        let bench = getppid().unwrap();
+        assert!(left_by(bench), "it lives");
+        assert!(!left_by(rustix::process::getpid()), "it is not the parent");
+    }
+
+    #[test]
     fn advice_is_given_where_another_directory_helps() {
         let refusal = |parent: PathBuf| listen(&[parent]).unwrap_err().to_string();
         let parent = tempfile::tempdir().unwrap();

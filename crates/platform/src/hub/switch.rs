@@ -60,7 +60,7 @@ impl Switch {
     /// Serves the clients until the other end of the pipe `stop` closes. One packet per client and round, so that no client
     /// starves the others.
     pub(super) fn run(mut self) {
-        let mut events = [MaybeUninit::uninit(); CLIENTS_MAX + 2];
+        let mut events = [MaybeUninit::uninit(); CLIENTS_MAX];
         loop {
             let ready = match epoll::wait(&self.epoll, &mut events[..], None) {
                 Ok((ready, _)) => ready,

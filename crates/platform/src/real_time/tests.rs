@@ -1,3 +1,4 @@
+use std::cell::Cell;
 use std::thread::JoinHandle;
 
 use can::{CanFrame, Filter};
@@ -91,38 +92,58 @@ fn a_node_is_ticked_at_its_deadlines_and_not_before() {
     let (_stopper, stop) = StopSignal::manual().unwrap();
     let mut echo = Echo::new(MS);
     echo.stop_at = Some(200 * MS);
-    let report = run(&mut echo, bus.as_mut(), &stop).unwrap();
+    let mut node = Watched::new(echo, |_| ());
+    let report = run(&mut node, bus.as_mut(), &stop).unwrap();
+    let echo = node.echo;
     // The node's deadlines are absolute, so late ticks are followed by the ones that they held up.
     assert_eq!(report.ticks, u64::from(echo.ticks));
     assert_eq!(echo.earliest_tick, Some(Duration::ZERO));
     assert!(echo.ticks <= 201, "{report}");
+    // The loop sleeps in between.
+    assert!(node.looks.get() <= 2 * echo.ticks, "{report}");
 }
 
 /// Echo, with work after each tick.
-struct Watched<F>(Echo, F);
+struct Watched<F> {
+    echo: Echo,
+    work: F,
+    /// Number of times that the loop has asked for its progress.
+    looks: Cell<u32>,
+}
+
+impl<F: FnMut(&mut Echo)> Watched<F> {
+    fn new(echo: Echo, work: F) -> Self {
+        Self {
+            echo,
+            work,
+            looks: Cell::new(0),
+        }
+    }
+}
 
 impl<F: FnMut(&mut Echo)> Node for Watched<F> {
     fn filters(&self) -> Vec<Filter> {
-        self.0.filters()
+        self.echo.filters()
     }
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.0.on_frame(now, frame);
+        self.echo.on_frame(now, frame);
     }
     fn on_tick(&mut self, now: Duration) {
-        self.0.on_tick(now);
-        (self.1)(&mut self.0);
+        self.echo.on_tick(now);
+        (self.work)(&mut self.echo);
     }
     fn on_stop(&mut self, now: Duration) {
-        self.0.on_stop(now);
+        self.echo.on_stop(now);
     }
     fn next_frame(&mut self) -> Option<CanFrame> {
-        self.0.next_frame()
+        self.echo.next_frame()
     }
     fn next_deadline(&self) -> Option<Duration> {
-        self.0.next_deadline()
+        self.echo.next_deadline()
     }
     fn progress(&self) -> Progress {
-        self.0.progress()
+        self.looks.update(|looks| looks + 1);
+        self.echo.progress()
     }
 }
 
@@ -131,7 +152,7 @@ fn overruns_are_counted() {
     let (hub, _recorder) = Hub::start().unwrap();
     let mut bus = crate::open(&hub.address(), &[]).unwrap();
     let (_stopper, stop) = StopSignal::manual().unwrap();
-    let mut slow = Watched(Echo::new(MS), |echo: &mut Echo| {
+    let mut slow = Watched::new(Echo::new(MS), |echo: &mut Echo| {
         if echo.ticks.is_multiple_of(10) {
             crate::clock::sleep(3 * MS);
         }
@@ -152,14 +173,14 @@ fn the_loop_allocates_nothing_after_its_start() {
     let (stopper, stop) = StopSignal::manual().unwrap();
     let node = std::thread::spawn(move || {
         let (mut first, mut latest) = (None, 0);
-        let mut node = Watched(Echo::new(MS / 10), |_: &mut Echo| {
+        let mut node = Watched::new(Echo::new(MS / 10), |_: &mut Echo| {
             latest = allocations();
             first.get_or_insert(latest);
         });
         let before = allocations();
         run(&mut node, bus.as_mut(), &stop).unwrap();
         assert!(allocations() > before, "the allocator does not count");
-        let echo = node.0;
+        let echo = node.echo;
         (echo, first, latest)
     });
     let clock = Clock::start();
@@ -215,4 +236,31 @@ fn the_end_of_the_bus_ends_the_loop() {
         matches!(&error, RunError::Bus(ended) if ended.to_string().ends_with(" ended")),
         "{error}"
     );
+}
+
+#[test]
+fn a_late_wake_up_is_the_machines_if_the_loop_waited_before_the_deadline() {
+    let (hub, _recorder) = Hub::start().unwrap();
+    let mut bus = crate::open(&hub.address(), &[]).unwrap();
+    let mut echo = Echo::new(MS);
+    let mut late_of = |waits_since, woken_at| {
+        let mut cycle = Cycle {
+            node: &mut echo,
+            bus: bus.as_mut(),
+            clock: Clock::start(),
+            report: RunReport::new(),
+            waits_since,
+            stop_asked_at: None,
+            ticks_at_deadline: 0,
+        };
+        cycle.note_late(5 * MS, woken_at);
+        let on_monotonic = |time| nanoseconds(cycle.clock.on_monotonic(time));
+        let expected = [5 * MS, woken_at].map(on_monotonic);
+        assert!(cycle.report.late.iter().all(|late| *late == expected));
+        cycle.report.late.len()
+    };
+    let late = 5 * MS + LATE_MIN + Duration::from_nanos(1);
+    assert_eq!(late_of(5 * MS, late), 1);
+    assert_eq!(late_of(5 * MS, 5 * MS + LATE_MIN), 0);
+    assert_eq!(late_of(6 * MS, late), 0, "the node was late by itself");
 }
