@@ -236,4 +236,63 @@ mod tests {
         let conversion = to("degC", "K").unwrap();
         assert!((conversion.back(conversion.of(21.0)) - 21.0).abs() < 1e-12);
     }
+
+    /// Returns exponents and factor of a product of units, such as `W/(m2.K)`.
+    fn product(symbol: &str) -> (Exponents, f64) {
+        let parts = symbol.split('/').zip([1, -1]);
+        let units = parts.flat_map(|(part, sign)| {
+            let part = part.trim_matches(['(', ')']);
+            part.split('.').map(move |unit| (unit, sign))
+        });
+        units.fold(([0; 8], 1.0), |(mut exponents, factor), (unit, sign)| {
+            let name = unit.trim_end_matches(char::is_numeric);
+            let power = sign * unit[name.len()..].parse().unwrap_or(1);
+            let (name, times) = if name == "min" {
+                ("s", 60.0)
+            } else {
+                (name, 1.0)
+            };
+            let base = unit_by_symbol(name).unwrap().base;
+            for (exponent, one) in exponents.iter_mut().zip(base.exponents) {
+                *exponent += power * one;
+            }
+            (exponents, factor * (base.factor * times).powi(power))
+        })
+    }
+
+    #[test]
+    fn a_unit_is_the_product_that_its_symbol_says() {
+        let is_product = |symbol: &str| symbol.contains(['/', '.', '2', '3']);
+        let products = KNOWN.iter().map(|known| known.symbol);
+        let derived = [
+            ("N", "kg.m/s2"),
+            ("J", "N.m"),
+            ("W", "J/s"),
+            ("V", "W/A"),
+            ("Ohm", "V/A"),
+            ("Pa", "N/m2"),
+        ];
+        let said = products.filter(|symbol| is_product(symbol));
+        for (symbol, said) in said.map(|symbol| (symbol, symbol)).chain(derived) {
+            let base = unit_by_symbol(symbol).unwrap().base;
+            let (exponents, factor) = product(said);
+            assert_eq!(base.exponents, exponents, "{symbol}");
+            assert!((base.factor / factor - 1.0).abs() < 1e-12, "{symbol}");
+        }
+    }
+
+    #[test]
+    fn units_with_factor_and_offset_are_converted() {
+        let kelvins = unit_by_symbol("K").unwrap().base;
+        let fahrenheit = Base {
+            factor: 5.0 / 9.0,
+            offset: 459.67 * 5.0 / 9.0,
+            ..kelvins
+        };
+        let celsius = unit_by_symbol("degC").unwrap().base;
+        let [up, down] =
+            [(fahrenheit, celsius), (celsius, fahrenheit)].map(|(from, to)| from.to(&to).unwrap());
+        assert!((up.of(212.0) - 100.0).abs() < 1e-9);
+        assert!((down.of(100.0) - 212.0).abs() < 1e-9);
+    }
 }

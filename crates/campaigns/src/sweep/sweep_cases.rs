@@ -324,6 +324,7 @@ mod tests {
             cases.values(11)[2]
         );
         assert!(case.plan().unwrap().shared.sweep.is_none());
+        assert!(cases.text(11).contains("name = \"s, case 11\""));
         let ids: BTreeSet<String> = (1..=12).map(|number| cases.case(number).id).collect();
         assert_eq!(ids.len(), 12);
     }

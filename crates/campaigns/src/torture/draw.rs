@@ -318,4 +318,56 @@ mod tests {
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }
+
+    /// Rig of two drives, one of a wire and one of a motor, with a node-ID among those that are drawn.
+    fn wire_and_motor() -> Plan {
+        let rig = include_str!("../../../../scenarios/rigs/two_axes.toml")
+            .replacen(".dc_motor]", ".sma]", 1)
+            .replace("node_id = 0x12", "node_id = 0x20")
+            .replace("min = -1.0", "min = 0.0");
+        let text = BASE
+            .replace("sma_actuator", "rig.toml")
+            .replace("[controller.pid]", "[controller.all.pid]")
+            .replace("[[reference.hold]]", "[[reference.hold]]\nloop = \"x\"")
+            + "[[reference.hold]]\nloop = \"y\"\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        Plan::parse(&Beside::default(), text, |_| Ok(rig.clone()), catalogue())
+            .unwrap_or_else(|error| panic!("{error:?}"))
+    }
+
+    #[test]
+    fn a_drive_is_named_unless_it_is_the_only_one() {
+        let kind = |name: &str| KINDS.iter().find(|kind| kind.name == name).unwrap();
+        let named = |base: &Plan, name: &str| {
+            let name = Nodes(base).draw(&mut Stream::new(1), kind(name))?;
+            Some(name.as_str().unwrap().to_owned())
+        };
+        let (one, two) = (base(BASE), wire_and_motor());
+        assert_eq!(named(&one, "ageing"), None);
+        assert_eq!(named(&two, "ageing").as_deref(), Some("x"), "y has no wire");
+        assert!(["x", "y"].contains(&&*named(&two, "stuck").unwrap()));
+    }
+
+    #[test]
+    fn what_nobody_has_and_may_forge_is_drawn() {
+        let two = wire_and_motor();
+        let nodes = Nodes(&two);
+        let free = |drawn: i64| nodes.free(drawn.into()).as_integer().unwrap();
+        assert_eq!([free(0x20), free(0x21), free(127)], [0x21, 0x21, 127]);
+        let truths = two
+            .loops
+            .iter()
+            .map(|one| one.trial.wiring.identifiers.truth);
+        assert_eq!(nodes.below_truth() + 1, u32::from(truths.min().unwrap()));
+    }
+
+    #[test]
+    fn heights_are_of_the_travel_and_currents_of_the_amplifier() {
+        let pair = include_str!("../../../../scenarios/sma_pair_step.toml");
+        let pair = base(pair);
+        let fault = "\"height_{unit}\" = 10.0\n\"by_{command_unit}\" = 0.5\nprobability = 0.1\nnode = \"extensor\"";
+        let fault = Nodes(&pair).in_unit(fault.parse().unwrap());
+        let expected =
+            "height_degrees = 20.0\nby_amperes = 0.5\nprobability = 0.1\nnode = \"extensor\"";
+        assert_eq!(fault, expected.parse().unwrap());
+    }
 }
