@@ -150,3 +150,29 @@ pub const CLOSED: &str = "closed its channel";
 fn unreachable(error: io::Error) -> NoAnswer {
     NoAnswer::Wrong(format!("cannot be reached: {error}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lockstep::channel;
+    use crate::program::tests::ending;
+
+    #[test]
+    fn a_late_answer_is_told_from_the_end_of_the_process() {
+        let (ours, theirs) = channel().unwrap();
+        let mut seat = PortSeat {
+            program: ending(None, Some(ours)),
+            message: Vec::new(),
+            answer: Vec::with_capacity(MESSAGE_BYTES_MAX),
+            asked: 1,
+            answered: 0,
+        };
+        let mut answer = |patience| seat.values(patience, START_PATIENCE, 1).map(drop);
+        assert!(matches!(answer(Duration::ZERO), Err(NoAnswer::Late)));
+        drop(theirs);
+        let Err(NoAnswer::Ended((how, _))) = answer(START_PATIENCE) else {
+            panic!("it ended");
+        };
+        assert_eq!(how, "was killed with its keeper");
+    }
+}

@@ -165,7 +165,9 @@ mod tests {
 
     const SOON: Duration = Duration::from_secs(10);
     const CHILD: &str = "PLATFORM_TEST_CHILD";
+    const STOPS: &str = "stops";
     const HANGS: &str = "hangs";
+    const ENDS_AT_ONCE: &str = "ends at once";
 
     /// Child of the tests below; not a test by itself.
     #[test]
@@ -175,8 +177,11 @@ mod tests {
             return;
         };
         let stop = StopSignal::from_parent().unwrap();
+        if kind == ENDS_AT_ONCE {
+            crate::stop::end_at_once(7).unwrap();
+        }
         rustix::io::write(rustix::stdio::stdout(), b"up\n").unwrap();
-        while kind == HANGS || !stop.is_raised() {
+        while kind != STOPS || !stop.is_raised() {
             std::thread::yield_now();
         }
         std::process::exit(42);
@@ -231,7 +236,7 @@ mod tests {
 
     #[test]
     fn the_end_of_its_input_stops_a_child() {
-        let mut child = child_that("stops", Stdio::piped());
+        let mut child = child_that(STOPS, Stdio::piped());
         drop(child.stdin.take());
         assert_eq!(ended(&mut child).code(), Some(42));
     }
@@ -239,7 +244,7 @@ mod tests {
     #[test]
     fn the_channel_of_a_child_ends_with_it() {
         let (ours, theirs) = channel().unwrap();
-        let mut child = child_that("stops", theirs.into());
+        let mut child = child_that(STOPS, theirs.into());
         signal(&child, Signal::TERM);
         assert_eq!(ended(&mut child).code(), Some(42));
         let (_, length) = recv(&ours, &mut [0; 8], RecvFlags::empty()).unwrap();
@@ -249,14 +254,21 @@ mod tests {
     #[test]
     fn the_end_of_its_channel_stops_a_child() {
         let (ours, theirs) = channel().unwrap();
-        let mut child = child_that("stops", theirs.into());
+        let mut child = child_that(STOPS, theirs.into());
         drop(ours);
         assert_eq!(ended(&mut child).code(), Some(42));
     }
 
     #[test]
+    fn a_signal_ends_a_program_at_once_that_asks_for_it() {
+        let mut child = child_that(ENDS_AT_ONCE, Stdio::piped());
+        signal(&child, Signal::TERM);
+        assert_eq!(ended(&mut child).code(), Some(7));
+    }
+
+    #[test]
     fn no_signal_of_a_terminal_ends_a_child_but_sigterm_stops_it() {
-        let mut child = child_that("stops", Stdio::piped());
+        let mut child = child_that(STOPS, Stdio::piped());
         signal(&child, Signal::INT);
         signal(&child, Signal::HUP);
         signal(&child, Signal::QUIT);
@@ -268,7 +280,7 @@ mod tests {
 
     #[test]
     fn a_child_stops_when_the_thread_that_spawned_it_ends() {
-        let start = || child_that("stops", Stdio::piped());
+        let start = || child_that(STOPS, Stdio::piped());
         let mut child = std::thread::spawn(start).join().unwrap();
         assert_eq!(ended(&mut child).code(), Some(42));
     }

@@ -341,3 +341,38 @@ impl Seat {
 pub fn open_seat() -> io::Result<Listener> {
     Listener::open_in(&std::env::temp_dir(), "canrig-seat-", 1)
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::process::Command;
+
+    use super::*;
+    use crate::lockstep::channel;
+
+    /// Makes a program that ends at once, with its seat or its channel.
+    pub(crate) fn ending(listener: Option<Listener>, channel: Option<OwnedFd>) -> Program {
+        let mut keeper = Command::new("true");
+        Program {
+            keeper: keeper.stdout(Stdio::piped()).spawn().unwrap(),
+            listener,
+            channel,
+            told: Vec::new(),
+            has_ended: false,
+        }
+    }
+
+    #[test]
+    fn a_program_that_has_ended_does_not_come_to_its_seat() {
+        let mut program = ending(Some(open_seat().unwrap()), None);
+        assert!(!program.accept().unwrap());
+    }
+
+    #[test]
+    fn a_program_that_does_not_read_is_not_waited_for() {
+        let (ours, _theirs) = channel().unwrap();
+        let program = ending(None, Some(ours));
+        let mut sent = (0..1_000_000).map(|_| program.send(&[0; 64]));
+        let refused = sent.find_map(Result::err).unwrap();
+        assert_eq!(refused.kind(), io::ErrorKind::WouldBlock);
+    }
+}

@@ -153,12 +153,17 @@ fn watch_processor<T: Copy + PartialEq>(
         sleep(tick);
         let now = monotonic();
         let Some(waited) = this.waited() else { break };
-        if now > last + tick + waited + longer_than {
+        if is_stall(now - last, tick, waited, longer_than) {
             note(&mut seen, None, last, now);
         }
         last = now;
     }
     seen
+}
+
+/// Returns whether a thread that slept for a tick was held up by more than the other threads that it waited for.
+fn is_stall(elapsed: Duration, tick: Duration, waited: Duration, longer_than: Duration) -> bool {
+    elapsed > tick + waited + longer_than
 }
 
 fn tick_for(longer_than: Duration) -> Duration {
@@ -304,6 +309,13 @@ mod tests {
         }
         let expected = [stall(None, 1, 5), stall(Some('a'), 1, 3), stall(None, 7, 9)];
         assert_eq!(seen, expected);
+    }
+
+    #[test]
+    fn a_thread_that_waits_for_another_is_no_stall_of_its_processor() {
+        let is_stall = |elapsed: u32, waited: u32| is_stall(elapsed * MS, MS, waited * MS, 2 * MS);
+        assert!(!is_stall(3, 0) && is_stall(4, 0));
+        assert!(!is_stall(8, 5) && is_stall(9, 5));
     }
 
     #[test]
