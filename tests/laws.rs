@@ -14,7 +14,7 @@ use scenario::reference::SetPoint;
 use serde_json::json;
 
 use crate::processes::{is_gone, last_command};
-use crate::real_time::{Started, in_real_time, wait_for};
+use crate::real_time::{Started, busy, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, root, runs};
 
 /// Returns the path of an example of the book.
@@ -30,16 +30,57 @@ fn with_python(folder: &Path, command: &str) -> Command {
 }
 
 /// Plays a scenario; returns the exit code, the output without line ends, and its only run.
-fn played(scenario: &Path, runs: &Path, arguments: &[&str]) -> (Option<i32>, String, PathBuf) {
+pub(crate) fn played(
+    scenario: &Path,
+    runs: &Path,
+    arguments: &[&str],
+) -> (Option<i32>, String, PathBuf) {
     let mut canrig = with_python(runs, arguments[0]);
     let (code, stdout, stderr) = output(canrig.arg(scenario).args(&arguments[1..]));
     let said = Vec::from_iter((stdout + &stderr).split_whitespace()).join(" ");
     (code, said, only_run(runs))
 }
 
-const SIMULATED: &[&str] = &["simulate", "--quiet"];
-const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
-const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
+pub(crate) const SIMULATED: &[&str] = &["simulate", "--quiet"];
+pub(crate) const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
+pub(crate) const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
+
+/// Plays a scenario twenty times in both worlds beside busy processes, and asserts that the runs have the same bytes; returns
+/// its bus.log, signals.csv and verdict.json.
+pub(crate) fn the_same_bytes(scenario: &Path, runs: &Path) -> [Vec<u8>; 3] {
+    let _busy = [busy(), busy()];
+    let mut plays = (0..20).map(|number| {
+        let world = [SIMULATED, IN_LOCKSTEP][number % 2];
+        let (code, said, run) = played(scenario, &runs.join(number.to_string()), world);
+        assert_eq!(code, Some(0), "{said}");
+        ["bus.log", "signals.csv", "verdict.json"].map(|name| fs::read(run.join(name)).unwrap())
+    });
+    let first = plays.next().unwrap();
+    assert!(plays.all(|files| files == first));
+    first
+}
+
+/// Asserts that the program of a scenario, which plays once it has made the file `started`, is not started by what plays
+/// nothing.
+pub(crate) fn is_started_by_a_play_only(scenario: &Path, program: &Path, started: &Path) {
+    let runs = scenario.with_file_name("runs");
+    let (code, said, run) = played(scenario, &runs, SIMULATED);
+    assert_eq!(code, Some(0), "{said}");
+    fs::remove_file(started).unwrap();
+    let canrig = |arguments: &[&Path]| {
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        let (code, stdout, stderr) = output(canrig.args(arguments));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+    };
+    canrig(&[Path::new("check"), scenario]);
+    canrig(&[Path::new("report"), &run]);
+    canrig(&[Path::new("replay"), &run]);
+    canrig(&[Path::new("compare"), &run, &run]);
+    assert!(!started.exists());
+    // The recording is judged without the program.
+    fs::remove_file(program).unwrap();
+    canrig(&[Path::new("replay"), &run]);
+}
 
 /// Asserts that a current was commanded, and that the last command removed it.
 pub(crate) fn is_without_current(run: &Path) {
@@ -101,27 +142,8 @@ fn law_that(folder: &Path, does: &str) -> PathBuf {
 #[test]
 fn a_pid_in_python_leaves_the_same_bytes_beside_busy_processes() {
     let folder = tempfile::tempdir().unwrap();
-    let pid = example("pid_in_python.toml");
-    let busy = || {
-        Started::new(
-            Command::new("sh")
-                .args(["-c", "while :; do :; done"])
-                .spawn()
-                .unwrap(),
-        )
-    };
-    let busy = [busy(), busy()];
-    let mut first: Option<[Vec<u8>; 3]> = None;
-    for number in 0..20 {
-        let world = [SIMULATED, IN_LOCKSTEP][number % 2];
-        let (code, said, run) = played(&pid, &folder.path().join(number.to_string()), world);
-        assert_eq!(code, Some(0), "{said}");
-        let files = ["bus.log", "signals.csv", "verdict.json"]
-            .map(|name| fs::read(run.join(name)).unwrap());
-        assert!(*first.get_or_insert_with(|| files.clone()) == files);
-    }
-    drop(busy);
-    let signals = String::from_utf8_lossy(&first.unwrap()[1]).into_owned();
+    let files = the_same_bytes(&example("pid_in_python.toml"), folder.path());
+    let signals = String::from_utf8_lossy(&files[1]);
     assert!(signals.lines().next().unwrap().contains("integral_amperes"));
 }
 
@@ -369,22 +391,7 @@ fn nothing_is_started_by_what_plays_nothing() {
     let place = |name: &str| folder.path().join(name);
     let does = format!("open({:?}, 'w')\ntake()\nplay()", place("started"));
     let law = law_that(folder.path(), &does);
-    let (code, said, run) = played(&law, &place("runs"), SIMULATED);
-    assert_eq!(code, Some(0), "{said}");
-    fs::remove_file(place("started")).unwrap();
-    let canrig = |arguments: &[&Path]| {
-        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        let (code, stdout, stderr) = output(canrig.args(arguments));
-        assert_eq!(code, Some(0), "{stdout}{stderr}");
-    };
-    canrig(&[Path::new("check"), &law]);
-    canrig(&[Path::new("report"), &run]);
-    canrig(&[Path::new("replay"), &run]);
-    canrig(&[Path::new("compare"), &run, &run]);
-    assert!(!place("started").exists());
-    // The recording is judged without the program.
-    fs::remove_file(place("law.py")).unwrap();
-    canrig(&[Path::new("replay"), &run]);
+    is_started_by_a_play_only(&law, &place("law.py"), &place("started"));
 }
 
 /// Statements of a program, and the resulting message.

@@ -10,7 +10,7 @@ use platform::lockstep::{Local, Participant};
 use sha2::{Digest, Sha256};
 
 use crate::net::judged_again;
-use crate::real_time::in_real_time;
+use crate::real_time::{busy, in_real_time};
 use crate::support::{canrig, only_run, output, root, runs, scenario};
 
 /// Files that must be equal to the byte.
@@ -415,37 +415,13 @@ fn is_alike_in_processes(scenario: &Path) {
     assert!(contents(&only_run(folder.path())) == here);
 }
 
-/// Processes that use up each core while a test runs.
-struct Load(Vec<std::process::Child>);
-
-impl Load {
-    fn on_each_core() -> Self {
-        let cores = std::thread::available_parallelism().unwrap().get();
-        let busy = || {
-            std::process::Command::new("sh")
-                .args(["-c", "while :; do :; done"])
-                .spawn()
-                .unwrap()
-        };
-        Self((0..cores).map(|_| busy()).collect())
-    }
-}
-
-impl Drop for Load {
-    fn drop(&mut self) {
-        for child in &mut self.0 {
-            child.kill().unwrap();
-            child.wait().unwrap();
-        }
-    }
-}
-
 #[test]
 fn a_loaded_machine_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = crate::support::short_scenario(folder.path(), 2.0);
     let idle = simulated(&path, None);
-    let _load = Load::on_each_core();
+    let cores = std::thread::available_parallelism().unwrap().get();
+    let _load = Vec::from_iter((0..cores).map(|_| busy()));
     let runs = folder.path().join("runs");
     let (code, stdout, stderr) = output(
         canrig(&runs, "run")

@@ -7,22 +7,13 @@ use std::process::{Command, Stdio};
 
 use rustix::process::{Pid as Process, Signal, kill_process};
 
-use crate::laws::{is_without_current, leaves_nothing_when_killed, numbers, processes_in};
+use crate::laws::{
+    IN_LOCKSTEP, IN_REAL_TIME, SIMULATED, is_started_by_a_play_only, is_without_current,
+    leaves_nothing_when_killed, numbers, played, processes_in, the_same_bytes,
+};
 use crate::processes::is_gone;
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, root};
-
-const SIMULATED: &[&str] = &["simulate", "--quiet"];
-const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
-const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
-
-/// Plays a scenario; returns the exit code, the output without line ends, and its only run.
-fn played(scenario: &Path, runs: &Path, arguments: &[&str]) -> (Option<i32>, String, PathBuf) {
-    let mut canrig = canrig(runs, arguments[0]);
-    let (code, stdout, stderr) = output(canrig.arg(scenario).args(&arguments[1..]));
-    let said = Vec::from_iter((stdout + &stderr).split_whitespace()).join(" ");
-    (code, said, only_run(runs))
-}
 
 /// Runs `canrig new controller` into a folder of that name; returns its scenario.
 fn new_controller(folder: &Path, language: &str) -> PathBuf {
@@ -59,25 +50,9 @@ fn read(run: &Path, name: &str) -> Vec<u8> {
 #[test]
 fn a_controller_in_c_and_one_in_python_leave_the_same_bytes_in_both_worlds() {
     let folder = tempfile::tempdir().unwrap();
-    let busy = || {
-        let mut busy = Command::new("sh");
-        Started::new(busy.args(["-c", "while :; do :; done"]).spawn().unwrap())
-    };
-    let busy = [busy(), busy()];
-    let mut verdicts = Vec::new();
-    for scenario in [in_c(folder.path()), new_controller(folder.path(), "python")] {
-        let mut first: Option<[Vec<u8>; 3]> = None;
-        for number in 0..20 {
-            let world = [SIMULATED, IN_LOCKSTEP][number % 2];
-            let runs = scenario.with_file_name(number.to_string());
-            let (code, said, run) = played(&scenario, &runs, world);
-            assert_eq!(code, Some(0), "{said}");
-            let files = ["bus.log", "signals.csv", "verdict.json"].map(|name| read(&run, name));
-            assert!(*first.get_or_insert_with(|| files.clone()) == files);
-        }
-        verdicts.extend(first);
-    }
-    drop(busy);
+    let scenarios = [in_c(folder.path()), new_controller(folder.path(), "python")];
+    let verdicts =
+        scenarios.map(|scenario| the_same_bytes(&scenario, &scenario.with_file_name("runs")));
     // Both control alike; the difference is rounding.
     let settled = |files: &[Vec<u8>; 3]| {
         let verdict: serde_json::Value = serde_json::from_slice(&files[2]).unwrap();
@@ -838,21 +813,7 @@ fn nothing_is_started_by_what_plays_nothing() {
     let place = |name: &str| folder.path().join(name);
     let does = format!("open({:?}, 'w')\ntake()\nplay()", place("started"));
     let node = controller_that(folder.path(), &does);
-    let (code, said, run) = played(&node, &place("runs"), SIMULATED);
-    assert_eq!(code, Some(0), "{said}");
-    fs::remove_file(place("started")).unwrap();
-    let canrig = |arguments: &[&Path]| {
-        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        let (code, stdout, stderr) = output(canrig.args(arguments));
-        assert_eq!(code, Some(0), "{stdout}{stderr}");
-    };
-    canrig(&[Path::new("check"), &node]);
-    canrig(&[Path::new("report"), &run]);
-    canrig(&[Path::new("replay"), &run]);
-    canrig(&[Path::new("compare"), &run, &run]);
-    assert!(!place("started").exists());
-    fs::remove_file(place("node.py")).unwrap();
-    canrig(&[Path::new("replay"), &run]);
+    is_started_by_a_play_only(&node, &place("node.py"), &place("started"));
 }
 
 #[test]

@@ -127,6 +127,12 @@ impl Started {
     }
 }
 
+/// Starts a process that keeps a processor busy.
+pub(crate) fn busy() -> Started {
+    let mut busy = Command::new("sh");
+    Started::new(busy.args(["-c", "while :; do :; done"]).spawn().unwrap())
+}
+
 impl Deref for Started {
     type Target = Child;
 
