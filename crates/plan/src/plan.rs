@@ -82,7 +82,7 @@ impl Plan {
         let mut io_nodes = emulated.flat_map(|one| one.nodes.io.iter().map(move |io| (one, io)));
         if let Some((one, io)) = io_nodes.find(|(one, io)| one.external.contains(&io.id)) {
             return Err(format!(
-                "--external {} needs --external {}: a real fan cannot cool an emulated wire",
+                "--external {} needs --external {}: a real node cannot act on an emulated plant",
                 io.name, one.nodes.drive.name
             ));
         }

@@ -150,7 +150,7 @@ fn a_fan_is_external_only_beside_an_external_drive() {
     let refused = with_external(&["disturbance"], "").unwrap_err();
     assert_eq!(
         refused,
-        "--external disturbance needs --external drive: a real fan cannot cool an emulated wire"
+        "--external disturbance needs --external drive: a real node cannot act on an emulated plant"
     );
     let plan = with_external(&["disturbance", "drive", "disturbance"], "").unwrap();
     assert_eq!(plan.external_names(), ["drive", "disturbance"]);
