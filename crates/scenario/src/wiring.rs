@@ -326,14 +326,14 @@ fn fan() -> Port {
     Port::input(FAN_OUTPUT, [0.0, 30.0])
         .in_steps(1e3)
         .resting_at(1.0)
-        .with_comment("Multiplies the convection coefficient of the wire; 1 is still air.")
+        .with_comment("Multiplies the convection coefficient; 1 is still air.")
 }
 
 /// Returns the load as an output.
 fn load() -> Port {
     Port::input(LOAD_OUTPUT, [-3_276.8, 3_276.7])
         .in_steps(10.0)
-        .with_comment("Added to the load on the pulley; may be negative.")
+        .with_comment("Added to the load; may be negative.")
 }
 
 /// Returns an output of this name that drives a port, in the unit in the name, or in that of the port if there is none; `None` if
