@@ -220,13 +220,13 @@ impl Database {
         let same_id = neighbours.find(|pair| pair[0].raw_id == pair[1].raw_id);
         let mut names = BTreeSet::new();
         let same_name = self.messages.iter().find(|one| !names.insert(&one.name));
-        let (first, second) = match (same_id, same_name) {
-            (Some(pair), _) => (&pair[0].name, &pair[1].name),
-            (None, Some(message)) => (&message.name, &message.name),
+        let (first, second, what) = match (same_id, same_name) {
+            (Some(pair), _) => (&pair[0].name, &pair[1].name, "identifier"),
+            (None, Some(message)) => (&message.name, &message.name, "name"),
             (None, None) => return Ok(()),
         };
         Err(DbcError(format!(
-            "messages {first} and {second} have the same name or identifier"
+            "messages {first} and {second} have the same {what}"
         )))
     }
 

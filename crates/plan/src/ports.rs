@@ -1,9 +1,11 @@
 //! Checks that the drives and io nodes of a rig file are wired to ports that its plants have.
 
+use std::collections::BTreeSet;
+
 use scenario::port::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
 use scenario::rig::nodes::{FAN_OUTPUT, kind_of_output};
 use scenario::wiring::RECORDED_MAX;
-use scenario::{Objection, Scenario, Trial, nearest};
+use scenario::{Objection, Scenario, Trial, meant_or_known, nearest};
 
 use crate::catalogue::Catalogue;
 
@@ -92,6 +94,12 @@ impl Wired<'_> {
             return Ok(port);
         }
         let (plant, port) = (plant_of_port(name).unwrap_or_default(), local_name(name));
+        let all = ports.iter().chain(others);
+        let plants = BTreeSet::from_iter(all.filter_map(|port| plant_of_port(&port.name)));
+        if !plants.contains(plant) {
+            let message = format!("the rig has no plant `{plant}`");
+            return Err(Objection::new(path, message, meant_or_known(plant, plants)));
+        }
         let is_its = |port: &&Port| plant_of_port(&port.name) == Some(plant);
         let names = || ports.iter().filter(is_its).map(Port::local_name);
         let listed = Vec::from_iter(names().take(LISTED_MAX)).join(", ");
@@ -297,6 +305,11 @@ mod tests {
         assert_eq!(
             set(|wiring| &mut wiring.input, "curent_amperes"),
             "node.motor.amplifier.port: the plant `joint` has no port `curent_amperes`: did you mean \"joint.current_amperes\"?"
+        );
+        let elsewhere = |wiring: &mut Wiring| wiring.output = "joynt.angle_degrees".to_owned();
+        assert_eq!(
+            found(&ports(), elsewhere).unwrap(),
+            "node.motor.sensor.port: the rig has no plant `joynt`: did you mean `joint`?"
         );
         assert_eq!(
             set(|wiring| &mut wiring.input, "angle_degrees"),

@@ -190,11 +190,11 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
     checked(named(scenario, alone)?.composed())
 }
 
-/// Refuses a plan of which two nodes send under one identifier, or whose frames do not fit on its bus.
+/// Refuses a plan of which two messages have one name or one identifier, or whose frames do not fit on its bus.
 pub(super) fn checked(plan: Plan) -> Result<Plan, Objection> {
     plan.database().refuse_duplicates().map_err(|error| {
-        let message = "two nodes of this rig send under one identifier";
-        let help = "give one of them another node-ID or, in its EDS, another COB-ID";
+        let message = "two messages of this rig have one name or one identifier";
+        let help = "name a node or a loop differently, or give one of the nodes another node-ID or, in its EDS, another COB-ID";
         Objection::new("node", message, error.to_string()).with_help(help)
     })?;
     refuse_short_cycle(&BusBudget::new(&plan))?;
