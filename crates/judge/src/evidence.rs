@@ -483,10 +483,11 @@ impl<'a> Evidence<'a> {
         if !self.has_all() && silence.is_none() {
             return Absence::left_out();
         }
+        let signal = &self.trial.wiring.feedback.measurand.signal;
         let reason = if self.position.iter().all(|position| position.is_nan()) {
-            "no position in the recording".to_owned()
+            format!("no {signal} in the recording")
         } else {
-            format!("no position {window}")
+            format!("no {signal} {window}")
         };
         Absence::unseen(reason, window)
     }

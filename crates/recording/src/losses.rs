@@ -61,6 +61,7 @@ impl LossReader {
         let sync_period = one.trial.run.bus.sync_period();
         let nodes = &one.nodes;
         let [controller, drive] = [&nodes.controller, &nodes.drive].map(Node::in_sentence);
+        let signal = &one.trial.wiring.sensor.measurand.signal;
         let drives = |service| one.message(&nodes.drive, service).ok();
         let watch = |message: &Message, what, heartbeat_sender, period, periods_max: u32| {
             let watched = Watched {
@@ -77,7 +78,7 @@ impl LossReader {
                 one.database.message(names::SYNC),
                 format!("SYNC from {controller}"),
             ),
-            (drives(names::TPDO1), format!("position from {drive}")),
+            (drives(names::TPDO1), format!("{signal} from {drive}")),
             (drives(names::TPDO2), String::new()),
         ]
         .map(|(message, what)| Some(watch(message?, what, None, sync_period, PERIODS_MAX)));
