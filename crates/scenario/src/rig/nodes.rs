@@ -556,8 +556,8 @@ pub struct Sensor {
     /// The name of the measured quantity, as in `"speed"`: that of the signal, of set-points and of limits. `position` if absent.
     #[schemars(length(min = 1, max = 64))]
     pub signal: Option<String>,
-    /// The unit of the other keys, of all positions of the drive and of its loop's set-points and limits: `millimetres` for a
-    /// length, `degrees` or `revolutions` for an angle, else the port's own. `millimetres` if absent.
+    /// The unit of the other keys, of all values of the drive's signal, and of its loop's set-points and limits: one of the port's
+    /// quantity, such as `millimetres`, `degrees` or `revolutions_per_minute`. `millimetres` if absent.
     #[schemars(length(min = 1, max = 64))]
     pub unit: Option<String>,
     /// The lowest position that its converter can give, and the lowest set-point; 0 if absent.
