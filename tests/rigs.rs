@@ -478,6 +478,39 @@ fn a_loop_of_a_speed_is_played_and_judged_under_names_of_a_speed() {
     assert_eq!(again["metrics"], before["metrics"]);
 }
 
+/// What a field cannot hold is not known: it is not the largest number that the field can hold.
+#[test]
+fn an_output_beyond_its_field_has_no_value_and_is_not_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    let far = "[plant.motor.dc_motor]\ngear_ratio = 1.0\npinion_radius_metres = 0.001\n\
+               gear_friction_newton_metres = 0.0001\nload_kilograms = 0.0\nspring_newtons_per_metre = 0.0";
+    let rig = SPINDLE.replace("[plant.motor.dc_motor]", far);
+    fs::write(folder.path().join("spindle.toml"), rig).unwrap();
+    let path = folder.path().join("far.toml");
+    let text = "schema = 1\nname = \"far\"\nrig = \"spindle.toml\"\nduration_seconds = 4.0\n\
+                [controller.pid]\nproportional_amperes_per_revolution_per_minute = 0.0003\n\
+                integral_amperes_per_revolution_per_minute_second = 0.003\n\
+                derivative_ampere_seconds_per_revolution_per_minute = 0.0\n\
+                [[reference.step]]\nat_seconds = 0.5\nspeed_revolutions_per_minute = 600.0\n\
+                [[expect.signal]]\nname = \"position_metres\"\nstays = { max = 0.15 }\n";
+    fs::write(&path, text).unwrap();
+    let mut simulate = canrig(&folder.path().join("runs"), "simulate");
+    let (code, stdout, stderr) = output(simulate.arg(&path));
+    assert_eq!(code, Some(5), "{stdout}{stderr}");
+    assert!(stdout.contains("no position_metres from 2."), "{stdout}");
+    let run = only_run(&folder.path().join("runs"));
+    let table = fs::read_to_string(run.join("signals.csv")).unwrap();
+    let mut rows = table.lines().map(|row| row.split(',').collect::<Vec<_>>());
+    let header = rows.next().unwrap();
+    let place = header.iter().position(|name| *name == "position_metres");
+    let cells = Vec::from_iter(rows.map(|row| row[place.unwrap()].to_owned()));
+    // The rack has moved by 0.131 m, 65535 steps of 2 micrometres, and moves on.
+    assert_eq!(cells.last().unwrap(), "");
+    let seen = cells.iter().filter_map(|cell| cell.parse::<f64>().ok());
+    let farthest = seen.fold(0.0, f64::max);
+    assert!((0.1305..0.131_07).contains(&farthest), "{farthest}");
+}
+
 /// Returns a drive of the motor with this amplifier and sensor, and node-IDs of controller, drive and io node.
 fn axis(amplifier: &str, sensor: &str, motor: &str, [controller, drive, io]: [u8; 3]) -> String {
     format!(

@@ -8,6 +8,7 @@ use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS};
 use recording::truth::PlantTruth;
 use scenario::events::Window;
 use scenario::expect::Emergency;
+use scenario::node::Part;
 
 use crate::attribution::faults::span;
 use crate::disturbances::recovery;
@@ -35,7 +36,11 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     }
     let mut temperatures = temperatures(evidence).peekable();
     if temperatures.peek().is_none() {
-        return Err(Absence::only_emulated());
+        return Err(if evidence.control_loop.is_ours(Part::Drive) {
+            Absence::unavailable("not available: no temperature of the plant is known")
+        } else {
+            Absence::only_emulated()
+        });
     }
     if let Some(reason) = unseen_temperature(evidence) {
         return Err(Absence::unavailable(reason));

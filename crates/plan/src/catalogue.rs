@@ -207,6 +207,8 @@ pub struct ColumnMessage<'a> {
     pub message: &'a Message,
     /// Whether it brings the values that a drive measures in each cycle.
     pub is_measured: bool,
+    /// Whether it brings outputs of a plant, which are cut where its fields end.
+    pub is_of_plant: bool,
     /// Signals by their names in the loop.
     pub signals: Vec<(String, &'a Signal)>,
 }
@@ -220,6 +222,7 @@ pub fn columns<'a>(
 ) -> impl Iterator<Item = ColumnMessage<'a>> {
     let nodes = &wiring.nodes;
     let is_feedback = [&nodes.drive, &nodes.followed].map(|node| message(&node.name, TPDO1));
+    let is_of_plant = [TPDO2, TPDO3].map(|service| message(&nodes.drive.name, service));
     let of_node = |node: &'a Node, service: &str| {
         let message = database.message(&message(&node.name, service))?;
         Some((message, Some(node)))
@@ -247,6 +250,7 @@ pub fn columns<'a>(
         .chain(followed)
         .map(move |(message, signals)| ColumnMessage {
             is_measured: is_feedback.contains(&message.name),
+            is_of_plant: is_of_plant.contains(&message.name),
             message,
             signals,
         })

@@ -15,6 +15,9 @@ const SIGNALS: [&str; 3] = [
     "plant_peak_temperature_celsius",
 ];
 
+/// Temperature that a drive reports whose plant has none.
+const ABSOLUTE_ZERO_CELSIUS: f64 = -273.15;
+
 /// Report of the emulated plant in one message.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
@@ -23,7 +26,7 @@ pub struct PlantTruth {
     pub time_seconds: f64,
     /// Output of the amplifier.
     pub current_amperes: f64,
-    /// Highest temperature of the heated part since the message before.
+    /// Highest temperature of the heated part since the message before; not a number for a plant without one.
     pub peak_temperature_celsius: f64,
 }
 
@@ -71,7 +74,9 @@ impl TruthReader {
         self.messages.push(PlantTruth {
             time_seconds,
             current_amperes: current.unwrap_or(f64::NAN),
-            peak_temperature_celsius: temperature.unwrap_or(f64::NAN),
+            peak_temperature_celsius: temperature
+                .filter(|celsius| *celsius > ABSOLUTE_ZERO_CELSIUS)
+                .unwrap_or(f64::NAN),
         });
     }
 
@@ -84,5 +89,33 @@ impl TruthReader {
             ..message
         };
         messages.iter().map(in_scenario).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dbc::Database;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
+    use scenario::Trial;
+
+    use super::*;
+
+    #[test]
+    fn a_plant_without_a_temperature_has_none() {
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let plan = Plan::new(trial, &Catalogue::shipped());
+        let mut reader = TruthReader::new(&plan.loops[0]).unwrap();
+        let mut message = Database::shipped().builder("drive_truth").unwrap();
+        let signal = Database::shipped().signal("drive_truth.plant_peak_temperature_celsius");
+        let signal = signal.unwrap();
+        for celsius in [f64::NEG_INFINITY, 20.0] {
+            message.set(&signal, celsius);
+            reader.on_frame(&Stamped::new(Duration::ZERO, message.frame()));
+        }
+        let truth = reader.take_all(None).to_vec();
+        assert!(truth[0].peak_temperature_celsius.is_nan());
+        assert_eq!(truth[1].peak_temperature_celsius, 20.0);
     }
 }

@@ -2,7 +2,7 @@
 //! and only the signals whose bits changed are decoded.
 
 use can::CanFrame;
-use dbc::SignalHandle;
+use dbc::{Coding, Kind, SignalHandle};
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -51,6 +51,8 @@ struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
+    /// Bits of a value that does not fit its field, and is not known; `None` for a signal that has none.
+    cut: Option<[u64; 2]>,
     /// Value from the first missing row on.
     latest: f64,
     /// Rows up to the last change.
@@ -58,6 +60,14 @@ struct SignalColumn {
 }
 
 impl SignalColumn {
+    /// Returns the value in a frame, which is not a number if it was cut; `None` if the frame is too short.
+    fn decode(&self, frame: &CanFrame) -> Option<f64> {
+        let value = self.handle.decode(frame)?;
+        let bits = u64::from_le_bytes(frame.buffer()) & self.handle.mask();
+        let is_cut = self.cut.is_some_and(|cut| cut.contains(&bits));
+        Some(if is_cut { f64::NAN } else { value })
+    }
+
     /// Sets another value from a row on.
     fn change(&mut self, row: usize, value: f64) {
         self.fill(row);
@@ -84,6 +94,18 @@ impl SignalColumn {
     }
 }
 
+/// Returns the bits at the ends of an integer's field, at which a value that does not fit is cut; 0 may be a value of an unsigned
+/// one.
+fn cut_bits(coding: &Coding) -> Option<[u64; 2]> {
+    let mask = coding.occupied_bits();
+    let sign = mask & !(mask >> 1);
+    match coding.kind {
+        Kind::Unsigned => Some([mask; 2]),
+        Kind::Signed => Some([mask ^ sign, sign]),
+        Kind::Float32 | Kind::Float64 => None,
+    }
+}
+
 /// Message whose signals become columns.
 struct MessageColumns {
     raw_id: u32,
@@ -102,6 +124,7 @@ impl MessageColumns {
         let signals = columns.signals.into_iter();
         let signals = signals.map(|(name, signal)| SignalColumn {
             handle: message.handle(signal),
+            cut: cut_bits(&signal.coding).filter(|_| columns.is_of_plant),
             name,
             unit: signal.unit.clone(),
             latest: f64::NAN,
@@ -126,7 +149,7 @@ impl MessageColumns {
             if signal.handle.mask() & changed == 0 {
                 continue;
             }
-            if let Some(value) = signal.handle.decode(frame) {
+            if let Some(value) = signal.decode(frame) {
                 signal.change(row, value);
                 continue;
             }
