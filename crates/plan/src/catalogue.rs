@@ -511,6 +511,7 @@ mod tests {
                 .find("sliding_variable_metres_per_second_squared")
                 .is_ok()
         );
+        assert!(frames.names().find("Reference position").is_ok());
         let catalogue = Catalogue {
             find_terms: |_| vec![sum()],
             ..catalogue
@@ -523,6 +524,8 @@ mod tests {
                 .find("sliding_variable_metres_per_second_squared")
                 .is_err()
         );
+        // The object has another meaning than in the data sheet of the shipped law.
+        assert!(frames.names().find("Reference position").is_err());
     }
 
     #[test]

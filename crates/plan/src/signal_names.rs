@@ -43,6 +43,7 @@ impl SignalNames {
                 }];
                 if let Some(node) = node
                     && let Some(sheet) = sheet_by_part.get(&node.part)
+                    && is_of_sheet(signal)
                     && let Some(object) = object_name(sheet, &signal.object)
                 {
                     names.push(format!("{}.{object}", node.name));
@@ -122,6 +123,17 @@ impl SignalNames {
         });
         wrong.collect()
     }
+}
+
+/// Returns whether the data sheets describe a signal: objects of the manufacturer's are those of the shipped plant and law there.
+fn is_of_sheet(signal: &Signal) -> bool {
+    let is_manufacturers =
+        ('2'..='5').any(|first| signal.object.starts_with(&format!("0x{first}")));
+    let mut shipped = Database::shipped()
+        .messages()
+        .iter()
+        .flat_map(|message| &message.signals);
+    !is_manufacturers || shipped.any(|one| one.name == signal.name && one.object == signal.object)
 }
 
 /// Returns the name of an object given as `0x6064:00`.
