@@ -40,7 +40,10 @@ static MEASURES: &[(&str, Measure)] = &[
     ("sync_interval_milliseconds_max", sync_interval),
     ("temperature_celsius", reactions::temperature_max),
     ("no_event", reactions::unwanted_events),
-    ("current_zero_within_milliseconds", reactions::current_zero),
+    (
+        "{command}_zero_within_milliseconds",
+        reactions::current_zero,
+    ),
     ("recovers_within_seconds", reactions::recovery_from_faults),
     ("safe_state", reactions::safe_state),
     ("emcy", reactions::missing_emergencies),

@@ -143,7 +143,7 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_loop_faults() {
-        return without_faults(evidence, "current_zero_within_milliseconds");
+        return without_faults(evidence, "{command}_zero_within_milliseconds");
     }
     let truth = &evidence.timeline.truth;
     let Some(first) = truth.first() else {

@@ -213,7 +213,7 @@ pub static METRICS: &[Metric] = &[
         ..PLANT
     },
     Metric {
-        name: "current_zero_within_milliseconds",
+        name: "{command}_zero_within_milliseconds",
         needs: Needs::Fault,
         form: AtMost(MILLISECONDS_MAX),
         text: "Longest time from the start of the first fault until no current flows through the plant for at least 0.1 s.",
