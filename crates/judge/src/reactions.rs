@@ -36,11 +36,9 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     }
     let mut temperatures = temperatures(evidence).peekable();
     if temperatures.peek().is_none() {
-        return Err(if evidence.control_loop.is_ours(Part::Drive) {
-            Absence::unavailable("not available: no temperature of the plant is known")
-        } else {
-            Absence::only_emulated()
-        });
+        let is_ours = evidence.control_loop.is_ours(Part::Drive);
+        let reason = is_ours.then_some("not available: no temperature of the plant is known");
+        return Err(reason.map_or_else(Absence::only_emulated, Absence::unavailable));
     }
     if let Some(reason) = unseen_temperature(evidence) {
         return Err(Absence::unavailable(reason));

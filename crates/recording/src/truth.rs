@@ -68,15 +68,14 @@ impl TruthReader {
             .each_ref()
             .map(|signal| signal.decode(&stamped.frame));
         let Some(time_seconds) = time else { return };
+        let temperature = temperature.filter(|celsius| *celsius > ABSOLUTE_ZERO_CELSIUS);
         self.offset_seconds = self
             .offset_seconds
             .min(stamped.time.as_secs_f64() - time_seconds);
         self.messages.push(PlantTruth {
             time_seconds,
             current_amperes: current.unwrap_or(f64::NAN),
-            peak_temperature_celsius: temperature
-                .filter(|celsius| *celsius > ABSOLUTE_ZERO_CELSIUS)
-                .unwrap_or(f64::NAN),
+            peak_temperature_celsius: temperature.unwrap_or(f64::NAN),
         });
     }
 
