@@ -478,7 +478,7 @@ fn a_loop_of_a_speed_is_played_and_judged_under_names_of_a_speed() {
     assert_eq!(again["metrics"], before["metrics"]);
 }
 
-/// What a field cannot hold is not known: it is not the largest number that the field can hold.
+/// A value that a field cannot hold is unknown, not the largest number of the field.
 #[test]
 fn an_output_beyond_its_field_has_no_value_and_is_not_judged() {
     let folder = tempfile::tempdir().unwrap();
