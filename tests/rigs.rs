@@ -497,7 +497,10 @@ fn an_output_beyond_its_field_has_no_value_and_is_not_judged() {
     let mut simulate = canrig(&folder.path().join("runs"), "simulate");
     let (code, stdout, stderr) = output(simulate.arg(&path));
     assert_eq!(code, Some(5), "{stdout}{stderr}");
-    assert!(stdout.contains("no position_metres from 2."), "{stdout}");
+    assert!(
+        stdout.contains("beyond what its field holds at 2.6"),
+        "{stdout}"
+    );
     let run = only_run(&folder.path().join("runs"));
     let table = fs::read_to_string(run.join("signals.csv")).unwrap();
     let mut rows = table.lines().map(|row| row.split(',').collect::<Vec<_>>());

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use can::CanFrame;
 use serde::{Deserialize, Serialize};
 
-use crate::coding::Coding;
+use crate::coding::{Coding, Kind};
 use crate::error::{DbcError, SignalMissing};
 
 /// Signal with the node that an NMT command is for.
@@ -144,6 +144,19 @@ impl SignalHandle {
     pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
         self.is_in(frame)
             .then(|| self.coding.decode(&frame.buffer()))
+    }
+
+    /// Checks whether the value of a little-endian integer is at an end of its field, where one that does not fit is cut. 0 may be
+    /// the value of an unsigned one.
+    #[inline]
+    pub fn is_cut(&self, frame: &CanFrame) -> bool {
+        let sign = self.mask & !(self.mask >> 1);
+        let bits = u64::from_le_bytes(frame.buffer()) & self.mask;
+        match self.coding.kind {
+            Kind::Unsigned => bits == self.mask,
+            Kind::Signed => bits == sign || bits == self.mask ^ sign,
+            Kind::Float32 | Kind::Float64 => false,
+        }
     }
 
     /// Returns the bits that make the value, in their places in the payload; `None` as for [`SignalHandle::decode`].
@@ -292,7 +305,26 @@ mod tests {
     use can::frame::{EXTENDED_FLAG, REMOTE_FLAG};
 
     use super::*;
-    use crate::coding::Kind;
+
+    #[test]
+    fn a_value_at_the_end_of_its_field_was_cut() {
+        let database = Database::shipped();
+        let is_cut = |path: &str, raw: u16| {
+            let signal = database.signal(path).unwrap();
+            let bits = u64::from(raw) * (signal.mask() & 0x0001_0001_0001_0001);
+            signal.is_cut(&CanFrame::new(0x290, &bits.to_le_bytes()))
+        };
+        let signed = |raw| is_cut("drive_tpdo2.wire_temperature_celsius", raw);
+        assert_eq!(
+            [0x7FFF, 0x8000, 0, 0xFFFF, 0x7FFE].map(signed),
+            [true, true, false, false, false]
+        );
+        let unsigned = |raw| is_cut("drive_tpdo2.martensite_fraction", raw);
+        assert_eq!(
+            [0xFFFF, 0, 0x7FFF, 0x8000].map(unsigned),
+            [true, false, false, false]
+        );
+    }
 
     #[test]
     fn a_signal_is_found_decoded_and_labelled_by_name() {

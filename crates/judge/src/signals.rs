@@ -31,6 +31,10 @@ fn measure(
     window: Window,
     demand: &Demand<'_>,
 ) -> Measurement {
+    if let Some(cut) = trace.cut_seconds.filter(|cut| *cut < window.until_seconds) {
+        let reason = format!("beyond what its field holds at {cut:.3} s");
+        return Err(Absence::unavailable(reason));
+    }
     let all = samples_in(&trace.samples, window);
     if let Demand::Reaches(wanted) = demand {
         let arrival = arrival(trace, &all, window, *wanted);
@@ -163,6 +167,7 @@ mod tests {
             path: "message.signal".to_owned(),
             unit: String::new(),
             silence_seconds_max: Some(0.02),
+            cut_seconds: None,
             samples: samples.into(),
         }
     }

@@ -28,6 +28,8 @@ pub struct SignalTrace {
     pub unit: String,
     /// Longest time between two samples of a message that is sent cyclically.
     pub silence_seconds_max: Option<f64>,
+    /// Time of the first value that its field could not hold; such values are no samples.
+    pub cut_seconds: Option<f64>,
     /// Samples in the order of time, at most one at each time.
     pub samples: Series<SignalSample>,
 }
@@ -35,6 +37,8 @@ pub struct SignalTrace {
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
+    /// Whether a value that was cut in its field is not known.
+    is_of_plant: bool,
     /// Trace without its samples.
     trace: SignalTrace,
     samples: SeriesWriter<SignalSample>,
@@ -97,6 +101,11 @@ impl TraceReader {
             let Some(value) = collected.handle.decode(frame) else {
                 continue;
             };
+            if collected.is_of_plant && collected.handle.is_cut(frame) {
+                let cut_seconds = &mut collected.trace.cut_seconds;
+                cut_seconds.get_or_insert(time.as_secs_f64());
+                continue;
+            }
             let cycle = collected.follows_sync.then(&cycle_seconds).flatten();
             collected.push(SignalSample {
                 time_seconds: cycle.unwrap_or(time.as_secs_f64()),
@@ -132,13 +141,16 @@ fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Colle
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
     let silence = || silence_seconds_max(message, sync_period, database);
+    let column = one.columns().find(|one| one.message.name == message);
     Some(Collected {
         handle: database.signal(path)?,
-        follows_sync: one.columns().any(|one| one.message.name == message),
+        follows_sync: column.is_some(),
+        is_of_plant: column.is_some_and(|column| column.is_of_plant),
         trace: SignalTrace {
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),
             silence_seconds_max: is_cyclic.then(silence),
+            cut_seconds: None,
             samples: Series::default(),
         },
         samples: SeriesWriter::default(),

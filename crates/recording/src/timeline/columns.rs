@@ -2,7 +2,7 @@
 //! and only the signals whose bits changed are decoded.
 
 use can::CanFrame;
-use dbc::{Coding, Kind, SignalHandle};
+use dbc::SignalHandle;
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -51,8 +51,6 @@ struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
-    /// Bits of a value that does not fit its field, and is not known; `None` for a signal that has none.
-    cut: Option<[u64; 2]>,
     /// Value from the first missing row on.
     latest: f64,
     /// Rows up to the last change.
@@ -60,14 +58,6 @@ struct SignalColumn {
 }
 
 impl SignalColumn {
-    /// Returns the value in a frame, which is not a number if it was cut; `None` if the frame is too short.
-    fn decode(&self, frame: &CanFrame) -> Option<f64> {
-        let value = self.handle.decode(frame)?;
-        let bits = u64::from_le_bytes(frame.buffer()) & self.handle.mask();
-        let is_cut = self.cut.is_some_and(|cut| cut.contains(&bits));
-        Some(if is_cut { f64::NAN } else { value })
-    }
-
     /// Sets another value from a row on.
     fn change(&mut self, row: usize, value: f64) {
         self.fill(row);
@@ -94,24 +84,14 @@ impl SignalColumn {
     }
 }
 
-/// Returns the bits at the ends of an integer's field, at which a value that does not fit is cut; 0 may be a value of an unsigned
-/// one.
-fn cut_bits(coding: &Coding) -> Option<[u64; 2]> {
-    let mask = coding.occupied_bits();
-    let sign = mask & !(mask >> 1);
-    match coding.kind {
-        Kind::Unsigned => Some([mask; 2]),
-        Kind::Signed => Some([mask ^ sign, sign]),
-        Kind::Float32 | Kind::Float64 => None,
-    }
-}
-
 /// Message whose signals become columns.
 struct MessageColumns {
     raw_id: u32,
     signals: Vec<SignalColumn>,
     /// Whether its values are measured and belong to their cycle; other values hold until they change.
     is_measured: bool,
+    /// Whether a value that was cut in its field is not known.
+    is_of_plant: bool,
     /// Latest frame; `None` if it was too short for a signal, or if its values do not hold any more.
     latest: Option<CanFrame>,
     /// Number of rows when it came.
@@ -124,7 +104,6 @@ impl MessageColumns {
         let signals = columns.signals.into_iter();
         let signals = signals.map(|(name, signal)| SignalColumn {
             handle: message.handle(signal),
-            cut: cut_bits(&signal.coding).filter(|_| columns.is_of_plant),
             name,
             unit: signal.unit.clone(),
             latest: f64::NAN,
@@ -134,6 +113,7 @@ impl MessageColumns {
             raw_id: message.raw_id,
             signals: signals.collect(),
             is_measured: columns.is_measured,
+            is_of_plant: columns.is_of_plant,
             latest: None,
             rows: 0,
         }
@@ -149,8 +129,9 @@ impl MessageColumns {
             if signal.handle.mask() & changed == 0 {
                 continue;
             }
-            if let Some(value) = signal.decode(frame) {
-                signal.change(row, value);
+            if let Some(value) = signal.handle.decode(frame) {
+                let is_cut = self.is_of_plant && signal.handle.is_cut(frame);
+                signal.change(row, if is_cut { f64::NAN } else { value });
                 continue;
             }
             is_whole = false;
