@@ -90,8 +90,8 @@ fn window(contour: &Contour, end_seconds: f64) -> Window {
     Window::new(contour.from_seconds, until_seconds.min(end_seconds))
 }
 
-/// Returns the distance of each sample in a contour's window from the path, with its time: seconds, and the unit of the loops. `axes` are
-/// the timelines of the contour's loops.
+/// Returns the distance of each sample in a contour's window from the path, with its time: seconds, and the unit of the loops.
+/// `axes` are the timelines of the contour's loops.
 pub fn contour_errors<'a>(
     contour: &Contour,
     axes: &'a [&'a Timeline],

@@ -31,10 +31,6 @@ fn measure(
     window: Window,
     demand: &Demand<'_>,
 ) -> Measurement {
-    if let Some(cut) = trace.cut_seconds.filter(|cut| *cut < window.until_seconds) {
-        let reason = format!("beyond what its field holds at {cut:.3} s");
-        return Err(Absence::unavailable(reason));
-    }
     let all = samples_in(&trace.samples, window);
     if let Demand::Reaches(wanted) = demand {
         let arrival = arrival(trace, &all, window, *wanted);
@@ -58,6 +54,9 @@ fn measure(
     if samples.is_empty() {
         return Err(Absence::left_out());
     }
+    if let Some(cut) = cut(trace, &samples) {
+        return Err(cut);
+    }
     if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
         let absence = Absence::from(format!("{} is no number", sample.value));
         return Err(absence.at(sample.time_seconds));
@@ -76,6 +75,16 @@ fn measure(
         Demand::Follows(course) => worst(distances(&samples, course), limit),
         Demand::Stays(_) | Demand::Reaches(_) => worst(samples.iter(), limit),
     }
+}
+
+/// Returns the reason why samples of a plant's output cannot be judged, if its field did not hold one of them.
+fn cut(trace: &SignalTrace, samples: &Series<SignalSample>) -> Option<Absence> {
+    let mut cut = samples
+        .iter()
+        .filter(|sample| trace.is_of_plant && sample.value.is_nan());
+    let at_seconds = cut.next()?.time_seconds;
+    let reason = format!("beyond what its field holds at {at_seconds:.3} s");
+    Some(Absence::unavailable(reason))
 }
 
 /// Returns the reason why a window is empty.
@@ -101,6 +110,9 @@ fn arrival(
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         let since = first.time_seconds - window.from_seconds;
         return Ok(Known::at(since, first.time_seconds));
+    }
+    if let Some(cut) = cut(trace, samples) {
+        return Err(cut);
     }
     Err(match nearest(samples, wanted) {
         Some(nearest) => {
@@ -167,7 +179,7 @@ mod tests {
             path: "message.signal".to_owned(),
             unit: String::new(),
             silence_seconds_max: Some(0.02),
-            cut_seconds: None,
+            is_of_plant: false,
             samples: samples.into(),
         }
     }
@@ -234,6 +246,29 @@ mod tests {
     ) {
         let demand = Demand::Stays(limit(0.0, 1.0));
         check(trace, within, &demand, expected, at);
+    }
+
+    /// A window that a value beyond the field does not touch is judged, and so is an arrival before it.
+    #[test]
+    fn a_value_beyond_its_field_leaves_its_window_open() {
+        let far = |time: f64| (0.4..0.6).contains(&time);
+        let output = SignalTrace {
+            is_of_plant: true,
+            ..every_millisecond(|time| if far(time) { f64::NAN } else { time })
+        };
+        let beyond = Err("beyond what its field holds at 0.400 s");
+        check_stays(&output, window(0.2, 0.4), Ok(0.2), Some(0.2));
+        check_stays(&output, window(0.7, 0.9), Ok(0.899), Some(0.899));
+        check_stays(&output, window(0.2, 0.9), beyond, None);
+        let reaches = |from, to| Demand::Reaches(limit(from, to));
+        check(
+            &output,
+            window(0.0, 1.0),
+            &reaches(0.1, 0.2),
+            Ok(0.1),
+            Some(0.1),
+        );
+        check(&output, window(0.0, 1.0), &reaches(4.0, 5.0), beyond, None);
     }
 
     #[test]

@@ -222,7 +222,8 @@ pub fn columns<'a>(
 ) -> impl Iterator<Item = ColumnMessage<'a>> {
     let nodes = &wiring.nodes;
     let is_feedback = [&nodes.drive, &nodes.followed].map(|node| message(&node.name, TPDO1));
-    let is_of_plant = [TPDO2, TPDO3].map(|service| message(&nodes.drive.name, service));
+    let of_plant = database.plant_messages(&nodes.drive.name);
+    let of_plant = Vec::from_iter(of_plant.map(|message| message.raw_id));
     let of_node = |node: &'a Node, service: &str| {
         let message = database.message(&message(&node.name, service))?;
         Some((message, Some(node)))
@@ -250,7 +251,7 @@ pub fn columns<'a>(
         .chain(followed)
         .map(move |(message, signals)| ColumnMessage {
             is_measured: is_feedback.contains(&message.name),
-            is_of_plant: is_of_plant.contains(&message.name),
+            is_of_plant: of_plant.contains(&message.raw_id),
             message,
             signals,
         })

@@ -1,6 +1,7 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use dbc::{Database, Message, Signal, names};
 use scenario::node::{Node, Part};
@@ -12,6 +13,9 @@ use crate::data_sheet::{self, DataSheet};
 
 /// Largest number of signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
+
+/// Indices of the manufacturer's objects (CiA 301).
+const MANUFACTURERS: Range<u16> = 0x2000..0x6000;
 
 /// All names of all signals.
 #[derive(Debug)]
@@ -43,8 +47,7 @@ impl SignalNames {
                 }];
                 if let Some(node) = node
                     && let Some(sheet) = sheet_by_part.get(&node.part)
-                    && is_of_sheet(signal)
-                    && let Some(object) = object_name(sheet, &signal.object)
+                    && let Some(object) = object_name(sheet, signal)
                 {
                     names.push(format!("{}.{object}", node.name));
                     names.push(object);
@@ -125,23 +128,19 @@ impl SignalNames {
     }
 }
 
-/// Returns whether the data sheets describe a signal: objects of the manufacturer's are those of the shipped plant and law there.
-fn is_of_sheet(signal: &Signal) -> bool {
-    let is_manufacturers =
-        ('2'..='5').any(|first| signal.object.starts_with(&format!("0x{first}")));
-    let mut shipped = Database::shipped()
-        .messages()
-        .iter()
-        .flat_map(|message| &message.signals);
-    !is_manufacturers || shipped.any(|one| one.name == signal.name && one.object == signal.object)
-}
-
-/// Returns the name of an object given as `0x6064:00`.
-fn object_name(sheet: &DataSheet, object: &str) -> Option<String> {
-    if object.is_empty() {
+/// Returns the name of a signal's object. The manufacturer's objects of the data sheets are those of the shipped plant and law:
+/// other signals of these objects have none.
+fn object_name(sheet: &DataSheet, signal: &Signal) -> Option<String> {
+    if signal.object.is_empty() {
         return None;
     }
-    let (index, sub_index) = sheet.find(object).ok()?;
+    let (index, sub_index) = sheet.find(&signal.object).ok()?;
+    let shipped = Database::shipped().messages().iter();
+    let mut shipped = shipped.flat_map(|message| &message.signals);
+    let is_it = |one: &Signal| one.name == signal.name && one.object == signal.object;
+    if MANUFACTURERS.contains(&index) && !shipped.any(is_it) {
+        return None;
+    }
     Some(sheet.dictionary.get(index, sub_index)?.name.clone())
 }
 

@@ -28,8 +28,8 @@ pub struct SignalTrace {
     pub unit: String,
     /// Longest time between two samples of a message that is sent cyclically.
     pub silence_seconds_max: Option<f64>,
-    /// Time of the first value that its field could not hold; such values are no samples.
-    pub cut_seconds: Option<f64>,
+    /// Whether it is an output of a plant; a value that its field cannot hold is not a number.
+    pub is_of_plant: bool,
     /// Samples in the order of time, at most one at each time.
     pub samples: Series<SignalSample>,
 }
@@ -37,8 +37,6 @@ pub struct SignalTrace {
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
-    /// Whether a value that was cut in its field is not known.
-    is_of_plant: bool,
     /// Trace without its samples.
     trace: SignalTrace,
     samples: SeriesWriter<SignalSample>,
@@ -101,15 +99,11 @@ impl TraceReader {
             let Some(value) = collected.handle.decode(frame) else {
                 continue;
             };
-            if collected.is_of_plant && collected.handle.is_cut(frame) {
-                let cut_seconds = &mut collected.trace.cut_seconds;
-                cut_seconds.get_or_insert(time.as_secs_f64());
-                continue;
-            }
+            let is_cut = collected.trace.is_of_plant && collected.handle.is_cut(frame);
             let cycle = collected.follows_sync.then(&cycle_seconds).flatten();
             collected.push(SignalSample {
                 time_seconds: cycle.unwrap_or(time.as_secs_f64()),
-                value,
+                value: if is_cut { f64::NAN } else { value },
             });
         }
     }
@@ -145,12 +139,11 @@ fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Colle
     Some(Collected {
         handle: database.signal(path)?,
         follows_sync: column.is_some(),
-        is_of_plant: column.is_some_and(|column| column.is_of_plant),
         trace: SignalTrace {
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),
             silence_seconds_max: is_cyclic.then(silence),
-            cut_seconds: None,
+            is_of_plant: column.is_some_and(|column| column.is_of_plant),
             samples: Series::default(),
         },
         samples: SeriesWriter::default(),

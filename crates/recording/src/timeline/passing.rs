@@ -52,7 +52,7 @@ impl Passing {
     }
 
     /// Takes each frame of the bus; returns its scenario time, `None` before the scenario began.
-    // Of all frames: a call takes a third of what it does.
+    // It is called for each frame, and a call would cost a third of its work.
     #[inline(always)]
     pub(super) fn on_frame(&mut self, stamped: &Stamped) -> Option<Duration> {
         self.clock.on_frame(stamped.time, &stamped.frame);

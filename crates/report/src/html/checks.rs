@@ -100,7 +100,7 @@ mod tests {
             path: "drive_x_tpdo1.position_millimetres".to_owned(),
             unit: "mm".to_owned(),
             silence_seconds_max: None,
-            cut_seconds: None,
+            is_of_plant: false,
             samples: Series::default(),
         };
         for one in &plan.loops {

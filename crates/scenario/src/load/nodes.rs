@@ -353,7 +353,8 @@ impl Check<'_> {
         }
     }
 
-    /// Refuses an io node between an emulated and a real plant: a real node cannot act on an emulated plant, nor the other way round.
+    /// Refuses an io node between an emulated and a real plant: a real node cannot act on an emulated plant, nor the other way
+    /// round.
     fn io_beside_external(&self, name: &str) -> Option<Problem> {
         let is_other = |(drive, node): &(&String, &RigNode)| {
             let moved = self.rig.plant_of(drive);
