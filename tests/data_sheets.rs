@@ -9,10 +9,16 @@ use can::{CanFrame, Node};
 use canopen::object_dictionary::{Access, DataType, Entry};
 use canopen::sdo_client::{SdoClient, SdoFailure};
 use canopen::{AbortCode, ObjectDictionary, eds};
+use plan::named_nodes::node_sheets;
+use plan::{ControlLoop, Plan};
 use plant_emulator::catalogue;
 use scenario::Trial;
+use scenario::node::Part;
+use worlds::law_process::LawPlace;
+use worlds::names::emulator_name;
+use worlds::nodes::{controller_views, make_controller, plant_emulator};
 
-use crate::support::scenario;
+use crate::support::{root, scenario};
 
 const START: u8 = 1;
 const RESET_NODE: u8 = 129;
@@ -62,13 +68,7 @@ impl Sheet {
             }
             _ => Box::new(catalogue::emulator(&scenario).unwrap()),
         };
-        let mut bench = Bench {
-            node,
-            node_id: self.node_id,
-        };
-        bench.node.on_tick(Duration::ZERO);
-        while bench.node.next_frame().is_some() {}
-        bench
+        Bench::new(node, self.node_id)
     }
 
     /// Returns the node in the NMT state in which its manager writes an object: communication is configured in
@@ -127,6 +127,13 @@ struct Bench {
 }
 
 impl Bench {
+    /// Powers a node on, which stays in Pre-operational.
+    fn new(mut node: Box<dyn Node>, node_id: u8) -> Self {
+        node.on_tick(Duration::ZERO);
+        while node.next_frame().is_some() {}
+        Self { node, node_id }
+    }
+
     fn command(&mut self, specifier: u8) {
         let frame = CanFrame::new(0, &[specifier, self.node_id]);
         self.node.on_frame(Duration::ZERO, &frame);
@@ -516,4 +523,52 @@ fn comments_list_values() {
     assert_eq!(of(0x6060, 0), [0, 10]);
     assert_eq!(of(0x1029, 1), [0, 1, 2]);
     assert_eq!(of(0x1029, 0), none);
+}
+
+/// The sheet of each node of a rig promises what the node has: the signals of its plants, the terms of its laws, its io outputs.
+#[test]
+fn the_nodes_of_a_rig_are_as_their_sheets_say() {
+    for scenario in [
+        "scenarios/step.toml",
+        "docs/examples/lift.toml",
+        "docs/examples/feed_and_press.toml",
+        "tests/data/net/rigs/shop.toml",
+        "tests/data/net/rigs/pair_and_axis.toml",
+    ] {
+        let plan = Plan::load(&root().join(scenario), worlds::catalogue::catalogue()).unwrap();
+        let views = controller_views(&plan);
+        for (node, text) in node_sheets(&plan) {
+            let played: Box<dyn Node> = if node.part == Part::Controller {
+                Box::new(make_controller(&views, &LawPlace::of(&plan)).unwrap())
+            } else {
+                let has_it = |one: &&ControlLoop| one.nodes.all().any(|own| own.id == node.id);
+                let name = emulator_name(plan.loops.iter().find(has_it).unwrap());
+                plant_emulator(&plan, name).unwrap()
+            };
+            let mut bench = Bench::new(played, node.id);
+            let promised = eds::parse(&text, node.id).unwrap();
+            for entry in promised.entries() {
+                let found = bench.read(entry.index, entry.sub_index);
+                let at = format!("{scenario}, {}: {entry:?}", node.name);
+                if entry.index == ERROR_FIELD && entry.sub_index > 0 {
+                    continue;
+                }
+                let found = found.unwrap_or_else(|error| panic!("{error}: {at}"));
+                assert_eq!(found.len(), entry.default.len(), "{at}");
+                // A plant or a law decides on the first value.
+                if entry.access != Access::ReadOnly || entry.index < 0x2000 {
+                    assert_eq!(found, entry.default, "{at}");
+                }
+            }
+            for index in (0x1800..0x1C00).chain(0x2100..0x2400) {
+                let is_there = bench.read(index, 0) != Err(AbortCode::NO_SUCH_OBJECT);
+                let is_promised = promised.get(index, 0).is_some();
+                assert_eq!(
+                    is_there, is_promised,
+                    "{scenario}, {}: 0x{index:04X}",
+                    node.name
+                );
+            }
+        }
+    }
 }

@@ -244,7 +244,7 @@ mod tests {
         let shipped = dbc::Database::shipped();
         let composer = dbc::Composer::new("controller", 1);
         let composed = composer
-            .with_terms("", Identifiers::default().terms, &terms)
+            .with_terms((0, ""), Identifiers::default().terms, &terms)
             .finish();
         let ours = Vec::from_iter(composed.term_messages("controller", ""));
         let theirs = Vec::from_iter(shipped.term_messages("controller", ""));

@@ -16,13 +16,9 @@ mod sequence;
 #[cfg(test)]
 mod tests;
 
-use std::ops::RangeInclusive;
-
+use canopen::Device;
 use canopen::nmt::NodeId;
-use canopen::object_dictionary::Preset;
-use canopen::{Device, ObjectDictionary};
-use dbc::Signal;
-use dbc::names::TERMS_MAX;
+use dbc::node_objects;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::{Limits, RealDrive, Timeouts};
@@ -31,17 +27,12 @@ use crate::catalogue;
 use crate::error::ControllerError;
 use crate::law::AnyLaw;
 use crate::process_law::{StartPlayer, no_player};
-use crate::terms;
 use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
 use drive::LedDrive;
 use leading_law::{LeadingLaw, Seen};
 use phase::Phase;
 pub use sequence::Leader;
-use sequence::{CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY, watch_entry};
-
-/// Parameters of SDO clients (CiA 301, 7.5.2.33).
-const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
 
 /// The controller as a node.
 pub type ControllerNode = Device<Leader>;
@@ -100,10 +91,16 @@ impl Leader {
                 terms[*place] = law.terms(&plans[*place].view.wiring);
             }
         }
-        let drives = plans.iter().map(|plan| plan.drive.node_id);
+        let drives = plans.iter().map(|plan| plan.drive.node_id.get());
+        let io_ids = io_nodes.iter().map(|node| node.get());
         let identifiers = plans.iter().map(|plan| plan.view.wiring.identifiers.terms);
         let terms = Vec::from_iter(terms.into_iter().zip(identifiers));
-        let dictionary = dictionary(own_id, &terms, &Vec::from_iter(drives), &io_nodes)?;
+        let dictionary = node_objects::controller(
+            own_id.get(),
+            &terms,
+            &Vec::from_iter(drives),
+            &Vec::from_iter(io_ids),
+        );
         let leading = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;
             LeadingLaw::new(law, places, wiring, &dictionary)
@@ -220,69 +217,4 @@ impl<'a> LoopPlan<'a> {
             timeouts: timeouts.unwrap_or_default(),
         })
     }
-}
-
-/// Returns the controller's objects, with an SDO client for each node with which it communicates, and with the terms of
-/// each loop in place of those of the data sheet.
-fn dictionary(
-    own_id: NodeId,
-    loops: &[(Vec<Signal>, [u16; TERMS_MAX])],
-    drives: &[NodeId],
-    io_nodes: &[NodeId],
-) -> Result<ObjectDictionary, ControllerError> {
-    let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, own_id.get())?;
-    let mut dictionary = ObjectDictionary::new();
-    let is_client = |index| SDO_CLIENTS.contains(&index);
-    let entries = shipped.entries().iter();
-    entries
-        .filter(|entry| !is_client(entry.index) && !terms::is_of_law(entry.index))
-        .for_each(|entry| dictionary.insert(entry.clone()));
-    let mut servers = Vec::new();
-    for server in drives.iter().chain(io_nodes).map(|node| node.get()) {
-        if !servers.contains(&server) {
-            servers.push(server);
-        }
-    }
-    let entries = shipped.entries().iter();
-    let first = entries.filter(|entry| entry.index == *SDO_CLIENTS.start());
-    for (index, server) in SDO_CLIENTS.zip(servers) {
-        for entry in first.clone() {
-            let mut entry = entry.clone();
-            entry.index = index;
-            match entry.sub_index {
-                1 => entry.set_default((0x600 + u32::from(server)).to_le_bytes().to_vec()),
-                2 => entry.set_default((0x580 + u32::from(server)).to_le_bytes().to_vec()),
-                3 => entry.set_default(vec![server]),
-                _ => {}
-            }
-            dictionary.insert(entry);
-        }
-    }
-    // The object is checked here, since it is written only when the drives are configured.
-    let watch = dictionary
-        .get(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
-        .cloned()
-        .ok_or_else(|| ControllerError::no_object(CONSUMER_HEARTBEAT_TIME))?;
-    for (place, (terms, identifiers)) in loops.iter().enumerate() {
-        terms::declare(&mut dictionary, &shipped, terms, identifiers, place);
-        let mut entry = watch.clone();
-        entry.sub_index = watch_entry(place);
-        dictionary.insert(entry);
-    }
-    let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
-    dictionary.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 0, count.into()));
-    // The data sheet watches the module of the shipped rig. Its node-ID may belong to a drive here.
-    let time = dictionary
-        .unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY)
-        .unwrap_or_default()
-        & u32::from(u16::MAX);
-    let watch = io_nodes
-        .first()
-        .map_or(0, |id| u32::from(id.get()) << 16 | time);
-    dictionary.preset(&Preset::new(
-        CONSUMER_HEARTBEAT_TIME,
-        IO_WATCH_ENTRY,
-        watch.into(),
-    ));
-    Ok(dictionary)
 }

@@ -5,9 +5,10 @@
 
 use crate::coding::{Coding, Kind};
 use crate::database::{Database, Message, Signal};
-use crate::law::{BYTE, LAW_TERMS_OBJECT, layout};
+use crate::law::{BYTE, first_term, layout};
 use crate::loops::TERMS_EVERY_CYCLES;
 use crate::names::{self, TERMS_MAX};
+use crate::node_objects::{PLANT_OBJECTS, SIGNALS_IN_TPDO2, object_name};
 
 /// Names of the nodes of the shipped DBC.
 const CONTROLLER: &str = "controller";
@@ -15,8 +16,6 @@ const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
 /// Messages that belong to the bus.
 const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
-/// Signals of a plant before the true position.
-const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
 
@@ -122,13 +121,13 @@ impl Composer {
             return;
         };
         let like = std::mem::take(&mut tpdo2.signals);
-        tpdo2.signals = laid_out(first, &like);
+        tpdo2.signals = laid_out(first, &PLANT_OBJECTS, &like);
         tpdo2.signals.extend_from_slice(&like[SIGNALS_IN_TPDO2..]);
         if others.is_empty() {
             self.messages.remove(place + 1);
             return;
         }
-        tpdo3.signals = laid_out(others, &like);
+        tpdo3.signals = laid_out(others, &PLANT_OBJECTS[SIGNALS_IN_TPDO2..], &like);
         tpdo3.length_bytes = bytes_of(&tpdo3.signals);
         "TPDO3 of the emulated drive, every SYNC: more of the truth."
             .clone_into(&mut tpdo3.comment);
@@ -141,7 +140,7 @@ impl Composer {
         self.io_nodes.push(name.to_owned());
         let message = self.message_mut(name, names::RPDO1);
         if let Some(message) = message.filter(|_| !outputs.is_empty()) {
-            message.signals = laid_out(outputs, &message.signals);
+            message.signals = laid_out(outputs, &[], &message.signals);
             for (number, signal) in (1..).zip(&mut message.signals) {
                 // Write analogue output 16-bit (CiA 401).
                 signal.coding.kind = Kind::Signed;
@@ -152,17 +151,17 @@ impl Composer {
         self
     }
 
-    /// Adds the terms of the law of a loop, whose name is empty if it is the only one.
+    /// Adds the terms of the law of a loop, by its place and its name, which is empty if it is the only one.
     #[must_use]
     pub fn with_terms(
         mut self,
-        loop_name: &str,
+        (loop_place, loop_name): (u8, &str),
         identifiers: [u16; TERMS_MAX],
         terms: &[Signal],
     ) -> Self {
         let objects = layout(terms).unwrap_or_default();
         for (place, identifier) in identifiers.into_iter().enumerate() {
-            let numbered = (LAW_TERMS_OBJECT..).zip(&objects);
+            let numbered = (first_term(loop_place)..).zip(&objects);
             let own = numbered.filter(|(_, object)| object.message == place);
             let length_bits: u8 = own.clone().map(|(_, object)| object.bits).sum();
             if length_bits == 0 {
@@ -250,7 +249,7 @@ fn law_signal(object: u16, term: &Signal, start_bit: u8) -> Signal {
             _ => Vec::new(),
         },
         receivers: vec![names::BENCH.to_owned()],
-        object: format!("0x{object:04X}:00"),
+        object: object_name(object),
         ..term.clone()
     }
 }
@@ -265,19 +264,21 @@ fn bytes_of(signals: &[Signal]) -> u8 {
     signals.iter().map(|_| BITS / 8).sum()
 }
 
-/// Places signals one after the other from the first bit on. They get the receivers of the patterns `like`, and the objects of
-/// those with the same name.
-fn laid_out(signals: &[Signal], like: &[Signal]) -> Vec<Signal> {
-    let starts = (0..=u8::MAX).step_by(usize::from(BITS));
-    let laid_out = signals.iter().zip(starts).map(|(signal, start_bit)| {
-        let known = like.iter().find(|known| known.name == signal.name);
-        Signal {
-            coding: signal.coding.starting_at(start_bit),
-            receivers: like[0].receivers.clone(),
-            object: known.map_or_else(String::new, |known| known.object.clone()),
-            ..signal.clone()
-        }
-    });
+/// Places signals one after the other from the first bit on, with the receivers of the patterns `like`, each with its object.
+fn laid_out(signals: &[Signal], objects: &[u16], like: &[Signal]) -> Vec<Signal> {
+    let starts = (0..=u8::MAX).step_by(usize::from(BITS)).enumerate();
+    let laid_out = signals
+        .iter()
+        .zip(starts)
+        .map(|(signal, (place, start_bit))| {
+            let object = objects.get(place).map(|index| object_name(*index));
+            Signal {
+                coding: signal.coding.starting_at(start_bit),
+                receivers: like[0].receivers.clone(),
+                object: object.unwrap_or_default(),
+                ..signal.clone()
+            }
+        });
     laid_out.collect()
 }
 
@@ -313,9 +314,9 @@ mod tests {
         Composer::new("hand", 1)
             .with_drive(("left", 0x10), Some(&[]))
             .with_io(("fan", 0x11), &[])
-            .with_terms("x", TERMS, &shipped_terms())
+            .with_terms((0, "x"), TERMS, &shipped_terms())
             .with_drive(("right", 0x12), Some(&[]))
-            .with_terms("y", TERMS.map(|id| id + 0x20), &shipped_terms())
+            .with_terms((1, "y"), TERMS.map(|id| id + 0x20), &shipped_terms())
             .finish()
     }
 
@@ -329,7 +330,7 @@ mod tests {
         let composed = Composer::new("controller", 1)
             .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals.cloned())))
             .with_io(("disturbance", 0x11), &[])
-            .with_terms("", TERMS, &shipped_terms())
+            .with_terms((0, ""), TERMS, &shipped_terms())
             .finish();
         for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {
             assert_eq!(ours, theirs);

@@ -1,10 +1,12 @@
 //! The EDS files of the rig.
 
-use std::ops::RangeInclusive;
+use std::collections::{BTreeMap, BTreeSet};
 
-use canopen::object_dictionary::Preset;
+use canopen::ObjectDictionary;
+use canopen::object_dictionary::{Access, DataType, Entry};
 
-use crate::names::{ADDED_LOAD, CONVECTION_FACTOR};
+use crate::database::Message;
+use crate::node_objects::shipped_objects;
 
 /// The controller, node 0x01 (`controller.eds`).
 pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
@@ -13,271 +15,419 @@ pub const DRIVE_EDS: &str = include_str!("../drive.eds");
 /// The disturbance node 0x11, CiA 401 (`disturbance.eds`).
 pub const DISTURBANCE_EDS: &str = include_str!("../disturbance.eds");
 
-/// Data type of a float of 32 bits (CiA 301, 7.4.7.1).
-const REAL32: &str = "0x0008";
-/// Text of the shipped data sheet on the unit of positions.
-const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
+/// Lists of the objects of a sheet, in their order (CiA 306-1, clause 4.5).
+const LISTS: [&str; 3] = ["MandatoryObjects", "OptionalObjects", "ManufacturerObjects"];
+/// Parameters of RPDOs and of TPDOs, with the keys of their numbers.
+const PDOS: [(std::ops::Range<u16>, &str); 2] =
+    [(0x1400..0x1600, "NrOfRXPDO"), (0x1800..0x1A00, "NrOfTXPDO")];
+/// First index behind the objects of CiA 301, and behind those of the manufacturer.
+const MANUFACTURERS: u16 = 0x2000;
+const PROFILES: u16 = 0x6000;
 
-/// Time in milliseconds after which an io node reacts to the silence of its manager (0x1016).
-const IO_WATCH_MILLISECONDS: i64 = 0xFA;
-
-/// Returns the entry by which an io node watches the heartbeat of its manager.
-pub fn io_watch(manager: u8) -> Preset {
-    Preset::new(0x1016, 1, i64::from(manager) << 16 | IO_WATCH_MILLISECONDS)
-}
-
-/// Sections of the controller's first and second SDO client, and the indices of all possible ones.
-const FIRST_CLIENT: &str = "[1280]\n";
-const SECOND_CLIENT: &str = "[1281]\n";
-const CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
-/// Section in which a data sheet lists its objects.
-const OPTIONAL_OBJECTS: &str = "[OptionalObjects]\n";
-
-/// Returns the controller's EDS for a rig: with an SDO client for each of these nodes, to which it talks.
+/// Returns the EDS of one node of a rig, with its name and number: `shipped` with these objects in place of its own. New objects
+/// are described by the unit of their signals in `messages`.
 ///
 /// # Panics
-/// Never: a test checks the texts that are compiled in.
-pub fn controller_sheet(servers: &[u8]) -> String {
-    let (before, clients) = CONTROLLER_EDS
-        .split_once(FIRST_CLIENT)
-        .expect("it has an SDO client");
-    let (first, clients) = clients
-        .split_once(SECOND_CLIENT)
-        .expect("it has a second one");
-    // The second client's section is as long as the first's.
-    let second: usize = clients
-        .split_inclusive('\n')
-        .take(first.lines().count())
-        .map(str::len)
-        .sum();
-    let mut text = with_clients_listed(before, servers.len());
-    for (number, server) in (1..).zip(servers) {
-        let index = CLIENTS.start() + number - 1;
-        let (request, answer) = (0x600 + u32::from(*server), 0x580 + u32::from(*server));
-        text += &format!("[{index:04X}]\n");
-        text += &first
-            .replace("[1280", &format!("[{index:04X}"))
-            .replace("parameter 1", &format!("parameter {number}"))
-            .replace("0x00000610", &format!("0x{request:08X}"))
-            .replace("0x00000590", &format!("0x{answer:08X}"))
-            .replace("DefaultValue=0x10", &format!("DefaultValue=0x{server:02X}"));
-    }
-    text + &clients[second..]
-}
-
-/// Returns the beginning of the controller's EDS with this number of SDO clients in the list of its objects.
-fn with_clients_listed(text: &str, count: usize) -> String {
-    let (before, listed) = text
-        .split_once(OPTIONAL_OBJECTS)
-        .expect("it lists its objects");
-    let (listed, behind) = listed.split_once("\n\n").expect("a list ends");
-    let indices = listed.lines().filter_map(|line| {
-        let (_, index) = line.split_once("=0x")?;
-        u16::from_str_radix(index, 16).ok()
-    });
-    let others = indices.filter(|index| !CLIENTS.contains(index));
-    let mut all = Vec::from_iter(others.chain(CLIENTS.take(count)));
-    all.sort_unstable();
-    let lines = (1..)
-        .zip(&all)
-        .map(|(number, index): (usize, _)| format!("{number}=0x{index:04X}\n"));
-    let lines = String::from_iter(lines);
-    let count = all.len();
-    format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
-}
-
-/// Returns an EDS for one node of a rig, with the node's name and number, with the values of `presets`, and with the word of the unit
-/// of a drive's positions, if it is not the millimetre.
-pub fn node_sheet(
-    eds: &str,
+/// If the node-ID is not from 1 to 127.
+pub fn sheet<'a>(
+    shipped: &str,
     (name, node_id): (&str, u8),
-    presets: &[Preset],
-    unit: Option<&str>,
+    objects: &ObjectDictionary,
+    messages: impl Iterator<Item = &'a Message>,
 ) -> String {
-    let mut preset = None;
-    let mut sheet = String::with_capacity(eds.len());
-    for line in eds.lines() {
-        if line.starts_with('[') {
-            preset = presets.iter().find(|preset| section(preset) == line);
-        }
-        match (preset.and_then(|preset| preset_line(preset, line)), unit) {
-            (Some(line), _) => sheet += &line,
-            (None, Some(unit)) if line.ends_with(MICROMETRES) => {
-                let text = format!("Positions are in {unit} as 0x60A8 says.");
-                sheet += &line.replace(MICROMETRES, &text);
-            }
-            _ if line.starts_with("FileName=") => sheet += &format!("FileName={name}.eds"),
-            _ => sheet += line,
-        }
-        sheet.push('\n');
-    }
-    // The standard's spelling (CiA 306-1, DCF).
-    sheet + &format!("\n[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
-}
-
-fn section(preset: &Preset) -> String {
-    let Preset {
-        index, sub_index, ..
-    } = preset;
-    match sub_index {
-        0 => format!("[{index:04X}]"),
-        sub_index => format!("[{index:04X}sub{sub_index:X}]"),
-    }
-}
-
-/// Returns a line of an object's section with the value of its preset, in the notation of the line; `None` if the preset does not
-/// change it.
-fn preset_line(preset: &Preset, line: &str) -> Option<String> {
-    let (key, written) = line.split_once('=')?;
-    if key == "DataType" && preset.is_real32 {
-        return Some(format!("{key}={REAL32}"));
-    }
-    let value = match (key, preset.limits) {
-        ("DefaultValue", _) => preset.value,
-        ("LowLimit", Some([low, _])) => low,
-        ("HighLimit", Some([_, high])) => high,
-        _ => return None,
+    let before = shipped_objects(shipped, node_id);
+    let sections = shipped.split("\n\n").map(|text| (section_name(text), text));
+    let writer = Writer {
+        sections: sections.clone().collect(),
+        shipped: &before,
+        comments: comments(messages),
     };
-    Some(match written.strip_prefix("0x") {
-        Some(digits) => format!("{key}=0x{value:0width$X}", width = digits.len()),
-        None => format!("{key}={value}"),
-    })
-}
-
-/// Objects "write analogue output 16-bit", error mode and error value (CiA 401), each with the data type and the access of its
-/// entries.
-const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
-    ("6411", "0x0003", "rww"),
-    ("6443", "0x0005", "rw"),
-    ("6444", "0x0004", "rw"),
-];
-/// Section before which new sections are inserted.
-const MANUFACTURER_OBJECTS: &str = "[ManufacturerObjects]";
-
-/// Returns the EDS of an io node (CiA 401) with these analogue outputs, each with its place from 0, its name, and its value at the
-/// start and after an error, in steps. The sheet has the fan and the load as they are, before all others.
-pub fn with_outputs<'a>(eds: &str, outputs: impl Iterator<Item = (usize, &'a str, i16)>) -> String {
-    let is_other = |(_, name, _): &(_, &str, _)| ![CONVECTION_FACTOR, ADDED_LOAD].contains(name);
-    let outputs = Vec::from_iter(outputs.filter(is_other));
-    let (Some((first, ..)), Some((last, ..))) = (outputs.first(), outputs.last()) else {
-        return eds.to_owned();
-    };
-    let count = last + 1;
-    let is_replaced = |section: &str| {
-        OUTPUT_OBJECTS.iter().any(|(object, ..)| {
-            let number = section
-                .strip_prefix(object)
-                .and_then(|rest| rest.strip_prefix("sub")?.parse().ok());
-            number.is_some_and(|number: usize| number > *first)
-        })
-    };
-    let mut section = String::new();
-    let mut text = String::with_capacity(eds.len());
-    for line in eds.lines() {
-        if let Some(name) = line.strip_prefix('[') {
-            name.trim_end_matches(']').clone_into(&mut section);
-            if line == MANUFACTURER_OBJECTS {
-                outputs.iter().for_each(|output| text += &entries(*output));
-            }
-        }
-        // Comments on fan and load, and sections that are written again.
-        let is_stale = line.starts_with("; Sub 1:")
-            || line.starts_with("; 0: keep")
-            || line.starts_with("; In the units");
-        if is_stale || is_replaced(&section) {
-            continue;
-        }
-        text += &adapted_line(&section, line, count);
+    let mut text = String::with_capacity(shipped.len());
+    let of_file = sections.take_while(|(name, _)| !LISTS.contains(name));
+    for line in of_file.flat_map(|(_, section)| section.lines().chain([""])) {
+        let number = PDOS.iter().find(|(_, key)| line.starts_with(key));
+        text += &match number {
+            _ if line.starts_with("FileName=") => format!("FileName={name}.eds"),
+            Some((range, key)) => format!(
+                "{key}={}",
+                indices(objects, |one| range.contains(&one)).len()
+            ),
+            None => line.to_owned(),
+        };
         text.push('\n');
     }
-    text
+    for list in LISTS {
+        let listed = indices(objects, |index| list_of(index) == list);
+        text += &format!("[{list}]\nSupportedObjects={}\n", listed.len());
+        for (number, index) in (1..).zip(&listed) {
+            text += &format!("{number}=0x{index:04X}\n");
+        }
+        text.push('\n');
+        for index in listed {
+            writer.write_object(objects, index, &mut text);
+        }
+    }
+    // The standard's spelling (CiA 306-1, DCF).
+    text + &format!("[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
 }
 
-/// Returns a line of the shipped EDS for this number of outputs.
-fn adapted_line(section: &str, line: &str, count: usize) -> String {
-    let is_default = line.starts_with("DefaultValue=");
-    let mut objects = OUTPUT_OBJECTS.iter().map(|(object, ..)| *object);
-    if objects.clone().any(|object| section == object) && line.starts_with("SubNumber=") {
-        return format!("SubNumber={}", count + 1);
-    }
-    let counts = section == "1600sub0" || objects.any(|object| section == format!("{object}sub0"));
-    if counts && is_default {
-        return format!("DefaultValue={count}");
-    }
-    let mapped = section
-        .strip_prefix("1600sub")
-        .and_then(|rest| rest.parse().ok())
-        .filter(|number| (1..=count).contains(number));
-    match (section, mapped) {
-        (_, Some(number)) if is_default => format!("DefaultValue=0x6411{number:02X}10"),
-        ("Comments", _) if line.starts_with("Line1=") => {
-            format!("Line1={count} analogue outputs, which the rig file wires to a plant.")
-        }
-        ("Comments", _) if line.starts_with("Line2=") => {
-            "Line2=When the manager's heartbeat is lost or NMT stops the node, the outputs return to rest (0x6443, 0x6444).".to_owned()
-        }
-        _ => line.to_owned(),
+/// Returns the indices of objects that fulfil a condition, in their order.
+fn indices(objects: &ObjectDictionary, is_meant: impl Fn(u16) -> bool) -> BTreeSet<u16> {
+    let indices = objects.entries().iter().map(|entry| entry.index);
+    indices.filter(|index| is_meant(*index)).collect()
+}
+
+fn list_of(index: u16) -> &'static str {
+    match index {
+        0x1000 | 0x1001 | 0x1018 => LISTS[0],
+        MANUFACTURERS..PROFILES => LISTS[2],
+        _ => LISTS[1],
     }
 }
 
-/// Returns the entries of an output.
-fn entries((place, name, at_rest): (usize, &str, i16)) -> String {
-    let entries = OUTPUT_OBJECTS.iter().map(|(object, data_type, access)| {
-        let (limits, default) = match *object {
-            "6443" => ("LowLimit=0\nHighLimit=1\n", 1),
-            _ => ("", at_rest),
+/// Returns the name of the section in a text that may begin with comments.
+fn section_name(text: &str) -> &str {
+    let mut lines = text.lines();
+    let line = lines
+        .find_map(|line| line.strip_prefix('['))
+        .unwrap_or_default();
+    line.trim_end_matches(']')
+}
+
+fn name_of_section(index: u16, sub_index: u8, is_single: bool) -> String {
+    if is_single {
+        format!("{index:04X}")
+    } else {
+        format!("{index:04X}sub{sub_index:X}")
+    }
+}
+
+/// Returns a comment on each object that one signal alone has: the unit of a count, and what the signal is.
+fn comments<'a>(messages: impl Iterator<Item = &'a Message>) -> BTreeMap<String, String> {
+    let mut comments = BTreeMap::new();
+    for signal in messages.flat_map(|message| &message.signals) {
+        let count = match (signal.coding.factor, &*signal.unit) {
+            (1.0, "") => String::new(),
+            (1.0, unit) => format!("In {unit}. "),
+            (factor, unit) => format!("In {factor} {unit}. "),
         };
-        let mapping = u8::from(*object == "6411");
-        format!(
-            "[{object}sub{:X}]\nParameterName={name}\nObjectType=0x7\nDataType={data_type}\nAccessType={access}\n{limits}DefaultValue={default}\nPDOMapping={mapping}\n\n",
-            place + 1
-        )
-    });
-    entries.collect()
+        let comment = format!("; {count}{}", signal.comment);
+        let has_one = comments.insert(signal.object.clone(), comment).is_none();
+        if !has_one {
+            comments.insert(signal.object.clone(), String::new());
+        }
+    }
+    comments
+}
+
+/// Writes the sections of objects.
+struct Writer<'a> {
+    /// Sections of the shipped sheet by their names, with the comments above them.
+    sections: BTreeMap<&'a str, &'a str>,
+    /// Objects of the shipped sheet.
+    shipped: &'a ObjectDictionary,
+    /// Comments on new objects.
+    comments: BTreeMap<String, String>,
+}
+
+impl Writer<'_> {
+    /// Returns the shipped object that describes an object: the same one, or for another PDO or SDO client one of those before it.
+    fn like(&self, index: u16) -> u16 {
+        let indices = self.shipped.entries().iter().map(|entry| entry.index);
+        match index {
+            ..MANUFACTURERS => indices
+                .take_while(|shipped| *shipped <= index)
+                .last()
+                .unwrap_or(index),
+            _ => index,
+        }
+    }
+
+    fn write_object(&self, objects: &ObjectDictionary, index: u16, text: &mut String) {
+        let entries = objects
+            .entries()
+            .iter()
+            .filter(|entry| entry.index == index);
+        let entries = Vec::from_iter(entries);
+        let is_single = matches!(entries[..], [Entry { sub_index: 0, .. }]);
+        if !is_single {
+            let like = self.like(index);
+            let section = self.sections.get(&*name_of_section(like, 0, true));
+            for line in section.iter().flat_map(|section| section.lines()) {
+                *text += &match line.split_once('=') {
+                    Some(("SubNumber", _)) => format!("SubNumber={}", entries.len()),
+                    Some(("ParameterName", _)) => renumbered(line, index - like),
+                    _ if line.starts_with('[') => format!("[{index:04X}]"),
+                    _ => line.to_owned(),
+                };
+                text.push('\n');
+            }
+            text.push('\n');
+        }
+        for entry in entries {
+            let name = name_of_section(index, entry.sub_index, is_single);
+            let known = self.sections.get(&*name);
+            match known.filter(|_| self.shipped.get(index, entry.sub_index) == Some(entry)) {
+                Some(section) => *text += section.trim_end(),
+                None => *text += self.section(entry, &name, is_single).trim_end(),
+            }
+            *text += "\n\n";
+        }
+    }
+
+    /// Returns the section of an object that is not as the shipped one.
+    fn section(&self, entry: &Entry, name: &str, is_single: bool) -> String {
+        let Entry {
+            index, sub_index, ..
+        } = *entry;
+        let like = self.like(index);
+        let known = self
+            .sections
+            .get(&*name_of_section(like, sub_index, is_single));
+        let known = known.filter(|_| {
+            let shipped = self.shipped.get(like, sub_index);
+            shipped.is_some_and(|shipped| shipped.name == entry.name)
+        });
+        let mut text = String::new();
+        let mut add = |line: &str| text += &format!("{line}\n");
+        match known {
+            Some(section) => section
+                .lines()
+                .filter(|line| line.starts_with(';'))
+                .for_each(&mut add),
+            None => {
+                let comment = self.comments.get(&format!("0x{index:04X}:{sub_index:02X}"));
+                comment
+                    .into_iter()
+                    .filter(|comment| !comment.is_empty())
+                    .for_each(|comment| add(comment));
+            }
+        }
+        add(&format!(
+            "[{name}]\nParameterName={}\nObjectType=0x7",
+            entry.name
+        ));
+        add(&format!("DataType=0x{:04X}", entry.data_type.number()));
+        add(&format!("AccessType={}", entry.access.word()));
+        for (key, limit) in [
+            ("LowLimit", entry.low_limit),
+            ("HighLimit", entry.high_limit),
+        ] {
+            limit
+                .into_iter()
+                .for_each(|limit| add(&format!("{key}={limit}")));
+        }
+        // A node publishes the first value of a plant or a law, which no sheet knows.
+        if known.is_some() || entry.access != Access::ReadOnly {
+            let value = entry.decode_integer(&entry.default);
+            let is_hexadecimal = match known.and_then(|section| section.split_once("DefaultValue="))
+            {
+                Some((_, notation)) => notation.starts_with("0x") || notation.starts_with('$'),
+                None => entry.data_type == DataType::Unsigned32,
+            };
+            let digits = 2 * entry.data_type.size_bytes().unwrap_or_default();
+            let value = if is_hexadecimal {
+                format!("0x{value:0digits$X}")
+            } else {
+                value.to_string()
+            };
+            add(&format!("DefaultValue={value}"));
+        }
+        add(&format!("PDOMapping={}", u8::from(entry.is_pdo_mappable)));
+        text
+    }
+}
+
+/// Returns a name that ends with a number, or has one, with a number that is larger by so much.
+fn renumbered(name: &str, by: u16) -> String {
+    let digits = |letter: char| letter.is_ascii_digit();
+    let (Some(first), Some(last)) = (name.find(digits), name.rfind(digits)) else {
+        return name.to_owned();
+    };
+    let number = name[first..=last].parse().unwrap_or(0) + by;
+    format!("{}{number}{}", &name[..first], &name[last + 1..])
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use canopen::eds;
+    use canopen::object_dictionary::Preset;
+
+    use super::*;
+    use crate::coding::{Coding, Kind, Range};
+    use crate::database::{Database, Signal};
+    use crate::names::{ADDED_LOAD, CONVECTION_FACTOR};
+    use crate::{Composer, node_objects};
+
+    /// Returns the sheet of a node on a bus, whose objects it has.
+    fn checked(
+        shipped: &str,
+        of: (&str, u8),
+        objects: &ObjectDictionary,
+        bus: &Database,
+    ) -> String {
+        let text = sheet(shipped, of, objects, bus.messages().iter());
+        let read = eds::parse(&text, of.1).unwrap();
+        assert_eq!(&read, objects, "{text}");
+        text
+    }
+
+    fn signal(name: &str, kind: Kind, factor: f64) -> Signal {
+        let range = Some(Range {
+            minimum: 0.0,
+            maximum: 30.0,
+        });
+        let coding = Coding::little_endian(0, 16, kind, factor, range);
+        Signal::new(name.to_owned(), "N", "How it pulls.", coding)
+    }
 
     #[test]
-    fn the_controller_has_a_client_for_each_node_of_its_rig() {
-        assert_eq!(controller_sheet(&[0x10, 0x11]), CONTROLLER_EDS);
-        let clients = |servers: &[u8]| {
-            let text = controller_sheet(servers);
-            let dictionary = eds::parse(&text, 1).unwrap();
-            let value = |index, sub_index| dictionary.unsigned(index, sub_index);
-            let found = CLIENTS.map_while(|index| {
-                Some([1, 2, 3].map(|sub_index| value(index, sub_index)))
-                    .filter(|client| client[0].is_some())
-            });
-            (Vec::from_iter(found), text)
+    fn the_sheets_of_the_shipped_rig_are_the_shipped_ones() {
+        let shipped = Database::shipped();
+        let terms = shipped.term_messages("controller", "");
+        let terms = terms.flat_map(|message| message.signals.clone());
+        let loops = [(terms.collect(), [0x181, 0x281, 0x381, 0x481])];
+        let outputs = [(0, CONVECTION_FACTOR, 1000), (1, ADDED_LOAD, 0)];
+        for (text, of, objects) in [
+            (
+                CONTROLLER_EDS,
+                ("controller", 1),
+                node_objects::controller(1, &loops, &[0x10], &[0x11]),
+            ),
+            (
+                DRIVE_EDS,
+                ("drive", 0x10),
+                node_objects::drive(shipped, "drive", 0x10, []),
+            ),
+            (
+                DISTURBANCE_EDS,
+                ("disturbance", 0x11),
+                node_objects::io(0x11, outputs.into_iter(), 1),
+            ),
+        ] {
+            let written = checked(text, of, &objects, shipped);
+            let (written, number) = written.rsplit_once("\n\n").unwrap();
+            for (written, text) in written.lines().zip(text.lines()) {
+                assert_eq!(written, text);
+            }
+            assert_eq!(written.lines().count(), text.lines().count());
+            let (name, id) = of;
+            let expected = format!("[DeviceComissioning]\nNodeID=0x{id:02X}\nNodeName={name}\n");
+            assert_eq!(number, expected);
+        }
+    }
+
+    #[test]
+    fn a_drive_has_the_signals_of_its_plant_and_the_values_of_its_rig() {
+        let signals = ["a", "b", "c"].map(|name| signal(name, Kind::Unsigned, 0.01));
+        let bus = Composer::new("controller", 1).with_drive(("y", 0x12), Some(&signals));
+        let bus = bus.finish();
+        let target = Preset {
+            limits: Some([-2000, 2000]),
+            ..Preset::new(0x6071, 0, 0)
         };
-        let (found, text) = clients(&[0x12, 0x14, 0x1F]);
-        let expected = [0x12, 0x14, 0x1F].map(|id| [0x600 + id, 0x580 + id, id].map(Some));
-        assert_eq!(found, expected);
-        assert!(text.contains("SupportedObjects=26\n") && text.contains("\n17=0x1282\n"));
-        assert_eq!(clients(&[0x10]).0.len(), 1);
+        let presets = [
+            Preset::new(0x1801, 2, 5),
+            Preset::new(0x60A8, 0, 0xFD41_0000),
+        ];
+        let objects = node_objects::drive(&bus, "y", 0x12, presets.into_iter().chain([target]));
+        let text = checked(DRIVE_EDS, ("y", 0x12), &objects, &bus);
+        for part in [
+            "\nFileName=y.eds\n",
+            "\nNodeID=0x12\n",
+            "\nNrOfTXPDO=3\n",
+            "\n[ManufacturerObjects]\nSupportedObjects=5\n1=0x2101\n2=0x2102\n3=0x2103\n4=0x2104\n",
+            "\n; In 0.01 N. How it pulls.\n[2101]\nParameterName=a\nObjectType=0x7\nDataType=0x0006\nAccessType=ro\nLowLimit=0\nHighLimit=3000\nPDOMapping=1\n",
+            "\n[1802]\nParameterName=TPDO3 communication parameter\n",
+            "\n[1A02sub1]\nParameterName=Application object 1\nObjectType=0x7\nDataType=0x0007\nAccessType=rw\nDefaultValue=0x21040010\n",
+            "\n[1802sub1]\nParameterName=COB-ID used by TPDO\nObjectType=0x7\nDataType=0x0007\nAccessType=rw\nDefaultValue=0x40000392\n",
+            "\nLowLimit=-2000\nHighLimit=2000\nDefaultValue=0\n",
+            "\nDefaultValue=0xFD410000\n",
+        ] {
+            assert!(text.contains(part), "{part}\n{text}");
+        }
+        let alone = Composer::new("controller", 1).with_drive(("y", 0x12), Some(&signals[..1]));
+        let objects = node_objects::drive(&alone.finish(), "y", 0x12, []);
+        let reserved = objects.get(0x2102, 0).map(|entry| entry.name.as_str());
+        assert_eq!(
+            (reserved, objects.unsigned(0x1802, 1)),
+            (Some("reserved"), None)
+        );
+    }
+
+    #[test]
+    fn a_controller_has_the_terms_of_each_loop_and_a_client_for_each_node() {
+        let flags = ["x", "y"].map(|name| {
+            let coding = Coding::little_endian(0, 1, Kind::Unsigned, 1.0, None);
+            Signal::new(name.to_owned(), "", "", coding)
+        });
+        let loops = [[0x181, 0x281, 0x381, 0x481], [0x1A1, 0x2A1, 0x3A1, 0x4A1]];
+        let loops = loops.map(|identifiers| {
+            let mut terms = vec![signal("force", Kind::Signed, 0.5)];
+            terms.extend(flags.clone());
+            (terms, identifiers)
+        });
+        let mut composer = Composer::new("hand", 1);
+        for (place, (terms, identifiers)) in (0..).zip(&loops) {
+            let name = ["left", "right"][usize::from(place)];
+            composer = composer.with_terms((place, name), *identifiers, terms);
+        }
+        let bus = composer.finish();
+        let objects = node_objects::controller(1, &loops, &[0x12, 0x14], &[0x1F]);
+        let text = checked(CONTROLLER_EDS, ("hand", 1), &objects, &bus);
+        for part in [
+            "\n[ManufacturerObjects]\nSupportedObjects=4\n1=0x2200\n2=0x2201\n3=0x2240\n4=0x2241\n",
+            "\n; In 0.5 N. How it pulls.\n[2240]\nParameterName=force\n",
+            "\n[2241]\nParameterName=x, y\nObjectType=0x7\nDataType=0x0005\nAccessType=ro\nPDOMapping=1\n",
+            "\n[1804]\nParameterName=TPDO5 communication parameter\n",
+            "\n[1282]\nParameterName=SDO client parameter 3\n",
+            "\nNrOfTXPDO=2\n",
+        ] {
+            assert!(text.contains(part), "{part}\n{text}");
+        }
+        let unsigned = |index, sub_index| objects.unsigned(index, sub_index).unwrap();
+        assert_eq!(
+            [1, 2, 3].map(|sub| unsigned(0x1282, sub)),
+            [0x61F, 0x59F, 0x1F]
+        );
+        assert_eq!(
+            [0, 1, 2].map(|sub| unsigned(0x1A04, sub)),
+            [2, 0x2240_0010, 0x2241_0008]
+        );
+        assert_eq!(
+            [0, 1, 2, 3].map(|sub| unsigned(0x1016, sub)),
+            [3, 0x12_0000, 0x1F_0064, 0x14_0000]
+        );
+        let object = &bus.definition("hand_right_tpdo1.force").unwrap().object;
+        assert_eq!(object, "0x2240:00");
+    }
+
+    #[test]
+    fn a_drive_can_have_the_node_id_that_the_module_of_the_shipped_rig_has() {
+        let watched = |io_nodes: &[u8]| {
+            let objects = node_objects::controller(1, &[], &[0x11], io_nodes);
+            objects.unsigned(0x1016, 2)
+        };
+        assert_eq!(watched(&[]), Some(0));
+        assert_eq!(watched(&[0x11]), Some(0x0011_0064));
+        assert_eq!(watched(&[0x12]), Some(0x0012_0064));
     }
 
     #[test]
     fn an_io_node_has_the_outputs_that_the_rig_wires() {
-        let with_outputs = |outputs: &[_]| with_outputs(DISTURBANCE_EDS, outputs.iter().copied());
-        assert_eq!(with_outputs(&[]), DISTURBANCE_EDS);
-        let text = with_outputs(&[
+        let shipped = Database::shipped();
+        let with = |outputs: &[_]| {
+            let objects = node_objects::io(0x13, outputs.iter().copied(), 1);
+            let text = checked(DISTURBANCE_EDS, ("valves", 0x13), &objects, shipped);
+            (objects, text)
+        };
+        let (beside, _) = with(&[
             (0, CONVECTION_FACTOR, 1000),
             (1, ADDED_LOAD, 0),
             (2, "valve_percent", 500),
             (3, "tilt_degrees", -3),
         ]);
-        let beside = eds::parse(&text, 0x11).unwrap();
-        let values = |index: u16| {
-            [1, 2, 3, 4].map(|sub_index| {
-                let handle = beside.find(index, sub_index).unwrap();
-                beside.entry(handle).as_integer()
-            })
-        };
+        let values = |index: u16| [1, 2, 3, 4].map(|sub| beside.integer(index, sub).unwrap());
         assert_eq!(beside.unsigned(0x6411, 0), Some(4));
         assert_eq!(values(0x6411), [1000, 0, 500, -3]);
         assert_eq!(values(0x6444), [1000, 0, 500, -3]);
@@ -285,11 +435,9 @@ mod tests {
         assert_eq!(beside.unsigned(0x1600, 0), Some(4));
         assert_eq!(beside.unsigned(0x1600, 3), Some(0x6411_0310));
 
-        let text = with_outputs(&[(0, "valve_percent", 7)]);
-        let alone = eds::parse(&text, 0x11).unwrap();
-        let handle = alone.find(0x6411, 1).unwrap();
-        assert_eq!(alone.entry(handle).name, "valve_percent");
-        assert_eq!(alone.entry(handle).as_integer(), 7);
+        let (alone, text) = with(&[(0, "valve_percent", 7)]);
+        assert_eq!(alone.get(0x6411, 1).unwrap().name, "valve_percent");
+        assert_eq!(alone.integer(0x6411, 1), Some(7));
         assert_eq!(alone.unsigned(0x1600, 0), Some(1));
         assert!(alone.find(0x6411, 2).is_err());
         assert!(!text.contains("fan"), "{text}");

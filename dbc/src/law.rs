@@ -3,10 +3,16 @@
 use crate::database::Signal;
 use crate::names::TERMS_MAX;
 
-/// Index of the first term's object; the others follow.
-pub const LAW_TERMS_OBJECT: u16 = 0x2200;
+/// Index of the first object of the terms of the first loop, and the number of objects that a loop has.
+const LAW_TERMS_OBJECT: u16 = 0x2200;
+const TERMS_OF_LOOP: u16 = 0x40;
 const MESSAGE_BITS: u8 = 64;
 pub(crate) const BYTE: u8 = 8;
+
+/// Returns the index of the first object of a loop's terms, by the place of the loop; the others follow.
+pub fn first_term(loop_place: u8) -> u16 {
+    LAW_TERMS_OBJECT + TERMS_OF_LOOP * u16::from(loop_place)
+}
 
 /// Object that holds a term, or several that share a byte.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -68,7 +74,7 @@ mod tests {
     fn with_terms(terms: &[Signal]) -> Database {
         let composer = Composer::new("controller", 1);
         composer
-            .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
+            .with_terms((0, ""), [0x181, 0x281, 0x381, 0x481], terms)
             .finish()
     }
 

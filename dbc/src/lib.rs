@@ -35,6 +35,7 @@ pub mod error;
 mod law;
 pub mod loops;
 pub mod names;
+pub mod node_objects;
 mod notation;
 mod parse;
 pub mod scenario_clock;
@@ -45,7 +46,7 @@ pub use compose::Composer;
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{Database, Message, MessageBuilder, Signal, SignalHandle};
 pub use error::{DbcError, SignalMissing};
-pub use law::{LAW_TERMS_OBJECT, TermObject, layout};
+pub use law::{TermObject, first_term, layout};
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");
@@ -85,8 +86,6 @@ impl Database {
 
 #[cfg(test)]
 mod tests {
-    use canopen::object_dictionary::Preset;
-
     use super::*;
 
     #[test]
@@ -95,36 +94,6 @@ mod tests {
             Database::parse(SMA_ACTUATOR).as_ref(),
             Ok(Database::shipped())
         );
-    }
-
-    #[test]
-    fn the_sheet_of_a_node_says_its_number_and_its_pace() {
-        let target = Preset {
-            limits: Some([-2000, 2000]),
-            ..Preset::new(0x6071, 0, 0)
-        };
-        let presets = [
-            Preset::new(0x1801, 2, 5),
-            Preset::new(0x1801, 6, 3),
-            Preset::new(0x60A8, 0, 0xFD41_0000),
-            Preset::new(0x60A9, 0, 0xFD41_0300),
-            target,
-        ];
-        let text = data_sheets::node_sheet(DRIVE_EDS, ("y", 0x12), &presets, Some("degrees"));
-        let [rewritten, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
-        let mut preset = shipped.clone();
-        presets.iter().for_each(|one| preset.preset(one));
-        assert_eq!(rewritten, preset, "as an emulated drive has it");
-        assert_eq!(rewritten.unsigned(0x1801, 2), Some(5));
-        assert_eq!(rewritten.unsigned(0x1801, 6), Some(3));
-        assert_eq!(rewritten.unsigned(0x60A8, 0), Some(0xFD41_0000));
-        assert_eq!(shipped.unsigned(0x60A8, 0), Some(0xFA01_0000));
-        assert_eq!(rewritten.unsigned(0x60A9, 0), Some(0xFD41_0300));
-        assert_eq!(shipped.unsigned(0x60A9, 0), Some(0xFA01_0300));
-        assert!(text.contains("Positions are in degrees as 0x60A8 says."));
-        assert_eq!(rewritten.unsigned(0x1800, 2), shipped.unsigned(0x1800, 2));
-        assert_eq!(rewritten.entries().len(), shipped.entries().len());
-        assert!(text.contains("\nNodeID=0x12\n") && text.contains("\nFileName=y.eds\n"));
     }
 
     #[test]

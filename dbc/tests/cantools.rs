@@ -64,7 +64,7 @@ fn composed(plant: &[Signal], terms: &[Signal]) -> Database {
     Composer::new("controller", 1)
         .with_drive(("drive", 0x10), Some(plant))
         .with_io(("disturbance", 0x11), &[])
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
+        .with_terms((0, ""), [0x181, 0x281, 0x381, 0x481], terms)
         .finish()
 }
 
@@ -109,7 +109,11 @@ fn real_drive() -> Database {
             message.cycle_time_milliseconds = 20;
         })
         .with_io(("disturbance", 0x11), &[])
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], &Vec::from_iter(terms))
+        .with_terms(
+            (0, ""),
+            [0x181, 0x281, 0x381, 0x481],
+            &Vec::from_iter(terms),
+        )
         .finish()
 }
 

@@ -128,7 +128,7 @@ fn rig(
             }
         })
         .with_io(("fan", 0x21), &[])
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], terms)
+        .with_terms((0, ""), [0x181, 0x281, 0x381, 0x481], terms)
         .finish()
 }
 

@@ -20,7 +20,7 @@ use canopen::{
 use dbc::loops::drive_seed;
 use scenario::Trial;
 
-pub(crate) use objects::declare;
+pub(crate) use objects::first_values;
 use objects::{Objects, TARGET_TORQUE};
 
 use crate::InvalidEmulator;

@@ -5,16 +5,16 @@ use std::time::Duration;
 use can::{CanFrame, Node, earlier, earliest};
 use canopen::object_dictionary::Preset;
 use canopen::{Device, NodeId, ObjectDictionary};
-use dbc::Database;
 use dbc::loops::truth_presets;
 use dbc::scenario_clock::ScenarioClock;
+use dbc::{Database, node_objects};
 use faults::{FaultPlan, Faulty};
 use scenario::Trial;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
-use crate::data_sheet::{dictionary, node_id};
 use crate::drive::{self, Drive};
+use crate::objects::node_id;
 use crate::truth::Truth;
 use crate::wires::Wires;
 
@@ -147,6 +147,7 @@ impl Parts {
         plant: &ClockedPlant,
         wires: Wires,
         trial: &Trial,
+        database: &Database,
     ) -> Result<Self, InvalidEmulator> {
         let wiring = &trial.wiring;
         let faults = trial.drive_faults();
@@ -155,15 +156,14 @@ impl Parts {
             .next()
             .and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
         let node_id = node_id(wrong_id.unwrap_or(wiring.nodes.drive.id))?;
-        let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
         let wrong_identity = faults.of("wrong_identity").next();
-        if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
-            objects.preset(&Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
-        }
-        drive::declare(&mut objects, node_id, plant, &wires);
+        let code = wrong_identity.and_then(|fault| fault.whole("product_code"));
+        let identity = code.map(|code| Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
         let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
-        let presets = trial.presets().into_iter().chain(truth);
-        presets.for_each(|preset| objects.preset(&preset));
+        let presets = trial.presets().into_iter().chain(truth).chain(identity);
+        let presets = presets.chain(drive::first_values(&wires, plant));
+        let name = &wiring.nodes.drive.name;
+        let objects = node_objects::drive(database, name, node_id.get(), presets);
         Ok(Self {
             node_id,
             trial: trial.clone(),

@@ -14,7 +14,6 @@
 pub mod amplifier;
 pub mod catalogue;
 mod clocked_plant;
-mod data_sheet;
 pub mod disturbance;
 pub mod drive;
 mod drive_node;
@@ -37,10 +36,10 @@ use canopen::services::InvalidPdo;
 use canopen::{Device, NodeId};
 
 use clocked_plant::ClockedPlant;
-use data_sheet::{dictionary, node_id};
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 use drive_node::{DriveNode, Parts};
+use objects::node_id;
 use plant::{InvalidPlant, Plant, Ports};
 use scenario::Trial;
 use scenario::wiring::IoOutput;
@@ -142,7 +141,7 @@ impl PlantEmulator {
                     });
                 }
             }
-            let parts = Parts::new(&plants, wires, trial)?;
+            let parts = Parts::new(&plants, wires, trial, database)?;
             nodes.push(DriveNode::new(parts, trial, database)?);
         }
         if let Some(first) = nodes.first_mut() {
@@ -342,9 +341,7 @@ fn disturbance(
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
     let in_sheet = outputs.iter().map(IoOutput::in_sheet);
-    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, in_sheet);
-    let mut objects = dictionary(node_id, &text)?;
-    objects.preset(&dbc::data_sheets::io_watch(manager));
+    let objects = dbc::node_objects::io(number, in_sheet, manager);
     let module = DisturbanceModule::new(&objects)?;
     Ok(Device::new(node_id, objects, module)?)
 }

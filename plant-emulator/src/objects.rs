@@ -1,9 +1,14 @@
 //! The objects that an application uses every cycle. They are found and checked once, then accessed without a search.
 
 use canopen::object_dictionary::{DataType, Handle};
-use canopen::{ObjectDictionary, add_half};
+use canopen::{NodeId, ObjectDictionary, add_half};
 
 use crate::InvalidEmulator;
+
+/// Converts a number to a node-ID.
+pub(crate) fn node_id(number: u8) -> Result<NodeId, InvalidEmulator> {
+    NodeId::new(number).ok_or_else(|| InvalidEmulator::Other(format!("{number} is no node-ID")))
+}
 
 /// Finds an object of a given type.
 pub(crate) fn find(

@@ -1,7 +1,8 @@
 //! Ports of a plant to which a drive is wired, with their indices, found once.
 
+use dbc::node_objects::PLANT_OBJECTS;
 use scenario::port::{Port, Ports, conversion};
-use scenario::wiring::{RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
+use scenario::wiring::{TRUE_STEPS_PER_UNIT, Wiring};
 
 use crate::InvalidEmulator;
 use crate::objects::{SIGNED_16, UNSIGNED_16};
@@ -56,10 +57,10 @@ impl Wires {
             InvalidEmulator::Other(format!("the port `{port}` cannot be measured in {unit}"))
         })?;
         let recorded = wiring.recorded(ports).map_err(|name| unknown(&name))?;
-        let count = recorded.len();
-        if count > RECORDED_MAX {
+        let (count, most) = (recorded.len(), PLANT_OBJECTS.len());
+        if count > most {
             return Err(InvalidEmulator::Other(format!(
-                "the drive would publish {count} outputs of the plant (limit {RECORDED_MAX})"
+                "the drive would publish {count} outputs of the plant (limit {most})"
             )));
         }
         let command = wiring.sensor.measurand.command;

@@ -67,7 +67,7 @@ impl NamesArgs {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
         };
-        Ok(NamedNodes::of(&named_plan(path)?)?)
+        Ok(NamedNodes::of(&named_plan(path)?))
     }
 }
 

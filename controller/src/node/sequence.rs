@@ -5,6 +5,7 @@ use std::time::Duration;
 use canopen::Services;
 use canopen::cia402::Command as DriveCommand;
 use canopen::nmt::{NmtCommand, NodeId};
+use dbc::node_objects::{CONSUMER_HEARTBEAT_TIME, watch_entry};
 
 use super::control_loop::{ControlLoop, Failure};
 use super::drive::LedDrive;
@@ -18,8 +19,7 @@ const SYNCS_TO_STOP: u8 = 2;
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 
 const SYNC_PERIOD_OBJECT: u16 = 0x1006;
-pub(super) const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
-/// Mask of the milliseconds in an entry of it; without them its node is not watched.
+/// Mask of the milliseconds in an entry of 0x1016; without them its node is not watched.
 const WATCH_TIME: u32 = 0xFFFF;
 
 /// The application of the controller's device: it leads the drives by laws.
@@ -194,17 +194,4 @@ impl Leader {
         }
         self.configure_self(services, !WATCH_TIME, Duration::ZERO);
     }
-}
-
-/// Entry of 0x1016 that watches the fan and load module.
-pub(super) const IO_WATCH_ENTRY: u8 = 2;
-
-/// Returns the entry of 0x1016 that watches a drive.
-pub(super) fn watch_entry(place: usize) -> u8 {
-    let entry = if place == 0 {
-        1
-    } else {
-        place + usize::from(IO_WATCH_ENTRY)
-    };
-    u8::try_from(entry).unwrap_or(u8::MAX)
 }

@@ -275,18 +275,8 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
 
 /// Reads `AccessType`.
 fn access(item: &Item<'_>) -> Result<Access, EdsError> {
-    let mut known = [
-        ("ro", Access::ReadOnly),
-        ("wo", Access::WriteOnly),
-        ("rw", Access::ReadWrite),
-        ("rwr", Access::ReadWriteRead),
-        ("rww", Access::ReadWriteWrite),
-        ("const", Access::Constant),
-    ]
-    .into_iter();
-    let found = known.find(|(word, _)| item.value.eq_ignore_ascii_case(word));
-    found
-        .map(|(_, access)| access)
+    let mut all = Access::ALL.into_iter();
+    all.find(|access| item.value.eq_ignore_ascii_case(access.word()))
         .ok_or_else(|| item.error("expected ro, wo, rw, rwr, rww or const"))
 }
 

@@ -89,37 +89,46 @@ pub enum DataType {
     Domain,
 }
 
+/// The data types with their numbers.
+const NUMBERS: [(u16, DataType); 25] = [
+    (0x01, DataType::Boolean),
+    (0x02, DataType::Integer8),
+    (0x03, DataType::Integer16),
+    (0x04, DataType::Integer32),
+    (0x05, DataType::Unsigned8),
+    (0x06, DataType::Unsigned16),
+    (0x07, DataType::Unsigned32),
+    (0x08, DataType::Real32),
+    (0x09, DataType::VisibleString),
+    (0x0A, DataType::OctetString),
+    (0x0B, DataType::UnicodeString),
+    (0x0C, DataType::TimeOfDay),
+    (0x0D, DataType::TimeDifference),
+    (0x0F, DataType::Domain),
+    (0x10, DataType::Integer24),
+    (0x11, DataType::Real64),
+    (0x12, DataType::Integer40),
+    (0x13, DataType::Integer48),
+    (0x14, DataType::Integer56),
+    (0x15, DataType::Integer64),
+    (0x16, DataType::Unsigned24),
+    (0x18, DataType::Unsigned40),
+    (0x19, DataType::Unsigned48),
+    (0x1A, DataType::Unsigned56),
+    (0x1B, DataType::Unsigned64),
+];
+
 impl DataType {
     /// Returns the type with this CiA 301 number.
     pub fn from_number(number: u32) -> Option<Self> {
-        Some(match number {
-            0x01 => Self::Boolean,
-            0x02 => Self::Integer8,
-            0x03 => Self::Integer16,
-            0x04 => Self::Integer32,
-            0x05 => Self::Unsigned8,
-            0x06 => Self::Unsigned16,
-            0x07 => Self::Unsigned32,
-            0x08 => Self::Real32,
-            0x09 => Self::VisibleString,
-            0x0A => Self::OctetString,
-            0x0B => Self::UnicodeString,
-            0x0C => Self::TimeOfDay,
-            0x0D => Self::TimeDifference,
-            0x0F => Self::Domain,
-            0x10 => Self::Integer24,
-            0x11 => Self::Real64,
-            0x12 => Self::Integer40,
-            0x13 => Self::Integer48,
-            0x14 => Self::Integer56,
-            0x15 => Self::Integer64,
-            0x16 => Self::Unsigned24,
-            0x18 => Self::Unsigned40,
-            0x19 => Self::Unsigned48,
-            0x1A => Self::Unsigned56,
-            0x1B => Self::Unsigned64,
-            _ => return None,
-        })
+        let mut numbers = NUMBERS.into_iter();
+        numbers.find_map(|(one, data_type)| (u32::from(one) == number).then_some(data_type))
+    }
+
+    /// Returns its CiA 301 number.
+    pub fn number(self) -> u16 {
+        let found = NUMBERS.iter().find(|(_, data_type)| *data_type == self);
+        found.map_or(0, |(number, _)| *number)
     }
 
     /// Returns the length in bytes; `None` if it varies.
@@ -206,6 +215,27 @@ pub enum Access {
 }
 
 impl Access {
+    pub(crate) const ALL: [Self; 6] = [
+        Self::ReadOnly,
+        Self::WriteOnly,
+        Self::ReadWrite,
+        Self::ReadWriteRead,
+        Self::ReadWriteWrite,
+        Self::Constant,
+    ];
+
+    /// Returns its word in an EDS.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::ReadOnly => "ro",
+            Self::WriteOnly => "wo",
+            Self::ReadWrite => "rw",
+            Self::ReadWriteRead => "rwr",
+            Self::ReadWriteWrite => "rww",
+            Self::Constant => "const",
+        }
+    }
+
     /// Checks whether SDO may read it.
     pub fn is_readable(self) -> bool {
         self != Self::WriteOnly
@@ -232,8 +262,6 @@ pub struct Preset {
     pub value: i64,
     /// Lowest and highest value; those of the data sheet if `None`.
     pub limits: Option<[i64; 2]>,
-    /// Whether it is a float of 32 bits in place of an integer of 32 bits.
-    pub is_real32: bool,
 }
 
 impl Preset {
@@ -244,7 +272,6 @@ impl Preset {
             sub_index,
             value,
             limits: None,
-            is_real32: false,
         }
     }
 }
@@ -295,6 +322,16 @@ impl Entry {
             high_limit: None,
             value: default.clone(),
             default,
+        }
+    }
+
+    /// Returns it at another place.
+    #[must_use]
+    pub fn at(self, index: u16, sub_index: u8) -> Self {
+        Self {
+            index,
+            sub_index,
+            ..self
         }
     }
 
@@ -407,6 +444,11 @@ impl ObjectDictionary {
         }
     }
 
+    /// Keeps those sub-objects for which this is true. Handles taken before are void.
+    pub fn retain(&mut self, is_kept: impl Fn(&Entry) -> bool) {
+        self.entries.retain(is_kept);
+    }
+
     /// Sets the default and the limits of a sub-object, if it is there: its lowest bytes, as many as its type has.
     pub fn preset(&mut self, preset: &Preset) {
         let Ok(Handle(place)) = self.find(preset.index, preset.sub_index) else {
@@ -416,9 +458,6 @@ impl ObjectDictionary {
         let length = entry.default.len();
         let bytes = preset.value.to_le_bytes();
         entry.set_default(bytes[..length.min(bytes.len())].to_vec());
-        if preset.is_real32 {
-            entry.data_type = DataType::Real32;
-        }
         if let Some([low, high]) = preset.limits {
             entry.low_limit = Some(low.into());
             entry.high_limit = Some(high.into());

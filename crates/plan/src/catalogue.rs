@@ -321,12 +321,19 @@ impl Frames {
 
     /// Returns all names of all signals.
     pub(crate) fn names(&self) -> &SignalNames {
-        let make = || SignalNames::new(&self.database, &self.wiring);
+        let make = || SignalNames::new(&self.database, &self.wiring, &self.published);
         self.names.get_or_init(make)
     }
 }
 
 impl Published {
+    /// Returns the outputs of an io node; none for a recording.
+    pub(crate) fn outputs_of(&self, wiring: &Wiring, node: &Node) -> &[IoOutput] {
+        let place = wiring.io.iter().position(|io| io.node == *node);
+        let outputs = place.and_then(|place| self.outputs.get(place));
+        outputs.map_or(&[], Vec::as_slice)
+    }
+
     /// Adds the frames of the drive, the io node and the law of a loop. A real drive has frames of its own; an emulated one
     /// publishes the truth about its plant.
     pub(crate) fn compose(
@@ -372,8 +379,8 @@ impl Published {
                 message.raw_id = identifier.into();
             });
         }
-        let loop_name = wiring.loop_among_several();
-        composer.with_terms(loop_name, terms, &self.terms)
+        let in_rig = (wiring.loop_number(), wiring.loop_among_several());
+        composer.with_terms(in_rig, terms, &self.terms)
     }
 }
 
@@ -459,7 +466,7 @@ fn wire_signals() -> Vec<Signal> {
 }
 
 /// Returns the terms of the sliding-mode law, which the shipped DBC has.
-fn terms_of_sliding_mode() -> Vec<Signal> {
+pub(crate) fn terms_of_sliding_mode() -> Vec<Signal> {
     let messages = Database::shipped().term_messages("controller", "");
     let terms = messages.flat_map(|message| &message.signals);
     terms.cloned().collect()

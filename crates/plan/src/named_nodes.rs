@@ -1,54 +1,92 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
-use canopen::object_dictionary::Preset;
+use canopen::ObjectDictionary;
+use dbc::data_sheets::sheet;
 use dbc::loops::truth_presets;
-use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
+use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Message, node_objects};
 use scenario::node::Node;
-use scenario::port::Unit;
 use scenario::wiring::IoOutput;
 
-use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
-use crate::plan::{ControlLoop, Plan, each_once};
+use crate::data_sheet::{DataSheet, rig_data_sheets};
+use crate::plan::{ControlLoop, Plan};
+
+/// A node of a plan with its objects.
+struct NodeObjects<'a> {
+    node: &'a Node,
+    objects: ObjectDictionary,
+    /// EDS: of the maker of a drive, which knows nothing of this rig, or the shipped one.
+    eds: &'a str,
+    is_makers: bool,
+}
+
+impl<'a> NodeObjects<'a> {
+    fn ours(node: &'a Node, eds: &'static str, objects: ObjectDictionary) -> Self {
+        Self {
+            node,
+            objects,
+            eds,
+            is_makers: false,
+        }
+    }
+}
+
+/// Returns the nodes of a plan in the order of the node-IDs.
+fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
+    let mut nodes = Vec::new();
+    let (mut drives, mut io_nodes, mut terms) = (Vec::new(), Vec::new(), Vec::new());
+    for one in &plan.loops {
+        nodes.push(drive(plan, one));
+        drives.push(one.nodes.drive.id);
+        for io in &one.nodes.io {
+            let outputs = one.io_outputs(io).iter().map(IoOutput::in_sheet);
+            let objects = node_objects::io(io.id, outputs, one.nodes.controller.id);
+            nodes.push(NodeObjects::ours(io, DISTURBANCE_EDS, objects));
+            io_nodes.push(io.id);
+        }
+        let identifiers = one.trial.wiring.identifiers.terms;
+        terms.push((one.terms().cloned().collect(), identifiers));
+    }
+    let controller = plan.controller();
+    let objects = node_objects::controller(controller.id, &terms, &drives, &io_nodes);
+    nodes.push(NodeObjects::ours(controller, CONTROLLER_EDS, objects));
+    nodes.sort_by_key(|one| one.node.id);
+    nodes.dedup_by_key(|one| one.node.id);
+    nodes
+}
+
+fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
+    let (node, wiring) = (&one.nodes.drive, &one.trial.wiring);
+    if let Some(real) = &one.real_drive {
+        return NodeObjects {
+            node,
+            objects: real.layout.dictionary.clone(),
+            eds: &real.eds,
+            is_makers: true,
+        };
+    }
+    let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
+    let presets = one.trial.presets().into_iter().chain(truth);
+    let objects = node_objects::drive(plan.database(), &node.name, node.id, presets);
+    NodeObjects::ours(node, DRIVE_EDS, objects)
+}
 
 /// Returns the nodes of a plan in the order of the node-IDs, each with the text of its EDS.
 pub fn node_sheets(plan: &Plan) -> Vec<(Node, String)> {
-    let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(loop_sheets));
-    let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
-    let io_nodes = plan.loops.iter().flat_map(|one| &one.nodes.io);
-    let servers = each_once(drives.chain(io_nodes.map(|node| node.id)));
-    let eds = data_sheets::controller_sheet(&servers);
-    sheets.push(sheet(plan.controller(), &eds, &[], None));
-    sheets.sort_by_key(|(node, _)| node.id);
-    sheets.dedup_by_key(|(node, _)| node.id);
-    sheets
-}
-
-fn sheet(node: &Node, eds: &str, presets: &[Preset], unit: Option<&str>) -> (Node, String) {
-    let text = data_sheets::node_sheet(eds, (&node.name, node.id), presets, unit);
-    (node.clone(), text)
-}
-
-fn loop_sheets(one: &ControlLoop) -> Vec<(Node, String)> {
-    let drive = &one.nodes.drive;
-    let drive_sheet = match &one.real_drive {
-        // The maker's EDS, which knows nothing of this rig.
-        Some(rig) => (drive.clone(), rig.eds.clone()),
-        None => {
-            let wiring = &one.trial.wiring;
-            let measured = Some(&wiring.sensor.measurand.unit);
-            let unit = measured.filter(|unit| **unit != Unit::Millimetres);
-            let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
-            let presets = Vec::from_iter(one.trial.presets().into_iter().chain(truth));
-            sheet(drive, DRIVE_EDS, &presets, unit.map(Unit::word))
-        }
-    };
-    let io_sheets = one.nodes.io.iter().map(|io| {
-        let outputs = one.io_outputs(io).iter().map(IoOutput::in_sheet);
-        let eds = data_sheets::with_outputs(DISTURBANCE_EDS, outputs);
-        let watch = data_sheets::io_watch(one.nodes.controller.id);
-        sheet(io, &eds, &[watch], None)
+    let sheets = nodes(plan).into_iter().map(|one| {
+        let (node, eds) = (one.node, one.eds);
+        let is_its = |message: &&Message| {
+            let mut receivers = message.signals.iter().flat_map(|signal| &signal.receivers);
+            message.sender.as_ref() == Some(&node.name) || receivers.any(|name| *name == node.name)
+        };
+        let messages = plan.database().messages().iter().filter(is_its);
+        let text = if one.is_makers {
+            eds.to_owned()
+        } else {
+            sheet(eds, (&node.name, node.id), &one.objects, messages)
+        };
+        (node.clone(), text)
     });
-    [drive_sheet].into_iter().chain(io_sheets).collect()
+    sheets.collect()
 }
 
 /// Nodes of a bench as tools know them.
@@ -70,17 +108,16 @@ impl NamedNodes {
     }
 
     /// Returns the nodes of a plan.
-    ///
-    /// # Errors
-    /// An EDS is wrong.
-    pub fn of(plan: &Plan) -> Result<Self, DataSheetError> {
-        let sheets = node_sheets(plan).into_iter();
-        let parsed = sheets.map(|(Node { name, id, .. }, eds)| {
-            DataSheet::parse(format!("{name}.eds"), &name, id, &eds)
+    pub fn of(plan: &Plan) -> Self {
+        let sheets = nodes(plan).into_iter().map(|one| DataSheet {
+            name: format!("{}.eds", one.node.name),
+            node_name: one.node.name.clone(),
+            node_id: one.node.id,
+            dictionary: one.objects,
         });
-        Ok(Self {
-            sheets: parsed.collect::<Result<_, _>>()?,
+        Self {
+            sheets: sheets.collect(),
             database: Database::clone(plan.database()),
-        })
+        }
     }
 }

@@ -480,10 +480,8 @@ impl ControlLoop {
 
     /// Returns the outputs of an io node; none for a recording.
     pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
-        let mut nodes = self.trial.wiring.io.iter();
-        let place = nodes.position(|io| io.node == *node);
-        let outputs = place.and_then(|place| self.frames.published.outputs.get(place));
-        outputs.map_or(&[], Vec::as_slice)
+        let published = &self.frames.published;
+        published.outputs_of(&self.trial.wiring, node)
     }
 
     /// Returns all names of all signals.

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use dbc::node_objects::PLANT_OBJECTS;
 use scenario::port::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
 use scenario::rig::nodes::{FAN_OUTPUT, kind_of_output};
-use scenario::wiring::RECORDED_MAX;
 use scenario::{Objection, Scenario, Trial, meant_or_known, nearest};
 
 use crate::catalogue::Catalogue;
@@ -13,6 +13,8 @@ use crate::catalogue::Catalogue;
 const PORTS_MAX: usize = 256;
 /// Bits of a published port, for which frames have room.
 const BITS: usize = 16;
+/// Largest number of outputs that a drive can publish: TPDO2, with the true position, and TPDO3 hold them.
+const RECORDED_MAX: usize = PLANT_OBJECTS.len();
 /// Largest number of ports that are listed if a port is missing.
 const LISTED_MAX: usize = 20;
 /// Tolerance for rounding a range from one unit to another.

@@ -1,21 +1,18 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
-use dbc::{Database, Message, Signal, names};
-use scenario::node::{Node, Part};
-use scenario::wiring::Wiring;
+use canopen::ObjectDictionary;
+use dbc::{Database, Message, Signal, names, node_objects};
+use scenario::node::{LoopNodes, Node, Part};
+use scenario::rig::object_address;
+use scenario::wiring::{IoOutput, Wiring};
 use scenario::{Objection, Trial, nearest};
 
-use crate::catalogue::{Frames, followed, messages_of, name_in_loop};
-use crate::data_sheet::{self, DataSheet};
+use crate::catalogue::{Frames, Published, followed, messages_of, name_in_loop};
 
 /// Largest number of signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
-
-/// Indices of the manufacturer's objects (CiA 301).
-const MANUFACTURERS: Range<u16> = 0x2000..0x6000;
 
 /// All names of all signals.
 #[derive(Debug)]
@@ -28,11 +25,9 @@ pub struct SignalNames {
 
 impl SignalNames {
     /// Collects the names of the signals of a loop's nodes and its law, with those of the objects behind them.
-    pub fn new(database: &Database, wiring: &Wiring) -> Self {
+    pub(crate) fn new(database: &Database, wiring: &Wiring, published: &Published) -> Self {
         let nodes = &wiring.nodes;
-        let parts = [Part::Controller, Part::Drive, Part::Io];
-        let sheets = parts.into_iter().zip(data_sheet::rig_data_sheets());
-        let sheet_by_part = BTreeMap::from_iter(sheets);
+        let objects = objects_of_nodes(database, wiring, published);
         let mut aliases = Vec::new();
         let mut add = |message: &Message, signal: &Signal, names: Vec<String>| {
             let path = format!("{}.{}", message.name, signal.name);
@@ -46,11 +41,10 @@ impl SignalNames {
                     _ => signal.name.clone(),
                 }];
                 if let Some(node) = node
-                    && let Some(sheet) = sheet_by_part.get(&node.part)
-                    && let Some(object) = object_name(sheet, signal)
+                    && let Some(object) = object_name(&objects[&node.id], signal)
                 {
                     names.push(format!("{}.{object}", node.name));
-                    names.push(object);
+                    names.push(object.to_owned());
                 }
                 add(message, signal, names);
             }
@@ -67,12 +61,9 @@ impl SignalNames {
         for (message, signal) in followed(database, wiring) {
             add(message, signal, vec![signal.name.clone()]);
         }
-        let objects = sheet_by_part.iter().flat_map(|(part, sheet)| {
-            let node = nodes.of(*part);
-            sheet.dictionary.entries().iter().flat_map(move |entry| {
-                let full = node.map(|node| format!("{}.{}", node.name, entry.name));
-                [Some(entry.name.clone()), full].into_iter().flatten()
-            })
+        let objects = nodes.all().flat_map(|node| {
+            let entries = objects[&node.id].entries().iter();
+            entries.flat_map(|entry| [entry.name.clone(), format!("{}.{}", node.name, entry.name)])
         });
         Self {
             objects: objects.collect(),
@@ -128,28 +119,56 @@ impl SignalNames {
     }
 }
 
-/// Returns the name of a signal's object. The manufacturer's objects of the data sheets are those of the shipped plant and law:
-/// other signals of these objects have none.
-fn object_name(sheet: &DataSheet, signal: &Signal) -> Option<String> {
-    if signal.object.is_empty() {
-        return None;
-    }
-    let (index, sub_index) = sheet.find(&signal.object).ok()?;
-    let shipped = Database::shipped().messages().iter();
-    let mut shipped = shipped.flat_map(|message| &message.signals);
-    let is_it = |one: &Signal| one.name == signal.name && one.object == signal.object;
-    if MANUFACTURERS.contains(&index) && !shipped.any(is_it) {
-        return None;
-    }
-    Some(sheet.dictionary.get(index, sub_index)?.name.clone())
+/// Returns the objects of the nodes of a loop, by their node-IDs.
+fn objects_of_nodes(
+    database: &Database,
+    wiring: &Wiring,
+    published: &Published,
+) -> BTreeMap<u8, ObjectDictionary> {
+    let LoopNodes {
+        controller,
+        drive,
+        io,
+        ..
+    } = &wiring.nodes;
+    let mut loops = vec![Default::default(); usize::from(wiring.loop_number())];
+    loops.push((published.terms.clone(), wiring.identifiers.terms));
+    let io = io.iter().map(|io| {
+        let outputs = published.outputs_of(wiring, io).iter();
+        let outputs = outputs.map(IoOutput::in_sheet);
+        (io.id, node_objects::io(io.id, outputs, controller.id))
+    });
+    let others = [
+        (
+            controller.id,
+            node_objects::controller(controller.id, &loops, &[], &[]),
+        ),
+        (
+            drive.id,
+            node_objects::drive(database, &drive.name, drive.id, []),
+        ),
+    ];
+    io.chain(others).collect()
+}
+
+/// Returns the name of a signal's object, if it is not the signal's.
+fn object_name<'a>(objects: &'a ObjectDictionary, signal: &Signal) -> Option<&'a str> {
+    let (index, sub_index) = object_address(&signal.object).ok()?;
+    let name = &objects.get(index, sub_index)?.name;
+    (*name != signal.name).then_some(name)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::catalogue::terms_of_sliding_mode;
 
     fn actuator_names() -> SignalNames {
-        SignalNames::new(Database::shipped(), &Wiring::default())
+        let published = Published {
+            terms: terms_of_sliding_mode(),
+            ..Published::default()
+        };
+        SignalNames::new(Database::shipped(), &Wiring::default(), &published)
     }
 
     #[track_caller]

@@ -21,8 +21,6 @@ use crate::wiring::Wiring;
 
 /// Second SDO channel of an emulated drive.
 const SECOND_SDO: u16 = 0x1201;
-/// Object of a drive's position before its sensor.
-const TRUE_POSITION: u16 = 0x2103;
 
 /// Trial of one loop of a run: the tables of the scenario for it, and its drive and plant, put in by the loader.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
@@ -106,15 +104,8 @@ impl Trial {
     /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's
     /// currents and protection, and identifiers that differ from the usual ones.
     pub fn presets(&self) -> Vec<Preset> {
-        let sensor = &self.wiring.sensor;
-        let mut presets = Vec::from(sensor.measurand.unit.presets());
+        let mut presets = Vec::from(self.wiring.sensor.measurand.unit.presets());
         presets.extend(self.amplifier.presets());
-        if sensor.is_true_float() {
-            presets.push(Preset {
-                is_real32: true,
-                ..Preset::new(TRUE_POSITION, 0, 0)
-            });
-        }
         let channel = self.wiring.identifiers.second_sdo;
         let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0).second_sdo;
         for (sub_index, (identifier, usual)) in (1..).zip(channel.into_iter().zip(usual)) {

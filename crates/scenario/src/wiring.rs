@@ -13,8 +13,6 @@ use crate::port::{
 };
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
 
-/// Largest number of outputs that a drive can publish: TPDO2, with the true position, and TPDO3 hold them.
-pub const RECORDED_MAX: usize = 6;
 /// Largest number of outputs of an io node, which its RPDO1 holds.
 pub const IO_OUTPUTS_MAX: usize = 4;
 /// Steps of a true position (0x2103) for one unit.

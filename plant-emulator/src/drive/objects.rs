@@ -1,11 +1,11 @@
 //! Objects of the drive: their handles and units.
 
 use canopen::cia402;
-use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use canopen::object_dictionary::{DataType, Handle, Preset};
 use canopen::pdo::WaitingPdo;
-use canopen::{AbortCode, NodeId, ObjectDictionary};
+use canopen::{AbortCode, ObjectDictionary};
+use dbc::node_objects::{PLANT_OBJECTS, TRUE_POSITION_OBJECT};
 use scenario::plant::I2t;
-use scenario::wiring::RECORDED_MAX;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
@@ -18,17 +18,7 @@ const MAX_TORQUE: u16 = 0x6072;
 const MAX_CURRENT: u16 = 0x6073;
 const TORQUE_ACTUAL_VALUE: u16 = 0x6077;
 const CURRENT_ACTUAL_VALUE: u16 = 0x6078;
-/// The plant's own signals, in their order.
-const PLANT_SIGNALS: [u16; RECORDED_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x2106, 0x2107];
-const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
-
-/// Number of a plant's signals that share TPDO2 with the true position.
-const SIGNALS_IN_TPDO2: usize = 2;
-const TPDO2: [u16; 2] = [0x1801, 0x1A01];
-const TPDO3: [u16; 2] = [0x1802, 0x1A02];
-/// Identifier of TPDO3 without the node-ID (CiA 301, 7.3.5).
-const TPDO3_FUNCTION: u16 = 0x380;
 
 /// Handles of the drive's objects.
 #[derive(Clone, Debug)]
@@ -67,7 +57,7 @@ impl Objects {
         let signals = wires
             .published
             .iter()
-            .zip(PLANT_SIGNALS)
+            .zip(PLANT_OBJECTS)
             .map(|(one, index)| at(index, data_type(one)));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
@@ -81,7 +71,7 @@ impl Objects {
             torque: at(TORQUE_ACTUAL_VALUE, DataType::Integer16)?,
             current: at(CURRENT_ACTUAL_VALUE, DataType::Integer16)?,
             signals: signals.collect::<Result<_, _>>()?,
-            true_position: at(TRUE_POSITION, truth_type)?,
+            true_position: at(TRUE_POSITION_OBJECT, truth_type)?,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,
             overload_utilisation: protection(3, DataType::Unsigned16)?,
@@ -190,39 +180,13 @@ pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), 
     cia402::check_mode(mode, supported.unwrap_or_default())
 }
 
-/// Adds the published outputs of the plant to the dictionary of the shipped data sheet. Those that do not fit into
-/// TPDO2 go to a TPDO3.
-pub(crate) fn declare(
-    dictionary: &mut ObjectDictionary,
-    node_id: NodeId,
-    plant: &ClockedPlant,
-    wires: &Wires,
-) {
-    let published = &wires.published;
-    for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
-        let entry = match published.get(place) {
-            Some(signal) => object(index, &signal.name, data_type(signal), raw(signal, plant)),
-            None if place < SIGNALS_IN_TPDO2 => {
-                object(index, "reserved", DataType::Unsigned16, [0; 2])
-            }
-            None => break,
-        };
-        dictionary.insert(entry);
-    }
-    if published.len() > SIGNALS_IN_TPDO2 {
-        let objects = PLANT_SIGNALS.iter().take(published.len());
-        let further = objects.skip(SIGNALS_IN_TPDO2);
-        let mapped = Vec::from_iter(further.map(|object| u32::from(*object) << 16 | 16));
-        let identifier = TPDO3_FUNCTION + u16::from(node_id.get());
-        let tpdo3 = dictionary.pdo_like(TPDO2, TPDO3, identifier, &mapped);
-        tpdo3.into_iter().for_each(|entry| dictionary.insert(entry));
-    }
-}
-
-fn object(index: u16, name: &str, data_type: DataType, start: [u8; 2]) -> Entry {
-    let mut entry = Entry::new(index, 0, name, data_type, Access::ReadOnly, start.to_vec());
-    entry.is_pdo_mappable = true;
-    entry
+/// Returns the first values of the published outputs of the plant.
+pub(crate) fn first_values(wires: &Wires, plant: &ClockedPlant) -> impl Iterator<Item = Preset> {
+    let published = wires.published.iter().zip(PLANT_OBJECTS);
+    published.map(|(signal, index)| {
+        let value = i16::from_le_bytes(raw(signal, plant));
+        Preset::new(index, 0, value.into())
+    })
 }
 
 fn data_type(signal: &Published) -> DataType {

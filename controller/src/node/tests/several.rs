@@ -200,16 +200,3 @@ fn each_loop_explains_itself_in_frames_of_its_own() {
     });
     assert_eq!(micrometres, [10_000, 12_000]);
 }
-
-#[test]
-fn a_drive_can_have_the_node_id_that_the_module_of_the_shipped_rig_has() {
-    let watched = |io_nodes: &[NodeId]| {
-        let manager = NodeId::new(1).unwrap();
-        let loops = [(Vec::new(), [0; TERMS_MAX]), (Vec::new(), [0; TERMS_MAX])];
-        let dictionary = dictionary(manager, &loops, &[], io_nodes).unwrap();
-        dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY)
-    };
-    assert_eq!(watched(&[]), Some(0));
-    assert_eq!(watched(&[DISTURBANCE]), Some(0x0011_0064));
-    assert_eq!(watched(&[SECOND]), Some(0x0012_0064));
-}
