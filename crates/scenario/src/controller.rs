@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::custom::{self, Custom, Parameters, any};
+use crate::load::Factor;
 use crate::plant::Sma;
 use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
@@ -82,15 +83,15 @@ impl Controller {
         }
     }
 
-    /// Multiplies parameters of the law by factors; each has its path, such as `controller.pid.proportional_{gain}`.
-    pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
-        if factors.is_empty() {
+    /// Converts gains that are by another unit than the loop's.
+    pub(crate) fn scale(&mut self, gains: &[Factor]) {
+        if gains.is_empty() {
             return;
         }
         let Ok(mut laws) = toml::Value::try_from(&*self) else {
             return;
         };
-        for (path, factor) in factors {
+        for Factor { path, factor, .. } in gains {
             // Behind the name of the section, in which all laws are.
             let mut keys = path.split('.').skip(1);
             let gain = keys.try_fold(&mut laws, |value, key| value.get_mut(key));
@@ -248,16 +249,16 @@ impl Default for SlidingModePaper {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pid {
-    /// Proportional gain.
-    #[schemars(range(min = 0.0, max = 100_000.0))]
+    /// Proportional gain; negative where more current lowers the position.
+    #[schemars(range(min = -100_000.0, max = 100_000.0))]
     #[serde(rename = "proportional_{gain}")]
     pub proportional: f64,
     /// Integral gain.
-    #[schemars(range(min = 0.0, max = 100_000.0))]
+    #[schemars(range(min = -100_000.0, max = 100_000.0))]
     #[serde(rename = "integral_{gain}_second")]
     pub integral: f64,
     /// Derivative gain.
-    #[schemars(range(min = 0.0, max = 100_000.0))]
+    #[schemars(range(min = -100_000.0, max = 100_000.0))]
     #[serde(rename = "derivative_{gain_seconds}")]
     pub derivative: f64,
     /// Share of the set-point in the proportional part: 1 for the plain error, less against overshoot.
@@ -287,16 +288,16 @@ impl Default for Pid {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PidPair {
-    /// Proportional gain.
-    #[schemars(range(min = 0.0, max = 100_000.0))]
+    /// Proportional gain; negative where more current lowers the position.
+    #[schemars(range(min = -100_000.0, max = 100_000.0))]
     #[serde(rename = "proportional_{gain}")]
     pub proportional: f64,
     /// Integral gain.
-    #[schemars(range(min = 0.0, max = 100_000.0))]
+    #[schemars(range(min = -100_000.0, max = 100_000.0))]
     #[serde(rename = "integral_{gain}_second")]
     pub integral: f64,
     /// Derivative gain.
-    #[schemars(range(min = 0.0, max = 100_000.0))]
+    #[schemars(range(min = -100_000.0, max = 100_000.0))]
     #[serde(rename = "derivative_{gain_seconds}")]
     pub derivative: f64,
     /// Pole of the derivative's filter.

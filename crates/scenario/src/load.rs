@@ -24,7 +24,7 @@ use serde_json::Value;
 
 pub(crate) use files::RigText;
 pub(crate) use kind::is_scenario;
-pub(crate) use patterns::{Factors, Naming};
+pub(crate) use patterns::{Factor, Factors, Naming};
 pub use resolve::Asked;
 
 use crate::beside::Beside;

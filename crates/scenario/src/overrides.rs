@@ -6,6 +6,8 @@ use std::str::FromStr;
 use thiserror::Error;
 use toml::{Table, Value};
 
+use crate::port::is_same_gain;
+
 /// Largest number of parts in a key. Longer keys lead nowhere, and many thousand parts are deeper than the stack.
 const KEY_PARTS_MAX: usize = 100;
 
@@ -98,6 +100,10 @@ pub fn set(table: &mut Table, key: &str, value: Value) -> Result<(), OverrideErr
             .as_table_mut()
             .ok_or_else(|| nowhere(key))
     })?;
+    // A gain may be by another unit than that of the file.
+    if !above.contains_key(last) {
+        above.retain(|other, _| !is_same_gain(last, other));
+    }
     *place(above, last, key)? = value;
     Ok(())
 }
@@ -140,6 +146,12 @@ mod tests {
         assert_eq!(table["step"][0]["at"], Value::Integer(2));
         assert_eq!(table["name"], Value::from("b = c"));
         assert_eq!(table["plant"]["x"]["y"]["z"][1], Value::Float(2.5));
+        let gains = with(&[
+            "pid={gain_amperes_per_metre=1.0, other=2.0}",
+            "pid.gain_amperes_per_degree=3.0",
+        ]);
+        let gains = gains.unwrap()["pid"].to_string();
+        assert_eq!(gains, "{ gain_amperes_per_degree = 3.0, other = 2.0 }");
         let quoted = with(&["name=\"3\"", "step[0]={at = 4.0}"]).unwrap();
         assert_eq!(quoted["name"], Value::from("3"));
         assert_eq!(quoted["step"][0]["at"], Value::Float(4.0));

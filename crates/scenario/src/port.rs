@@ -595,6 +595,30 @@ pub(crate) fn is_gain(name: &str) -> bool {
     name.contains(GAIN) || name.contains(GAIN_SECONDS)
 }
 
+/// Checks whether two names are those of one gain, by two units.
+pub(crate) fn is_same_gain(one: &str, other: &str) -> bool {
+    // Most names differ before the unit already.
+    let [before, too] = [one, other].map(|name| name.split_once("_per_").map(|(before, _)| before));
+    let gains = [GAIN, GAIN_SECONDS].into_iter();
+    let mut gains = gains.flat_map(|gain| Command::ALL.map(|command| (gain, command)));
+    before.is_some()
+        && before == too
+        && gains.any(|(gain, command)| {
+            let by = |unit: &str| Measurand {
+                command,
+                ..Measurand::position(Unit::Other(unit.to_owned()))
+            };
+            let words = Vec::from_iter(known_units().map(|unit| by(unit).name(gain)));
+            let mut parts = words
+                .iter()
+                .filter_map(|word| one.split_once(word.as_str()));
+            parts.any(|(before, after)| {
+                let mut names = words.iter().map(|word| format!("{before}{word}{after}"));
+                names.any(|name| name == other)
+            })
+        })
+}
+
 impl fmt::Display for Unit {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(self.word())
@@ -612,6 +636,34 @@ fn title(signal: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_gain_has_a_name_by_each_unit() {
+        for (other, is_same) in [
+            ("integral_amperes_per_metre_second", true),
+            ("integral_amperes_per_millimetre_second", true),
+            ("integral_amperes_per_revolution_per_minute_second", true),
+            ("integral_volts_per_degree_second", false),
+            ("integral_amperes_per_degree", false),
+            ("proportional_amperes_per_degree_second", false),
+            ("integral_amperes", false),
+        ] {
+            assert_eq!(
+                is_same_gain("integral_amperes_per_degree_second", other),
+                is_same,
+                "{other}"
+            );
+            assert_eq!(
+                is_same_gain(other, "integral_amperes_per_degree_second"),
+                is_same,
+                "{other}"
+            );
+        }
+        assert!(is_same_gain(
+            "derivative_ampere_seconds_per_metre",
+            "derivative_ampere_seconds_per_degree"
+        ));
+    }
 
     #[test]
     fn a_unit_is_the_end_of_a_name() {

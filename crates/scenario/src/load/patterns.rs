@@ -10,8 +10,19 @@ use crate::port::{
 };
 use crate::schema::resolve;
 
-/// Factors for gains that are by another unit than the loop's, each with its path.
-pub(crate) type Factors = Vec<(String, f64)>;
+/// Gains that are by another unit than the loop's.
+pub(crate) type Factors = Vec<Factor>;
+
+/// Gain that is by another unit than the loop's.
+#[derive(Debug)]
+pub(crate) struct Factor {
+    /// Path in the tables of the loop, such as `controller.pid.proportional_{gain}`.
+    pub(crate) path: String,
+    /// Path as the file has it.
+    pub(crate) written: String,
+    /// Factor to the unit of the loop.
+    pub(crate) factor: f64,
+}
 
 type Key<'text> = Spanned<DeString<'text>>;
 
@@ -69,8 +80,12 @@ impl<'a> Naming<'a> {
                 self.pattern(&key, &patterns)?
             };
             if let Some((pattern, factor)) = pattern {
-                *key.get_mut() = pattern.to_owned().into();
-                factors.extend((factor != 1.0).then(|| (format!("{path}{pattern}"), factor)));
+                let name = std::mem::replace(key.get_mut(), pattern.to_owned().into());
+                factors.extend((factor != 1.0).then(|| Factor {
+                    path: format!("{path}{pattern}"),
+                    written: format!("{path}{name}"),
+                    factor,
+                }));
                 if let Some((first, _)) = table.get_key_value(pattern) {
                     let message = "one gain by two units";
                     let problem = self.source.problem(written, message, "and this one");
@@ -155,9 +170,10 @@ impl<'a> Naming<'a> {
             )
         } else {
             // Units that a name might have by mistake.
-            let mut others = Unit::NAMED
-                .into_iter()
-                .flat_map(|unit| [self.by(unit.word()), Measurand::position(unit)]);
+            let mut others = known_units().flat_map(|unit| {
+                let unit_alone = Unit::Other(unit.to_owned());
+                [self.by(unit), Measurand::position(unit_alone)]
+            });
             others
                 .any(has)
                 .then(|| format!("the loop `{}` is in {unit}", self.loop_name))?

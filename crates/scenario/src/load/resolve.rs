@@ -8,7 +8,9 @@ use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
 use super::sections::{CONTROLLER, SHARED, Selector};
-use super::{KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems};
+use super::{
+    Factor, KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems,
+};
 use crate::beside::Beside;
 use crate::check::{self, Check, NamedFiles};
 use crate::custom::Section;
@@ -265,7 +267,10 @@ impl Resolver<'_> {
             let document = selector.scenario.with_loop(one.tree, quantities);
             match self.read_trial(&document, &one.factors, one.wiring) {
                 Ok(one) => loops.extend(one),
-                Err(found) => self.check.add(in_unit(found, &document.quantities)),
+                Err(found) => {
+                    let found = as_written(found, &one.factors);
+                    self.check.add(in_unit(found, &document.quantities));
+                }
             }
         }
         loops
@@ -276,7 +281,7 @@ impl Resolver<'_> {
     fn read_trial(
         &mut self,
         document: &Document<'_>,
-        factors: &[(String, f64)],
+        factors: &[Factor],
         wiring: Wiring,
     ) -> Result<Option<Trial>, Vec<Problem>> {
         let (rig, reading, path) = (self.check.rig, self.asked.reading, &self.files.path);
@@ -367,6 +372,16 @@ impl Resolver<'_> {
         }
         sheets
     }
+}
+
+/// Names gains in problems as the file names them.
+fn as_written(problems: Vec<Problem>, gains: &[Factor]) -> Vec<Problem> {
+    let renamed = |problem: Problem| {
+        gains.iter().fold(problem, |problem, gain| {
+            problem.renamed(|text| text.replace(&gain.path, &gain.written))
+        })
+    };
+    problems.into_iter().map(renamed).collect()
 }
 
 /// Returns the path by which a scenario changes a value of its rig: without the name of the plant's model.

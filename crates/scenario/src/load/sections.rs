@@ -140,12 +140,31 @@ impl<'text> Selector<'_, 'text> {
             loop_name: name,
             schema: &schema::TRIAL,
         };
-        let factors = naming.apply(&mut tables, naming.schema)?;
+        let factors = naming.apply(&mut tables, naming.schema);
+        let factors = factors.map_err(|problem| self.with_loop_s_own(problem, name))?;
         Ok(LoopTables {
             wiring,
             tree: tables,
             factors,
         })
+    }
+
+    /// Says where a key belongs that is in a table for all loops and is not that of this loop, whose quantity is another one.
+    fn with_loop_s_own(&self, problem: Problem, name: &str) -> Problem {
+        let (Some(place), _) = problem.place_and_label() else {
+            return problem;
+        };
+        let mut sections = [CONTROLLER, EXPECT].into_iter();
+        let section = sections.find(|section| {
+            let for_all = self.scenario.spanned(&format!("{section}.{ALL}"));
+            for_all.is_some_and(|table| has_key_at(table.get_ref(), place))
+        });
+        match section {
+            Some(section) => problem.with_help(format!(
+                "the loops differ in their quantities: what is of `{name}` belongs in [{section}.{name}]"
+            )),
+            None => problem,
+        }
     }
 
     /// Returns `[controller.LOOP.LAW]`, else `[controller.all.LAW]`, and for an only loop also `[controller.LAW]`, with the place
@@ -346,6 +365,12 @@ impl<'text> Selector<'_, 'text> {
                 .problem(&format!("{path}.{by}"), message, label)
         })
     }
+}
+
+/// Checks whether a key of a table, or of one below it, begins at this place of the text.
+fn has_key_at(value: &DeValue<'_>, place: usize) -> bool {
+    let mut keys = value.as_table().into_iter().flatten();
+    keys.any(|(key, below)| key.span().start == place || has_key_at(below.get_ref(), place))
 }
 
 /// Returns the output of an io node that an entry of a disturbance sets.

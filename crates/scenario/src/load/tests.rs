@@ -830,6 +830,13 @@ fn gains_and_names_are_those_of_the_loop() {
             "write `proportional_amperes_per_degree`",
         ),
         (
+            JOINT,
+            JOINT_RIG,
+            "amperes_per_degree = 0.03",
+            "amperes_per_revolution = 200_000.0",
+            "`controller.pid_pair.proportional_amperes_per_revolution` = 200000 is out of range",
+        ),
+        (
             &tilted,
             &spindle,
             "tilt_degrees",
