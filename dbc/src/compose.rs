@@ -23,7 +23,7 @@ const FLOAT_BITS: u8 = 32;
 #[derive(Debug)]
 pub struct Composer {
     controller: String,
-    drives: Vec<String>,
+    drives: Vec<(u8, String)>,
     io_nodes: Vec<String>,
     /// Names by node-ID.
     nodes: Vec<(u8, String)>,
@@ -99,7 +99,7 @@ impl Composer {
         if let Some(published) = published {
             self.add_plant((name, node_id), published);
         }
-        self.drives.push(name.to_owned());
+        self.drives.push((node_id, name.to_owned()));
         self
     }
 
@@ -220,9 +220,26 @@ impl Composer {
         self
     }
 
+    /// Adds the causes of the controller's emergencies for each of several drives, whose node-ID is the lowest byte.
+    fn name_drives_in_causes(&mut self) {
+        let name = names::message(&self.controller, names::EMERGENCY);
+        let mut messages = self.messages.iter_mut().filter(|one| one.name == name);
+        let signals = messages.next().into_iter().flat_map(|one| &mut one.signals);
+        for signal in signals.filter(|one| one.name == names::MANUFACTURER_ERROR) {
+            let causes = signal.labels.clone();
+            for (id, drive) in self.drives.iter().filter(|_| self.drives.len() > 1) {
+                let labels = causes.iter();
+                let of_drive = labels
+                    .map(|(cause, text)| (cause | i64::from(*id), format!("{text} ({drive})")));
+                signal.labels.extend(of_drive);
+            }
+        }
+    }
+
     /// Returns the database. Two of its messages may have the same identifier or name: see [`Database::refuse_duplicates`].
     pub fn finish(mut self) -> Database {
-        let listeners = self.drives.iter().chain(&self.io_nodes).cloned();
+        let drives = self.drives.iter().map(|(_, name)| name);
+        let listeners = drives.chain(&self.io_nodes).cloned();
         let listeners = Vec::from_iter(listeners.chain([names::BENCH.to_owned()]));
         let heartbeat = names::message(&self.controller, names::HEARTBEAT);
         let is_for_all = |message: &&mut Message| {
@@ -234,6 +251,7 @@ impl Composer {
                 signal.receivers.clone_from(&listeners);
             }
         }
+        self.name_drives_in_causes();
         let database = Database::from_messages(self.messages);
         let nodes = self.nodes.iter();
         database.with_nodes(nodes.map(|(node_id, name)| (*node_id, name.as_str())))
@@ -381,6 +399,10 @@ mod tests {
             message("left_tpdo1").signals[0].receivers[..],
             ["hand", "bench"]
         );
+        let causes = &both.definition("hand_emergency.manufacturer_error");
+        let label = |value| causes.unwrap().label(value).unwrap();
+        assert_eq!(label(256.0), "no position from the drive");
+        assert_eq!(label(274.0), "no position from the drive (right)");
         let labels = &message("nmt_command").signals[1].labels;
         let labels = Vec::from_iter(labels.iter().map(|(id, name)| (*id, name.as_str())));
         assert_eq!(

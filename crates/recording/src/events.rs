@@ -102,24 +102,10 @@ impl EventSignal {
         Some((value, text))
     }
 
-    /// Returns the label of the signal that explains an emergency further. With several drives it names the node concerned, whose
-    /// number is the lowest byte.
-    fn cause(&self, stamped: &Stamped, node_names: &NodeNames) -> Option<String> {
+    /// Returns the label of the signal that explains an emergency further.
+    fn cause(&self, stamped: &Stamped) -> Option<&str> {
         let (signal, definition) = self.cause.as_ref()?;
-        let value = signal.decode(&stamped.frame)?;
-        let node = value % 256.0;
-        let named = || {
-            let label = definition.label(value - node)?;
-            let mut ids = 0..=u8::MAX;
-            let name = ids
-                .find(|id| f64::from(*id) == node)
-                .and_then(|id| node_names.name(id));
-            Some(match name {
-                Some(name) => format!("{label} ({name})"),
-                None => format!("{label} (node {node})"),
-            })
-        };
-        definition.label(value).map(str::to_owned).or_else(named)
+        definition.label(signal.decode(&stamped.frame)?)
     }
 }
 
@@ -184,7 +170,7 @@ impl EventReader {
             }
             EventKind::Emergency => {
                 let cause = signal
-                    .cause(stamped, &self.node_names)
+                    .cause(stamped)
                     .map_or_else(String::new, |cause| format!(": {cause}"));
                 (Level::Error, format!("{node}: emergency {label}{cause}"))
             }
@@ -334,12 +320,14 @@ fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
 
 /// Returns the signal that explains an emergency further, if its values have names.
 fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
-    let path = format!("{message}.manufacturer_error");
+    let path = format!("{message}.{}", names::MANUFACTURER_ERROR);
     Some((database.signal(&path)?, database.definition(&path)?.clone()))
 }
 
 #[cfg(test)]
 mod tests {
+    use dbc::Composer;
+
     use super::*;
     use crate::node_names::tests::two_loops;
 
@@ -387,15 +375,18 @@ mod tests {
 
     #[test]
     fn among_several_drives_an_emergency_names_the_one_concerned() {
-        let mut reader = EventReader::new(Database::shipped(), two_loops("y"));
-        for node in [0x12, 0x14] {
+        let bus = Composer::new("controller", 1);
+        let bus = bus.with_drive(("left", 0x12), None);
+        let bus = bus.with_drive(("right", 0x13), None).finish();
+        let mut reader = EventReader::new(&bus, two_loops("y"));
+        for node in [0x12, 0x13] {
             let frame = CanFrame::new(0x081, &[0, 0x10, 1, node, 6, 0, 0, 0]);
             reader.on_frame(&Stamped::new(Duration::ZERO, frame));
         }
         let events = reader.events.take_since(0.0);
         let texts = Vec::from_iter(events.iter().map(|event| event.text.as_str()));
         let start = "controller: emergency generic error: the drive reports an emergency";
-        let expected = ["(left)", "(node 20)"].map(|node| format!("{start} {node}"));
+        let expected = ["(left)", "(right)"].map(|node| format!("{start} {node}"));
         assert_eq!(texts, expected);
     }
 

@@ -249,16 +249,16 @@ impl Default for SlidingModePaper {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pid {
-    /// Proportional gain; negative where more current lowers the position.
-    #[schemars(range(min = -100_000.0, max = 100_000.0))]
+    /// Proportional gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     #[serde(rename = "proportional_{gain}")]
     pub proportional: f64,
     /// Integral gain.
-    #[schemars(range(min = -100_000.0, max = 100_000.0))]
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     #[serde(rename = "integral_{gain}_second")]
     pub integral: f64,
     /// Derivative gain.
-    #[schemars(range(min = -100_000.0, max = 100_000.0))]
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     #[serde(rename = "derivative_{gain_seconds}")]
     pub derivative: f64,
     /// Share of the set-point in the proportional part: 1 for the plain error, less against overshoot.
@@ -288,16 +288,16 @@ impl Default for Pid {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PidPair {
-    /// Proportional gain; negative where more current lowers the position.
-    #[schemars(range(min = -100_000.0, max = 100_000.0))]
+    /// Proportional gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     #[serde(rename = "proportional_{gain}")]
     pub proportional: f64,
     /// Integral gain.
-    #[schemars(range(min = -100_000.0, max = 100_000.0))]
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     #[serde(rename = "integral_{gain}_second")]
     pub integral: f64,
     /// Derivative gain.
-    #[schemars(range(min = -100_000.0, max = 100_000.0))]
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     #[serde(rename = "derivative_{gain_seconds}")]
     pub derivative: f64,
     /// Pole of the derivative's filter.

@@ -151,7 +151,15 @@ impl<'text> Selector<'_, 'text> {
 
     /// Says where a key belongs that is in a table for all loops and is not that of this loop, whose quantity is another one.
     fn with_loop_s_own(&self, problem: Problem, name: &str) -> Problem {
-        let (Some(place), _) = problem.place_and_label() else {
+        let drives = self
+            .rig
+            .loops
+            .keys()
+            .map(|name| self.rig.drive_of_loop(name));
+        let measured = drives.map(|drive| self.rig.wiring_of(drive).feedback.measurand);
+        let mut measured = Vec::from_iter(measured);
+        measured.dedup();
+        let (Some(place), 2..) = (problem.place_and_label().0, measured.len()) else {
             return problem;
         };
         let mut sections = [CONTROLLER, EXPECT].into_iter();
