@@ -477,6 +477,11 @@ impl<'a> Evidence<'a> {
         }
     }
 
+    /// Returns the name of the quantity that the amplifier puts out.
+    pub(crate) fn command_name(&self) -> &'static str {
+        self.trial.wiring.feedback.measurand.command.signal()
+    }
+
     /// Returns the reason why a window is empty.
     pub(crate) fn no_position(&self, window: Window) -> Absence {
         let silence = self.first_silence([].into_iter(), window, self.silence_seconds_max);

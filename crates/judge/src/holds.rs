@@ -39,7 +39,8 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     }
     let currents = || currents_in(evidence, hold);
     if currents().next().is_none() {
-        return Err("no commanded current in the hold".into());
+        let command = evidence.command_name();
+        return Err(format!("no commanded {command} in the hold").into());
     }
     let middle = mean(currents())?;
     let variance = mean(currents().map(|current| (current - middle).powi(2)))?;

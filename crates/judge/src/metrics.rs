@@ -137,7 +137,8 @@ fn current_rms(evidence: &Evidence<'_>) -> Measurement {
         return Err(Absence::left_out());
     }
     if rows().next().is_none() {
-        return Err(Absence::unseen("no current in the recording", whole));
+        let reason = format!("no {} in the recording", evidence.command_name());
+        return Err(Absence::unseen(reason, whole));
     }
     let times = rows().map(|(time, _)| time);
     if let Some(silence) = evidence.first_silence(times, whole, evidence.silence_seconds_max) {

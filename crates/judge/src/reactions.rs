@@ -154,7 +154,8 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let value = |evidence: &Evidence<'_>, window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
-        zero.ok_or_else(|| silence_of_truth(evidence).unwrap_or("current flows on".into()))
+        let stays = || format!("{} stays on", evidence.command_name()).into();
+        zero.ok_or_else(|| silence_of_truth(evidence).unwrap_or_else(stays))
     };
     let zero = evidence.of_event(window, true, value)?;
     Ok(Known {

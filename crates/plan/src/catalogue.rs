@@ -434,8 +434,10 @@ fn put_units(
         && !measured.is_true_float();
     match (pattern, current) {
         (POSITION, Some(_)) if !is_shipped => {
-            coding.set_factor(1.0 / measured.counts_per_unit());
-            coding.range = None;
+            let factor = 1.0 / measured.counts_per_unit();
+            coding.set_factor(factor);
+            let [minimum, maximum] = [i32::MIN, i32::MAX].map(|end| f64::from(end) * factor);
+            coding.range = Some(Range { minimum, maximum });
         }
         (TRUE_POSITION, _) if measured.is_true_float() => {
             coding.set_factor(1.0);

@@ -307,7 +307,7 @@ fn the_page_of_scenario_keys_is_that_of_the_schema() {
     let head = "# Scenario keys\n\n\
         This page is written from the schema that `canrig schema` prints. A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one, \
         and [rigs with several drives](../several-drives.md#the-scenario) says how a scenario names loops and nodes.\n\
-        The [metrics](metrics.md) page defines what each key of `[expect]` measures. Keys in millimetres end in the unit of the loop's sensor: `position_degrees` for `position_millimetres`, and a gain `per_degree` for one `per_metre`. Keys in amperes have the name of what its amplifier gives: `voltage_volts_rms` for `current_amperes_rms`. A key in another unit is refused with the right one. A law of your own adds its table.\n\n\
+        The [metrics](metrics.md) page defines what each key of `[expect]` measures. Keys in millimetres end in the unit of the loop's sensor: `position_degrees` for `position_millimetres`, and a gain `per_degree` for one `per_metre`. Keys in amperes have the name of what its amplifier gives: `voltage_volts_rms` for `current_amperes_rms`. A gain may be by another unit of the quantity, `per_millimetre` or `per_revolution`, and is converted; any other key in another unit is refused with the right one. A law of your own adds its table.\n\n\
         \"Paper\" and the numbers of equations refer to Romano and Tannuri, \"New development on shape memory alloys actuators\": the wire and the sliding-mode law come from there. \"Assumed\" means that no source gives the value.";
     check("scenario-keys.md", head, &scenario::schema::json_schema());
 }

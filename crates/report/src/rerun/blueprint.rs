@@ -103,14 +103,14 @@ impl<'a> Layout<'a> {
         let has = |group| groups.contains(group);
         let measurand = &page.control_loop.trial.wiring.feedback.measurand;
         let unit = shown_unit(measurand.unit.symbol());
-        let mut left =
-            vec![self.plot(&format!("{} ({unit})", measurand.title()), "position", 2.2)?];
+        let title = format!("{} ({unit})", measurand.title());
+        let mut left = vec![self.plot(&title, &measurand.signal, 2.2)?];
         if has("error") {
             left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
         }
         let command = measurand.command;
         let commands = format!("{} ({})", command.title(), command.symbol());
-        left.push(self.plot(&commands, "current", 1.2)?);
+        left.push(self.plot(&commands, command.signal(), 1.2)?);
         if has(groups::DISTURBANCE) {
             left.push(self.plot("Disturbance", groups::DISTURBANCE, 0.8)?);
         }
@@ -128,7 +128,7 @@ impl<'a> Layout<'a> {
             (groups::SPRING_FORCE, "Spring force (N)"),
             ("martensite_fraction", "Martensite fraction"),
         ] {
-            if has(group) {
+            if has(group) && group != measurand.signal {
                 middle.push(self.plot(title, group, 1.0)?);
             }
         }

@@ -23,7 +23,9 @@ pub(super) struct Style<'a> {
 }
 
 /// Group of the position of the loop.
-const POSITION: &str = "position";
+/// Groups with the names of the measured signal and of the output of the amplifier.
+const MEASURED: &str = "{signal}";
+const COMMANDED: &str = "{command}";
 /// Group of signals that no view shows.
 pub(super) const OTHER: &str = "other";
 /// Group of the times of each cycle, from the stamps.
@@ -47,16 +49,16 @@ pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Styles of signals, by the beginnings of their names or of the patterns of these.
 const STYLES: [(&str, Style<'static>); 21] = [
-    ("set_point_", always(POSITION, "set-point", ORANGE)),
-    ("{signal}_", always(POSITION, "measured", SKY)),
-    ("true_{signal}_", always(POSITION, "true", GREEN)),
+    ("set_point_", always(MEASURED, "set-point", ORANGE)),
+    ("{signal}_", always(MEASURED, "measured", SKY)),
+    ("true_{signal}_", always(MEASURED, "true", GREEN)),
     (
         "reference_{signal}_",
-        if_used(POSITION, "filtered reference", PINK),
+        if_used(MEASURED, "filtered reference", PINK),
     ),
     ("error_", always("error", "set-point − measured", SKY)),
-    ("target_{command}_", always("current", "commanded", ORANGE)),
-    ("{command}_", always("current", "measured", SKY)),
+    ("target_{command}_", always(COMMANDED, "commanded", ORANGE)),
+    ("{command}_", always(COMMANDED, "measured", SKY)),
     ("wire_temperature_", always("temperature", "true", GREEN)),
     ("winding_temperature_", always("temperature", "true", GREEN)),
     ("motor_speed_", always(MOTOR_SPEED, "true", GREEN)),
@@ -130,7 +132,8 @@ pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
         ..
     } = &control_loop.trial;
     let measurand = &wiring.feedback.measurand;
-    let has_view = |name: &str| known(name, measurand).is_some_and(|style| style.group != POSITION);
+    let is_measured = |style: Style<'_>| style.group == measurand.signal;
+    let has_view = |name: &str| known(name, measurand).is_some_and(|style| !is_measured(style));
     let signals = control_loop
         .plant_signals()
         // A position that the loop does not follow is no second line next to the loop's own.
@@ -158,16 +161,23 @@ pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
     view.collect()
 }
 
-fn known(name: &str, measurand: &Measurand) -> Option<Style<'static>> {
+fn known<'a>(name: &str, measurand: &'a Measurand) -> Option<Style<'a>> {
     let is_start = |start: &str| name.starts_with(&measurand.name(start));
     let known = STYLES.iter().find(|(start, _)| is_start(start));
-    known.map(|(_, style)| *style)
+    known.map(|(_, style)| Style {
+        group: match style.group {
+            MEASURED => &measurand.signal,
+            COMMANDED => measurand.command.signal(),
+            group => group,
+        },
+        ..*style
+    })
 }
 
 /// Returns the style of a signal; signals that no view shows are in the group [`OTHER`].
 pub(super) fn style<'a>(
     name: &str,
-    measurand: &Measurand,
+    measurand: &'a Measurand,
     is_used: impl FnOnce() -> bool,
     views: &[CustomView<'a>],
 ) -> Style<'a> {
@@ -253,7 +263,7 @@ mod tests {
         let measurand = Measurand::default();
         let group = |name| style(name, &measurand, || true, &views).group;
         assert_eq!(group("height_metres"), "height_metres");
-        assert_eq!(group("position_millimetres"), POSITION);
+        assert_eq!(group("position_millimetres"), "position");
         assert_eq!(group("winding_temperature_celsius"), "temperature");
         assert!(
             !expected(plan.only_loop().unwrap()).contains("error"),

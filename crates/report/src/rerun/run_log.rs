@@ -9,6 +9,7 @@ use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
 use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
 use scenario::disturbance::{Change, value_at};
+use scenario::port::Measurand;
 use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 
 use super::ReportError;
@@ -158,7 +159,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in computed.into_iter().chain(columns) {
-            let style = self.style(timeline, name, values);
+            let style = self.style(name, values);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
@@ -175,10 +176,11 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         Ok(())
     }
 
-    fn style(&mut self, timeline: &Timeline, name: &str, values: &Series<f64>) -> Style<'a> {
+    fn style(&mut self, name: &str, values: &Series<f64>) -> Style<'a> {
         let used = &mut self.used;
         let is_used = || used.contains(name) || has_values(values) && used.insert(name.to_owned());
-        groups::style(name, &timeline.measurand, is_used, &self.custom_views)
+        let measurand = &self.control_loop.trial.wiring.feedback.measurand;
+        groups::style(name, measurand, is_used, &self.custom_views)
     }
 
     /// Logs a signal as an entity of its group.
@@ -221,8 +223,8 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             let times = times::columns(moments.into_iter());
             for (side, edge) in [("upper", band), ("lower", -band)] {
                 let number = number + 1;
-                let unit = &timeline.measurand.unit;
-                let path = format!("position/settling_band/step_{number}/{side}_{unit}");
+                let Measurand { signal, unit, .. } = &timeline.measurand;
+                let path = format!("{signal}/settling_band/step_{number}/{side}_{unit}");
                 if self.styled.insert(path.clone()) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
                     send_static(&mut self.output, path.as_str(), &look)?;

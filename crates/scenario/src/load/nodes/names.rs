@@ -9,9 +9,9 @@ use crate::schema;
 
 /// Names that a loop cannot have: they mean something else in the place of a loop's name.
 const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
-/// Names that no node can have: faults of the bus name canrig's own node `bench`, and a process of a node `bus` would write to
-/// the log of the recording.
-const NOT_A_NODE: [&str; 2] = ["bench", "bus"];
+/// Names that no node can have: faults of the bus name canrig's own node `bench`, a process of a node `bus` would write to the log
+/// of the recording, and the cause of a loss that is no node is `host` or `fault`.
+const NOT_A_NODE: [&str; 4] = ["bench", "bus", "fault", "host"];
 /// Names that no plant can have: its emulator's log has the plant's name, and these are the names of other logs in the same
 /// folder.
 const NOT_A_PLANT: [&str; 3] = ["bench", "bus", "controller"];
