@@ -166,38 +166,30 @@ pub fn drive(
     node_id: u8,
     presets: impl IntoIterator<Item = Preset>,
 ) -> ObjectDictionary {
-    let shipped = shipped_objects(DRIVE_EDS, node_id);
-    let mut objects = shipped.clone();
-    let signals = database
-        .plant_messages(name)
-        .flat_map(|message| &message.signals);
-    let signals = Vec::from_iter(signals);
-    let signal_of = |index: u16| {
-        let object = object_name(index);
-        signals.iter().find(move |signal| signal.object == object)
-    };
-    let fixed = [PLANT_OBJECTS[0], PLANT_OBJECTS[1], TRUE_POSITION_OBJECT];
-    for index in fixed {
-        let entry = match signal_of(index) {
-            Some(signal) => entry_of(&shipped, index, &[signal], signal.coding.length_bits),
-            None if signals.is_empty() => continue,
-            None => published(index, "reserved", DataType::Unsigned16),
-        };
-        objects.insert(entry);
-    }
-    let mut mapped = Vec::new();
-    for index in &PLANT_OBJECTS[SIGNALS_IN_TPDO2..] {
-        if let Some(signal) = signal_of(*index) {
+    let mut objects = shipped_objects(DRIVE_EDS, node_id);
+    let mut messages = database.plant_messages(name);
+    if let Some((truth, first)) = messages.next().and_then(|one| one.signals.split_last()) {
+        let others = messages.flat_map(|message| &message.signals);
+        let signals = Vec::from_iter(first.iter().chain(others));
+        let mut add = |index, signal: &Signal| {
             let bits = signal.coding.length_bits;
-            objects.insert(entry_of(&shipped, *index, &[signal], bits));
-            mapped.push(u32::from(*index) << 16 | u32::from(bits));
+            let entry = entry_of(&objects, index, &[signal], bits);
+            objects.insert(entry);
+            u32::from(index) << 16 | u32::from(bits)
+        };
+        add(TRUE_POSITION_OBJECT, truth);
+        let published = PLANT_OBJECTS.into_iter().zip(&signals);
+        let mapped = Vec::from_iter(published.map(|(index, signal)| add(index, signal)));
+        let in_tpdo2 = PLANT_OBJECTS.into_iter().take(SIGNALS_IN_TPDO2);
+        for index in in_tpdo2.skip(signals.len()) {
+            objects.insert(published_entry(index, "reserved", DataType::Unsigned16));
         }
-    }
-    if !mapped.is_empty() {
-        let identifier = TPDO3_FUNCTION + u16::from(node_id);
-        let [like, at] = [1, 2].map(|number| TPDOS.map(|first| first + number));
-        let tpdo3 = shipped.pdo_like(like, at, identifier, &mapped);
-        tpdo3.into_iter().for_each(|entry| objects.insert(entry));
+        if let Some(mapped @ [_, ..]) = mapped.get(SIGNALS_IN_TPDO2..) {
+            let identifier = TPDO3_FUNCTION + u16::from(node_id);
+            let [like, at] = [1, 2].map(|number| TPDOS.map(|first| first + number));
+            let tpdo3 = objects.pdo_like(like, at, identifier, mapped);
+            tpdo3.into_iter().for_each(|entry| objects.insert(entry));
+        }
     }
     presets
         .into_iter()
@@ -273,7 +265,7 @@ fn entry_of(shipped: &ObjectDictionary, index: u16, signals: &[&Signal], bits: u
         (Kind::Unsigned, _) => DataType::Unsigned32,
     };
     let names = Vec::from_iter(signals.iter().map(|signal| signal.name.as_str()));
-    let mut entry = published(index, &names.join(", "), data_type);
+    let mut entry = published_entry(index, &names.join(", "), data_type);
     // A float has no counts, and signals that share an object have a range each.
     let has_limits = !data_type.is_real() && signal.coding.length_bits == bits;
     if let Some(range) = signal.coding.range.filter(|_| has_limits) {
@@ -285,7 +277,7 @@ fn entry_of(shipped: &ObjectDictionary, index: u16, signals: &[&Signal], bits: u
 }
 
 /// Returns an object that a PDO of the node may carry.
-fn published(index: u16, name: &str, data_type: DataType) -> Entry {
+fn published_entry(index: u16, name: &str, data_type: DataType) -> Entry {
     let start = vec![0; data_type.size_bytes().unwrap_or_default()];
     let mut entry = Entry::new(index, 0, name, data_type, Access::ReadOnly, start);
     entry.is_pdo_mappable = true;
@@ -296,10 +288,9 @@ fn published(index: u16, name: &str, data_type: DataType) -> Entry {
 fn is_shipped(index: u16, signal: &Signal) -> bool {
     let messages = Database::shipped().messages().iter();
     let mut signals = messages.flat_map(|message| &message.signals);
-    let object = object_name(index);
     signals.any(|shipped| {
         let is_alike = shipped.name == signal.name && shipped.coding.kind == signal.coding.kind;
-        is_alike && shipped.object == object
+        is_alike && shipped.object == object_name(index)
     })
 }
 
