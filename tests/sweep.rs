@@ -326,6 +326,43 @@ fn a_damaged_row_of_a_part_is_named_and_its_case_missing_until_it_is_played_agai
     );
 }
 
+/// A value of the rig may change what frames mean, and whether they fit.
+#[test]
+fn a_case_means_what_the_scenario_does_with_its_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let sweep = |name: &str, key: &str, values: &str| {
+        let list = format!("[sweep]\n\n[[sweep.list]]\nkey = \"{key}\"\nvalues = {values}\n");
+        let path = file(folder.path(), &list);
+        let runs = folder.path().join(name);
+        let (_, stdout, stderr) = output(canrig(&runs, "sweep").arg(&path));
+        assert!(stdout.contains("2 runs: "), "{stdout}{stderr}");
+        let table = fs::read_to_string(only_run(&runs).join("runs.csv")).unwrap();
+        let mut rows = table.lines().map(|row| row.split(',').map(str::to_owned));
+        let column = |wanted: &str| {
+            let mut names = table.lines().next().unwrap().split(',');
+            names.position(|name| name == wanted).unwrap()
+        };
+        let columns = ["verdict", "current_amperes_rms", "reason"].map(column);
+        rows.next();
+        Vec::from_iter(rows.map(|row| {
+            let cells = Vec::from_iter(row);
+            columns.map(|column| cells[column].clone())
+        }))
+    };
+    let rated = sweep("rated", "node.drive.amplifier.rated", "[1.0, 2.0]");
+    let amperes = [0, 1].map(|case: usize| rated[case][1].parse::<f64>().unwrap());
+    assert!((amperes[1] / amperes[0] - 1.0).abs() < 0.02, "{amperes:?}");
+    let short = sweep("period", "bus.sync_period_milliseconds", "[1.0, 0.2]");
+    let [fits, does_not] = &short[..] else {
+        panic!("{short:?}")
+    };
+    assert_eq!((&*fits[0], &*does_not[0]), ("pass", "invalid"));
+    assert!(
+        does_not[2].contains("do not fit between two SYNCs"),
+        "{short:?}"
+    );
+}
+
 #[test]
 fn a_case_that_fails_does_so_by_itself() {
     let folder = tempfile::tempdir().unwrap();

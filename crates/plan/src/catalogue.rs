@@ -147,7 +147,7 @@ impl Catalogue {
 }
 
 /// Finds a disturbance with a value that its output cannot have.
-fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
+pub(crate) fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
     trial.disturbance.changes().iter().find_map(|change| {
         let mut nodes = trial.wiring.io.iter().zip(&frames.published.outputs);
         let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;

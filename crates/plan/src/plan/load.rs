@@ -10,7 +10,7 @@ use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
-use crate::catalogue::{Catalogue, Frames, Published};
+use crate::catalogue::{Catalogue, Frames, Published, output_objection};
 use crate::loaded_drive::LoadedDrive;
 use crate::ports;
 use crate::signal_names::SignalNames;
@@ -95,10 +95,12 @@ impl Plan {
         named(&scenario, one).map_err(|objection| scenario.objected(objection))
     }
 
-    /// Makes the plan of another scenario on the same rig, with the same plants and laws: the meaning of the frames is shared.
+    /// Makes the plan of another scenario with the same plants and laws. The meaning of the frames is shared, unless a value of the
+    /// rig has another one.
     ///
     /// # Errors
-    /// All problems of the text and its files, and a value that an FMU does not take.
+    /// All problems of the text and its files, a value that an FMU does not take or an output does not have, and a rig whose frames
+    /// do not fit on its bus.
     pub fn varied(
         &self,
         text: &str,
@@ -107,13 +109,25 @@ impl Plan {
     ) -> Result<Self, ScenarioError> {
         // Files that are not text are in the folder of the scenario that is varied.
         let beside = self.shared.beside.for_case();
+        let objections = |trial: &Trial| {
+            let frames = self.frames_shared_with(trial);
+            frames.map_or_else(
+                || catalogue.objections(trial),
+                |frames| output_objection(frames, trial).into_iter().collect(),
+            )
+        };
         let asked = Asked {
             reading: Reading::Case,
-            ..Asked::default()
+            objections: Some(&objections),
         };
         let scenario = Scenario::parse(&beside, text.to_owned(), &mut read_file, &asked)?;
         if let Some(objection) = wrong_start_value(&scenario, catalogue) {
             return Err(scenario.objected(objection));
+        }
+        let mut trials = scenario.loops.iter();
+        let is_on_same_bus = scenario.shared.run.bus == self.shared.run.bus;
+        if !is_on_same_bus || trials.any(|trial| self.frames_shared_with(trial).is_none()) {
+            return planned(&scenario, catalogue);
         }
         let varied = self
             .loops
@@ -134,6 +148,24 @@ impl Plan {
         } else {
             plan.composed()
         })
+    }
+
+    /// Returns the frames of a loop, if they have the same meaning in a varied trial of that loop. Plants and laws from outside may
+    /// have other ports with each parameter.
+    fn frames_shared_with(&self, trial: &Trial) -> Option<&Frames> {
+        let mut loops = self.loops.iter();
+        let one = loops.find(|one| one.trial.wiring == trial.wiring)?;
+        let before = &one.trial;
+        let plants = [before, trial].map(|one| {
+            let beside = one.plants_beside.values();
+            [&one.plant]
+                .into_iter()
+                .chain(beside)
+                .map(|plant| &plant.custom)
+        });
+        let [one_s, other_s] = plants;
+        let is_same = one_s.eq(other_s) && before.controller.custom == trial.controller.custom;
+        is_same.then_some(&*one.frames)
     }
 }
 
