@@ -946,3 +946,39 @@ fn a_number_without_a_unit_has_the_word_of_its_sensor() {
         "{stderr}"
     );
 }
+
+/// The set-point of a loop in celsius is no temperature of its plant, nor is what the loop measures.
+#[test]
+fn a_loop_of_a_temperature_is_not_the_temperature_of_its_plant() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = "schema = 1\nname = \"winding\"\n[plant.motor.dc_motor]\n\
+        [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+        [node.drive]\nkind = \"drive\"\nnode_id = 16\namplifier.port = \"motor.current_amperes\"\n\
+        sensor = { port = \"motor.winding_temperature_celsius\", unit = \"celsius\", signal = \"temperature\", min = 0.0, max = 150.0, resolution_bits = 14 }\n\
+        record = [\"RECORDED\"]\n\
+        [loop.warmth]\nfeedback = \"drive.temperature\"\noutputs = [\"drive.current\"]\n";
+    let scenario = "schema = 1\nrig = \"rig.toml\"\nname = \"warm\"\nduration_seconds = 1.0\n\
+        [controller.pid]\nproportional_amperes_per_celsius = 0.1\nintegral_amperes_per_celsius_second = 0.0\n\
+        derivative_ampere_seconds_per_celsius = 0.0\n\
+        [[reference.hold]]\nat_seconds = 0.0\ntemperature_celsius = 60.0\n\
+        [expect]\ntemperature_celsius = { max = 50.0 }\n";
+    let path = folder.path().join("warm.toml");
+    fs::write(&path, scenario).unwrap();
+    let judged = |recorded: &str| {
+        let rig = rig.replace("RECORDED", recorded);
+        fs::write(folder.path().join("rig.toml"), rig).unwrap();
+        let runs = folder.path().join(&recorded[..6]);
+        let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        (code, format!("{stdout}{stderr}"))
+    };
+    let (code, said) = judged("motor_speed_revolutions_per_minute");
+    assert!(
+        code == Some(5) && said.contains("no temperature of the plant is known"),
+        "{said}"
+    );
+    let (code, said) = judged("winding_temperature_celsius");
+    assert!(
+        code == Some(0) && said.contains("│ temperature_celsius            ┆    25.54"),
+        "{said}"
+    );
+}

@@ -4,7 +4,7 @@
 use canopen::cia402::State;
 use dbc::names;
 use recording::events::word;
-use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS};
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::truth::PlantTruth;
 use scenario::events::Window;
 use scenario::expect::Emergency;
@@ -23,7 +23,6 @@ const END_SECONDS: f64 = 0.1;
 const TRUTH: &str = "truth of the plant";
 /// End of the names of signals with the temperature to which the current heats a plant.
 const TEMPERATURE: &str = "_temperature_celsius";
-const ESTIMATED: &str = "estimated_";
 
 /// Measures the highest temperature: always in a scenario with faults, in others if it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
@@ -102,10 +101,9 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
         .iter()
         .filter(move |truth| counts(&truth.time_seconds))
         .map(|truth| truth.peak_temperature_celsius);
-    let is_true = |column: &&Column| {
-        column.name.ends_with(TEMPERATURE) && !column.name.starts_with(ESTIMATED)
-    };
-    let columns = timeline.columns.iter().filter(is_true);
+    let outputs = evidence.control_loop.plant_signals();
+    let heated = outputs.filter(|output| output.name.ends_with(TEMPERATURE));
+    let columns = heated.filter_map(|output| timeline.column(&output.name));
     let sampled = columns.flat_map(move |column| {
         let rows = timeline.time_seconds.iter().zip(&column.values);
         rows.filter(move |(time, _)| counts(time))
