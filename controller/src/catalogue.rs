@@ -9,7 +9,7 @@ use scenario::controller::{Controller, is_built_in};
 use scenario::custom::{CustomTable, Section, defaults, is_name};
 use scenario::law_ports::WrongPort;
 use scenario::registration::{InvalidRegistration, register};
-use scenario::wiring::{LoopFacts, Wiring};
+use scenario::wiring::{LoopFacts, Measured, Wiring};
 
 use crate::error::ControllerError;
 use crate::law::{AnyLaw, Law};
@@ -141,7 +141,13 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     let mut each = wiring.loops.iter().enumerate();
     let checked = law.wires().and_then(|_| {
         if is_of_all {
-            each.try_for_each(|(index, one)| check_terms(&law.loop_terms(index, &one.measurand)))
+            each.try_for_each(|(index, one)| {
+                let feedback = Measured {
+                    measurand: one.measurand.clone(),
+                    ..Measured::default()
+                };
+                check_terms(&law.loop_terms(index, &feedback))
+            })
         } else {
             check_terms(&law.terms(wiring))
         }
@@ -156,7 +162,7 @@ mod tests {
     use crate::law::{CurrentRange, Cycle, Port, one_loop};
     use crate::laws::pid::Pid;
     use crate::terms::described;
-    use scenario::port::{Measurand, Ports};
+    use scenario::port::Ports;
     use scenario::{Identifiers, controller};
 
     #[test]
@@ -217,7 +223,7 @@ mod tests {
                 .starts_with("the law `talkative`: 9 terms of one loop")
         );
         for name in ["µ", "A", ""] {
-            let term = described(&Port::term(name), &Measurand::default());
+            let term = described(&Port::term(name), &Measured::default());
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
         assert_eq!(

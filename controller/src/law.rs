@@ -7,11 +7,10 @@ use dbc::Signal;
 pub use scenario::CurrentRange;
 use scenario::custom::Parameters;
 use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output};
-use scenario::port::Measurand;
 pub use scenario::port::{Port, Ports, Width};
 use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
-use scenario::wiring::Wiring;
+use scenario::wiring::{Measured, Wiring};
 
 use crate::process_law::{Player, StartPlayer, Window, placed};
 use crate::terms::described;
@@ -226,16 +225,16 @@ impl AnyLaw {
             None => wiring.loop_number().into(),
             Some(_) => 0,
         };
-        self.loop_terms(index, &wiring.feedback.measurand)
+        self.loop_terms(index, &wiring.feedback)
     }
 
     /// Returns the terms that it publishes for the loop with this index among those that it leads; none if one of its ports has no
     /// meaning.
-    pub(crate) fn loop_terms(&self, index: usize, measurand: &Measurand) -> Vec<Signal> {
+    pub(crate) fn loop_terms(&self, index: usize, feedback: &Measured) -> Vec<Signal> {
         let wires = self.wires.iter();
         let terms = wires.flat_map(|wires| wires.terms(index, &self.ports.outputs));
         terms
-            .map(|(_, port, _)| described(port, measurand))
+            .map(|(_, port, _)| described(port, feedback))
             .collect()
     }
 

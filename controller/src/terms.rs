@@ -1,22 +1,27 @@
 //! The terms of a law as objects, from 0x2200 on. The controller's TPDOs map them.
 
-use canopen::object_dictionary::Handle;
+use canopen::object_dictionary::{DataType, Handle};
 use canopen::{ObjectDictionary, add_half};
 use dbc::{Coding, Kind, Range, Signal, first_term, layout};
-use scenario::port::{Measurand, Port, Width};
+use scenario::port::{Port, Width};
+use scenario::wiring::Measured;
 
 use crate::error::ControllerError;
 
-/// Returns the term of a port as a signal, with its name in its loop.
-pub(crate) fn described(port: &Port, measurand: &Measurand) -> Signal {
+/// Returns the term of a port as a signal, with its name in its loop. A position is a float where its drive does not count it in
+/// thousandths of the unit, or 32 bits do not hold it.
+pub(crate) fn described(port: &Port, feedback: &Measured) -> Signal {
+    let is_float = feedback.counts_per_unit() != port.steps_per_unit || feedback.is_true_float();
     let (bits, kind, counts_per_unit) = match port.width {
+        _ if port.is_position && is_float => (32, Kind::Float32, 1.0),
         Width::Real32 => (32, Kind::Float32, 1.0),
         Width::Signed(bits) => (bits, Kind::Signed, port.steps_per_unit),
         Width::Unsigned(bits) => (bits, Kind::Unsigned, port.steps_per_unit),
     };
     let [minimum, maximum] = port.range;
-    let (name, unit) = measurand.term(port.local_name(), port);
-    let range = Some(Range { minimum, maximum });
+    let (name, unit) = feedback.measurand.term(port.local_name(), port);
+    let range =
+        Some(Range { minimum, maximum }).filter(|_| kind != Kind::Float32 || !port.is_position);
     let coding = Coding::little_endian(0, bits, kind, 1.0 / counts_per_unit, range);
     Signal::new(name, &unit, &port.comment, coding)
 }
@@ -50,7 +55,7 @@ impl Part {
     )]
     fn bits(&self, value: f64) -> u32 {
         match self.range {
-            None => (value as f32).to_bits(),
+            None => ((value * self.counts) as f32).to_bits(),
             Some([min, max]) => add_half(value * self.counts).clamp(min, max) as i64 as u32,
         }
     }
@@ -67,7 +72,7 @@ impl TermObjects {
         let terms = Vec::from_iter(terms);
         let described = terms
             .iter()
-            .map(|(_, port, _)| described(port, &Measurand::default()));
+            .map(|(_, port, _)| described(port, &Measured::default()));
         let layout = layout(&Vec::from_iter(described)).unwrap_or_default();
         let first = first_term(u8::try_from(of_loop).unwrap_or(u8::MAX));
         let mut objects = Vec::new();
@@ -75,6 +80,7 @@ impl TermObjects {
             let handle = dictionary
                 .find(index, 0)
                 .map_err(|_| ControllerError::no_object(index))?;
+            let is_float = dictionary.entry(handle).data_type == DataType::Real32;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];
                 let steps = port.steps_per_unit;
@@ -82,8 +88,12 @@ impl TermObjects {
                 Part {
                     output,
                     bit: *bit,
-                    counts: steps * factor,
-                    range: (port.width != Width::Real32).then_some(range),
+                    counts: match (is_float, port.is_position) {
+                        (true, true) => factor,
+                        (true, false) => 1.0,
+                        (false, _) => steps * factor,
+                    },
+                    range: (!is_float).then_some(range),
                 }
             });
             objects.push((handle, laid_out.bits / 8, parts.collect()));
@@ -111,15 +121,47 @@ impl TermObjects {
 
 #[cfg(test)]
 mod tests {
+    use scenario::port::{Measurand, Unit};
+
     use super::*;
 
     fn dictionary(ports: &[Port]) -> ObjectDictionary {
         let terms = ports
             .iter()
-            .map(|port| described(port, &Measurand::default()));
+            .map(|port| described(port, &Measured::default()));
         let identifiers = [0x181, 0x281, 0x381, 0x481];
         let loops = [(Vec::from_iter(terms), identifiers)];
         dbc::node_objects::controller(1, &loops, &[0x10], &[])
+    }
+
+    #[test]
+    fn a_position_is_a_float_where_thousandths_of_its_unit_would_not_do() {
+        let kind = |unit: &str, max, increment| {
+            let measured = Measured {
+                measurand: Measurand::position(Unit::Other(unit.to_owned())),
+                max,
+                increment,
+                ..Measured::default()
+            };
+            described(&Port::position_term("reference_{unit}"), &measured)
+                .coding
+                .kind
+        };
+        assert_eq!(kind("degrees", Some(400.0), None), Kind::Signed);
+        assert_eq!(kind("bar", Some(10.0), Some(1e-4)), Kind::Float32);
+        assert_eq!(kind("pascals", Some(1e6), None), Kind::Float32);
+        let port = Port::position_term("reference_{unit}");
+        let pressure = Measured {
+            increment: Some(1.0),
+            ..Measured::default()
+        };
+        let loops = [(vec![described(&port, &pressure)], [0x181; 4])];
+        let mut dictionary = dbc::node_objects::controller(1, &loops, &[0x10], &[]);
+        let terms = [(0, &port, 2.0)].into_iter();
+        let objects = TermObjects::find(&dictionary, 0, terms).unwrap();
+        objects.store(&mut dictionary, &[4e6]);
+        let stored = dictionary.get(0x2200, 0).unwrap().value();
+        assert_eq!(stored, 8e6_f32.to_le_bytes());
     }
 
     #[test]
