@@ -28,7 +28,7 @@ fn worst_disturbance(
         let reason = "not available: an io node is missing on the bus";
         return Err(Absence::unavailable(reason));
     }
-    let windows = evidence.trial.disturbances();
+    let windows = evidence.trial.judged_disturbances();
     let end_seconds = evidence.trial.judged_end_seconds();
     let windows = windows.iter().map(|disturbance| disturbance.window);
     let judged = windows.filter(|window| window.from_seconds < end_seconds);

@@ -119,6 +119,13 @@ impl Trial {
         changes
     }
 
+    /// Returns those that act on a plant of the loop, which the metrics judge.
+    pub fn judged_disturbances(&self) -> Vec<Change> {
+        let mut changes = self.disturbances();
+        changes.retain(|change| self.wiring.is_disturbed_by(&change.node, &change.output));
+        changes
+    }
+
     /// Returns the starts and ends of the loop's disturbances and faults, in no order.
     pub fn edges_seconds(&self) -> Vec<f64> {
         let disturbances = self.disturbance_ends().map(Some);
@@ -130,7 +137,7 @@ impl Trial {
 
     /// Returns the starts and ends of the disturbances.
     fn disturbance_ends(&self) -> impl Iterator<Item = f64> + use<> {
-        let windows = self.disturbances().into_iter();
+        let windows = self.judged_disturbances().into_iter();
         windows.flat_map(|one| [one.window.from_seconds, one.window.until_seconds])
     }
 

@@ -290,7 +290,7 @@ impl Metric {
         let end_seconds = trial.judged_end_seconds();
         let has_set_point = !trial.reference.is_empty();
         let has_disturbance = || {
-            let windows = trial.disturbances();
+            let windows = trial.judged_disturbances();
             let mut begins = windows.iter().map(|one| one.window.from_seconds);
             begins.any(|begin| begin < end_seconds)
         };

@@ -1,6 +1,6 @@
 //! The wiring of a loop's drive to its plant, from the rig file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -78,6 +78,8 @@ pub struct Wiring {
     pub input: String,
     /// Output that its sensor reads, of the same plant or another one; the first one if empty.
     pub output: String,
+    /// Plants that its loop moves or measures; empty without a rig file.
+    pub touched: BTreeSet<String>,
     /// Signal of its sensor.
     pub sensor: Measured,
     /// Signal that its loop follows: of its sensor, or of the sensor of another drive.
@@ -121,6 +123,14 @@ impl Wiring {
         let is_its = |one: &LoopFacts| one.name == self.loop_name;
         let number = self.loops.iter().position(is_its).unwrap_or_default();
         u8::try_from(number).unwrap_or(u8::MAX)
+    }
+
+    /// Checks whether an output of an io node acts on a plant of its loop.
+    pub(crate) fn is_disturbed_by(&self, node: &str, output: &str) -> bool {
+        let io = self.io.iter().find(|io| io.node.name == node);
+        let port = io.and_then(|io| io.outputs.get(output));
+        let plant = port.and_then(|port| plant_of_port(port));
+        plant.is_none_or(|plant| self.touched.is_empty() || self.touched.contains(plant))
     }
 
     /// Returns the number of cycles from one publication of the truth about its plant to the next.

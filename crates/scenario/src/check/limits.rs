@@ -17,7 +17,7 @@ pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
         let (name, path) = (metric.name, format!("expect.{}", metric.name));
         check.add(limit_problem(document, &path, name, limit).or_else(|| {
             let missing = missing_for(metric, trial)?;
-            let message = format!("`{name}` cannot be judged");
+            let message = cannot_be_judged(name, trial);
             Some(document.problem(&path, message, format!("needs {missing}")))
         }));
     }
@@ -25,6 +25,13 @@ pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
         let name = format!("timing.{path}");
         let path = format!("expect.{name}");
         check.add(limit_problem(document, &path, &name, limit));
+    }
+}
+
+fn cannot_be_judged(metric: &str, trial: &Trial) -> String {
+    match trial.wiring.loop_among_several() {
+        "" => format!("`{metric}` cannot be judged"),
+        name => format!("`{metric}` of the loop `{name}` cannot be judged"),
     }
 }
 
@@ -90,7 +97,7 @@ pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
     for (metric, _) in demanded {
         let name = metric.name;
         let needs = |what: &str| {
-            let message = format!("`{name}` cannot be judged");
+            let message = cannot_be_judged(name, trial);
             document.problem(&format!("expect.{name}"), message, format!("needs {what}"))
         };
         check.add(metric.missing_in(trial).map(needs));

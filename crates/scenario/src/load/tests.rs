@@ -797,6 +797,25 @@ fn a_disturbance_belongs_to_the_loop_whose_law_leads_the_drive() {
     }
 }
 
+/// A plant that no loop moves or measures disturbs none; its output is commanded all the same.
+#[test]
+fn a_disturbance_of_a_plant_without_a_loop_is_not_judged() {
+    let disturbance =
+        "[[disturbance.output]]\nname = \"weight_kilograms\"\nat_seconds = 2.0\nvalue = 0.1\n";
+    for (plant, other, judged) in [("spare", "joint", 0), ("joint", "spare", 1)] {
+        let module = format!(
+            "[plant.spare.dc_motor]\n[node.module]\nkind = \"io\"\nnode_id = 0x18\n\
+             outputs = {{ weight_kilograms = \"{plant}.added_load_kilograms\", other_kilograms = \"{other}.added_load_kilograms\" }}\n"
+        );
+        let rig = format!("{JOINT_RIG}{module}");
+        let loops = load_text(&format!("{JOINT}{disturbance}"), &rig)
+            .unwrap()
+            .loops;
+        assert_eq!(loops[0].disturbance.changes().len(), 1);
+        assert_eq!(loops[0].judged_disturbances().len(), judged, "{plant}");
+    }
+}
+
 #[test]
 fn a_disturbance_of_a_node_without_outputs_is_refused_in_a_rig_of_several_loops() {
     let disturbance = "[[disturbance.load]]\nnode = \"x\"\nat_seconds = 1.0\nadded_grams = 2.0\n";

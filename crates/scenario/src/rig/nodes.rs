@@ -162,13 +162,30 @@ impl Rig {
         .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
     }
 
-    /// Returns the drive in whose loop an output of an io node is a disturbance: the first one of the plant on which the output
-    /// acts.
+    /// Returns the drive in whose loop an output of an io node is a disturbance: the first one that moves the plant on which the
+    /// output acts, or else whose loop measures it. A plant that no loop has disturbs none; then it is the drive of the io node.
     pub(crate) fn drive_disturbed(&self, io: &str, output: &str) -> Option<&str> {
         let port = self.node.get(io)?.outputs.as_ref()?.port(output);
         let plant = port.and_then(plant_of_port);
+        let is_its =
+            |drive: &str| plant.is_some_and(|plant| self.plants_of_loop(drive).contains(plant));
         self.first_drive(|drive| plant.is_some() && self.plant_of(drive) == plant)
+            .or_else(|| self.first_drive(is_its))
             .or_else(|| self.drive_of_io(io))
+    }
+
+    /// Returns the plants that the loop of a drive moves or measures.
+    fn plants_of_loop(&self, drive: &str) -> BTreeSet<&str> {
+        let one = self.loop_of(drive).map(|(_, one)| one);
+        let nodes = one
+            .into_iter()
+            .flat_map(|one| one.drives().chain([one.followed()]));
+        let nodes = nodes.chain([drive]).filter_map(|name| self.node.get(name));
+        let ports = nodes.flat_map(|node| [node.amplifier_port(), node.sensor_port()]);
+        ports
+            .flatten()
+            .filter_map(|port| plant_of_port(port))
+            .collect()
     }
 
     fn first_drive(&self, is_it: impl Fn(&str) -> bool) -> Option<&str> {
@@ -212,6 +229,11 @@ impl Rig {
             plant: plant.to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
+            touched: self
+                .plants_of_loop(drive)
+                .into_iter()
+                .map(str::to_owned)
+                .collect(),
             sensor: node.measured(),
             feedback: Measured {
                 measurand: followed_node.measurand().commanding(command),
