@@ -10,7 +10,7 @@ use dbc::names::{
 use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal};
 use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
-use scenario::port::{Measurand, Port, Ports};
+use scenario::port::{Measurand, Port, Ports, local_name};
 use scenario::rig::nodes::kind_of_output;
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, Measured, Wiring};
@@ -125,7 +125,7 @@ impl Catalogue {
         objections.extend((self.plant_objection)(&trial.plant));
         objections.extend(law);
         objections.extend(output_objection(&frames, trial));
-        objections.extend(two_columns(&frames, trial));
+        objections.extend(ambiguous_term(&frames, trial));
         objections
     }
 
@@ -163,34 +163,57 @@ pub(crate) fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objecti
     })
 }
 
-/// Finds two signals that would be one column: a term of the law, or an output of an io node or of the plant, with the name of the
-/// set-point or of another signal of its loop.
-fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
+/// Finds a term of the law that would be one column with the set-point or with another signal of its loop.
+fn ambiguous_term(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = ambiguous_name(&frames.database, &frames.wiring)?;
-    let published = &frames.published;
+    let mut terms = frames.published.terms.iter();
+    terms.find(|term| term.name == name)?;
+    let path = format!("controller.{}", trial.controller.law_name());
+    Some(two_signals(
+        path,
+        &name,
+        "one is a term of this law: give it another name",
+    ))
+}
+
+/// Finds two signals of the rig that would be one column of a loop: an output of an io node or of a plant, or the signal of a sensor,
+/// with the name of the set-point or of another signal.
+pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
+    let (wiring, published) = (&frames.wiring, &frames.published);
+    let name = ambiguous_name(&frames.database, wiring)?;
+    let drive = &wiring.nodes.drive.name;
     // The name of a fan or a load is that of its disturbance.
     let is_free =
         |output: &IoOutput| output.port.name == name && kind_of_output(&output.port.name).is_none();
-    let mut nodes = trial.wiring.io.iter().zip(&published.outputs);
-    let (path, owner) = if published.terms.iter().any(|term| term.name == name) {
-        (
-            format!("controller.{}", trial.controller.law_name()),
-            "a term of this law",
-        )
-    } else if let Some((io, _)) = nodes.find(|(_, outputs)| outputs.iter().any(&is_free)) {
-        (
-            format!("node.{}.outputs.{name}", io.node.name),
-            "an output of this node",
-        )
-    } else {
-        (
-            format!("plant.{}", trial.plant.name()),
-            "an output of this plant",
-        )
-    };
-    let message = format!("two signals are called `{name}`");
-    let label = format!("one is {owner}: give it another name");
-    Some(Objection::new(path, message, label))
+    let mut nodes = wiring.io.iter().zip(&published.outputs);
+    let recorded = wiring.record.iter().flatten();
+    let is_it = |port: &&String| local_name(port) == name || **port == name;
+    let mut recorded = recorded.enumerate().filter(|(_, port)| is_it(port));
+    let places = [recorded.next(), recorded.next()].map(|one| one.map(|(place, _)| place));
+    let (path, label) =
+        if let Some((io, _)) = nodes.find(|(_, outputs)| outputs.iter().any(&is_free)) {
+            let path = format!("node.{}.outputs.{name}", io.node.name);
+            (path, "one is an output of this node: give it another name")
+        } else if let [_, Some(second)] = places {
+            (format!("node.{drive}.record.{second}"), "it is there twice")
+        } else if let [Some(place), _] = places {
+            let label = "the loop has a signal of this name already: leave it out";
+            (format!("node.{drive}.record.{place}"), label)
+        } else if published.signals.iter().any(|signal| signal.name == name) {
+            let path = format!("plant.{}", wiring.plant);
+            (path, "one is an output of this plant: give it another name")
+        } else {
+            let path = format!("node.{drive}.sensor.signal");
+            (
+                path,
+                "one is what this sensor measures: give it another name",
+            )
+        };
+    Some(two_signals(path, &name, label))
+}
+
+fn two_signals(path: String, name: &str, label: &str) -> Objection {
+    Objection::new(path, format!("two signals are called `{name}`"), label)
 }
 
 /// Returns a name that two columns of a loop would have. The first column is the set-point.
@@ -587,28 +610,32 @@ outputs = ["drive.current"]
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let said = |catalogue: &Catalogue| {
-            let objections = catalogue.objections(&trial).into_iter();
-            Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))
+            let of_law = catalogue.objections(&trial).into_iter();
+            let objections = of_law.chain(two_columns(&catalogue.frames(&trial)));
+            let first = objections
+                .map(|one| format!("{}: {}", one.path, one.message))
+                .next();
+            first.unwrap()
         };
         let plants = Catalogue {
             find_ports: Some(|_| Some(plant_with("position_millimetres"))),
             find_terms: |_| Vec::new(),
             ..Catalogue::shipped()
         };
-        let twice = "plant.sma_actuator: two signals are called `position_millimetres`";
-        assert_eq!(said(&plants), [twice]);
+        let twice = "plant.wire: two signals are called `position_millimetres`";
+        assert_eq!(said(&plants), twice);
         let set_points = Catalogue {
             find_ports: Some(|_| Some(plant_with("set_point_millimetres"))),
             ..plants
         };
-        let twice = "plant.sma_actuator: two signals are called `set_point_millimetres`";
-        assert_eq!(said(&set_points), [twice]);
+        let twice = "plant.wire: two signals are called `set_point_millimetres`";
+        assert_eq!(said(&set_points), twice);
         let laws = Catalogue {
             find_ports: Some(|_| Some(plant_with("sum"))),
             find_terms: |_| vec![sum()],
             ..Catalogue::shipped()
         };
         let twice = "controller.open_loop: two signals are called `sum`";
-        assert_eq!(said(&laws), [twice]);
+        assert_eq!(said(&laws), twice);
     }
 }

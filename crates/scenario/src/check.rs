@@ -17,7 +17,7 @@ use crate::disturbance::{Change, Disturbance};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
-use crate::port::{Command, UNIT, conversion};
+use crate::port::{Command, Measurand, UNIT, conversion};
 use crate::reference::Reference;
 use crate::rig::nodes::{Outputs, Rig, kind_of_output};
 use crate::run::Run;
@@ -79,7 +79,8 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     let document = check.document;
     check.add(laws(document, trial));
     check.add(led_drives(document, &trial.wiring));
-    check.add(law_without_current(document, trial));
+    check.add(law_of_a_wire(document, trial));
+    check.add(pair_of_one_quantity(document, trial));
     check.add(gains_in_other_unit(document, trial));
     check.add(co_contraction(document, trial));
     for table in ["reference", "controller.open_loop"] {
@@ -162,17 +163,45 @@ fn led_drives(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
     })
 }
 
-/// Refuses a law of a wire in a loop that commands no current: these laws know how a current heats the wire.
-fn law_without_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
-    let command = trial.wiring.feedback.measurand.command;
-    if command == Command::Current {
-        return None;
-    }
+/// Refuses a law of a wire in a loop that commands no current or measures no length: these laws know how a current heats the wire,
+/// and how long it then is.
+fn law_of_a_wire(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let is_of_wire = |law: &&str| ["sliding_mode", "sliding_mode_paper"].contains(law);
     let law = trial.controller.law_names().find(is_of_wire)?;
-    let message = format!("`{law}` commands a current");
-    let label = format!("the loop commands a {}", command.signal());
+    let Measurand { command, unit, .. } = &trial.wiring.feedback.measurand;
+    let (message, label) = if *command != Command::Current {
+        let label = format!("the loop commands a {}", command.signal());
+        (format!("`{law}` commands a current"), label)
+    } else {
+        let is_length = conversion(unit.word(), "metres").is_some();
+        let label = (!is_length).then(|| format!("the loop is in {unit}"))?;
+        (format!("`{law}` leads a length"), label)
+    };
     Some(document.key_problem(&format!("controller.{law}"), message, label))
+}
+
+/// Refuses a pair of drives that command two quantities: the output of the law is added to one and taken from the other.
+fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+    let wiring = &trial.wiring;
+    trial.controller.pid_pair.as_ref()?;
+    let first = wiring.feedback.measurand.command;
+    let led = wiring.loops.iter().filter(|one| {
+        one.led_by
+            .is_some_and(|by| by.first == wiring.nodes.drive.id)
+    });
+    let other = led
+        .map(|one| one.measurand.command)
+        .find(|command| *command != first)?;
+    let label = format!(
+        "its drives command a {} and a {}",
+        first.signal(),
+        other.signal()
+    );
+    Some(document.key_problem(
+        "controller.pid_pair",
+        "`pid_pair` commands one quantity",
+        label,
+    ))
 }
 
 /// Demands the gains of `pid` in a loop whose position is no length: the default gains are those of a wire, by the metre.

@@ -383,8 +383,8 @@ pub struct CurrentRamp {
     pub current: f64,
 }
 
-/// Straight lines through the rows of a CSV file: its columns `time_seconds` and that of the current, from 0 to 1 A. Other
-/// columns and rows without a current are skipped, so `signals.csv` of a run folder serves as it is.
+/// Straight lines through the rows of a CSV file: its columns `time_seconds` and that of the current, within the amplifier's range.
+/// Other columns and rows without a current are skipped, so `signals.csv` of a run folder serves as it is.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentTable {
@@ -393,19 +393,13 @@ pub struct CurrentTable {
     pub from_seconds: f64,
     /// The file, relative to the scenario.
     pub file: String,
-    /// The column of the current; that of the commands in a `signals.csv` is `target_current_amperes`.
-    #[serde(default = "CurrentTable::default_column")]
+    /// The column of the output of the amplifier, as `current_amperes` or `voltage_volts`, if absent; that of the commands in a
+    /// `signals.csv` is `target_current_amperes`.
     #[schemars(length(min = 1, max = 200))]
-    pub column: String,
+    pub column: Option<String>,
     /// The rows, `(time_seconds, current_amperes)`, put in by the loader.
     #[serde(skip)]
     pub rows: Arc<[(f64, f64)]>,
-}
-
-impl CurrentTable {
-    fn default_column() -> String {
-        "current_amperes".to_owned()
-    }
 }
 
 /// Trust of the observer in the sensor and in the nominal model, as their uncertainty.

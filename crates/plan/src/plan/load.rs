@@ -10,7 +10,7 @@ use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
-use crate::catalogue::{Catalogue, Frames, Published, output_objection};
+use crate::catalogue::{Catalogue, Frames, Published, output_objection, two_columns};
 use crate::loaded_drive::LoadedDrive;
 use crate::ports;
 use crate::signal_names::SignalNames;
@@ -219,7 +219,12 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
         let frames = catalogue.frames(&trial);
         ControlLoop::with_frames(trial, frames)
     };
-    checked(named(scenario, alone)?.composed())
+    let plan = named(scenario, alone)?;
+    let mut loops = plan.loops.iter();
+    match loops.find_map(|one| two_columns(&one.frames)) {
+        Some(objection) => Err(objection),
+        None => checked(plan.composed()),
+    }
 }
 
 /// Refuses a plan of which two messages have one name or one identifier, or whose frames do not fit on its bus.
