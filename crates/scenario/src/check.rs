@@ -30,7 +30,7 @@ pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
 use fault::faults;
-pub(crate) use fault::faults_of_plants;
+pub(crate) use fault::faults_of_loops;
 use limits::limits;
 pub(crate) use limits::reactions;
 use pieces::{entries, order, pieces};

@@ -16,7 +16,7 @@ use toml::de::{DeValue, ValueDeserializer};
 use crate::null::TakeNullAway;
 
 /// Longest name.
-const NAME_CHARACTERS_MAX: usize = 64;
+pub(crate) const NAME_CHARACTERS_MAX: usize = 64;
 
 /// Parameters of a plant or a law, into which a scenario's table is read and by which it is described. The schema gives types and
 /// ranges, `serde(default)` the defaults; `serde(deny_unknown_fields)` refuses other keys.

@@ -41,7 +41,7 @@ pub struct Hold {
     /// Time at which the hold begins.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
-    /// Position that is held.
+    /// Set-point that is held.
     #[serde(rename = "{signal}_{unit}")]
     pub position: f64,
 }
@@ -53,7 +53,7 @@ pub struct Step {
     /// Time of the jump.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
-    /// Position after the jump.
+    /// Set-point after the jump.
     #[serde(rename = "{signal}_{unit}")]
     pub position: f64,
 }
@@ -68,7 +68,7 @@ pub struct Ramp {
     /// End of the ramp.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
-    /// Position at the end.
+    /// Set-point at the end.
     #[serde(rename = "{signal}_{unit}")]
     pub position: f64,
 }
@@ -135,7 +135,7 @@ pub struct Table {
 /// Set-point and its derivatives at one time, in the unit of the loop and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetPoint {
-    /// Position.
+    /// Set-point.
     pub position: f64,
     /// First derivative of the set-point.
     pub velocity: f64,

@@ -62,12 +62,27 @@ fn at_program(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
 }
 
 /// Finds faults of a plant that have no meaning for it.
-pub(crate) fn faults_of_plants(
+pub(crate) fn faults_of_loops(
     check: &mut Check<'_>,
     faults: &Faults,
     loops: &[Trial],
     reading: Reading,
 ) {
+    let sensors = faults.in_group(Group::Sensor);
+    for fault in sensors.filter(|fault| fault.kind.name == "lost_bits") {
+        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
+        let sensor = loops.iter().find(is_at).map(|one| &one.sensor);
+        let bits = sensor
+            .and_then(|sensor| sensor.resolution_bits)
+            .unwrap_or_default();
+        let has_some = fault
+            .whole("mask")
+            .is_none_or(|mask| mask & ((1 << bits) - 1) != 0);
+        if bits > 0 && !has_some {
+            let (path, message) = (format!("{}.mask", fault.path()), "no bit is lost");
+            check.at(&path, message, format!("the converter has {bits} bits"));
+        }
+    }
     // Only the bench that played a plant from outside knows which faults have a meaning for it.
     let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
     for fault in faults.in_group(Group::Plant) {

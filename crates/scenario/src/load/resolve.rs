@@ -182,7 +182,7 @@ fn resolve(
         Some(run) if loops.len() == rig.loops.len() => run,
         _ => return Err(fail(check.problems)),
     };
-    check::faults_of_plants(&mut check, &run.faults, &loops, reading);
+    check::faults_of_loops(&mut check, &run.faults, &loops, reading);
     let mut sweep = run.sweep.clone();
     if let Some(sweep) = sweep.as_mut().filter(|_| check.problems.is_empty()) {
         check::sweep(&mut check, sweep);

@@ -827,6 +827,31 @@ fn a_disturbance_of_a_node_without_outputs_is_refused_in_a_rig_of_several_loops(
 }
 
 #[test]
+fn a_law_is_refused_in_a_loop_that_it_cannot_lead() {
+    let error = |scenario: &str, rig: &str| load_text(scenario, rig).unwrap_err();
+    let gain = "[controller.pid_pair]\nproportional_amperes_per_degree = 0.03";
+    let sliding_mode = JOINT.replace(gain, "[controller.sliding_mode]");
+    let found = error(&sliding_mode, JOINT_RIG);
+    assert!(found.contains("`sliding_mode` leads a length"), "{found}");
+    let rig = JOINT_RIG.replace("extensor_current_amperes", "extensor_volts");
+    let found = error(JOINT, &rig.replace("extensor.current", "extensor.voltage"));
+    assert!(
+        found.contains("its drives command a current and a voltage"),
+        "{found}"
+    );
+    let named = |text: &str| text.replace("extensor", "timing");
+    let found = error(&named(JOINT), &named(JOINT_RIG));
+    assert!(
+        found.contains("a node cannot be called `timing`"),
+        "{found}"
+    );
+    let lost = "[[fault.sensor.lost_bits]]\nnode = \"flexor\"\nfrom_seconds = 1.0\nmask = 0x800\n";
+    let rig = JOINT_RIG.replace("max = 60.0 }", "max = 60.0, resolution_bits = 11 }");
+    let found = error(&format!("{JOINT}{lost}"), &rig);
+    assert!(found.contains("the converter has 11 bits"), "{found}");
+}
+
+#[test]
 fn gains_and_names_are_those_of_the_loop() {
     let spindle = JOINT_RIG
         .replacen("sensor = {", "sensor = { signal = \"tilt\",", 1)

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::check::Check;
-use crate::custom::is_name;
+use crate::custom::{NAME_CHARACTERS_MAX, is_name};
 use crate::rig::nodes::RigLoop;
 use crate::schema;
 
@@ -25,7 +25,7 @@ impl Check<'_> {
         let named = [
             ("plant", Vec::from_iter(rig.plant.keys()), &NOT_A_PLANT[..]),
             ("node", Vec::from_iter(rig.node.keys()), &NOT_A_NODE),
-            ("loop", Vec::from_iter(rig.loops.keys()), &NOT_A_LOOP),
+            ("loop", Vec::from_iter(rig.loops.keys()), &[]),
         ];
         let mut taken: BTreeMap<&str, String> = BTreeMap::new();
         for (kind, names, reserved) in named {
@@ -33,12 +33,19 @@ impl Check<'_> {
                 let path = format!("{kind}.{name}");
                 if !is_name(name) {
                     let message = format!("`{name}` can be no name of a {kind}");
-                    let label = "small letters, digits and underscores, a letter first";
+                    let label = format!(
+                        "up to {NAME_CHARACTERS_MAX} small letters, digits and underscores, a letter first"
+                    );
                     self.at_key(&path, message, label);
                 }
                 let is_key = |table: &&str| schema::is_key(table, name);
-                let is_beside_loops = kind == "loop" && BESIDE_LOOPS.iter().any(is_key);
-                if is_beside_loops || reserved.contains(&name.as_str()) {
+                // A further drive of a law is a loop by its own name.
+                let mut further = rig.loops.values().flat_map(|one| one.drives().skip(1));
+                let is_loop =
+                    kind == "loop" || further.any(|drive| kind == "node" && drive == name);
+                let is_no_loop =
+                    BESIDE_LOOPS.iter().any(is_key) || NOT_A_LOOP.contains(&name.as_str());
+                if is_loop && is_no_loop || reserved.contains(&name.as_str()) {
                     let message = format!("a {kind} cannot be called `{name}`");
                     let label = "canrig uses this name itself, for a key, a node or a log";
                     self.at_key(&path, message, label);
