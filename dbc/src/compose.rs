@@ -19,11 +19,35 @@ const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
 const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
 
+/// A drive of the bus.
+#[derive(Debug)]
+struct Drive {
+    name: String,
+    node_id: u8,
+    /// Names of what it measures and of what it commands.
+    quantities: [String; 2],
+}
+
+impl Drive {
+    /// Returns a text about a drive of the shipped DBC in the words of this one.
+    fn words(&self, text: &str) -> String {
+        let [measured, commanded] = &self.quantities;
+        let text = match measured.as_str() {
+            names::SHIPPED_SIGNAL => text.to_owned(),
+            measured => {
+                let range = text.replace("the travel", "its range");
+                range.replace(names::SHIPPED_SIGNAL, measured)
+            }
+        };
+        text.replace(names::SHIPPED_COMMAND, commanded)
+    }
+}
+
 /// Composes a database node by node.
 #[derive(Debug)]
 pub struct Composer {
     controller: String,
-    drives: Vec<(u8, String)>,
+    drives: Vec<Drive>,
     io_nodes: Vec<String>,
     /// Names by node-ID.
     nodes: Vec<(u8, String)>,
@@ -99,7 +123,20 @@ impl Composer {
         if let Some(published) = published {
             self.add_plant((name, node_id), published);
         }
-        self.drives.push((node_id, name.to_owned()));
+        self.drives.push(Drive {
+            name: name.to_owned(),
+            node_id,
+            quantities: [names::SHIPPED_SIGNAL, names::SHIPPED_COMMAND].map(str::to_owned),
+        });
+        self
+    }
+
+    /// Names what the drive that was added last measures and commands.
+    #[must_use]
+    pub fn measuring(mut self, measured: &str, commanded: &str) -> Self {
+        if let Some(drive) = self.drives.last_mut() {
+            drive.quantities = [measured, commanded].map(str::to_owned);
+        }
         self
     }
 
@@ -220,17 +257,24 @@ impl Composer {
         self
     }
 
-    /// Adds the causes of the controller's emergencies for each of several drives, whose node-ID is the lowest byte.
-    fn name_drives_in_causes(&mut self) {
+    /// Words the causes of the controller's emergencies as the only drive measures and commands. Of several drives each has causes
+    /// of its own, whose lowest byte is its node-ID.
+    fn word_causes(&mut self) {
         let name = names::message(&self.controller, names::EMERGENCY);
         let mut messages = self.messages.iter_mut().filter(|one| one.name == name);
         let signals = messages.next().into_iter().flat_map(|one| &mut one.signals);
         for signal in signals.filter(|one| one.name == names::MANUFACTURER_ERROR) {
+            if let [drive] = &self.drives[..] {
+                let labels = signal.labels.iter_mut();
+                labels.for_each(|(_, text)| *text = drive.words(text));
+                continue;
+            }
             let causes = signal.labels.clone();
-            for (id, drive) in self.drives.iter().filter(|_| self.drives.len() > 1) {
-                let labels = causes.iter();
-                let of_drive = labels
-                    .map(|(cause, text)| (cause | i64::from(*id), format!("{text} ({drive})")));
+            for drive in &self.drives {
+                let of_drive = causes.iter().map(|(cause, text)| {
+                    let text = format!("{} ({})", drive.words(text), drive.name);
+                    (cause | i64::from(drive.node_id), text)
+                });
                 signal.labels.extend(of_drive);
             }
         }
@@ -238,7 +282,7 @@ impl Composer {
 
     /// Returns the database. Two of its messages may have the same identifier or name: see [`Database::refuse_duplicates`].
     pub fn finish(mut self) -> Database {
-        let drives = self.drives.iter().map(|(_, name)| name);
+        let drives = self.drives.iter().map(|drive| &drive.name);
         let listeners = drives.chain(&self.io_nodes).cloned();
         let listeners = Vec::from_iter(listeners.chain([names::BENCH.to_owned()]));
         let heartbeat = names::message(&self.controller, names::HEARTBEAT);
@@ -251,7 +295,7 @@ impl Composer {
                 signal.receivers.clone_from(&listeners);
             }
         }
-        self.name_drives_in_causes();
+        self.word_causes();
         let database = Database::from_messages(self.messages);
         let nodes = self.nodes.iter();
         database.with_nodes(nodes.map(|(node_id, name)| (*node_id, name.as_str())))
@@ -334,6 +378,7 @@ mod tests {
             .with_io(("fan", 0x11), &[])
             .with_terms((0, "x"), TERMS, &shipped_terms())
             .with_drive(("right", 0x12), Some(&[]))
+            .measuring("speed", "voltage")
             .with_terms((1, "y"), TERMS.map(|id| id + 0x20), &shipped_terms())
             .finish()
     }
@@ -402,7 +447,11 @@ mod tests {
         let causes = &both.definition("hand_emergency.manufacturer_error");
         let label = |value| causes.unwrap().label(value).unwrap();
         assert_eq!(label(256.0), "no position from the drive");
-        assert_eq!(label(274.0), "no position from the drive (right)");
+        assert_eq!(label(272.0), "no position from the drive (left)");
+        assert_eq!(label(274.0), "no speed from the drive (right)");
+        assert_eq!(label(530.0), "speed outside its range (right)");
+        let stall = "speed stands still under a large voltage (right)";
+        assert_eq!(label(1042.0), stall);
         let labels = &message("nmt_command").signals[1].labels;
         let labels = Vec::from_iter(labels.iter().map(|(id, name)| (*id, name.as_str())));
         assert_eq!(

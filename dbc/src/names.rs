@@ -72,6 +72,9 @@ pub const TARGET_CURRENT: &str = "target_{command}_{command_unit}";
 pub const PLANT_CURRENT: &str = "plant_{command}_{command_unit}";
 /// State of a node, in its heartbeat.
 pub const NMT_STATE: &str = "nmt_state";
+/// Names of what the drive of the shipped DBC measures and commands.
+pub(crate) const SHIPPED_SIGNAL: &str = "position";
+pub(crate) const SHIPPED_COMMAND: &str = "current";
 /// Signal of an EMCY with the bytes of the maker.
 pub const MANUFACTURER_ERROR: &str = "manufacturer_error";
 /// Factor on the convection coefficient, an output of an io node.

@@ -103,7 +103,8 @@ impl Law for Pid {
     }
 
     fn ports(&self) -> Ports {
-        let on_stop = Port::flag("saturation_on_stop").with_comment("The position is 0 or below.");
+        let on_stop =
+            Port::flag("saturation_on_stop").with_comment("What the loop measures is 0 or below.");
         one_loop::<Self>(terms().into_iter().chain([on_stop]))
     }
 
@@ -133,9 +134,9 @@ pub(super) fn terms() -> [Port; 5] {
         Port::position_term("reference_{signal}_{unit}")
             .with_comment("Set-point that the law follows."),
         Port::position_term("reference_velocity_{unit}_per_second")
-            .with_comment("Velocity of the set-point."),
+            .with_comment("Derivative of the set-point."),
         Port::position_term("estimated_velocity_{unit}_per_second")
-            .with_comment("Velocity of the filtered position."),
+            .with_comment("Derivative of the filtered measurement."),
         Port::flag("saturation_upper_limit").with_comment("The law wants more than there is."),
         Port::flag("saturation_lower_limit").with_comment("The law wants less than there is."),
     ]

@@ -418,13 +418,17 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     with_units(with_drive, &followed.name, &wiring.feedback, current)
 }
 
-/// Puts the quantities of a drive into its frames, those of an emulated drive with its counts and its range of currents.
+/// Puts the quantities of the drive that was added last into its frames, those of an emulated drive with its counts and its range of currents.
 fn with_units(
-    mut composer: Composer,
+    composer: Composer,
     drive: &str,
     measured: &Measured,
     current: Option<CurrentRange>,
 ) -> Composer {
+    let Measurand {
+        signal, command, ..
+    } = &measured.measurand;
+    let mut composer = composer.measuring(signal, command.signal());
     for (service, pattern) in SIGNALS_OF_LOOP {
         composer = composer.edited(drive, service, |message| {
             let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);

@@ -405,7 +405,7 @@ pub struct Plausible {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stall {
-    /// RMS from which on the current is large, in amperes.
+    /// RMS from which on the current is large, in amperes, or in the unit of what else the amplifier gives.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000_000.0))]
     pub current_rms: f64,
     /// Time for which the position is watched, in seconds.
