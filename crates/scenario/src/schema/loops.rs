@@ -20,6 +20,8 @@ const ANY_WORD: &str = "[a-z][a-z0-9_]*";
 /// Key in the place of a loop's name.
 const ALL: &str = "all";
 
+/// Key of a node that is no part.
+const TRUTH: &str = "truth_every_cycles";
 /// Parts of a node that a scenario may change, each with its definition.
 const PARTS: [(&str, &str); 5] = [
     ("amplifier", "RigAmplifier"),
@@ -130,10 +132,13 @@ fn values(definition: &str) -> String {
     format!("{definition}Values")
 }
 
+fn schema_of_truth() -> Value {
+    RIG["definitions"]["RigNode"]["properties"][TRUTH].clone()
+}
+
 /// Returns the schema of the parts of a node, without its wiring. The rig file has the keys that are left out.
 fn rig_part(schema: &mut Value) -> Value {
-    let truth = RIG["definitions"]["RigNode"]["properties"]["truth_every_cycles"].clone();
-    let mut properties = Map::from_iter([("truth_every_cycles".to_owned(), truth)]);
+    let mut properties = Map::from_iter([(TRUTH.to_owned(), schema_of_truth())]);
     for (key, definition) in PARTS {
         let mut part = part_of(&RIG, &reference(definition));
         if let Some(keys) = part["properties"].as_object_mut() {
@@ -179,7 +184,9 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
                 let part_schema = json!({"allOf": [definition], "default": {}});
                 (part.to_owned(), part_schema)
             });
-        (name.clone(), table(parts))
+        let is_emulated = node.kind == Part::Drive && node.is_ours();
+        let truth = is_emulated.then(|| (TRUTH.to_owned(), schema_of_truth()));
+        (name.clone(), table(parts.chain(truth)))
     });
     schema["properties"]["node"] = table(nodes);
     schema
