@@ -254,10 +254,11 @@ mod tests {
     use canopen::object_dictionary::Preset;
 
     use super::*;
+    use crate::Composer;
     use crate::coding::{Coding, Kind, Range};
     use crate::database::{Database, Signal};
     use crate::names::{ADDED_LOAD, CONVECTION_FACTOR};
-    use crate::{Composer, node_objects};
+    use crate::node_objects::{self, PlantSignals};
 
     /// Returns the sheet of a node on a bus, whose objects it has.
     fn checked(
@@ -297,7 +298,7 @@ mod tests {
             (
                 DRIVE_EDS,
                 ("drive", 0x10),
-                node_objects::drive(shipped, "drive", 0x10, []),
+                node_objects::drive(0x10, PlantSignals::of(shipped, "drive"), []),
             ),
             (
                 DISTURBANCE_EDS,
@@ -330,7 +331,11 @@ mod tests {
             Preset::new(0x1801, 2, 5),
             Preset::new(0x60A8, 0, 0xFD41_0000),
         ];
-        let objects = node_objects::drive(&bus, "y", 0x12, presets.into_iter().chain([target]));
+        let objects = node_objects::drive(
+            0x12,
+            PlantSignals::of(&bus, "y"),
+            presets.into_iter().chain([target]),
+        );
         let text = checked(DRIVE_EDS, ("y", 0x12), &objects, &bus);
         for part in [
             "\nFileName=y.eds\n",
@@ -347,7 +352,7 @@ mod tests {
             assert!(text.contains(part), "{part}\n{text}");
         }
         let alone = Composer::new("controller", 1).with_drive(("y", 0x12), Some(&signals[..1]));
-        let objects = node_objects::drive(&alone.finish(), "y", 0x12, []);
+        let objects = node_objects::drive(0x12, PlantSignals::of(&alone.finish(), "y"), []);
         let reserved = objects.get(0x2102, 0).map(|entry| entry.name.as_str());
         assert_eq!(
             (reserved, objects.unsigned(0x1802, 1)),

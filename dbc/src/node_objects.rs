@@ -155,33 +155,56 @@ fn add_terms(
     }
 }
 
-/// Returns the objects of an emulated drive with a node-ID: with the signals of its plant in the database, and with `presets`.
-/// Signals that do not fit into TPDO2 are in a TPDO3.
+/// The signals that an emulated drive publishes of its plant.
+#[derive(Debug)]
+pub struct PlantSignals<'a> {
+    /// Outputs of the plant, in their order.
+    pub published: Vec<&'a Signal>,
+    /// Position before the sensor.
+    pub position: &'a Signal,
+}
+
+impl<'a> PlantSignals<'a> {
+    /// Returns those of a drive of a database; `None` if it publishes none.
+    pub fn of(database: &'a Database, drive: &str) -> Option<Self> {
+        let mut messages = database.plant_messages(drive);
+        let (position, first) = messages.next()?.signals.split_last()?;
+        let others = messages.flat_map(|message| &message.signals);
+        let published = first.iter().chain(others).collect();
+        Some(Self {
+            published,
+            position,
+        })
+    }
+}
+
+/// Returns the objects of an emulated drive with a node-ID, with the signals of its plant and with `presets`. Signals that do not fit
+/// into TPDO2 are in a TPDO3.
 ///
 /// # Panics
 /// If the node-ID is not from 1 to 127.
 pub fn drive(
-    database: &Database,
-    name: &str,
     node_id: u8,
+    truth: Option<PlantSignals<'_>>,
     presets: impl IntoIterator<Item = Preset>,
 ) -> ObjectDictionary {
     let mut objects = shipped_objects(DRIVE_EDS, node_id);
-    let mut messages = database.plant_messages(name);
-    if let Some((truth, first)) = messages.next().and_then(|one| one.signals.split_last()) {
-        let others = messages.flat_map(|message| &message.signals);
-        let signals = Vec::from_iter(first.iter().chain(others));
+    if let Some(PlantSignals {
+        published,
+        position,
+    }) = truth
+    {
         let mut add = |index, signal: &Signal| {
             let bits = signal.coding.length_bits;
             let entry = entry_of(&objects, index, &[signal], bits);
             objects.insert(entry);
             u32::from(index) << 16 | u32::from(bits)
         };
-        add(TRUE_POSITION_OBJECT, truth);
-        let published = PLANT_OBJECTS.into_iter().zip(&signals);
-        let mapped = Vec::from_iter(published.map(|(index, signal)| add(index, signal)));
+        add(TRUE_POSITION_OBJECT, position);
+        let numbered = PLANT_OBJECTS.into_iter().zip(&published);
+        let mapped = Vec::from_iter(numbered.map(|(index, signal)| add(index, signal)));
         let in_tpdo2 = PLANT_OBJECTS.into_iter().take(SIGNALS_IN_TPDO2);
-        for index in in_tpdo2.skip(signals.len()) {
+        for index in in_tpdo2.skip(published.len()) {
             objects.insert(published_entry(index, "reserved", DataType::Unsigned16));
         }
         if let Some(mapped @ [_, ..]) = mapped.get(SIGNALS_IN_TPDO2..) {

@@ -3,7 +3,6 @@
 
 use controller::controller_node;
 use libfuzzer_sys::fuzz_target;
-use plan::Plan;
 use plant_emulator::catalogue;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::nodes::Rig;
@@ -22,7 +21,6 @@ fuzz_target!(|text: &str| {
     let Ok(scenario) = Trial::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned())) else {
         return;
     };
+    let _ = catalogue::emulator(&scenario);
     let _ = controller_node(&scenario.controller_view());
-    let plan = Plan::new(scenario, worlds::catalogue::catalogue());
-    let _ = catalogue::joint_emulator(&[&plan.loops[0].trial], plan.database());
 });

@@ -166,8 +166,7 @@ mod tests {
     #[test]
     fn the_motor_publishes_its_third_signal_in_tpdo3() {
         let scenario = scenario("dc_motor", "[plant.motor]\nambient_celsius = 31.0\n");
-        let database = database(&scenario);
-        let mut node = joint_emulator(&[&scenario], &database).unwrap();
+        let mut node = emulator(&scenario).unwrap();
         let started = [(0x000, &[1, 0][..]), (0x080, &[1])];
         node.on_tick(Duration::ZERO);
         for (id, data) in started {
@@ -175,6 +174,7 @@ mod tests {
             node.on_frame(Duration::from_millis(1), &CanFrame::new(id, data));
         }
         let frames: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
+        let database = database(&scenario);
         let value = |path| {
             let signal = database.require(path).unwrap();
             frames.iter().find_map(|frame| signal.decode(frame))

@@ -5,9 +5,10 @@ use std::time::Duration;
 use can::{CanFrame, Node, earlier, earliest};
 use canopen::object_dictionary::Preset;
 use canopen::{Device, NodeId, ObjectDictionary};
+use dbc::Database;
 use dbc::loops::truth_presets;
+use dbc::node_objects::{self, PlantSignals};
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Database, node_objects};
 use faults::{FaultPlan, Faulty};
 use scenario::Trial;
 
@@ -147,7 +148,6 @@ impl Parts {
         plant: &ClockedPlant,
         wires: Wires,
         trial: &Trial,
-        database: &Database,
     ) -> Result<Self, InvalidEmulator> {
         let wiring = &trial.wiring;
         let faults = trial.drive_faults();
@@ -159,11 +159,14 @@ impl Parts {
         let wrong_identity = faults.of("wrong_identity").next();
         let code = wrong_identity.and_then(|fault| fault.whole("product_code"));
         let identity = code.map(|code| Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
-        let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
-        let presets = trial.presets().into_iter().chain(truth).chain(identity);
+        let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
+        let presets = trial.presets().into_iter().chain(pace).chain(identity);
         let presets = presets.chain(drive::first_values(&wires, plant));
-        let name = &wiring.nodes.drive.name;
-        let objects = node_objects::drive(database, name, node_id.get(), presets);
+        let truth = PlantSignals {
+            published: wires.published.iter().map(|one| &one.signal).collect(),
+            position: &wires.true_position,
+        };
+        let objects = node_objects::drive(node_id.get(), Some(truth), presets);
         Ok(Self {
             node_id,
             trial: trial.clone(),

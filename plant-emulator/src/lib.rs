@@ -141,7 +141,7 @@ impl PlantEmulator {
                     });
                 }
             }
-            let parts = Parts::new(&plants, wires, trial, database)?;
+            let parts = Parts::new(&plants, wires, trial)?;
             nodes.push(DriveNode::new(parts, trial, database)?);
         }
         if let Some(first) = nodes.first_mut() {

@@ -1,6 +1,8 @@
 //! Ports of a plant to which a drive is wired, with their indices, found once.
 
+use dbc::names::TRUE_POSITION;
 use dbc::node_objects::PLANT_OBJECTS;
+use dbc::{Coding, Kind, Signal};
 use scenario::port::{Port, Ports, conversion};
 use scenario::wiring::{TRUE_STEPS_PER_UNIT, Wiring};
 
@@ -10,8 +12,8 @@ use crate::objects::{SIGNED_16, UNSIGNED_16};
 /// An output that a drive publishes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Published {
-    /// Name of the signal in the messages of the drive.
-    pub(crate) name: String,
+    /// Its signal in the messages of the drive.
+    pub(crate) signal: Signal,
     /// Index of the output.
     pub(crate) output: usize,
     pub(crate) steps_per_unit: f64,
@@ -38,6 +40,8 @@ pub(crate) struct Wires {
     pub(crate) is_true_float: bool,
     /// Contents of TPDO2 and TPDO3.
     pub(crate) published: Vec<Published>,
+    /// Signal of the true position.
+    pub(crate) true_position: Signal,
 }
 
 impl Wires {
@@ -70,7 +74,15 @@ impl Wires {
         } else {
             TRUE_STEPS_PER_UNIT
         };
+        let kind = if is_true_float {
+            Kind::Float32
+        } else {
+            Kind::Signed
+        };
+        let coding = Coding::little_endian(0, 32, kind, 1.0 / true_steps, None);
+        let true_position = wiring.sensor.measurand.name(TRUE_POSITION);
         Ok(Self {
+            true_position: Signal::new(true_position, "", "", coding),
             input,
             input_per_ampere: conversion(command.word(), &ports.inputs[input].unit).unwrap_or(1.0),
             output,
@@ -88,8 +100,9 @@ impl Wires {
 
 fn published(output: usize, port: &Port, wiring: &Wiring) -> Published {
     let has_sign = port.range[0] < 0.0;
+    let coding = Coding::of_output(port.steps_per_unit, port.range);
     Published {
-        name: wiring.recorded_name(port),
+        signal: Signal::new(wiring.recorded_name(port), "", "", coding),
         output,
         steps_per_unit: port.steps_per_unit,
         range: if has_sign { SIGNED_16 } else { UNSIGNED_16 },

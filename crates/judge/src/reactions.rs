@@ -152,8 +152,11 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let value = |evidence: &Evidence<'_>, window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
-        let stays = || format!("{} stays on", evidence.command_name()).into();
-        zero.ok_or_else(|| silence_of_truth(evidence).unwrap_or_else(stays))
+        let goes_on = || match evidence.command_name() {
+            "current" => "current flows on".into(),
+            command => format!("{command} stays on").into(),
+        };
+        zero.ok_or_else(|| silence_of_truth(evidence).unwrap_or_else(goes_on))
     };
     let zero = evidence.of_event(window, true, value)?;
     Ok(Known {

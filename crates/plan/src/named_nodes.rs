@@ -3,6 +3,7 @@
 use canopen::ObjectDictionary;
 use dbc::data_sheets::sheet;
 use dbc::loops::truth_presets;
+use dbc::node_objects::PlantSignals;
 use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Message, node_objects};
 use scenario::node::Node;
 use scenario::wiring::IoOutput;
@@ -64,9 +65,10 @@ fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
             is_makers: true,
         };
     }
-    let truth = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
-    let presets = one.trial.presets().into_iter().chain(truth);
-    let objects = node_objects::drive(plan.database(), &node.name, node.id, presets);
+    let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
+    let presets = one.trial.presets().into_iter().chain(pace);
+    let truth = PlantSignals::of(plan.database(), &node.name);
+    let objects = node_objects::drive(node.id, truth, presets);
     NodeObjects::ours(node, DRIVE_EDS, objects)
 }
 

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use canopen::ObjectDictionary;
-use dbc::{Database, Message, Signal, names, node_objects};
+use dbc::node_objects::{self, PlantSignals};
+use dbc::{Database, Message, Signal, names};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::rig::object_address;
 use scenario::wiring::{IoOutput, Wiring};
@@ -145,7 +146,7 @@ fn objects_of_nodes(
         ),
         (
             drive.id,
-            node_objects::drive(database, &drive.name, drive.id, []),
+            node_objects::drive(drive.id, PlantSignals::of(database, &drive.name), []),
         ),
     ];
     io.chain(others).collect()

@@ -120,7 +120,8 @@ impl<'text> Reader<'_, 'text> {
             if only.is_some() || !is_drive_fault {
                 return Ok(only.map(|(name, node)| found(name, node)));
             }
-            let known = Vec::from_iter(nodes.keys().map(String::as_str)).join(", ");
+            let drives = self.rig.of_kind(Part::Drive).map(|(name, _)| name);
+            let known = Vec::from_iter(drives).join(", ");
             let label = format!("`{NODE}` is missing; known are: {known}");
             return Err(self.document.problem(path, "for which node?", label));
         };

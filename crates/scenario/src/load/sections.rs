@@ -358,7 +358,8 @@ impl<'text> Selector<'_, 'text> {
             let output = output_name(kind, table);
             let with = Vec::from_iter(self.rig.io_with(output).filter(|_| by == NODE));
             let (is_clear, known) = match with.len() {
-                0 => (self.is_only_loop(), known),
+                // An output that no node has is refused as that.
+                0 => (self.is_only_loop() || by == NODE, known),
                 count => (count == 1, &*with),
             };
             let message = format!("for which {by}?");

@@ -22,6 +22,9 @@ pub const NODES_MAX: usize = 127;
 /// Largest number of loops: the controller has objects and identifiers for these.
 pub const LOOPS_MAX: usize = 8;
 
+/// Names of plants, nodes and loops, as [`is_name`](crate::custom::is_name) has them.
+const NAME_PATTERN: &str = "^[a-z][a-z0-9_]{0,63}$";
+
 /// A rig file.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -42,11 +45,14 @@ pub struct Rig {
     pub defaults: Defaults,
     /// The plants by name, each with the table of its model: `[plant.NAME.MODEL]`.
     #[serde(default)]
+    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub plant: BTreeMap<String, PlantModel>,
     /// The nodes by name.
+    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub node: BTreeMap<String, RigNode>,
     /// The loops by name.
     #[serde(rename = "loop")]
+    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub loops: BTreeMap<String, RigLoop>,
 }
 
