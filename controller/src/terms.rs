@@ -83,15 +83,15 @@ impl TermObjects {
             let is_float = dictionary.entry(handle).data_type == DataType::Real32;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];
-                let steps = port.steps_per_unit;
+                let steps = if is_float { 1.0 } else { port.steps_per_unit };
                 let range = port.range.map(|end| (end * steps).round());
                 Part {
                     output,
                     bit: *bit,
-                    counts: match (is_float, port.is_position) {
-                        (true, true) => factor,
-                        (true, false) => 1.0,
-                        (false, _) => steps * factor,
+                    counts: if port.width == Width::Real32 {
+                        1.0
+                    } else {
+                        steps * factor
                     },
                     range: (!is_float).then_some(range),
                 }

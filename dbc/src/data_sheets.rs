@@ -87,11 +87,8 @@ fn list_of(index: u16) -> &'static str {
 
 /// Returns the name of the section in a text that may begin with comments.
 fn section_name(text: &str) -> &str {
-    let mut lines = text.lines();
-    let line = lines
-        .find_map(|line| line.strip_prefix('['))
-        .unwrap_or_default();
-    line.trim_end_matches(']')
+    let line = text.lines().find_map(|line| line.strip_prefix('['));
+    line.unwrap_or_default().trim_end_matches(']')
 }
 
 fn name_of_section(index: u16, sub_index: u8, is_single: bool) -> String {
@@ -103,7 +100,7 @@ fn name_of_section(index: u16, sub_index: u8, is_single: bool) -> String {
 }
 
 /// Returns a comment on each object that one signal alone has: the unit of a count, and what the signal is.
-fn comments<'a>(messages: impl Iterator<Item = &'a Message>) -> BTreeMap<String, String> {
+fn comments<'a>(messages: impl Iterator<Item = &'a Message>) -> BTreeMap<&'a str, String> {
     let mut comments = BTreeMap::new();
     for signal in messages.flat_map(|message| &message.signals) {
         let count = match (signal.coding.factor, &*signal.unit) {
@@ -111,11 +108,9 @@ fn comments<'a>(messages: impl Iterator<Item = &'a Message>) -> BTreeMap<String,
             (1.0, unit) => format!("In {unit}. "),
             (factor, unit) => format!("In {factor} {unit}. "),
         };
-        let comment = format!("; {count}{}", signal.comment);
-        let has_one = comments.insert(signal.object.clone(), comment).is_none();
-        if !has_one {
-            comments.insert(signal.object.clone(), String::new());
-        }
+        let comment = || format!("; {count}{}\n", signal.comment);
+        let known = comments.entry(signal.object.as_str());
+        known.and_modify(String::clear).or_insert_with(comment);
     }
     comments
 }
@@ -127,28 +122,20 @@ struct Writer<'a> {
     /// Objects of the shipped sheet.
     shipped: &'a ObjectDictionary,
     /// Comments on new objects.
-    comments: BTreeMap<String, String>,
+    comments: BTreeMap<&'a str, String>,
 }
 
 impl Writer<'_> {
     /// Returns the shipped object that describes an object: the same one, or for another PDO or SDO client one of those before it.
     fn like(&self, index: u16) -> u16 {
         let indices = self.shipped.entries().iter().map(|entry| entry.index);
-        match index {
-            ..MANUFACTURERS => indices
-                .take_while(|shipped| *shipped <= index)
-                .last()
-                .unwrap_or(index),
-            _ => index,
-        }
+        let before = indices.take_while(|shipped| *shipped <= index).last();
+        before.filter(|_| index < MANUFACTURERS).unwrap_or(index)
     }
 
     fn write_object(&self, objects: &ObjectDictionary, index: u16, text: &mut String) {
-        let entries = objects
-            .entries()
-            .iter()
-            .filter(|entry| entry.index == index);
-        let entries = Vec::from_iter(entries);
+        let entries = objects.entries().iter();
+        let entries = Vec::from_iter(entries.filter(|entry| entry.index == index));
         let is_single = matches!(entries[..], [Entry { sub_index: 0, .. }]);
         if !is_single {
             let like = self.like(index);
@@ -169,7 +156,7 @@ impl Writer<'_> {
             let known = self.sections.get(&*name);
             match known.filter(|_| self.shipped.get(index, entry.sub_index) == Some(entry)) {
                 Some(section) => *text += section.trim_end(),
-                None => *text += self.section(entry, &name, is_single).trim_end(),
+                None => *text += &self.section(entry, &name, is_single),
             }
             *text += "\n\n";
         }
@@ -181,60 +168,39 @@ impl Writer<'_> {
             index, sub_index, ..
         } = *entry;
         let like = self.like(index);
+        let shipped = self.shipped.get(like, sub_index);
+        let is_known = shipped.is_some_and(|shipped| shipped.name == entry.name);
         let known = self
             .sections
             .get(&*name_of_section(like, sub_index, is_single));
-        let known = known.filter(|_| {
-            let shipped = self.shipped.get(like, sub_index);
-            shipped.is_some_and(|shipped| shipped.name == entry.name)
-        });
-        let mut text = String::new();
-        let mut add = |line: &str| text += &format!("{line}\n");
-        match known {
-            Some(section) => section
-                .lines()
-                .filter(|line| line.starts_with(';'))
-                .for_each(&mut add),
-            None => {
-                let comment = self.comments.get(&format!("0x{index:04X}:{sub_index:02X}"));
-                comment
-                    .into_iter()
-                    .filter(|comment| !comment.is_empty())
-                    .for_each(|comment| add(comment));
-            }
-        }
-        add(&format!(
-            "[{name}]\nParameterName={}\nObjectType=0x7",
-            entry.name
-        ));
-        add(&format!("DataType=0x{:04X}", entry.data_type.number()));
-        add(&format!("AccessType={}", entry.access.word()));
-        for (key, limit) in [
-            ("LowLimit", entry.low_limit),
-            ("HighLimit", entry.high_limit),
-        ] {
-            limit
-                .into_iter()
-                .for_each(|limit| add(&format!("{key}={limit}")));
+        let known = known.filter(|_| is_known);
+        let object = format!("0x{index:04X}:{sub_index:02X}");
+        let mut text = match known {
+            Some(section) => section[..section.find('[').unwrap_or(0)].to_owned(),
+            None => self.comments.get(&*object).cloned().unwrap_or_default(),
+        };
+        let (data_type, access) = (entry.data_type.number(), entry.access.word());
+        text += &format!("[{name}]\nParameterName={}\nObjectType=0x7\n", entry.name);
+        text += &format!("DataType=0x{data_type:04X}\nAccessType={access}\n");
+        for (key, limit) in [("Low", entry.low_limit), ("High", entry.high_limit)] {
+            text += &limit.map_or_else(String::new, |limit| format!("{key}Limit={limit}\n"));
         }
         // A node publishes the first value of a plant or a law, which no sheet knows.
-        if known.is_some() || entry.access != Access::ReadOnly {
+        if is_known || entry.access != Access::ReadOnly {
             let value = entry.decode_integer(&entry.default);
-            let is_hexadecimal = match known.and_then(|section| section.split_once("DefaultValue="))
-            {
+            let notation = known.and_then(|section| section.split_once("DefaultValue="));
+            let is_hexadecimal = match notation {
                 Some((_, notation)) => notation.starts_with("0x") || notation.starts_with('$'),
                 None => entry.data_type == DataType::Unsigned32,
             };
             let digits = 2 * entry.data_type.size_bytes().unwrap_or_default();
-            let value = if is_hexadecimal {
-                format!("0x{value:0digits$X}")
+            text += &if is_hexadecimal {
+                format!("DefaultValue=0x{value:0digits$X}\n")
             } else {
-                value.to_string()
+                format!("DefaultValue={value}\n")
             };
-            add(&format!("DefaultValue={value}"));
         }
-        add(&format!("PDOMapping={}", u8::from(entry.is_pdo_mappable)));
-        text
+        text + &format!("PDOMapping={}", u8::from(entry.is_pdo_mappable))
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! A node has these objects, and its data sheet is written from them.
 
+use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 
 use canopen::ObjectDictionary;
@@ -52,12 +53,8 @@ const MAPPED_MAX: u8 = 8;
 
 /// Returns the entry of the controller's 0x1016 that watches the drive of a loop, by the place of the loop.
 pub fn watch_entry(loop_place: usize) -> u8 {
-    let entry = if loop_place == 0 {
-        1
-    } else {
-        loop_place + usize::from(IO_WATCH_ENTRY)
-    };
-    u8::try_from(entry).unwrap_or(u8::MAX)
+    let behind_io = u8::try_from(loop_place + usize::from(IO_WATCH_ENTRY));
+    behind_io.map_or(u8::MAX, |entry| if loop_place == 0 { 1 } else { entry })
 }
 
 /// Returns the objects of the controller of a rig: with the terms of each loop's law and the identifiers of its TPDOs, and with an
@@ -79,15 +76,14 @@ pub fn controller(
         let is_of_law = terms.contains(index) || laws.iter().any(|one| one.contains(index));
         !is_of_law && !SDO_CLIENTS.contains(index)
     });
-    let mut servers = Vec::new();
-    for server in drives.iter().chain(io_nodes) {
-        if !servers.contains(server) {
-            servers.push(*server);
-        }
-    }
+    let mut known = BTreeSet::new();
+    let servers = drives
+        .iter()
+        .chain(io_nodes)
+        .filter(|id| known.insert(**id));
     let first_client = shipped.entries().iter();
     let first_client = first_client.filter(|entry| entry.index == *SDO_CLIENTS.start());
-    for (index, server) in SDO_CLIENTS.zip(servers) {
+    for (index, server) in SDO_CLIENTS.zip(servers.copied()) {
         for entry in first_client.clone() {
             objects.insert(entry.clone().at(index, entry.sub_index));
         }
@@ -96,31 +92,29 @@ pub fn controller(
             objects.preset(&Preset::new(index, sub_index, value));
         }
     }
-    let watch = shipped.get(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
+    let watch = |objects: &mut ObjectDictionary, sub_index, value| {
+        objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, sub_index, value));
+    };
+    let first_watch = shipped.get(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     for (place, (terms, identifiers)) in loops.iter().enumerate() {
         let number = u8::try_from(place).unwrap_or(u8::MAX);
         add_terms(&mut objects, &shipped, terms, identifiers, number);
-        if let Some(watch) = watch {
-            let sub_index = watch_entry(place);
-            let mut watch = watch.clone().at(CONSUMER_HEARTBEAT_TIME, sub_index);
-            watch.name = format!("Consumer heartbeat time {sub_index}");
-            objects.insert(watch);
-            let drive = drives.get(place).copied().unwrap_or_default();
-            let unwatched = Preset::new(CONSUMER_HEARTBEAT_TIME, sub_index, i64::from(drive) << 16);
-            objects.preset(&unwatched);
+        let sub_index = watch_entry(place);
+        if let Some(first) = first_watch {
+            let mut entry = first.clone().at(CONSUMER_HEARTBEAT_TIME, sub_index);
+            entry.name = format!("Consumer heartbeat time {sub_index}");
+            objects.insert(entry);
         }
+        let drive = drives.get(place).copied().unwrap_or_default();
+        watch(&mut objects, sub_index, i64::from(drive) << 16);
     }
     let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
-    objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 0, count.into()));
+    watch(&mut objects, 0, count.into());
     // The data sheet watches the module of the shipped rig. Its node-ID may belong to a drive here.
     let shipped_watch = shipped.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
     let time = shipped_watch.unwrap_or_default() & u32::from(u16::MAX);
     let watched = io_nodes.first().map_or(0, |id| u32::from(*id) << 16 | time);
-    objects.preset(&Preset::new(
-        CONSUMER_HEARTBEAT_TIME,
-        IO_WATCH_ENTRY,
-        watched.into(),
-    ));
+    watch(&mut objects, IO_WATCH_ENTRY, watched.into());
     objects
 }
 

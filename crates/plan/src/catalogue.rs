@@ -186,29 +186,21 @@ pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
     let is_free =
         |output: &IoOutput| output.port.name == name && kind_of_output(&output.port.name).is_none();
     let mut nodes = wiring.io.iter().zip(&published.outputs);
-    let recorded = wiring.record.iter().flatten();
-    let is_it = |port: &&String| local_name(port) == name || **port == name;
-    let mut recorded = recorded.enumerate().filter(|(_, port)| is_it(port));
-    let places = [recorded.next(), recorded.next()].map(|one| one.map(|(place, _)| place));
-    let (path, label) =
-        if let Some((io, _)) = nodes.find(|(_, outputs)| outputs.iter().any(&is_free)) {
-            let path = format!("node.{}.outputs.{name}", io.node.name);
-            (path, "one is an output of this node: give it another name")
-        } else if let [_, Some(second)] = places {
-            (format!("node.{drive}.record.{second}"), "it is there twice")
-        } else if let [Some(place), _] = places {
-            let label = "the loop has a signal of this name already: leave it out";
-            (format!("node.{drive}.record.{place}"), label)
-        } else if published.signals.iter().any(|signal| signal.name == name) {
-            let path = format!("plant.{}", wiring.plant);
-            (path, "one is an output of this plant: give it another name")
-        } else {
-            let path = format!("node.{drive}.sensor.signal");
-            (
-                path,
-                "one is what this sensor measures: give it another name",
-            )
-        };
+    let is_it = |(_, port): &(usize, &String)| local_name(port) == name || **port == name;
+    let recorded = wiring.record.iter().flatten().enumerate();
+    let (path, label) = if let Some((io, _)) = nodes.find(|(_, all)| all.iter().any(&is_free)) {
+        let path = format!("node.{}.outputs.{name}", io.node.name);
+        (path, "one is an output of this node: give it another name")
+    } else if let Some((place, _)) = recorded.filter(is_it).last() {
+        let label = "the loop has a signal of this name already: leave it out";
+        (format!("node.{drive}.record.{place}"), label)
+    } else if published.signals.iter().any(|signal| signal.name == name) {
+        let path = format!("plant.{}", wiring.plant);
+        (path, "one is an output of this plant: give it another name")
+    } else {
+        let path = format!("node.{drive}.sensor.signal");
+        (path, "the loop has one already: give this another name")
+    };
     Some(two_signals(path, &name, label))
 }
 

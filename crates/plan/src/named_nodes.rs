@@ -15,20 +15,8 @@ use crate::plan::{ControlLoop, Plan};
 struct NodeObjects<'a> {
     node: &'a Node,
     objects: ObjectDictionary,
-    /// EDS: of the maker of a drive, which knows nothing of this rig, or the shipped one.
-    eds: &'a str,
-    is_makers: bool,
-}
-
-impl<'a> NodeObjects<'a> {
-    fn ours(node: &'a Node, eds: &'static str, objects: ObjectDictionary) -> Self {
-        Self {
-            node,
-            objects,
-            eds,
-            is_makers: false,
-        }
-    }
+    /// EDS of the maker of a drive, which knows nothing of this rig, or else the shipped one.
+    eds: Result<&'a str, &'static str>,
 }
 
 /// Returns the nodes of a plan in the order of the node-IDs.
@@ -41,15 +29,23 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
         for io in &one.nodes.io {
             let outputs = one.io_outputs(io).iter().map(IoOutput::in_sheet);
             let objects = node_objects::io(io.id, outputs, one.nodes.controller.id);
-            nodes.push(NodeObjects::ours(io, DISTURBANCE_EDS, objects));
+            nodes.push(NodeObjects {
+                node: io,
+                objects,
+                eds: Err(DISTURBANCE_EDS),
+            });
             io_nodes.push(io.id);
         }
         let identifiers = one.trial.wiring.identifiers.terms;
         terms.push((one.terms().cloned().collect(), identifiers));
     }
-    let controller = plan.controller();
-    let objects = node_objects::controller(controller.id, &terms, &drives, &io_nodes);
-    nodes.push(NodeObjects::ours(controller, CONTROLLER_EDS, objects));
+    let node = plan.controller();
+    let objects = node_objects::controller(node.id, &terms, &drives, &io_nodes);
+    nodes.push(NodeObjects {
+        node,
+        objects,
+        eds: Err(CONTROLLER_EDS),
+    });
     nodes.sort_by_key(|one| one.node.id);
     nodes.dedup_by_key(|one| one.node.id);
     nodes
@@ -61,32 +57,31 @@ fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
         return NodeObjects {
             node,
             objects: real.layout.dictionary.clone(),
-            eds: &real.eds,
-            is_makers: true,
+            eds: Ok(&real.eds),
         };
     }
     let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
     let presets = one.trial.presets().into_iter().chain(pace);
     let truth = PlantSignals::of(plan.database(), &node.name);
     let objects = node_objects::drive(node.id, truth, presets);
-    NodeObjects::ours(node, DRIVE_EDS, objects)
+    NodeObjects {
+        node,
+        objects,
+        eds: Err(DRIVE_EDS),
+    }
 }
 
 /// Returns the nodes of a plan in the order of the node-IDs, each with the text of its EDS.
 pub fn node_sheets(plan: &Plan) -> Vec<(Node, String)> {
     let sheets = nodes(plan).into_iter().map(|one| {
-        let (node, eds) = (one.node, one.eds);
+        let node = one.node;
         let is_its = |message: &&Message| {
             let mut receivers = message.signals.iter().flat_map(|signal| &signal.receivers);
             message.sender.as_ref() == Some(&node.name) || receivers.any(|name| *name == node.name)
         };
         let messages = plan.database().messages().iter().filter(is_its);
-        let text = if one.is_makers {
-            eds.to_owned()
-        } else {
-            sheet(eds, (&node.name, node.id), &one.objects, messages)
-        };
-        (node.clone(), text)
+        let shipped = |eds| sheet(eds, (&node.name, node.id), &one.objects, messages);
+        (node.clone(), one.eds.map_or_else(shipped, str::to_owned))
     });
     sheets.collect()
 }

@@ -599,24 +599,23 @@ pub(crate) fn is_gain(name: &str) -> bool {
 pub(crate) fn is_same_gain(one: &str, other: &str) -> bool {
     // Most names differ before the unit already.
     let [before, too] = [one, other].map(|name| name.split_once("_per_").map(|(before, _)| before));
-    let gains = [GAIN, GAIN_SECONDS].into_iter();
-    let mut gains = gains.flat_map(|gain| Command::ALL.map(|command| (gain, command)));
-    before.is_some()
-        && before == too
-        && gains.any(|(gain, command)| {
-            let by = |unit: &str| Measurand {
-                command,
-                ..Measurand::position(Unit::Other(unit.to_owned()))
-            };
-            let words = Vec::from_iter(known_units().map(|unit| by(unit).name(gain)));
-            let mut parts = words
-                .iter()
-                .filter_map(|word| one.split_once(word.as_str()));
-            parts.any(|(before, after)| {
-                let mut names = words.iter().map(|word| format!("{before}{word}{after}"));
-                names.any(|name| name == other)
-            })
+    let is_by = |gain: &str, command| {
+        let words = known_units().map(|unit| {
+            let unit = Unit::Other(unit.to_owned());
+            Measurand::position(unit).commanding(command).name(gain)
+        });
+        let words = Vec::from_iter(words);
+        let mut parts = words
+            .iter()
+            .filter_map(|word| one.split_once(word.as_str()));
+        parts.any(|(before, after)| {
+            let mut names = words.iter().map(|word| format!("{before}{word}{after}"));
+            names.any(|name| name == other)
         })
+    };
+    let mut gains = [GAIN, GAIN_SECONDS].into_iter();
+    let mut is_gain = |gain| Command::ALL.into_iter().any(|command| is_by(gain, command));
+    before.is_some() && before == too && gains.any(&mut is_gain)
 }
 
 impl fmt::Display for Unit {

@@ -129,25 +129,14 @@ impl Plan {
         if !is_on_same_bus || trials.any(|trial| self.frames_shared_with(trial).is_none()) {
             return planned(&scenario, catalogue);
         }
-        let varied = self
-            .loops
-            .iter()
-            .zip(scenario.loops)
-            .map(|(base, trial)| ControlLoop {
-                trial,
-                ..base.clone()
-            });
-        let plan = Self {
-            shared: scenario.shared,
-            loops: varied.collect(),
-        };
-        let [are_sent, were_sent] =
-            [&plan, self].map(|plan| plan.set_points_every_cycles().is_some());
-        Ok(if are_sent == were_sent {
-            plan
-        } else {
-            plan.composed()
-        })
+        let mut plan = self.clone();
+        plan.shared = scenario.shared;
+        for (one, trial) in plan.loops.iter_mut().zip(scenario.loops) {
+            one.trial = trial;
+        }
+        let are_sent = |plan: &Self| plan.set_points_every_cycles().is_some();
+        let is_same = are_sent(&plan) == are_sent(self);
+        Ok(if is_same { plan } else { plan.composed() })
     }
 
     /// Returns the frames of a loop, if they have the same meaning in a varied trial of that loop. Plants and laws from outside may

@@ -151,28 +151,24 @@ impl<'text> Selector<'_, 'text> {
 
     /// Says where a key belongs that is in a table for all loops and is not that of this loop, whose quantity is another one.
     fn with_loop_s_own(&self, problem: Problem, name: &str) -> Problem {
-        let drives = self
-            .rig
-            .loops
-            .keys()
-            .map(|name| self.rig.drive_of_loop(name));
-        let measured = drives.map(|drive| self.rig.wiring_of(drive).feedback.measurand);
-        let mut measured = Vec::from_iter(measured);
-        measured.dedup();
-        let (Some(place), 2..) = (problem.place_and_label().0, measured.len()) else {
+        let measured = |name: &str| {
+            let drive = self.rig.drive_of_loop(name);
+            self.rig.wiring_of(drive).feedback.measurand
+        };
+        let mut others = self.rig.loops.keys();
+        let is_like_all = !others.any(|other| measured(other) != measured(name));
+        let place = problem.place_and_label().0.filter(|_| !is_like_all);
+        let section = [CONTROLLER, EXPECT].into_iter().find(|section| {
+            let for_all = self.scenario.spanned(&format!("{section}.{ALL}"));
+            let has = |place| for_all.is_some_and(|table| has_key_at(table.get_ref(), place));
+            place.is_some_and(has)
+        });
+        let Some(section) = section else {
             return problem;
         };
-        let mut sections = [CONTROLLER, EXPECT].into_iter();
-        let section = sections.find(|section| {
-            let for_all = self.scenario.spanned(&format!("{section}.{ALL}"));
-            for_all.is_some_and(|table| has_key_at(table.get_ref(), place))
-        });
-        match section {
-            Some(section) => problem.with_help(format!(
-                "the loops differ in their quantities: what is of `{name}` belongs in [{section}.{name}]"
-            )),
-            None => problem,
-        }
+        problem.with_help(format!(
+            "the loops differ in their quantities: what is of `{name}` belongs in [{section}.{name}]"
+        ))
     }
 
     /// Returns `[controller.LOOP.LAW]`, else `[controller.all.LAW]`, and for an only loop also `[controller.LAW]`, with the place
