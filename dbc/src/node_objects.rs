@@ -68,13 +68,12 @@ pub fn controller(
     drives: &[u8],
     io_nodes: &[u8],
 ) -> ObjectDictionary {
-    let shipped = shipped_objects(CONTROLLER_EDS, own_id);
-    let mut objects = shipped.clone();
+    let mut objects = shipped_objects(CONTROLLER_EDS, own_id);
     let laws = TPDOS.map(|first| first..first + TPDOS_OF_LOOP);
     let terms = first_term(0)..first_term(1);
-    objects.retain(|Entry { index, .. }| {
+    let shipped = objects.take(|Entry { index, .. }| {
         let is_of_law = terms.contains(index) || laws.iter().any(|one| one.contains(index));
-        !is_of_law && !SDO_CLIENTS.contains(index)
+        is_of_law || SDO_CLIENTS.contains(index)
     });
     let mut known = BTreeSet::new();
     let servers = drives
@@ -95,13 +94,13 @@ pub fn controller(
     let watch = |objects: &mut ObjectDictionary, sub_index, value| {
         objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, sub_index, value));
     };
-    let first_watch = shipped.get(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     for (place, (terms, identifiers)) in loops.iter().enumerate() {
         let number = u8::try_from(place).unwrap_or(u8::MAX);
         add_terms(&mut objects, &shipped, terms, identifiers, number);
         let sub_index = watch_entry(place);
-        if let Some(first) = first_watch {
-            let mut entry = first.clone().at(CONSUMER_HEARTBEAT_TIME, sub_index);
+        let first = objects.get(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
+        if let Some(first) = first.cloned() {
+            let mut entry = first.at(CONSUMER_HEARTBEAT_TIME, sub_index);
             entry.name = format!("Consumer heartbeat time {sub_index}");
             objects.insert(entry);
         }
@@ -111,7 +110,7 @@ pub fn controller(
     let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
     watch(&mut objects, 0, count.into());
     // The data sheet watches the module of the shipped rig. Its node-ID may belong to a drive here.
-    let shipped_watch = shipped.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
+    let shipped_watch = objects.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
     let time = shipped_watch.unwrap_or_default() & u32::from(u16::MAX);
     let watched = io_nodes.first().map_or(0, |id| u32::from(*id) << 16 | time);
     watch(&mut objects, IO_WATCH_ENTRY, watched.into());
@@ -234,7 +233,7 @@ pub fn io<'a>(
     };
     let count = u8::try_from(last + 1).unwrap_or(u8::MAX);
     let is_output = |index: u16| OUTPUT_OBJECTS.iter().any(|(object, ..)| *object == index);
-    objects.retain(|entry| !is_output(entry.index) || entry.sub_index <= count);
+    objects.take(|entry| is_output(entry.index) && entry.sub_index > count);
     for (place, name, at_rest) in others {
         let sub_index = u8::try_from(place + 1).unwrap_or(u8::MAX);
         for (index, data_type, access) in OUTPUT_OBJECTS {

@@ -444,9 +444,12 @@ impl ObjectDictionary {
         }
     }
 
-    /// Keeps those sub-objects for which this is true. Handles taken before are void.
-    pub fn retain(&mut self, is_kept: impl Fn(&Entry) -> bool) {
-        self.entries.retain(is_kept);
+    /// Removes the sub-objects for which this is true, and returns them. Handles taken before are void.
+    pub fn take(&mut self, is_taken: impl Fn(&Entry) -> bool) -> Self {
+        let entries = self.entries.extract_if(.., |entry| is_taken(entry));
+        Self {
+            entries: entries.collect(),
+        }
     }
 
     /// Sets the default and the limits of a sub-object, if it is there: its lowest bytes, as many as its type has.

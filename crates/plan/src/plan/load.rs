@@ -129,8 +129,8 @@ impl Plan {
         if !is_on_same_bus || trials.any(|trial| self.frames_shared_with(trial).is_none()) {
             return planned(&scenario, catalogue);
         }
-        let mut plan = self.clone();
-        plan.shared = scenario.shared;
+        let (shared, loops) = (scenario.shared, self.loops.clone());
+        let mut plan = Self { shared, loops };
         for (one, trial) in plan.loops.iter_mut().zip(scenario.loops) {
             one.trial = trial;
         }

@@ -72,13 +72,9 @@ pub(crate) fn faults_of_loops(
     for fault in sensors.filter(|fault| fault.kind.name == "lost_bits") {
         let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
         let sensor = loops.iter().find(is_at).map(|one| &one.sensor);
-        let bits = sensor
-            .and_then(|sensor| sensor.resolution_bits)
-            .unwrap_or_default();
-        let has_some = fault
-            .whole("mask")
-            .is_none_or(|mask| mask & ((1 << bits) - 1) != 0);
-        if bits > 0 && !has_some {
+        let bits = sensor.and_then(|sensor| sensor.resolution_bits);
+        let mask = fault.whole("mask").unwrap_or_default();
+        if let Some(bits) = bits.filter(|bits| mask % (1 << bits) == 0) {
             let (path, message) = (format!("{}.mask", fault.path()), "no bit is lost");
             check.at(&path, message, format!("the converter has {bits} bits"));
         }
