@@ -165,6 +165,25 @@ mod tests {
     }
 
     #[test]
+    fn terms_are_mapped_in_their_order_and_an_empty_tpdo_is_not_there() {
+        let dictionary = dictionary(&["a", "b", "c"].map(Port::term));
+        let unsigned = |index, sub_index| dictionary.unsigned(index, sub_index);
+        assert_eq!(
+            [0, 1, 2].map(|sub| unsigned(0x1A00, sub).unwrap()),
+            [2, 0x2200_0020, 0x2201_0020]
+        );
+        let second = [0, 1, 2].map(|sub| unsigned(0x1A01, sub).unwrap());
+        assert_eq!(second, [1, 0x2202_0020, 0]);
+        assert_eq!(unsigned(0x1800, 1), Some(0x4000_0181));
+        assert_eq!((unsigned(0x1802, 1), unsigned(0x1A02, 0)), (None, None));
+        let third = dictionary.entry(dictionary.find(0x2202, 0).unwrap());
+        assert_eq!(
+            (third.name.as_str(), third.data_type),
+            ("c", DataType::Real32)
+        );
+    }
+
+    #[test]
     fn values_are_rounded_and_cut_to_the_range_and_small_ones_share_a_byte() {
         let ports = [
             Port::output("celsius", [-100.0, 100.0]).counted(Width::Signed(16), 100.0),

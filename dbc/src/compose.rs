@@ -131,10 +131,11 @@ impl Composer {
         self
     }
 
-    /// Names what the drive that was added last measures and commands.
+    /// Names what a drive measures and commands.
     #[must_use]
-    pub fn measuring(mut self, measured: &str, commanded: &str) -> Self {
-        if let Some(drive) = self.drives.last_mut() {
+    pub fn measuring(mut self, drive: &str, measured: &str, commanded: &str) -> Self {
+        let its = self.drives.iter_mut().filter(|one| one.name == drive);
+        for drive in its {
             drive.quantities = [measured, commanded].map(str::to_owned);
         }
         self
@@ -378,7 +379,7 @@ mod tests {
             .with_io(("fan", 0x11), &[])
             .with_terms((0, "x"), TERMS, &shipped_terms())
             .with_drive(("right", 0x12), Some(&[]))
-            .measuring("speed", "voltage")
+            .measuring("right", "speed", "voltage")
             .with_terms((1, "y"), TERMS.map(|id| id + 0x20), &shipped_terms())
             .finish()
     }

@@ -376,7 +376,8 @@ mod tests {
     #[test]
     fn a_drive_can_have_the_node_id_that_the_module_of_the_shipped_rig_has() {
         let watched = |io_nodes: &[u8]| {
-            let objects = node_objects::controller(1, &[], &[0x11], io_nodes);
+            let loops = [(Vec::new(), [0; 4]), (Vec::new(), [0; 4])];
+            let objects = node_objects::controller(1, &loops, &[0x11, 0x13], io_nodes);
             objects.unsigned(0x1016, 2)
         };
         assert_eq!(watched(&[]), Some(0));

@@ -410,7 +410,7 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     with_units(with_drive, &followed.name, &wiring.feedback, current)
 }
 
-/// Puts the quantities of the drive that was added last into its frames, those of an emulated drive with its counts and its range of currents.
+/// Puts the quantities of a drive into its frames, those of an emulated drive with its counts and its range of currents.
 fn with_units(
     composer: Composer,
     drive: &str,
@@ -420,7 +420,7 @@ fn with_units(
     let Measurand {
         signal, command, ..
     } = &measured.measurand;
-    let mut composer = composer.measuring(signal, command.signal());
+    let mut composer = composer.measuring(drive, signal, command.signal());
     for (service, pattern) in SIGNALS_OF_LOOP {
         composer = composer.edited(drive, service, |message| {
             let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);
@@ -606,12 +606,13 @@ outputs = ["drive.current"]
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let said = |catalogue: &Catalogue| {
-            let of_law = catalogue.objections(&trial).into_iter();
-            let objections = of_law.chain(two_columns(&catalogue.frames(&trial)));
-            let first = objections
-                .map(|one| format!("{}: {}", one.path, one.message))
-                .next();
-            first.unwrap()
+            let mut objections = catalogue.objections(&trial);
+            // A law is objected to before the rig.
+            if objections.is_empty() {
+                objections.extend(two_columns(&catalogue.frames(&trial)));
+            }
+            let objections = objections.into_iter();
+            Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))
         };
         let plants = Catalogue {
             find_ports: Some(|_| Some(plant_with("position_millimetres"))),
@@ -619,19 +620,19 @@ outputs = ["drive.current"]
             ..Catalogue::shipped()
         };
         let twice = "plant.wire: two signals are called `position_millimetres`";
-        assert_eq!(said(&plants), twice);
+        assert_eq!(said(&plants), [twice]);
         let set_points = Catalogue {
             find_ports: Some(|_| Some(plant_with("set_point_millimetres"))),
             ..plants
         };
         let twice = "plant.wire: two signals are called `set_point_millimetres`";
-        assert_eq!(said(&set_points), twice);
+        assert_eq!(said(&set_points), [twice]);
         let laws = Catalogue {
             find_ports: Some(|_| Some(plant_with("sum"))),
             find_terms: |_| vec![sum()],
             ..Catalogue::shipped()
         };
         let twice = "controller.open_loop: two signals are called `sum`";
-        assert_eq!(said(&laws), twice);
+        assert_eq!(said(&laws), [twice]);
     }
 }

@@ -15,8 +15,10 @@ use crate::plan::{ControlLoop, Plan};
 struct NodeObjects<'a> {
     node: &'a Node,
     objects: ObjectDictionary,
-    /// EDS of the maker of a drive, which knows nothing of this rig, or else the shipped one.
-    eds: Result<&'a str, &'static str>,
+    /// Shipped EDS, whose place the objects take.
+    shipped: &'static str,
+    /// EDS of the maker of a real drive, which knows nothing of this rig.
+    makers: Option<&'a str>,
 }
 
 /// Returns the nodes of a plan in the order of the node-IDs.
@@ -32,7 +34,8 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
             nodes.push(NodeObjects {
                 node: io,
                 objects,
-                eds: Err(DISTURBANCE_EDS),
+                shipped: DISTURBANCE_EDS,
+                makers: None,
             });
             io_nodes.push(io.id);
         }
@@ -44,7 +47,8 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
     nodes.push(NodeObjects {
         node,
         objects,
-        eds: Err(CONTROLLER_EDS),
+        shipped: CONTROLLER_EDS,
+        makers: None,
     });
     nodes.sort_by_key(|one| one.node.id);
     nodes.dedup_by_key(|one| one.node.id);
@@ -57,7 +61,8 @@ fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
         return NodeObjects {
             node,
             objects: real.layout.dictionary.clone(),
-            eds: Ok(&real.eds),
+            shipped: DRIVE_EDS,
+            makers: Some(&real.eds),
         };
     }
     let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
@@ -67,7 +72,8 @@ fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
     NodeObjects {
         node,
         objects,
-        eds: Err(DRIVE_EDS),
+        shipped: DRIVE_EDS,
+        makers: None,
     }
 }
 
@@ -80,8 +86,8 @@ pub fn node_sheets(plan: &Plan) -> Vec<(Node, String)> {
             message.sender.as_ref() == Some(&node.name) || receivers.any(|name| *name == node.name)
         };
         let messages = plan.database().messages().iter().filter(is_its);
-        let shipped = |eds| sheet(eds, (&node.name, node.id), &one.objects, messages);
-        (node.clone(), one.eds.map_or_else(shipped, str::to_owned))
+        let ours = || sheet(one.shipped, (&node.name, node.id), &one.objects, messages);
+        (node.clone(), one.makers.map_or_else(ours, str::to_owned))
     });
     sheets.collect()
 }

@@ -16,7 +16,10 @@ use toml::de::{DeValue, ValueDeserializer};
 use crate::null::TakeNullAway;
 
 /// Longest name.
-pub(crate) const NAME_CHARACTERS_MAX: usize = 64;
+const NAME_CHARACTERS_MAX: usize = 64;
+/// What [`is_name`] demands, in words and as a pattern.
+pub(crate) const NAME_RULE: &str = "up to 64 small letters, digits and underscores, a letter first";
+pub(crate) const NAME_PATTERN: &str = "^[a-z][a-z0-9_]{0,63}$";
 
 /// Parameters of a plant or a law, into which a scenario's table is read and by which it is described. The schema gives types and
 /// ranges, `serde(default)` the defaults; `serde(deny_unknown_fields)` refuses other keys.

@@ -22,7 +22,6 @@ pub(super) struct Style<'a> {
     is_drawn_when_zero: bool,
 }
 
-/// Group of the position of the loop.
 /// Groups with the names of the measured signal and of the output of the amplifier.
 const MEASURED: &str = "{signal}";
 const COMMANDED: &str = "{command}";

@@ -61,18 +61,20 @@ fn at_program(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
     })
 }
 
-/// Finds faults of a plant that have no meaning for it.
+/// Finds faults of a plant that have no meaning for it, and lost bits that a converter does not have.
 pub(crate) fn faults_of_loops(
     check: &mut Check<'_>,
     faults: &Faults,
     loops: &[Trial],
     reading: Reading,
 ) {
+    let loop_at = |fault: &Fault| {
+        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
+        loops.iter().find(is_at)
+    };
     let sensors = faults.in_group(Group::Sensor);
     for fault in sensors.filter(|fault| fault.kind.name == "lost_bits") {
-        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
-        let sensor = loops.iter().find(is_at).map(|one| &one.sensor);
-        let bits = sensor.and_then(|sensor| sensor.resolution_bits);
+        let bits = loop_at(fault).and_then(|one| one.sensor.resolution_bits);
         let mask = fault.whole("mask").unwrap_or_default();
         if let Some(bits) = bits.filter(|bits| mask % (1 << bits) == 0) {
             let (path, message) = (format!("{}.mask", fault.path()), "no bit is lost");
@@ -82,8 +84,7 @@ pub(crate) fn faults_of_loops(
     // Only the bench that played a plant from outside knows which faults have a meaning for it.
     let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
     for fault in faults.in_group(Group::Plant) {
-        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
-        let Some(one) = loops.iter().find(is_at).filter(is_known) else {
+        let Some(one) = loop_at(fault).filter(is_known) else {
             continue;
         };
         let (name, known) = (one.plant.name(), one.plant.faults());

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::{CommandObject, CurrentObject, Limits, PositionObject, Preflight, RealDrive, Timeouts};
 use crate::bus::Bus;
 use crate::current::CurrentRange;
+use crate::custom::NAME_PATTERN;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{I2t, PlantModel};
@@ -21,9 +22,6 @@ pub const CONTROLLER_NODE_ID: u8 = 0x01;
 pub const NODES_MAX: usize = 127;
 /// Largest number of loops: the controller has objects and identifiers for these.
 pub const LOOPS_MAX: usize = 8;
-
-/// Names of plants, nodes and loops, as [`is_name`](crate::custom::is_name) has them.
-const NAME_PATTERN: &str = "^[a-z][a-z0-9_]{0,63}$";
 
 /// A rig file.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]

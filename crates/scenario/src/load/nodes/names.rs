@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::check::Check;
-use crate::custom::{NAME_CHARACTERS_MAX, is_name};
+use crate::custom::{NAME_RULE, is_name};
 use crate::rig::nodes::RigLoop;
 use crate::schema;
 
@@ -33,10 +33,7 @@ impl Check<'_> {
                 let path = format!("{kind}.{name}");
                 if !is_name(name) {
                     let message = format!("`{name}` can be no name of a {kind}");
-                    let label = format!(
-                        "up to {NAME_CHARACTERS_MAX} small letters, digits and underscores, a letter first"
-                    );
-                    self.at_key(&path, message, label);
+                    self.at_key(&path, message, NAME_RULE);
                 }
                 let is_key = |table: &&str| schema::is_key(table, name);
                 // A further drive of a law is a loop by its own name.

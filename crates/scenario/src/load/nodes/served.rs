@@ -1,7 +1,7 @@
 //! Finds rigs that the format can describe and this bench cannot serve.
 
 use crate::check::Check;
-use crate::custom::{NAME_CHARACTERS_MAX, is_name};
+use crate::custom::{NAME_RULE, is_name};
 use crate::node::Part;
 use crate::wiring::IO_OUTPUTS_MAX;
 
@@ -32,10 +32,7 @@ impl Check<'_> {
             }
             for (output, _) in outputs.others().filter(|(output, _)| !is_name(output)) {
                 let message = format!("`{output}` cannot be the name of an output");
-                let label = format!(
-                    "up to {NAME_CHARACTERS_MAX} small letters, digits and underscores, a letter first"
-                );
-                self.at_key(&format!("{path}.{output}"), message, label);
+                self.at_key(&format!("{path}.{output}"), message, NAME_RULE);
             }
         }
     }
