@@ -17,7 +17,7 @@ use crate::null::TakeNullAway;
 
 /// Longest name.
 const NAME_CHARACTERS_MAX: usize = 64;
-/// What [`is_name`] demands, in words and as a pattern.
+/// Rule of [`is_name`], in words and as a pattern.
 pub(crate) const NAME_RULE: &str = "up to 64 small letters, digits and underscores, a letter first";
 pub(crate) const NAME_PATTERN: &str = "^[a-z][a-z0-9_]{0,63}$";
 
