@@ -104,7 +104,7 @@ fn telling_cycles_seconds(trial: &Trial, trajectory: &Trajectory) -> impl Iterat
 /// Lays out a message as a PDO. A signal without a coding is not in it.
 fn lay_out(message: &mut Message, pdo: &Pdo, coding: impl Fn(&Signal) -> Option<Coding>) {
     message.raw_id = pdo.id().into();
-    message.length_bytes = u8::try_from(pdo.length_bytes()).unwrap_or(message.length_bytes);
+    message.length_bytes = u8::try_from(pdo.length_bytes).unwrap_or(message.length_bytes);
     message.signals.retain_mut(|signal| {
         let coding = coding(signal);
         signal.coding = coding.unwrap_or(signal.coding);

@@ -45,29 +45,28 @@ pub struct Pdo {
     pub transmission_type: u8,
     /// Index, sub-index and length in bits of each mapped object (CiA 301, figure 74).
     pub entries: Vec<u32>,
+    /// Total length of the mapped objects.
+    pub length_bytes: usize,
 }
 
 impl Pdo {
     fn read(dictionary: &ObjectDictionary, parameters: u16, mapping: u16) -> Option<Self> {
         let count = u8::try_from(dictionary.unsigned(mapping, 0)?).ok()?;
-        let entries = (1..=count).map(|sub_index| dictionary.unsigned(mapping, sub_index));
+        let entry = |sub_index| dictionary.unsigned(mapping, sub_index);
+        let entries = (1..=count).map(entry).collect::<Option<Vec<_>>>()?;
         Some(Self {
             parameters,
             mapping,
             cob_id: dictionary.unsigned(parameters, 1)?,
             transmission_type: u8::try_from(dictionary.unsigned(parameters, 2)?).ok()?,
-            entries: entries.collect::<Option<_>>()?,
+            length_bytes: bytes_of(&entries),
+            entries,
         })
     }
 
     /// Returns the 11-bit identifier below the flags.
     pub fn id(&self) -> u16 {
         (self.cob_id & 0x7FF) as u16
-    }
-
-    /// Returns the total length of the mapped objects.
-    pub fn length_bytes(&self) -> usize {
-        bytes_of(&self.entries)
     }
 
     /// Returns the place of a mapped object.
@@ -94,14 +93,15 @@ impl Pdo {
             )));
         }
         let is_mapped = |object: &Object| self.place(object).is_some();
-        if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
+        if !objects.iter().all(is_mapped) || self.length_bytes > 8 {
+            self.length_bytes = bytes_of(&entries);
             self.entries = entries;
         }
         // Some drives wait for a SYNC or send by themselves; here the controller sets the cycle.
         if self.transmission_type == 0 || self.transmission_type > 240 {
             self.transmission_type = EVERY_SYNC;
         }
-        match self.length_bytes() {
+        match self.length_bytes {
             0..=8 => Ok(self),
             bytes => Err(DriveError(format!(
                 "the objects of the rig file take {bytes} bytes in PDO mapping 0x{:04X} (limit 8)",
@@ -334,9 +334,8 @@ impl DriveLayout {
     /// Decodes TPDO1; `None` for other frames, and for one that is too short.
     #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
-        if frame.standard_id() != Some(self.feedback.id())
-            || frame.data().len() < self.feedback.length_bytes()
-        {
+        let is_whole = frame.data().len() >= self.feedback.length_bytes;
+        if frame.standard_id() != Some(self.feedback.id()) || !is_whole {
             return None;
         }
         let data = u64::from_le_bytes(frame.buffer());
@@ -370,7 +369,7 @@ impl DriveLayout {
         let target = add_half(current_amperes * self.target.units).clamp(min, max) as i64;
         let controlword = self.controlword.placed(i64::from(controlword));
         let data = (controlword | self.target.field.placed(target)).to_le_bytes();
-        CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])
+        CanFrame::new(self.command.id(), &data[..self.command.length_bytes])
     }
 }
 

@@ -200,7 +200,7 @@ impl<'a> Heating<'a> {
             return Err(format!("no PDO 0x{:03X} came", drive.feedback.id()));
         }
         let pdos = [&drive.feedback, &drive.command]
-            .map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes()));
+            .map(|pdo| format!("0x{:03X} ({} bytes)", pdo.id(), pdo.length_bytes));
         Ok(Passed(format!("PDOs {} are mapped", pdos.join(" and "))))
     }
 
