@@ -982,3 +982,142 @@ fn a_loop_of_a_temperature_is_not_the_temperature_of_its_plant() {
         "{said}"
     );
 }
+
+/// Plays the two motors with other tables, on a rig with changes; returns the exit code, what was said, and the verdict.
+fn motors(more: &str, changes: &[(&str, &str)]) -> (Option<i32>, String, Value) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = two_motors_and_a_third(["left", "right"], ["a", "b"]);
+    for (from, to) in changes {
+        assert!(rig.contains(from), "{from}: {rig}");
+        rig = rig.replace(from, to);
+    }
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let path = folder.path().join("motors.toml");
+    fs::write(&path, format!("{MOTORS}{more}")).unwrap();
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+    let verdict = match code {
+        Some(3) => Value::Null,
+        _ => verdict(&only_run(&runs)),
+    };
+    let (_, listed, _) = output(program(&["signals"]).arg(&path));
+    (code, format!("{stdout}{stderr}{listed}"), verdict)
+}
+
+fn is_met(verdict: &Value, name: &str) -> Option<bool> {
+    let metrics = verdict["metrics"].as_array().unwrap();
+    let metric = metrics.iter().find(|metric| metric["name"] == name);
+    metric.unwrap_or_else(|| panic!("{name}: {verdict}"))["passed"].as_bool()
+}
+
+/// A signal of several io nodes has one name in the table, in the list and in demands, and its current counts.
+#[test]
+fn signals_of_several_io_nodes_have_one_name_everywhere() {
+    let signal =
+        "[[expect.a.signal]]\nname = \"weight.added_load_grams\"\nstays = { max = 400.0 }\n";
+    let (code, said, _) = motors(signal, &[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains(" weight.current_milliamperes "), "{said}");
+    let crash =
+        "[[fault.node.crash]]\nnode = \"a\"\nfrom_seconds = 2.0\n[expect.a]\nsafe_state = true\n";
+    let (code, said, verdict) = motors(crash, &[]);
+    // A current of 0.4 A still flows through the io node `weight`.
+    assert_eq!(
+        (code, is_met(&verdict, "a.safe_state")),
+        (Some(1), Some(false)),
+        "{said}"
+    );
+}
+
+#[test]
+fn what_is_demanded_of_all_loops_holds_beside_the_demands_of_one() {
+    let signals = "[[expect.all.signal]]\nname = \"position_millimetres\"\nstays = { max = 15.0 }\n\
+        [[expect.b.signal]]\nname = \"current_amperes\"\nstays = { max = 1.5 }\n";
+    let (code, said, verdict) = motors(signals, &[]);
+    let metrics = verdict["metrics"].as_array().unwrap();
+    let missed = metrics.iter().filter(|metric| metric["passed"] == false);
+    let missed = Vec::from_iter(missed.map(|metric| metric["name"].as_str().unwrap()));
+    assert!(code == Some(1) && missed.len() == 1, "{said}");
+    assert!(
+        missed[0].starts_with("b.") && missed[0].contains("position_millimetres"),
+        "{said}"
+    );
+}
+
+#[test]
+fn the_bus_is_judged_for_as_long_as_one_of_its_loops() {
+    let load = |until: &str| {
+        let (_, said, verdict) = motors(until, &[]);
+        assert!(!verdict.is_null(), "{said}");
+        metric(&verdict, "bus_load_percent")
+    };
+    let whole = load("");
+    for name in ["a", "b"] {
+        let ended = load(&format!("[expect.{name}]\njudged_until_seconds = 0.05\n"));
+        assert!((ended - whole).abs() < 1e-12, "{name}: {ended}, {whole}");
+    }
+}
+
+#[test]
+fn what_would_be_judged_on_something_else_is_refused() {
+    let contour = "[[expect.contour]]\nloops = [\"a\", \"b\"]\ncontour_error_millimetres_max = { max = 1.0 }\n";
+    for (more, reason) in [
+        (
+            "[[fault.plant.jammed_pulley]]\nplant = \"third\"\nfrom_seconds = 1.0\n",
+            "no drive moves this plant",
+        ),
+        (
+            &format!("{contour}{contour}from_seconds = 1.0\n"),
+            "two contours of the same loops",
+        ),
+    ] {
+        let (code, said, _) = motors(more, &[]);
+        assert!(code == Some(3) && said.contains(reason), "{said}");
+    }
+}
+
+/// A drive that publishes the temperature of another plant does not know that of its own.
+#[test]
+fn the_temperature_of_another_plant_is_not_that_of_its_own() {
+    let limit = "[expect.b]\ntemperature_celsius = { max = 50.0 }\n";
+    for (recorded, met) in [("left", None), ("right", Some(true))] {
+        let recorded = format!("\"{recorded}.winding_temperature_celsius\"");
+        let (_, said, verdict) = motors(limit, &[("\"third.position_metres\"", &recorded)]);
+        assert_eq!(is_met(&verdict, "b.temperature_celsius"), met, "{said}");
+    }
+}
+
+/// The currents of a pair are limited together; a reaction is demanded where there is a fault.
+#[test]
+fn what_is_demanded_of_all_drives_holds_for_a_further_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let shipped = fs::read_to_string(scenario("sma_pair_step.toml")).unwrap();
+    let (scenario, _) = shipped.split_once("[expect").unwrap();
+    let played = |name: &str, more: &str| {
+        let path = folder.path().join(format!("{name}.toml"));
+        fs::write(&path, format!("{scenario}{more}")).unwrap();
+        let runs = folder.path().join(name);
+        let (_, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert!(runs.exists(), "{stdout}{stderr}");
+        verdict(&only_run(&runs))
+    };
+    for table in ["expect", "expect.all"] {
+        let limits = format!("[{table}]\ncurrent_amperes_rms = {{ max = 0.3 }}\n");
+        let verdict = played(&table.replace('.', "_"), &limits);
+        assert_eq!(
+            is_met(&verdict, "extensor.current_amperes_rms"),
+            Some(false)
+        );
+    }
+    let crash = "[expect]\nsafe_state = true\n[[fault.node.crash]]\nfrom_seconds = 1.0\nnode = ";
+    let verdict = played("flexor", &format!("{crash}\"flexor\"\n"));
+    assert_eq!(is_met(&verdict, "angle.safe_state"), Some(true));
+    let metrics = verdict["metrics"].as_array().unwrap();
+    let mut of_further = metrics
+        .iter()
+        .filter(|metric| metric["name"] == "extensor.safe_state");
+    assert!(
+        of_further.all(|metric| metric["passed"].is_null()),
+        "{verdict}"
+    );
+}

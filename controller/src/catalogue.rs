@@ -132,7 +132,8 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     }
     let is_of_all = law.drives().is_none();
     let is_of_another = |first: &LoopFacts| first.name != wiring.loop_name;
-    if is_of_all && wiring.loops.first().is_some_and(is_of_another) {
+    let mut with_law = wiring.loops.iter().filter(|one| one.led_by.is_none());
+    if is_of_all && with_law.next().is_some_and(is_of_another) {
         return None;
     }
     if let Some(objection) = process_law::objection(controller, wiring) {

@@ -8,7 +8,7 @@
 //! [`law`] defines the interface of laws, [`laws`] has those that ship, and [`catalogue`] finds these and custom ones.
 //!
 //! The controller does not know the true plant (its model is nominal), the disturbances, faults and limits of the
-//! scenario, or the world in which it runs. Only `main.rs` uses the platform.
+//! scenario, or the world in which it runs. It does not use the platform.
 #![warn(missing_docs)]
 
 pub mod catalogue;

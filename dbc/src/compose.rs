@@ -32,14 +32,16 @@ impl Drive {
     /// Returns a text about a drive of the shipped DBC in the words of this one.
     fn words(&self, text: &str) -> String {
         let [measured, commanded] = &self.quantities;
+        // What is measured may have the name of what another drive commands, and no text has braces.
+        let text = text.replace(names::SHIPPED_COMMAND, "{}");
         let text = match measured.as_str() {
-            names::SHIPPED_SIGNAL => text.to_owned(),
+            names::SHIPPED_SIGNAL => text,
             measured => {
                 let range = text.replace("the travel", "its range");
                 range.replace(names::SHIPPED_SIGNAL, measured)
             }
         };
-        text.replace(names::SHIPPED_COMMAND, commanded)
+        text.replace("{}", commanded)
     }
 }
 
@@ -400,6 +402,20 @@ mod tests {
             assert_eq!(ours, theirs);
         }
         assert_eq!(&composed, shipped);
+    }
+
+    /// A drive may measure a quantity that has the name of another one's command.
+    #[test]
+    fn a_text_about_a_drive_names_its_quantities() {
+        let mut drive = Drive {
+            name: "a".to_owned(),
+            node_id: 1,
+            quantities: ["current", "voltage"].map(str::to_owned),
+        };
+        let text = "position in the travel, current off";
+        assert_eq!(drive.words(text), "current in its range, voltage off");
+        drive.quantities = [names::SHIPPED_SIGNAL, names::SHIPPED_COMMAND].map(str::to_owned);
+        assert_eq!(drive.words(text), text);
     }
 
     #[test]

@@ -7,8 +7,8 @@
 //! file for each part of a model; [`catalogue`] lists them and the custom ones. [`drive`] and [`disturbance`] are the
 //! nodes that act on a plant. [`PlantEmulator`] is the plant with all of them, as one participant.
 //!
-//! The emulator does not know control laws, the expectations on a run, or the world in which it runs. Only `main.rs`
-//! uses the platform.
+//! The emulator does not know control laws, the expectations on a run, or the world in which it runs. It
+//! does not use the platform.
 #![warn(missing_docs)]
 
 pub mod amplifier;

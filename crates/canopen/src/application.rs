@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::emcy::{Condition, EmergencyMessage, ErrorCode};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
-use crate::object_dictionary::AbortCode;
+use crate::object_dictionary::Accepted;
 use crate::pdo::WaitingPdo;
 use crate::services::Services;
 use crate::sync::Sync;
@@ -84,7 +84,7 @@ pub trait Application {
         index: u16,
         sub_index: u8,
         bytes: &[u8],
-    ) -> Result<(), AbortCode> {
+    ) -> Accepted {
         Ok(())
     }
 

@@ -4,7 +4,7 @@
 //! The drive at hand has no moving mass: its output is a current, and every ramp to standstill is the step to 0. So in
 //! each state but Operation enabled the current is 0 at once, and the option codes decide only which state follows.
 
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 
 /// Object 0x6007: reaction to the loss of communication.
 pub const ABORT_CONNECTION_OPTION_CODE: u16 = 0x6007;
@@ -163,7 +163,7 @@ impl OptionCodes {
     ///
     /// # Errors
     /// [`AbortCode::INVALID_VALUE`].
-    pub fn check(index: u16, value: i16) -> Result<(), AbortCode> {
+    pub fn check(index: u16, value: i16) -> Accepted {
         let is_known = match index {
             QUICK_STOP_OPTION_CODE => matches!(value, 0..=8),
             SHUTDOWN_OPTION_CODE | DISABLE_OPERATION_OPTION_CODE => matches!(value, 0 | 1),
@@ -184,7 +184,7 @@ impl OptionCodes {
 ///
 /// # Errors
 /// [`AbortCode::INVALID_VALUE`].
-pub fn check_mode(mode: i8, supported_drive_modes: u32) -> Result<(), AbortCode> {
+pub fn check_mode(mode: i8, supported_drive_modes: u32) -> Accepted {
     let bit = match mode {
         0 => return Ok(()),
         1..=32 => u32::from(mode.unsigned_abs()) - 1,

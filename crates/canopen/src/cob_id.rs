@@ -1,6 +1,6 @@
 //! COB-IDs in the dictionary (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.35), and the identifiers that no service may take.
 
-use crate::object_dictionary::{AbortCode, Entry, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, Entry, ObjectDictionary};
 
 const SYNC: u16 = 0x1005;
 const EMCY: u16 = 0x1014;
@@ -14,7 +14,7 @@ pub(crate) struct CobId(pub(crate) u32);
 
 impl CobId {
     /// Reads the COB-ID in an object's bytes.
-    pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, AbortCode> {
+    pub(crate) fn from_bytes(bytes: &[u8]) -> Accepted<Self> {
         let bytes = bytes.try_into().map_err(|_| AbortCode::LENGTH_MISMATCH)?;
         Ok(Self(u32::from_le_bytes(bytes)))
     }
@@ -35,7 +35,7 @@ impl CobId {
     }
 
     /// Refuses 29-bit identifiers and the restricted ones.
-    pub(crate) fn check(self) -> Result<(), AbortCode> {
+    pub(crate) fn check(self) -> Accepted {
         if self.0 & EXTENDED != 0 || self.0 & 0x1FFF_F800 != 0 || is_restricted(self.id()) {
             return Err(AbortCode::INVALID_VALUE);
         }
@@ -48,7 +48,7 @@ impl CobId {
         self,
         dictionary: &ObjectDictionary,
         (index, sub_index): (u16, u8),
-    ) -> Result<(), AbortCode> {
+    ) -> Accepted {
         self.check()?;
         let is_other = |entry: &&Entry| (entry.index, entry.sub_index) != (index, sub_index);
         let mut others = dictionary.entries().iter().filter(is_other);
@@ -66,7 +66,7 @@ pub(crate) fn check_write(
     place: (u16, u8),
     bytes: &[u8],
     refusal: AbortCode,
-) -> Result<(), AbortCode> {
+) -> Accepted {
     let new = CobId::from_bytes(bytes)?;
     new.check_at(dictionary, place)?;
     let old = CobId(dictionary.unsigned(place.0, place.1).unwrap_or(u32::MAX));

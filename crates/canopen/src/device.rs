@@ -14,7 +14,7 @@ use crate::application::{Application, CommunicationLoss};
 use crate::emcy::{self, Condition, EmergencyMessage, ErrorCode};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{Accepted, ObjectDictionary};
 use crate::sdo_channels::SdoServers;
 use crate::sdo_server::Access;
 use crate::services::{InvalidPdo, Services};
@@ -81,7 +81,7 @@ impl<A: Application> Device<A> {
     ///
     /// # Errors
     /// As an SDO upload would be refused.
-    pub fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+    pub fn read(&mut self, index: u16, sub_index: u8) -> Accepted<&[u8]> {
         self.application
             .on_read(&mut self.services, index, sub_index);
         self.services.read(index, sub_index)
@@ -91,7 +91,7 @@ impl<A: Application> Device<A> {
     ///
     /// # Errors
     /// As an SDO download would be refused.
-    pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+    pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Accepted {
         self.objects().write(index, sub_index, bytes)?;
         self.sdo.configure(&self.services.dictionary);
         self.services.notice_changes();
@@ -429,12 +429,12 @@ struct Objects<'a, A> {
 }
 
 impl<A: Application> Access for Objects<'_, A> {
-    fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+    fn read(&mut self, index: u16, sub_index: u8) -> Accepted<&[u8]> {
         self.application.on_read(self.services, index, sub_index);
         self.services.read(index, sub_index)
     }
 
-    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Accepted {
         let handle = self.services.check_write(index, sub_index, bytes)?;
         self.application
             .on_write(self.services, index, sub_index, bytes)?;

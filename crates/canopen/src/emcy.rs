@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::cob_id::{self, CobId};
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 use can::CanFrame;
 
 /// Default COB-ID of emergencies, without the node-ID.
@@ -154,11 +154,7 @@ impl Emcy {
     }
 
     /// Checks the rules for writing 0x1003, and 0x1014 (CiA 301, 7.5.2.17): bit 30 is reserved.
-    pub(crate) fn check_write(
-        dictionary: &ObjectDictionary,
-        index: u16,
-        bytes: &[u8],
-    ) -> Result<(), AbortCode> {
+    pub(crate) fn check_write(dictionary: &ObjectDictionary, index: u16, bytes: &[u8]) -> Accepted {
         match index {
             HISTORY if bytes.iter().any(|byte| *byte != 0) => Err(AbortCode::INVALID_VALUE),
             COB_ID if CobId::from_bytes(bytes)?.flag_30() => Err(AbortCode::INVALID_VALUE),
@@ -290,11 +286,7 @@ fn clear_history(dictionary: &mut ObjectDictionary) {
 }
 
 /// Refuses reading an entry of 0x1003 that holds no error (CiA 301, 7.5.2.4).
-pub(crate) fn check_read(
-    dictionary: &ObjectDictionary,
-    index: u16,
-    sub_index: u8,
-) -> Result<(), AbortCode> {
+pub(crate) fn check_read(dictionary: &ObjectDictionary, index: u16, sub_index: u8) -> Accepted {
     let count = dictionary.unsigned(HISTORY, 0).unwrap_or(0);
     if index == HISTORY && u32::from(sub_index) > count {
         return Err(AbortCode::NO_DATA);

@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use crate::nmt::{ERROR_CONTROL_ID, NmtState, NodeId};
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 use can::CanFrame;
 use can::earliest;
 
@@ -23,7 +23,7 @@ pub(crate) fn check_write(
     index: u16,
     sub_index: u8,
     bytes: &[u8],
-) -> Result<(), AbortCode> {
+) -> Accepted {
     let Ok(bytes) = <[u8; 4]>::try_from(bytes) else {
         return Ok(());
     };

@@ -32,6 +32,6 @@ pub mod sync;
 pub use application::{Application, CommunicationLoss};
 pub use device::Device;
 pub use nmt::{NmtCommand, NmtState, NodeId};
-pub use object_dictionary::{AbortCode, ObjectDictionary};
+pub use object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 pub use rounding::add_half;
 pub use services::Services;

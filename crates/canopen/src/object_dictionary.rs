@@ -9,6 +9,9 @@ use crate::sdo::check_length;
 #[error("abort 0x{:04X}_{:04X}: {}", .0 >> 16, .0 & 0xFFFF, self.text())]
 pub struct AbortCode(pub u32);
 
+/// Result of an access, or the reason for which it was refused.
+pub type Accepted<T = ()> = Result<T, AbortCode>;
+
 macro_rules! abort_codes {
     ($($name:ident = $code:literal, $text:literal;)*) => {
         impl AbortCode {
@@ -372,7 +375,7 @@ impl Entry {
     ///
     /// # Errors
     /// Too long, too short, too high or too low.
-    pub fn check(&self, bytes: &[u8]) -> Result<(), AbortCode> {
+    pub fn check(&self, bytes: &[u8]) -> Accepted {
         let Some(size) = self.data_type.size_bytes() else {
             return Ok(());
         };
@@ -503,7 +506,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// [`AbortCode::NO_SUCH_OBJECT`] or [`AbortCode::NO_SUCH_SUB_INDEX`].
-    pub fn find(&self, index: u16, sub_index: u8) -> Result<Handle, AbortCode> {
+    pub fn find(&self, index: u16, sub_index: u8) -> Accepted<Handle> {
         self.place(index, sub_index).map(Handle).map_err(|place| {
             let next = (place + 1).min(self.entries.len());
             let mut neighbours = self.entries[place.saturating_sub(1)..next].iter();
@@ -543,7 +546,7 @@ impl ObjectDictionary {
     /// # Errors
     /// A numeric value of another length than the type's.
     #[inline]
-    pub fn store(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
+    pub fn store(&mut self, handle: Handle, bytes: &[u8]) -> Accepted {
         let entry = &mut self.entries[handle.0];
         // A numeric value has the length of its type, so all of them take this branch.
         if entry.value.len() == bytes.len() {
@@ -568,7 +571,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// No such object, or the value does not fit the type.
-    pub fn set_integer(&mut self, index: u16, sub_index: u8, value: i128) -> Result<(), AbortCode> {
+    pub fn set_integer(&mut self, index: u16, sub_index: u8, value: i128) -> Accepted {
         let handle = self.find(index, sub_index)?;
         let entry = &mut self.entries[handle.0];
         let size = entry
@@ -593,7 +596,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// No such object or sub-index, or write only.
-    pub fn read(&self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+    pub fn read(&self, index: u16, sub_index: u8) -> Accepted<&[u8]> {
         let entry = self.entry(self.find(index, sub_index)?);
         if !entry.access.is_readable() {
             return Err(AbortCode::WRITE_ONLY);
@@ -605,12 +608,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// No such object or sub-index, read only, too long or short, too high or low.
-    pub fn check_write(
-        &self,
-        index: u16,
-        sub_index: u8,
-        bytes: &[u8],
-    ) -> Result<Handle, AbortCode> {
+    pub fn check_write(&self, index: u16, sub_index: u8, bytes: &[u8]) -> Accepted<Handle> {
         let handle = self.find(index, sub_index)?;
         let entry = self.entry(handle);
         if !entry.access.is_writable() {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::object_dictionary::AbortCode;
+use crate::object_dictionary::{AbortCode, Accepted};
 use crate::sdo_block::BlockSender;
 use can::CanFrame;
 
@@ -162,11 +162,7 @@ impl Transfer {
     ///
     /// # Errors
     /// Another toggle bit, more or less than announced, or more than [`MAX_TRANSFER_BYTES`].
-    pub(crate) fn receive_segment(
-        &mut self,
-        payload: &Payload,
-        toggle: bool,
-    ) -> Result<bool, AbortCode> {
+    pub(crate) fn receive_segment(&mut self, payload: &Payload, toggle: bool) -> Accepted<bool> {
         check_toggle(payload, toggle)?;
         let length = SEGMENT_BYTES - usize::from(payload[0] >> 1 & 0b111);
         let total = self.buffer.len() + length;
@@ -189,7 +185,7 @@ impl Transfer {
 ///
 /// # Errors
 /// [`AbortCode::TOGGLE_BIT_NOT_ALTERNATED`].
-pub(crate) fn check_toggle(payload: &Payload, expected: bool) -> Result<(), AbortCode> {
+pub(crate) fn check_toggle(payload: &Payload, expected: bool) -> Accepted {
     if (payload[0] & 0x10 != 0) == expected {
         Ok(())
     } else {
@@ -214,10 +210,7 @@ pub(crate) fn data_bytes(payload: &Payload) -> [u8; 4] {
 ///
 /// # Errors
 /// More than [`MAX_TRANSFER_BYTES`].
-pub(crate) fn announced_length(
-    payload: &Payload,
-    is_announced: bool,
-) -> Result<Option<usize>, AbortCode> {
+pub(crate) fn announced_length(payload: &Payload, is_announced: bool) -> Accepted<Option<usize>> {
     let length = usize::try_from(u32::from_le_bytes(data_bytes(payload)));
     match length {
         _ if !is_announced => Ok(None),
@@ -268,7 +261,7 @@ pub(crate) fn segment(data: &[u8], position: usize, toggle: bool) -> (Payload, b
 ///
 /// # Errors
 /// More or less.
-pub(crate) fn check_length(length: usize, expected: Option<usize>) -> Result<(), AbortCode> {
+pub(crate) fn check_length(length: usize, expected: Option<usize>) -> Accepted {
     match expected {
         Some(expected) if length > expected => Err(AbortCode::TOO_LONG),
         Some(expected) if length < expected => Err(AbortCode::TOO_SHORT),

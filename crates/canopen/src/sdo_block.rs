@@ -1,6 +1,6 @@
 //! The segments of an SDO block transfer (CiA 301, 7.2.4.3.9 to 7.2.4.3.17), the same in both directions.
 
-use crate::object_dictionary::AbortCode;
+use crate::object_dictionary::{AbortCode, Accepted};
 use crate::sdo::{
     MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, State, Step, Transfer, check_length, crc, segment,
     unused_bytes,
@@ -16,7 +16,7 @@ const MAX_FRUITLESS_ACKNOWLEDGEMENTS: u8 = 3;
 const LAST: u8 = 0x80;
 
 /// Checks that a block size is one of the standard, 1 to 127.
-fn check_block_size(block_size: u8) -> Result<(), AbortCode> {
+fn check_block_size(block_size: u8) -> Accepted {
     if (1..=127).contains(&block_size) {
         Ok(())
     } else {
@@ -37,7 +37,7 @@ pub(crate) struct BlockSender {
 
 impl BlockSender {
     /// Makes a sender before its first block.
-    pub(crate) fn new(block_size: u8) -> Result<Self, AbortCode> {
+    pub(crate) fn new(block_size: u8) -> Accepted<Self> {
         check_block_size(block_size)?;
         Ok(Self {
             confirmed: 0,
@@ -74,7 +74,7 @@ fn end(data: &[u8], with_crc: bool) -> Payload {
 }
 
 /// Handles the end of a block transfer: cuts the padding off the received data, and checks CRC and size.
-pub(crate) fn check_end(transfer: &mut Transfer, end: &Payload) -> Result<(), AbortCode> {
+pub(crate) fn check_end(transfer: &mut Transfer, end: &Payload) -> Accepted {
     let buffer = &mut transfer.buffer;
     let unused = usize::from(end[0] >> 2 & 0b111);
     buffer.truncate(buffer.len().saturating_sub(unused));
@@ -94,7 +94,7 @@ impl Transfer {
         &mut self,
         payload: &Payload,
         mut sender: BlockSender,
-    ) -> Result<(), AbortCode> {
+    ) -> Accepted {
         let [_, sequence, block_size, ..] = *payload;
         if sequence > sender.sent {
             return Err(AbortCode::INVALID_SEQUENCE_NUMBER);
@@ -126,7 +126,7 @@ impl Transfer {
         &mut self,
         payload: &Payload,
         mut stored: u8,
-    ) -> Result<Step, AbortCode> {
+    ) -> Accepted<Step> {
         let sequence = payload[0] & !LAST;
         let is_last = payload[0] & LAST != 0;
         if sequence == 0 || sequence > BLOCK_SIZE {

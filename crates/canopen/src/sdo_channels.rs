@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::cob_id::{self, CobId};
 use crate::nmt::NodeId;
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 use crate::sdo_server::{Access, SdoServer};
 use can::CanFrame;
 use can::earliest;
@@ -26,7 +26,7 @@ pub(crate) fn check_write(
     index: u16,
     sub_index: u8,
     bytes: &[u8],
-) -> Result<(), AbortCode> {
+) -> Accepted {
     let is_cob_id = matches!(sub_index, REQUEST_ID | RESPONSE_ID);
     if !is_cob_id || !CobId::from_bytes(bytes)?.is_valid() {
         return Ok(());

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::object_dictionary::AbortCode;
+use crate::object_dictionary::{AbortCode, Accepted};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
     Payload, SEGMENT_BYTES, State, Step, Transfer, announced_length, check_toggle, data_bytes,
@@ -255,7 +255,7 @@ impl SdoClient {
     }
 
     /// Handles an answer in the present state.
-    fn handle(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
+    fn handle(&mut self, answer: &Payload) -> Accepted<Step> {
         if self.transfer.is_abort(answer) {
             return Ok(self.aborted(answer));
         }
@@ -296,7 +296,7 @@ impl SdoClient {
     }
 
     /// Handles the answer to either initiation of an upload.
-    fn upload_initiated(&mut self, answer: &Payload, is_block: bool) -> Result<Step, AbortCode> {
+    fn upload_initiated(&mut self, answer: &Payload, is_block: bool) -> Accepted<Step> {
         if Multiplexer::from_payload(answer) != self.transfer.object {
             return Ok(Step::Stale);
         }
@@ -326,7 +326,7 @@ impl SdoClient {
     }
 
     /// Handles a segment of a segmented upload.
-    fn upload_segment(&mut self, answer: &Payload, toggle: bool) -> Result<Step, AbortCode> {
+    fn upload_segment(&mut self, answer: &Payload, toggle: bool) -> Accepted<Step> {
         if answer[0] >> 5 != 0 {
             return Ok(Step::Stale);
         }
@@ -339,7 +339,7 @@ impl SdoClient {
     }
 
     /// Handles the end of a block upload.
-    fn block_upload_end(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
+    fn block_upload_end(&mut self, answer: &Payload) -> Accepted<Step> {
         if answer[0] >> 5 != 6 || answer[0] & 1 == 0 {
             return Ok(Step::Stale);
         }
@@ -373,7 +373,7 @@ impl SdoClient {
         answer: &Payload,
         toggle: bool,
         position: usize,
-    ) -> Result<Step, AbortCode> {
+    ) -> Accepted<Step> {
         if answer[0] >> 5 != 1 {
             return Ok(Step::Stale);
         }
@@ -386,7 +386,7 @@ impl SdoClient {
     }
 
     /// Handles the answer to the initiation of a block download.
-    fn block_download_initiated(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
+    fn block_download_initiated(&mut self, answer: &Payload) -> Accepted<Step> {
         let is_answer = answer[0] >> 5 == 5 && answer[0] & 0b11 == 0;
         if !is_answer || Multiplexer::from_payload(answer) != self.transfer.object {
             return Ok(Step::Stale);

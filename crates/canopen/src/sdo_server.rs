@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
     Payload, SEGMENT_BYTES, State, Step, Transfer, announced_length, check_length, check_toggle,
@@ -17,18 +17,21 @@ pub trait Access {
     ///
     /// # Errors
     /// The reason for which the object cannot be read.
-    fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode>;
+    fn read(&mut self, index: u16, sub_index: u8) -> Accepted<&[u8]>;
 
     /// Writes an object.
     ///
     /// # Errors
     /// The reason for which the object cannot be written, or not with these bytes.
-    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode>;
+    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Accepted;
 
     /// Returns the dictionary of the objects, by which hopeless segmented and block downloads end early, and which knows the length
     /// of expedited downloads that do not tell theirs.
     fn dictionary(&self) -> &ObjectDictionary;
 }
+
+/// Objects of a server.
+type Objects<'a> = &'a mut dyn Access;
 
 /// Server of one SDO channel.
 ///
@@ -78,7 +81,7 @@ impl SdoServer {
     }
 
     /// Handles a frame; frames with another COB-ID, not of 8 bytes, or other than plain data frames are ignored.
-    pub fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
+    pub fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: Objects<'_>) {
         let Some(request) = payload_with_id(frame, self.request_id) else {
             return;
         };
@@ -115,7 +118,7 @@ impl SdoServer {
     }
 
     /// Handles a request by the state and by its command specifier, which exists only outside the segments of a block.
-    fn handle(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
+    fn handle(&mut self, request: &Payload, objects: Objects<'_>) -> Accepted<Step> {
         if self.transfer.is_abort(request) {
             self.transfer.close();
             return Ok(Step::Stale);
@@ -160,11 +163,7 @@ impl SdoServer {
     }
 
     /// Handles "SDO download initiate", expedited or segmented.
-    fn initiate_download(
-        &mut self,
-        request: &Payload,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+    fn initiate_download(&mut self, request: &Payload, objects: Objects<'_>) -> Accepted {
         let Multiplexer { index, sub_index } = self.begin(request);
         let command = request[0];
         if command & 0b10 != 0 {
@@ -188,8 +187,8 @@ impl SdoServer {
         &mut self,
         request: &Payload,
         is_announced: bool,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+        objects: Objects<'_>,
+    ) -> Accepted {
         let Multiplexer { index, sub_index } = self.transfer.object;
         let announced = announced_length(request, is_announced);
         let dictionary = objects.dictionary();
@@ -211,8 +210,8 @@ impl SdoServer {
         &mut self,
         request: &Payload,
         toggle: bool,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+        objects: Objects<'_>,
+    ) -> Accepted {
         self.transfer.state = State::Receiving { toggle: !toggle };
         if self.transfer.receive_segment(request, toggle)? {
             self.finish_download(objects)?;
@@ -222,7 +221,7 @@ impl SdoServer {
     }
 
     /// Writes a value that arrived in segments.
-    fn finish_download(&mut self, objects: &mut dyn Access) -> Result<(), AbortCode> {
+    fn finish_download(&mut self, objects: Objects<'_>) -> Accepted {
         let Multiplexer { index, sub_index } = self.transfer.object;
         objects.write(index, sub_index, &self.transfer.buffer)?;
         self.transfer.close();
@@ -230,18 +229,14 @@ impl SdoServer {
     }
 
     /// Handles "SDO upload initiate".
-    fn initiate_upload(
-        &mut self,
-        request: &Payload,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+    fn initiate_upload(&mut self, request: &Payload, objects: Objects<'_>) -> Accepted {
         let Multiplexer { index, sub_index } = self.begin(request);
         let value = objects.read(index, sub_index)?;
         self.answer_upload(value)
     }
 
     /// Answers an upload, expedited or segmented.
-    fn answer_upload(&mut self, value: &[u8]) -> Result<(), AbortCode> {
+    fn answer_upload(&mut self, value: &[u8]) -> Accepted {
         if let Some((command, data)) = expedited(0x40, value) {
             self.transfer.outgoing = Some(self.transfer.object.payload(command, data));
             return Ok(());
@@ -256,7 +251,7 @@ impl SdoServer {
     }
 
     /// Keeps a copy of a value that leaves in segments, so that they belong together.
-    fn keep(&mut self, value: &[u8]) -> Result<(), AbortCode> {
+    fn keep(&mut self, value: &[u8]) -> Accepted {
         if value.len() > MAX_TRANSFER_BYTES {
             return Err(AbortCode::OUT_OF_MEMORY);
         }
@@ -266,12 +261,7 @@ impl SdoServer {
     }
 
     /// Handles "SDO upload segment".
-    fn upload_segment(
-        &mut self,
-        request: &Payload,
-        toggle: bool,
-        position: usize,
-    ) -> Result<(), AbortCode> {
+    fn upload_segment(&mut self, request: &Payload, toggle: bool, position: usize) -> Accepted {
         check_toggle(request, toggle)?;
         if self.transfer.send_segment(toggle, position) {
             self.transfer.close();
@@ -285,11 +275,7 @@ impl SdoServer {
     }
 
     /// Handles "SDO block download initiate".
-    fn initiate_block_download(
-        &mut self,
-        request: &Payload,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+    fn initiate_block_download(&mut self, request: &Payload, objects: Objects<'_>) -> Accepted {
         self.begin(request);
         self.prepare_download(request, request[0] & 0b10 != 0, objects)?;
         self.transfer.with_crc = request[0] & 0b100 != 0;
@@ -299,11 +285,7 @@ impl SdoServer {
     }
 
     /// Handles "SDO block download end".
-    fn end_block_download(
-        &mut self,
-        request: &Payload,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+    fn end_block_download(&mut self, request: &Payload, objects: Objects<'_>) -> Accepted {
         check_end(&mut self.transfer, request)?;
         self.finish_download(objects)?;
         self.transfer.outgoing = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
@@ -311,11 +293,7 @@ impl SdoServer {
     }
 
     /// Handles "SDO block upload initiate"; values up to the client's protocol switch threshold take a plain upload.
-    fn initiate_block_upload(
-        &mut self,
-        request: &Payload,
-        objects: &mut dyn Access,
-    ) -> Result<(), AbortCode> {
+    fn initiate_block_upload(&mut self, request: &Payload, objects: Objects<'_>) -> Accepted {
         let Multiplexer { index, sub_index } = self.begin(request);
         let [block_size, threshold, ..] = data_bytes(request);
         let value = objects.read(index, sub_index)?;

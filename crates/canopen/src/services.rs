@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::emcy::{self, Condition, Emcy, ErrorCode};
 use crate::heartbeat::{self, HeartbeatConsumer, HeartbeatProducer};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
-use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, Handle, ObjectDictionary};
 use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
 use crate::sdo_channels;
 use crate::sync::{self, SyncService};
@@ -111,7 +111,7 @@ impl Services {
     ///
     /// # Errors
     /// As an SDO download would be refused.
-    pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+    pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Accepted {
         let handle = self.check_write(index, sub_index, bytes)?;
         self.commit(handle, bytes)
     }
@@ -243,19 +243,14 @@ impl Services {
     }
 
     /// Returns an object's value as a client reads it.
-    pub(crate) fn read(&self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+    pub(crate) fn read(&self, index: u16, sub_index: u8) -> Accepted<&[u8]> {
         let value = self.dictionary.read(index, sub_index)?;
         emcy::check_read(&self.dictionary, index, sub_index)?;
         Ok(value)
     }
 
     /// Checks a write against the dictionary and the services' rules, without effect.
-    pub(crate) fn check_write(
-        &self,
-        index: u16,
-        sub_index: u8,
-        bytes: &[u8],
-    ) -> Result<Handle, AbortCode> {
+    pub(crate) fn check_write(&self, index: u16, sub_index: u8, bytes: &[u8]) -> Accepted<Handle> {
         let dictionary = &self.dictionary;
         let handle = dictionary.check_write(index, sub_index, bytes)?;
         if let Some(place) = Place::from_index(index) {
@@ -273,7 +268,7 @@ impl Services {
     }
 
     /// Stores a checked value and lets the service that it configures follow at once.
-    pub(crate) fn commit(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
+    pub(crate) fn commit(&mut self, handle: Handle, bytes: &[u8]) -> Accepted {
         self.dictionary.store(handle, bytes)?;
         let entry = self.dictionary.entry(handle);
         let (index, sub_index) = (entry.index, entry.sub_index);
@@ -410,7 +405,7 @@ impl Services {
 fn read_pdos<Pdo>(
     dictionary: &ObjectDictionary,
     direction: Direction,
-    read: impl Fn(&ObjectDictionary, Place) -> Result<Pdo, AbortCode>,
+    read: impl Fn(&ObjectDictionary, Place) -> Accepted<Pdo>,
 ) -> Result<Vec<Pdo>, InvalidPdo> {
     let pdos = pdo::places(dictionary, direction).map(|place| {
         let index = place.parameters_index();

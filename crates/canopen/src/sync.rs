@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::cob_id::CobId;
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 use can::{CanFrame, earlier};
 
 pub(crate) const COB_ID: u16 = 0x1005;
@@ -54,11 +54,7 @@ pub(crate) fn owns(index: u16) -> bool {
 }
 
 /// Checks the rules for writing 0x1005 and 0x1019 (CiA 301, 7.5.2.5 and 7.5.2.22).
-pub(crate) fn check_write(
-    dictionary: &ObjectDictionary,
-    index: u16,
-    bytes: &[u8],
-) -> Result<(), AbortCode> {
+pub(crate) fn check_write(dictionary: &ObjectDictionary, index: u16, bytes: &[u8]) -> Accepted {
     match index {
         COB_ID => {
             let new = CobId::from_bytes(bytes)?;

@@ -1,5 +1,7 @@
 //! Decides the outcome of a run by its metrics, the attribution of its missed cycles, and the node that ended it.
 
+use std::collections::BTreeSet;
+
 use plan::Plan;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::events::{Event, Level};
@@ -73,7 +75,13 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         pass.advance(1);
         verdict
     });
-    whole(plan, verdicts.collect())
+    let verdict = whole(plan, verdicts.collect());
+    let until_seconds = all.first().map_or(f64::INFINITY, Evidence::end_seconds);
+    let told = fd_frames(&circumstances.unrecorded).into_iter();
+    Verdict {
+        losses: told.chain(losses(timelines, until_seconds)).collect(),
+        ..verdict
+    }
 }
 
 /// Returns the verdict of a loop whose nodes did not cause the end of the run: values that are missing because of it are not
@@ -118,10 +126,6 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
         fd_frames: unrecorded.fd_frames,
         ended_early: circumstances.ended_early.clone(),
         metrics,
-        losses: fd_frames(unrecorded)
-            .into_iter()
-            .chain(losses(evidence))
-            .collect(),
         ..Verdict::incomplete_run(plan, "")
     }
 }
@@ -382,7 +386,7 @@ fn overload(metrics: &[Metric]) -> Option<String> {
         ));
     }
     (load.passed == Some(false))
-        .then(|| format!("the bus is overloaded ({percent:.1} %), so frames come late"))
+        .then(|| format!("the bus load of {percent:.1} % is not within its limit"))
 }
 
 /// Returns the reason why it is uncertain whether a limit on the bus load is met.
@@ -404,19 +408,52 @@ fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
     })
 }
 
-/// Returns descriptions of the errors among the events, with their times.
-fn losses(evidence: &Evidence<'_>) -> Vec<String> {
-    let end_seconds = evidence.end_seconds();
+/// Returns descriptions of the first errors among the events of each loop, with their times and in the order of these. An error that
+/// several loops saw appears once.
+fn losses(timelines: &[Timeline], until_seconds: f64) -> Vec<String> {
     let is_error = |event: &&Occurrence<Event>| {
-        event.level == Level::Error && event.time_seconds <= end_seconds
+        event.level == Level::Error && event.time_seconds <= until_seconds
     };
-    let errors = evidence
-        .timeline
-        .events
+    let errors = |one: &Timeline| {
+        Vec::from_iter(one.events.iter().filter(is_error).take(LOSSES_MAX).cloned())
+    };
+    let mut losses = Vec::from_iter(timelines.iter().flat_map(errors));
+    let milliseconds = |event: &Occurrence<Event>| (1e3 * event.time_seconds).round();
+    losses.sort_by(|one, other| milliseconds(one).total_cmp(&milliseconds(other)));
+    let texts = losses
         .iter()
-        .filter(is_error)
-        .take(LOSSES_MAX);
-    errors
-        .map(|event| format!("{:.3} s {}", event.time_seconds, event.text))
-        .collect()
+        .map(|event| format!("{:.3} s {}", event.time_seconds, event.text));
+    let mut seen = BTreeSet::new();
+    texts.filter(|text| seen.insert(text.clone())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losses_of_all_loops_are_in_the_order_of_time_and_each_appears_once() {
+        let saw = |errors: &[(f64, &str)]| {
+            let mut timeline = Timeline::default();
+            let errors = errors.iter();
+            let events =
+                errors.map(|(time, text)| Occurrence::new(*time, Event::new(Level::Error, text)));
+            timeline.events = events.collect();
+            timeline
+        };
+        let loops = [
+            saw(&[(1.5, "lost"), (9.0, "late")]),
+            saw(&[(-0.5, "lost"), (1.5, "lost"), (1.5, "gone")]),
+        ];
+        let told = ["-0.500 s lost", "1.500 s lost", "1.500 s gone"];
+        assert_eq!(losses(&loops, 8.0), told);
+        let many = vec![(1.0, "lost"); LOSSES_MAX + 1];
+        let texts = (0..many.len()).map(|number| number.to_string());
+        let texts = Vec::from_iter(texts);
+        let each = many
+            .iter()
+            .zip(&texts)
+            .map(|((time, _), text)| (*time, text.as_str()));
+        assert_eq!(losses(&[saw(&Vec::from_iter(each))], 8.0).len(), LOSSES_MAX);
+    }
 }

@@ -61,7 +61,6 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
     let mut contours = Vec::new();
-    let mut losses: Vec<String> = Vec::new();
     let mut whole = None;
     for (name, verdict) in loops {
         for metric in verdict.metrics.iter().cloned() {
@@ -76,12 +75,8 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
                 shared.push(metric);
             }
         }
-        // Losses name their nodes. A loss that several loops saw appears once.
-        let fresh = verdict.losses.iter().filter(|loss| !losses.contains(loss));
-        losses.extend(Vec::from_iter(fresh.cloned()));
         whole.get_or_insert(verdict);
     }
-    losses.sort_by(|one, other| seconds(one).total_cmp(&seconds(other)));
     contours.sort_by_key(|metric| contour_rows.iter().position(|row| *row == metric.name));
     metrics.extend(contours);
     metrics.extend(shared);
@@ -90,7 +85,6 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         reason,
         cause,
         metrics,
-        losses,
         // The loops share the facts of the run.
         ..whole.expect("there is a loop")
     }
@@ -132,12 +126,6 @@ fn joined_reason(loops: &[(String, Verdict)], first: Option<&(String, Verdict)>)
     });
     let told = Vec::from_iter(told);
     (!told.is_empty()).then(|| told.join("; "))
-}
-
-/// Returns the time with which a loss begins; a loss without a time comes first.
-fn seconds(loss: &str) -> f64 {
-    let time = loss.split_once(" s ").map(|(time, _)| time.parse());
-    time.and_then(Result::ok).unwrap_or(f64::NEG_INFINITY)
 }
 
 #[cfg(test)]
@@ -214,20 +202,6 @@ mod tests {
         assert_eq!(reason.as_deref(), Some("y: because"));
         let reason = joined(two(Fail, Fail), &[]).reason;
         assert_eq!(reason.as_deref(), Some("because"));
-    }
-
-    #[test]
-    fn losses_are_in_the_order_of_time_behind_those_without_a_time() {
-        let mut loops = two(Outcome::Pass, Outcome::Pass);
-        let losses = [
-            "3 CAN FD frames on the bus",
-            "1.500 s lost",
-            "-0.500 s lost",
-        ];
-        loops[0].1.losses = losses[..2].iter().map(ToString::to_string).collect();
-        loops[1].1.losses = losses.map(str::to_owned).into();
-        let expected = [losses[0], losses[2], losses[1]];
-        assert_eq!(joined(loops, &[]).losses, expected);
     }
 
     #[test]

@@ -2,10 +2,10 @@
 //! metrics have no value.
 
 use canopen::cia402::State;
-use dbc::names;
+use dbc::{Signal, names};
 use recording::events::word;
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
-use recording::truth::PlantTruth;
+use recording::truth::{PlantTruth, is_temperature};
 use scenario::events::Window;
 use scenario::expect::Emergency;
 use scenario::node::Part;
@@ -21,8 +21,6 @@ const END_SECONDS: f64 = 0.1;
 
 /// Name of an emulated plant's report in messages.
 const TRUTH: &str = "truth of the plant";
-/// End of the names of signals with the temperature to which the current heats a plant.
-const TEMPERATURE: &str = "_temperature_celsius";
 
 /// Measures the highest temperature: always in a scenario with faults, in others if it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
@@ -102,7 +100,10 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
         .filter(move |truth| counts(&truth.time_seconds))
         .map(|truth| truth.peak_temperature_celsius);
     let outputs = evidence.control_loop.plant_signals();
-    let heated = outputs.filter(|output| output.name.ends_with(TEMPERATURE));
+    let is_heated = |output: &&Signal| {
+        is_temperature(output) && evidence.trial.wiring.is_of_plant(&output.name)
+    };
+    let heated = outputs.filter(is_heated);
     let columns = heated.filter_map(|output| timeline.column(&output.name));
     let sampled = columns.flat_map(move |column| {
         let rows = timeline.time_seconds.iter().zip(&column.values);
@@ -289,10 +290,10 @@ fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     let io = one.nodes.io.iter();
     let messages = io.filter_map(|io| one.message(io, names::RPDO1).ok());
     let mut currents = messages
-        .flat_map(|message| &message.signals)
-        .filter(|signal| signal.unit.ends_with('A'));
-    currents.any(|signal| {
-        let column = evidence.timeline.column(&signal.name);
+        .flat_map(|message| message.signals.iter().map(move |it| (message, it)))
+        .filter(|(_, signal)| signal.unit.ends_with('A'));
+    currents.any(|(message, signal)| {
+        let column = evidence.timeline.column(&one.name_of(message, signal));
         let last = column.and_then(|column| column.values.last());
         last.is_some_and(|value| !value.is_nan() && value != 0.0)
     })

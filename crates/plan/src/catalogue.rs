@@ -251,13 +251,8 @@ pub fn columns<'a>(
     let io_messages = nodes.io.iter().filter_map(move |io| of_node(io, RPDO1));
     let messages = drive_messages.chain(law_messages).chain(io_messages);
     let columns = messages.map(move |(message, node)| {
-        let name_of = |signal: &Signal| match node {
-            Some(node) if *node == nodes.drive => name_in_loop(signal, wiring),
-            Some(node) if nodes.io.len() > 1 => format!("{}.{}", node.name, signal.name),
-            _ => signal.name.clone(),
-        };
         let signals = message.signals.iter();
-        let named = signals.map(|signal| (name_of(signal), signal));
+        let named = signals.map(|signal| (name_in_loop(signal, node, wiring), signal));
         (message, named.collect())
     });
     let followed = followed(database, wiring)
@@ -300,12 +295,17 @@ pub(crate) fn followed<'a>(
     signals.filter(|(_, signal)| is_measured(signal, &wiring.feedback))
 }
 
-/// Returns the name, in a loop, of a signal of its drive.
-pub(crate) fn name_in_loop(signal: &Signal, wiring: &Wiring) -> String {
-    if is_measured(signal, &wiring.sensor) {
-        wiring.name_in_loop(&signal.name)
-    } else {
-        signal.name.clone()
+/// Returns the name, in a loop, of a signal of one of its nodes.
+pub(crate) fn name_in_loop(signal: &Signal, node: Option<&Node>, wiring: &Wiring) -> String {
+    let nodes = &wiring.nodes;
+    match node {
+        Some(node) if *node == nodes.drive && is_measured(signal, &wiring.sensor) => {
+            wiring.name_in_loop(&signal.name)
+        }
+        Some(node) if nodes.io.len() > 1 && nodes.io.contains(node) => {
+            format!("{}.{}", node.name, signal.name)
+        }
+        _ => signal.name.clone(),
     }
 }
 

@@ -29,7 +29,7 @@ pub struct Plan {
     pub loops: Vec<ControlLoop>,
 }
 
-/// Loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
+/// Loop of a plan. All loops share the meaning of their frames.
 #[derive(Clone, Debug)]
 pub struct ControlLoop {
     /// Trial of the loop.
@@ -78,13 +78,19 @@ impl Plan {
         }
         let mut plan = self.recorded_external(names);
         plan.shared.programs.retain(|name, _| !names.contains(name));
-        let emulated = plan.loops.iter().filter(|one| one.is_ours(Part::Drive));
-        let mut io_nodes = emulated.flat_map(|one| one.nodes.io.iter().map(move |io| (one, io)));
-        if let Some((one, io)) = io_nodes.find(|(one, io)| one.external.contains(&io.id)) {
-            return Err(format!(
-                "--external {} needs --external {}: a real node cannot act on an emulated plant",
-                io.name, one.nodes.drive.name
-            ));
+        let is_external = |id: u8| plan.loops.iter().any(|one| one.external.contains(&id));
+        let nodes = plan.loops.iter().map(|one| &one.nodes);
+        for (drive, io) in nodes.flat_map(|nodes| nodes.io.iter().map(|io| (&nodes.drive, io))) {
+            let [io, drive] = [io, drive].map(|node| (node.name.as_str(), node.id));
+            let drives = Vec::from_iter(plan.shared.rig.drives_of_io(io.0).chain([drive]));
+            let mut nodes = Some(&io).into_iter().chain(&drives);
+            let real = nodes.find(|(_, id)| is_external(*id));
+            let emulated = drives.iter().find(|(_, id)| !is_external(*id));
+            if let (Some((real, _)), Some((emulated, _))) = (real, emulated) {
+                return Err(format!(
+                    "--external {real} needs --external {emulated}: a real node cannot act on an emulated plant"
+                ));
+            }
         }
         let has_set_points = plan.set_points_every_cycles().is_some();
         load::checked(plan.composed()).map_err(|refused| {
@@ -434,12 +440,8 @@ impl ControlLoop {
 
     /// Returns the name, in the loop, of a signal of one of its messages.
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
-        let mut messages = messages_of(&self.database, &self.nodes.drive);
-        if messages.any(|one| one.name == message.name) {
-            name_in_loop(signal, &self.trial.wiring)
-        } else {
-            signal.name.clone()
-        }
+        let has = |node: &&Node| messages_of(&self.database, node).any(|one| one == message);
+        name_in_loop(signal, self.nodes.all().find(has), &self.trial.wiring)
     }
 
     /// Returns the signals of an emulated plant that its drive publishes, without the true position.

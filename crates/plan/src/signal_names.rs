@@ -37,10 +37,10 @@ impl SignalNames {
         };
         let mut add_message = |message: &Message, node: Option<&Node>| {
             for signal in &message.signals {
-                let mut names = vec![match node {
-                    Some(node) if node.part == Part::Drive => name_in_loop(signal, wiring),
-                    _ => signal.name.clone(),
-                }];
+                let mut names = vec![name_in_loop(signal, node, wiring)];
+                if names[0] != signal.name && node.is_some_and(|node| node.part == Part::Io) {
+                    names.push(signal.name.clone());
+                }
                 if let Some(node) = node
                     && let Some(object) = object_name(&objects[&node.id], signal)
                 {
@@ -94,7 +94,7 @@ impl SignalNames {
                     None => "not on the bus".to_owned(),
                 };
                 let message = format!("no signal is called `{name}`");
-                let help = "`canrig signals SCENARIO` lists every signal with its unit, sender, message and range";
+                let help = "`canrig signals SCENARIO` lists every signal with its unit, sender, message and range; [[expect.LOOP.signal]] has those of its loop";
                 Objection::new("", message, label).with_help(help)
             }
             several => {

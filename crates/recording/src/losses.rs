@@ -10,6 +10,7 @@ use scenario::node::{Node, Part};
 use crate::events::{Event, Level};
 use crate::identifiers::ByIdentifier;
 use crate::occurrences::Notes;
+use crate::truth::is_temperature;
 
 /// Number of periods without a cyclic frame that count as a loss, as for the controller.
 pub(crate) const PERIODS_MAX: u32 = 20;
@@ -79,9 +80,13 @@ impl LossReader {
                 format!("SYNC from {controller}"),
             ),
             (drives(names::TPDO1), format!("{signal} from {drive}")),
-            (drives(names::TPDO2), String::new()),
         ]
         .map(|(message, what)| Some(watch(message?, what, None, sync_period, PERIODS_MAX)));
+        let of_plant = one.database.plant_messages(&nodes.drive.name);
+        let heated = of_plant.filter(|message| message.signals.iter().any(is_temperature));
+        let period = sync_period * u32::from(one.trial.wiring.truth_every_cycles());
+        let heated =
+            heated.map(|message| Some(watch(message, String::new(), None, period, PERIODS_MAX)));
         let heartbeats = nodes.all().map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
@@ -89,8 +94,9 @@ impl LossReader {
             let sender = Some(node.part).filter(|part| *part != Part::Io);
             Some(watch(message, what, sender, period, HEARTBEATS_MAX))
         });
+        let watched = cyclic.into_iter().chain(heated).chain(heartbeats);
         Self {
-            watched: cyclic.into_iter().chain(heartbeats).flatten().collect(),
+            watched: watched.flatten().collect(),
             end: Duration::from_secs_f64(one.trial.run.duration_seconds),
             losses: Losses::default(),
         }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use dbc::{SignalHandle, SignalMissing, names};
+use dbc::{Signal, SignalHandle, SignalMissing, names};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
 
@@ -17,6 +17,11 @@ const SIGNALS: [&str; 3] = [
 
 /// Temperature that a drive reports whose plant has none.
 const ABSOLUTE_ZERO_CELSIUS: f64 = -273.15;
+
+/// Checks whether a signal is the temperature to which the current heats a plant.
+pub fn is_temperature(signal: &Signal) -> bool {
+    signal.name.ends_with("_temperature_celsius")
+}
 
 /// Report of the emulated plant in one message.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]

@@ -26,6 +26,7 @@ pub(crate) use files::RigText;
 pub(crate) use kind::is_scenario;
 pub(crate) use patterns::{Factor, Factors, Naming};
 pub use resolve::Asked;
+pub(crate) use sections::{ALL, CONTROLLER};
 
 use crate::beside::Beside;
 use crate::custom::{self, Custom, Section};

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use thiserror::Error;
 use toml::{Table, Value};
 
+use crate::load::{ALL, CONTROLLER};
 use crate::port::is_same_gain;
 
 /// Largest number of parts in a key. Longer keys lead nowhere, and many thousand parts are deeper than the stack.
@@ -93,6 +94,14 @@ pub fn set(table: &mut Table, key: &str, value: Value) -> Result<(), OverrideErr
     if key.split('.').count() > KEY_PARTS_MAX {
         return Err(nowhere(key));
     }
+    if let [CONTROLLER, name, law, ..] = Vec::from_iter(key.split('.'))[..]
+        && let Some(Value::Table(laws)) = table.get_mut(CONTROLLER)
+        && let Some(all) = laws.get(ALL).filter(|all| all.get(law).is_some())
+        && !laws.contains_key(name)
+    {
+        // The law of one loop begins as that of all loops.
+        laws.insert(name.to_owned(), all.clone());
+    }
     let mut parts = key.split('.');
     let last = parts.next_back().unwrap_or_default();
     let above = parts.try_fold(table, |table, part| {
@@ -152,6 +161,18 @@ mod tests {
         ]);
         let gains = gains.unwrap()["pid"].to_string();
         assert_eq!(gains, "{ gain_amperes_per_degree = 3.0, other = 2.0 }");
+        let laws = with(&[
+            "controller={all = {pid = {k = 1.0, t = 2.0}}}",
+            "controller.x.pid.k=3.0",
+            "controller.y.open.k=3.0",
+        ]);
+        let laws = laws.unwrap()["controller"].to_string();
+        let each = [
+            "all = { pid = { k = 1.0, t = 2.0 } }",
+            "x = { pid = { k = 3.0, t = 2.0 } }",
+            "y = { open = { k = 3.0 } }",
+        ];
+        assert_eq!(laws, format!("{{ {} }}", each.join(", ")));
         let quoted = with(&["name=\"3\"", "step[0]={at = 4.0}"]).unwrap();
         assert_eq!(quoted["name"], Value::from("3"));
         assert_eq!(quoted["step"][0]["at"], Value::Float(4.0));

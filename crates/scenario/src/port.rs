@@ -252,7 +252,8 @@ type Known = (&'static str, &'static str, &'static str, f64);
 /// Quantity of a number without a unit: 100 percent are 1.
 const SHARE: &str = "share";
 
-const DEGREES_OF_A_RADIAN: f64 = 180.0 / std::f64::consts::PI;
+/// Degrees of a radian.
+const RADIAN: f64 = 180.0 / std::f64::consts::PI;
 
 /// Units in which names end.
 const KNOWN: [Known; 31] = [
@@ -261,7 +262,7 @@ const KNOWN: [Known; 31] = [
     ("micrometres", "um", "length", 1e-6),
     ("degrees", "deg", "angle", 1.0),
     ("revolutions", "rev", "angle", 360.0),
-    ("radians", "rad", "angle", DEGREES_OF_A_RADIAN),
+    ("radians", "rad", "angle", RADIAN),
     ("kilograms", "kg", "mass", 1.0),
     ("grams", "g", "mass", 1e-3),
     ("amperes", "A", "current", 1.0),
@@ -285,12 +286,7 @@ const KNOWN: [Known; 31] = [
     ("degrees_per_second", "deg/s", "turning speed", 1.0),
     ("revolutions_per_minute", "rpm", "turning speed", 6.0),
     ("revolutions_per_second", "rev/s", "turning speed", 360.0),
-    (
-        "radians_per_second",
-        "rad/s",
-        "turning speed",
-        DEGREES_OF_A_RADIAN,
-    ),
+    ("radians_per_second", "rad/s", "turning speed", RADIAN),
     ("litres_per_minute", "l/min", "flow", 1.0),
 ];
 

@@ -12,7 +12,6 @@ use crate::disturbance::Disturbance;
 use crate::expect::Expect;
 use crate::fault::{Fault, Faults};
 use crate::identifiers::Identifiers;
-use crate::node::Node;
 use crate::plant::PlantModel;
 use crate::reference::Reference;
 use crate::rig::nodes::{Amplifier, Sensor};
@@ -81,18 +80,17 @@ impl Trial {
 
     /// Returns the faults of its loop: those of its drive and plant, and those of no drive.
     pub fn loop_faults(&self) -> impl Iterator<Item = &Fault> {
-        self.faults_around(&self.wiring.nodes.drive)
-    }
-
-    /// Returns the faults that it would have if its drive were the one that it follows.
-    pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
-        self.faults_around(&self.wiring.nodes.followed)
-    }
-
-    fn faults_around(&self, drive: &Node) -> impl Iterator<Item = &Fault> {
-        let (id, plant) = (drive.id, &self.wiring.plant);
+        let (id, plant) = (self.wiring.nodes.drive.id, &self.wiring.plant);
         let faults = self.run.faults.iter();
         faults.filter(move |fault| fault.is_in_loop(id, plant))
+    }
+
+    /// Returns the faults that it would have if its drive were the one that it follows, and had all plants of the loop.
+    pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
+        let (wiring, id) = (&self.wiring, self.wiring.nodes.followed.id);
+        let plants = wiring.touched.iter().chain([&wiring.plant]);
+        let faults = self.run.faults.iter();
+        faults.filter(move |fault| plants.clone().any(|plant| fault.is_in_loop(id, plant)))
     }
 
     /// Returns the faults of its drive, and of the plant that the drive moves.

@@ -232,6 +232,15 @@ impl Wiring {
         }
     }
 
+    /// Checks whether a signal that the drive publishes is an output of its plant.
+    pub fn is_of_plant(&self, signal: &str) -> bool {
+        let is_its = |port: &String| {
+            plant_of_port(port) == Some(self.plant.as_str()) && local_name(port) == signal
+        };
+        let recorded = self.record.as_ref();
+        recorded.is_none_or(|all| all.iter().any(is_its))
+    }
+
     fn default_outputs(&self, ports: &Ports) -> Vec<usize> {
         let measured = self.measured(ports);
         let driven = self.driven(ports).map(|place| &ports.inputs[place]);

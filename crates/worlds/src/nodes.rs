@@ -1,4 +1,4 @@
-//! The nodes of the shipped rig, built from a scenario.
+//! The nodes of a rig, built from a plan.
 
 use std::sync::Arc;
 

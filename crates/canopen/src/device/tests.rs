@@ -10,7 +10,7 @@ mod sdo;
 mod sync;
 
 use super::*;
-use crate::object_dictionary::{Access as Rights, DataType, Entry};
+use crate::object_dictionary::{AbortCode, Access as Rights, DataType, Entry};
 use crate::pdo::WaitingPdo;
 
 /// Node-ID of the drive.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::cob_id::{self, CobId};
-use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary, copy};
+use crate::object_dictionary::{AbortCode, Accepted, Access, Handle, ObjectDictionary, copy};
 
 /// Most PDOs of a direction: the mappings begin behind the parameters of so many.
 const NUMBERS_MAX: u16 = 0x200;
@@ -70,7 +70,7 @@ impl Place {
 /// # Errors
 /// [`AbortCode::INVALID_VALUE`] for a 29-bit identifier, which no node here sends or hears, and for identifiers that CiA 301
 /// keeps for other services.
-pub fn identifier(cob_id: u32) -> Result<u16, AbortCode> {
+pub fn identifier(cob_id: u32) -> Accepted<u16> {
     let cob_id = CobId(cob_id);
     cob_id.check().map(|()| cob_id.id())
 }
@@ -90,7 +90,7 @@ pub(crate) fn check_write(
     place: Place,
     sub_index: u8,
     bytes: &[u8],
-) -> Result<(), AbortCode> {
+) -> Accepted {
     let (index, direction) = (place.parameters_index(), place.direction);
     let old = CobId(dictionary.unsigned(index, COB_ID).unwrap_or(0));
     if place.is_mapping {
@@ -118,7 +118,7 @@ fn check_mapping_write(
     cob_id: CobId,
     sub_index: u8,
     bytes: &[u8],
-) -> Result<(), AbortCode> {
+) -> Accepted {
     let index = place.parameters_index() + NUMBERS_MAX;
     let count = dictionary.unsigned(index, 0).unwrap_or(0);
     if cob_id.is_valid() || (sub_index != 0 && count != 0) {
@@ -149,11 +149,7 @@ struct Slot {
 
 impl Slot {
     /// Makes the slot of a mapping entry: index, sub-index, length in bits (CiA 301, figure 74).
-    fn new(
-        dictionary: &ObjectDictionary,
-        entry: u32,
-        direction: Direction,
-    ) -> Result<Self, AbortCode> {
+    fn new(dictionary: &ObjectDictionary, entry: u32, direction: Direction) -> Accepted<Self> {
         let [length_bits, sub_index, low, high] = entry.to_le_bytes();
         let index = u16::from_le_bytes([low, high]);
         let size_bytes = length_bits / 8;
@@ -218,7 +214,7 @@ impl Mapping {
         index: u16,
         count: u8,
         direction: Direction,
-    ) -> Result<Self, AbortCode> {
+    ) -> Accepted<Self> {
         if count > OBJECTS_MAX {
             return Err(AbortCode::PDO_TOO_LONG);
         }
@@ -304,7 +300,7 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
-    fn read(dictionary: &ObjectDictionary, place: Place) -> Result<Self, AbortCode> {
+    fn read(dictionary: &ObjectDictionary, place: Place) -> Accepted<Self> {
         let get = |sub_index| dictionary.unsigned(place.parameters_index(), sub_index);
         let cob_id = CobId(get(COB_ID).unwrap_or(u32::MAX));
         if cob_id.is_valid() {
@@ -328,10 +324,7 @@ impl Parameters {
 }
 
 /// Reads a PDO's parameters and mapping.
-pub(super) fn read(
-    dictionary: &ObjectDictionary,
-    place: Place,
-) -> Result<(Parameters, Mapping), AbortCode> {
+pub(super) fn read(dictionary: &ObjectDictionary, place: Place) -> Accepted<(Parameters, Mapping)> {
     let parameters = Parameters::read(dictionary, place)?;
     let index = place.parameters_index() + NUMBERS_MAX;
     let count = u8::try_from(dictionary.unsigned(index, 0).unwrap_or(0))

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::configuration::{Mapping, Parameters, Place, read};
-use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
+use crate::object_dictionary::{Accepted, Handle, ObjectDictionary};
 use can::CanFrame;
 
 /// A synchronous RPDO that has arrived and takes effect at the next SYNC.
@@ -37,7 +37,7 @@ pub(crate) struct Rpdo {
 
 impl Rpdo {
     /// Makes the RPDO from the dictionary's configuration.
-    pub(crate) fn new(dictionary: &ObjectDictionary, place: Place) -> Result<Self, AbortCode> {
+    pub(crate) fn new(dictionary: &ObjectDictionary, place: Place) -> Accepted<Self> {
         let (parameters, mapping) = read(dictionary, place)?;
         Ok(Self {
             place,

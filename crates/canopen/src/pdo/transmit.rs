@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::configuration::{Mapping, Parameters, Place, read};
-use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::object_dictionary::{Accepted, ObjectDictionary};
 use crate::sync::Sync;
 use can::CanFrame;
 use can::earlier;
@@ -28,7 +28,7 @@ pub(crate) struct Tpdo {
 
 impl Tpdo {
     /// Makes the TPDO from the dictionary's configuration.
-    pub(crate) fn new(dictionary: &ObjectDictionary, place: Place) -> Result<Self, AbortCode> {
+    pub(crate) fn new(dictionary: &ObjectDictionary, place: Place) -> Accepted<Self> {
         let (parameters, mapping) = read(dictionary, place)?;
         Ok(Self {
             place,

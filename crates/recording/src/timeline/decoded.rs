@@ -1,5 +1,6 @@
 //! Decoded recording: one row for each cycle.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Duration;
 
@@ -240,9 +241,29 @@ pub fn all_events(timelines: &[Timeline]) -> Events {
     let each = timelines.iter().flat_map(|timeline| &timeline.events);
     let mut all = in_order(each.cloned());
     if timelines.len() > 1 {
-        all.dedup_by(|later, earlier| {
-            later.time_seconds == earlier.time_seconds && later.text == earlier.text
-        });
+        let mut seen = BTreeSet::new();
+        all.retain(|event| seen.insert((event.time_seconds.to_bits(), event.text.clone())));
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::events::{Event, Level};
+    use crate::occurrences::Occurrence;
+
+    #[test]
+    fn an_event_that_several_loops_saw_appears_once() {
+        let saw = |texts: [&str; 2]| Timeline {
+            events: texts
+                .map(|text| Occurrence::new(1.0, Event::new(Level::Info, text)))
+                .into(),
+            ..Timeline::default()
+        };
+        let loops = [saw(["x: step", "fault"]), saw(["y: step", "fault"])];
+        let events = all_events(&loops);
+        let texts = Vec::from_iter(events.iter().map(|event| event.text.as_str()));
+        assert_eq!(texts, ["x: step", "fault", "y: step"]);
+    }
 }

@@ -1,4 +1,4 @@
-//! Properties of all frames: time and order, and the bus load of a loop's judged time.
+//! Properties of all frames: time and order, and the bus load of the judged time.
 
 use std::time::Duration;
 
@@ -28,9 +28,9 @@ pub(super) struct Passing {
 }
 
 /// Number of the bits of all frames from the first SYNC to the end of the judged time, and the times of the SYNCs.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Traffic {
-    judged_end: Duration,
+    pub(super) judged_end: Duration,
     first_sync: Option<Duration>,
     latest_sync: Option<Duration>,
     latest: Duration,

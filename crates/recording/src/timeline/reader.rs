@@ -47,11 +47,12 @@ pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissi
 /// Gives each frame to its readers. The common properties and the events of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: &Frames) {
     let read_by = ByIdentifier::of_readers(readers.iter().map(TimelineReader::raw_ids));
+    // The bus is judged for as long as one of the loops.
+    let judged_ends = readers.iter().map(|reader| reader.traffic.judged_end);
+    readers[0].traffic.judged_end = judged_ends.max().unwrap_or_default();
     for stamped in frames.iter() {
         let time = readers[0].passing.on_frame(&stamped);
-        for reader in readers.iter_mut() {
-            reader.traffic.on_frame(&stamped, time);
-        }
+        readers[0].traffic.on_frame(&stamped, time);
         readers[0].events.on_frame(&stamped);
         let id = stamped.frame.raw_id();
         if let Some(places) = read_by.get(id) {
@@ -63,6 +64,7 @@ fn read_with(readers: &mut [TimelineReader], frames: &Frames) {
     if let [first, others @ ..] = readers {
         for other in others {
             other.passing = first.passing.clone();
+            other.traffic = first.traffic.clone();
             other.events.take_over(&first.events);
         }
     }

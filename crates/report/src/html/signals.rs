@@ -68,15 +68,15 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let plot =
         |title: &str, unit, signals: &[Drawn<'_>]| signal_plot(timeline, title, unit, signals);
     in_time.push(plot(&command.title(), command.symbol(), &currents));
-    let mut plant_signals = control_loop.plant_signals();
-    let has_wire = plant_signals.any(|signal| signal.name == WIRE_TEMPERATURE);
+    let mut signals = Vec::from_iter(control_loop.plant_signals());
+    let has_wire = signals.iter().any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
         in_time.push(plot("Wire temperature", "°C", &TEMPERATURES));
         in_time.push(plot("Martensite fraction ξ", "", &FRACTIONS));
-    } else {
-        let signals = control_loop.plant_signals();
-        in_time.extend(signals.map(|signal| own_plot(timeline, signal, "true", True)));
+        signals.retain(|signal| ![TEMPERATURES[1].0, FRACTIONS[1].0].contains(&&*signal.name));
     }
+    let signals = signals.into_iter();
+    in_time.extend(signals.map(|signal| own_plot(timeline, signal, "true", True)));
     let terms = if control_loop.trial.controller.custom.is_some() {
         let terms = control_loop.terms();
         Vec::from_iter(terms.map(|term| own_plot(timeline, term, "law", Estimated)))
@@ -301,20 +301,12 @@ pub(super) fn few(cycles: usize) -> String {
     format!(" (each {cycles} cycles)")
 }
 
-/// Returns the number of cycles of which all distances between these rows are multiples; `None` if that is 1, or if there are too
-/// few rows.
+/// Returns the number of cycles from a row to the next, if all distances are multiples of it; `None` if that is 1, or if there are
+/// too few rows.
 pub(super) fn common_distance(rows: &[usize]) -> Option<usize> {
-    let apart = rows.array_windows().map(|[from, to]| to.abs_diff(*from));
-    let cycles = apart.fold(0, greatest_divisor);
-    (rows.len() >= CHANGES && cycles > 1).then_some(cycles)
-}
-
-fn greatest_divisor(a: usize, b: usize) -> usize {
-    if b == 0 {
-        a
-    } else {
-        greatest_divisor(b, a % b)
-    }
+    let mut apart = rows.array_windows().map(|[from, to]| to.abs_diff(*from));
+    let cycles = apart.clone().min().filter(|cycles| *cycles > 1)?;
+    (rows.len() >= CHANGES && apart.all(|one| one % cycles == 0)).then_some(cycles)
 }
 
 /// Returns the first row with a value of a column, and the values from there on. A node that has not computed anything yet sends

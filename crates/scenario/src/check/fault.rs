@@ -84,7 +84,12 @@ pub(crate) fn faults_of_loops(
     // Only the bench that played a plant from outside knows which faults have a meaning for it.
     let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
     for fault in faults.in_group(Group::Plant) {
-        let Some(one) = loop_at(fault).filter(is_known) else {
+        let one = loop_at(fault);
+        if one.is_none() && reading != Reading::Recorded {
+            let path = format!("{}.plant", fault.path());
+            check.at(&path, "no drive moves this plant", "it has no faults");
+        }
+        let Some(one) = one.filter(is_known) else {
             continue;
         };
         let (name, known) = (one.plant.name(), one.plant.faults());

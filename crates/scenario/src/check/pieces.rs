@@ -7,6 +7,8 @@ use crate::structure::number;
 /// Entry of an array of timed tables.
 pub(super) struct Piece<'a> {
     pub(super) kind: &'a str,
+    /// Node and output on which it acts, where it names them.
+    target: [Option<&'a str>; 2],
     pub(super) path: String,
     pub(super) start_key: &'static str,
     pub(super) start_seconds: f64,
@@ -26,6 +28,7 @@ pub(super) fn entries<'a>(document: &'a Document<'_>, table: &str) -> Vec<Piece<
             let (start_key, start_seconds) = starts.find_map(|key| Some((key, seconds(key)?)))?;
             Some(Piece {
                 kind,
+                target: ["node", "name"].map(|key| entry.get(key)?.get_ref().as_str()),
                 path: format!("{path}.{index}"),
                 start_key,
                 start_seconds,
@@ -62,11 +65,11 @@ pub(super) fn order(
     pieces: &[Piece<'_>],
     duration_seconds: f64,
 ) {
-    for pair in pieces
-        .windows(2)
-        .filter(|pair| pair[0].kind == pair[1].kind)
-    {
-        let (before, piece) = (&pair[0], &pair[1]);
+    for (place, piece) in pieces.iter().enumerate() {
+        let is_like = |one: &&Piece<'_>| (one.kind, one.target) == (piece.kind, piece.target);
+        let Some(before) = pieces[..place].iter().rfind(is_like) else {
+            continue;
+        };
         if piece.start_seconds <= before.start_seconds {
             let message = format!("times of [[{table}.{}]] are out of order", piece.kind);
             let start = before.start_seconds;

@@ -6,9 +6,12 @@ use toml::de::{DeTable, DeValue};
 use super::nodes::fill;
 use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
-use crate::metrics::{Metric, is_bus_metric};
+use crate::fault::Faults;
+use crate::metrics::{Form, METRICS, Metric, Needs, Subject, is_bus_metric};
+use crate::wiring::Wiring;
 
 const TIMING: &str = "timing";
+const JUDGED_UNTIL: &str = "judged_until_seconds";
 const REQUIREMENTS: &str = "requirements";
 
 /// Checks whether a key of `[expect]` belongs to all loops together.
@@ -23,13 +26,21 @@ fn is_bus_key(key: &str) -> bool {
 
 impl<'text> Selector<'_, 'text> {
     /// Returns `[expect.LOOP]`, completed from `[expect.all]`. The first loop also gets the expectations of the bus from
-    /// `[expect]`. If there is one loop, its table may be `[expect]` itself.
-    pub(super) fn expect(&self, name: &str) -> Option<Spanned<DeValue<'text>>> {
+    /// `[expect]`. If there is one loop, its table may be `[expect]` itself. A further drive, which has no set-point, gets what these
+    /// limit of its amplifier and its plant.
+    pub(super) fn expect(
+        &self,
+        name: &str,
+        wiring: &Wiring,
+        faults: &Faults,
+    ) -> Option<Spanned<DeValue<'text>>> {
         let expect = self.scenario.root().get(EXPECT)?;
         let whole = match expect.get_ref().as_table() {
             Some(whole) if self.is_by_loop(EXPECT) => whole,
-            // Expectations of the only loop do not hold for a further drive that its law leads.
-            _ if self.is_led(name) => return None,
+            Some(whole) if self.is_led(name) => {
+                let kept = DeValue::Table(of_drive(whole, wiring, faults));
+                return Some(Spanned::new(expect.span(), kept));
+            }
             _ => {
                 let mut kept = expect.clone();
                 if let DeValue::Table(table) = kept.get_mut() {
@@ -38,24 +49,24 @@ impl<'text> Selector<'_, 'text> {
                 return Some(kept);
             }
         };
-        let for_all = whole.get(ALL).filter(|_| !self.is_led(name));
-        let mut kept = match whole.get(name).or(for_all) {
+        let for_all = whole.get(ALL);
+        let mut kept = match whole.get(name).or(for_all.filter(|_| !self.is_led(name))) {
             Some(kept) => kept.clone(),
             None => Spanned::new(expect.span(), DeValue::Table(DeTable::new())),
         };
         // A value that is no table is refused later.
         if let DeValue::Table(table) = kept.get_mut() {
-            if let Some(all) = for_all.and_then(|all| all.get_ref().as_table()) {
-                add(table, all);
+            match for_all.and_then(|all| all.get_ref().as_table()) {
+                Some(all) if self.is_led(name) => add(table, &of_drive(all, wiring, faults)),
+                Some(all) if whole.contains_key(name) => add(table, all),
+                _ => {}
             }
             let first = self.rig.loops.keys().next();
             if first.is_some_and(|first| first == name) {
-                let is_for_bus = |key: &str| is_bus_key(key) || key == REQUIREMENTS;
-                let for_bus = whole
-                    .iter()
-                    .filter(|(key, _)| is_for_bus(key.get_ref()))
-                    .map(|(key, value)| (key.clone(), value.clone()));
-                add(table, &for_bus.collect());
+                add(
+                    table,
+                    &kept_of(whole, |key| is_bus_key(key) || key == REQUIREMENTS),
+                );
             }
         }
         Some(kept)
@@ -93,7 +104,29 @@ impl<'text> Selector<'_, 'text> {
     }
 }
 
-/// Adds the limits that are missing, each as a whole, and the requirements of those that are there.
+/// Returns the limits on a drive and its plant, and the end of the judgement; reactions to faults only if it has faults.
+fn of_drive<'text>(limits: &DeTable<'text>, wiring: &Wiring, faults: &Faults) -> DeTable<'text> {
+    let (drive, plant) = (wiring.nodes.drive.id, &wiring.plant);
+    let has_faults = faults.iter().any(|fault| fault.is_in_loop(drive, plant));
+    let is_its = |metric: &&Metric| {
+        [Subject::Current, Subject::Plant].contains(&metric.subject)
+            && metric.form != Form::List
+            && (metric.needs == Needs::Nothing || metric.needs == Needs::Fault && has_faults)
+    };
+    let patterns = METRICS.iter().filter(is_its).map(|metric| metric.name);
+    let keys = patterns.chain([JUDGED_UNTIL]);
+    let names = Vec::from_iter(keys.map(|key| wiring.feedback.measurand.name(key)));
+    kept_of(limits, |key| names.iter().any(|name| name == key))
+}
+
+/// Returns the entries of a table whose keys are kept.
+fn kept_of<'text>(table: &DeTable<'text>, is_kept: impl Fn(&str) -> bool) -> DeTable<'text> {
+    let kept = table.iter().filter(|(key, _)| is_kept(key.get_ref()));
+    kept.map(|(key, value)| (key.clone(), value.clone()))
+        .collect()
+}
+
+/// Adds the limits that are missing, each as a whole, the entries of lists, and the requirements of those that are there.
 fn add<'text>(limits: &mut DeTable<'text>, others: &DeTable<'text>) {
     for (key, other) in others {
         let name: &str = key.get_ref();
@@ -101,6 +134,9 @@ fn add<'text>(limits: &mut DeTable<'text>, others: &DeTable<'text>) {
             (None, _) => drop(limits.insert(key.clone(), other.clone())),
             (Some(DeValue::Table(known)), DeValue::Table(other)) if name == REQUIREMENTS => {
                 fill(known, other);
+            }
+            (Some(DeValue::Array(known)), DeValue::Array(other)) if name != "emcy" => {
+                other.iter().for_each(|one| known.push(one.clone()));
             }
             (Some(_), _) => {}
         }

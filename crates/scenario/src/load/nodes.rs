@@ -17,7 +17,7 @@ use crate::custom::{Section, is_name};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::node::Part;
-use crate::rig::nodes::{LOOPS_MAX, NODES_MAX, Rig, RigNode};
+use crate::rig::nodes::{LOOPS_MAX, NODES_MAX, Rig};
 use crate::rig::{RealDrive, object_address};
 use crate::schema;
 use crate::table;
@@ -356,13 +356,10 @@ impl Check<'_> {
     /// Refuses an io node between an emulated and a real plant: a real node cannot act on an emulated plant, nor the other way
     /// round.
     fn io_beside_external(&self, name: &str) -> Option<Problem> {
-        let is_other = |(drive, node): &(&String, &RigNode)| {
-            let moved = self.rig.plant_of(drive);
-            moved.is_some_and(|plant| self.rig.node[name].plants().contains(plant))
-                && node.is_ours() != self.rig.node[name].is_ours()
-        };
-        let (drive, node) = self.rig.node.iter().find(is_other)?;
-        let (message, label) = if node.is_ours() {
+        let is_ours = |name: &str| self.rig.node[name].is_ours();
+        let mut drives = self.rig.drives_of_io(name).map(|(drive, _)| drive);
+        let drive = drives.find(|drive| is_ours(drive) != is_ours(name))?;
+        let (message, label) = if is_ours(drive) {
             (
                 format!("`{name}` cannot act on an emulated plant"),
                 format!("it is external, and `{drive}` is not"),

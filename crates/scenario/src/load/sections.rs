@@ -13,13 +13,14 @@ use super::{Factors, Naming, only_one};
 use crate::custom::leads_all;
 use crate::document::Document;
 use crate::error::Problem;
+use crate::fault::Faults;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
 use crate::wiring::{LedBy, Wiring};
 
 /// Key of the law of all loops.
-pub(super) const ALL: &str = "all";
+pub(crate) const ALL: &str = "all";
 /// Key of the limits of several loops together.
 pub(super) const CONTOUR: &str = "contour";
 /// Keys of a scenario that hold for all loops.
@@ -46,7 +47,7 @@ const TABLES: [&str; 9] = [
 /// Keys of a rig file that a scenario cannot change.
 const RIG_KEYS: [&str; 2] = ["defaults", "loop"];
 pub(super) const EXPECT: &str = "expect";
-pub(super) const CONTROLLER: &str = "controller";
+pub(crate) const CONTROLLER: &str = "controller";
 const REFERENCE: &str = "reference";
 const DISTURBANCE: &str = "disturbance";
 /// Table of a drive that a program or the law of another drive leads.
@@ -71,8 +72,8 @@ pub(super) struct LoopTables<'text> {
 }
 
 impl<'text> Selector<'_, 'text> {
-    /// Returns the parts of all loops, and the problems of how the scenario names them.
-    pub(super) fn select(&self) -> (Vec<LoopTables<'text>>, Vec<Problem>) {
+    /// Returns the parts of all loops in a run with these faults, and the problems of how the scenario names them.
+    pub(super) fn select(&self, faults: &Faults) -> (Vec<LoopTables<'text>>, Vec<Problem>) {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
         let leading = Vec::from_iter(loops.iter().copied().filter(|name| !self.is_led(name)));
         // A law of no loop is not a problem of each loop that lacks a law, too; a law that is left out is no law at all.
@@ -93,7 +94,7 @@ impl<'text> Selector<'_, 'text> {
             if is_law_said && self.law(name).is_err() {
                 continue;
             }
-            match self.loop_tables(name) {
+            match self.loop_tables(name, faults) {
                 Ok(loop_tables) => tables.push(loop_tables),
                 Err(problem) => problems.push(problem),
             }
@@ -117,7 +118,7 @@ impl<'text> Selector<'_, 'text> {
         self.rig.loops.get(name)?.led_by
     }
 
-    fn loop_tables(&self, name: &str) -> Result<LoopTables<'text>, Problem> {
+    fn loop_tables(&self, name: &str, faults: &Faults) -> Result<LoopTables<'text>, Problem> {
         let mut tables = DeTable::new();
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
         let (place, law) = self.law(name)?;
@@ -130,10 +131,10 @@ impl<'text> Selector<'_, 'text> {
                 tables.insert(key(section), kept);
             }
         }
-        if let Some(expect) = self.expect(name) {
+        let wiring = self.rig.wiring_of(self.rig.drive_of_loop(name));
+        if let Some(expect) = self.expect(name, &wiring, faults) {
             tables.insert(key(EXPECT), expect);
         }
-        let wiring = self.rig.wiring_of(self.rig.drive_of_loop(name));
         let naming = Naming {
             source: &self.scenario.source,
             measurand: &wiring.feedback.measurand,

@@ -36,6 +36,35 @@ impl Kinetics {
     pub fn remembers_turns(self) -> bool {
         self != Self::Paper
     }
+
+    /// Returns the temperatures, each with its name, that keep a wire above `Mf` although its memory of turns begins with all
+    /// martensite.
+    pub fn too_warm(self, heat: &Heat, phase: &Phase) -> impl Iterator<Item = (&'static str, f64)> {
+        let temperatures = [
+            ("ambient_celsius", heat.ambient_celsius),
+            ("cooling_element_celsius", heat.cooling_element_celsius),
+        ];
+        let (remembers, highest) = (self.remembers_turns(), phase.martensite_finish_celsius);
+        let temperatures = temperatures.into_iter();
+        temperatures.filter(move |(_, celsius)| remembers && *celsius > highest)
+    }
+}
+
+impl Phase {
+    /// Returns the pairs of temperatures, each with its name, of which the first is not above the second: Eq. (2) divides by their
+    /// differences.
+    pub fn out_of_order(&self) -> impl Iterator<Item = [(&'static str, f64); 2]> {
+        let austenite_start = ("austenite_start_celsius", self.austenite_start_celsius);
+        let austenite_finish = ("austenite_finish_celsius", self.austenite_finish_celsius);
+        let martensite_start = ("martensite_start_celsius", self.martensite_start_celsius);
+        let martensite_finish = ("martensite_finish_celsius", self.martensite_finish_celsius);
+        let pairs = [
+            [austenite_finish, austenite_start],
+            [martensite_start, martensite_finish],
+        ];
+        let pairs = pairs.into_iter();
+        pairs.filter(|[(_, high), (_, low)]| high <= low)
+    }
 }
 
 /// Heat balance of the wire, Eq. (1); all per metre of wire.

@@ -155,6 +155,17 @@ impl Rig {
         node.map(RigNode::measurand).unwrap_or_default()
     }
 
+    /// Returns the drives that move the plants on which an io node acts, with their node-IDs.
+    pub fn drives_of_io(&self, io: &str) -> impl Iterator<Item = (&str, u8)> {
+        let plants = self.node.get(io).map(RigNode::plants).unwrap_or_default();
+        let moves = move |drive: &str| self.plant_of(drive).is_some_and(|it| plants.contains(it));
+        let nodes = self
+            .node
+            .iter()
+            .map(|(name, node)| (name.as_str(), node.node_id));
+        nodes.filter(move |(name, _)| moves(name))
+    }
+
     /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
     /// the io node acts. If no drive moves these, it is the first one with which they are emulated.
     pub fn drive_of_io(&self, io: &str) -> Option<&str> {

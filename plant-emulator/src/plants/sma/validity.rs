@@ -52,36 +52,14 @@ pub(super) fn check_wire(
         "convection plus conduction",
         heat.convection_watts_per_square_metre_kelvin + heat.conduction_watts_per_metre_kelvin,
     )?;
-    let branches = [
-        (
-            "austenite_start_celsius",
-            phase.austenite_start_celsius,
-            "austenite_finish_celsius",
-            phase.austenite_finish_celsius,
-        ),
-        (
-            "martensite_finish_celsius",
-            phase.martensite_finish_celsius,
-            "martensite_start_celsius",
-            phase.martensite_start_celsius,
-        ),
-    ];
-    for (cold_name, cold, hot_name, hot) in branches {
-        if cold >= hot {
-            let what = format!("{cold} °C, it must be below {hot_name} of {hot} °C");
-            let name = cold_name.to_owned();
-            return Err(WrongParameter { name, what }.into());
-        }
+    if let Some([(hot_name, hot), (cold_name, cold)]) = phase.out_of_order().next() {
+        let what = format!("{cold} °C, it must be below {hot_name} of {hot} °C");
+        let name = cold_name.to_owned();
+        return Err(WrongParameter { name, what }.into());
     }
-    // Air and cooling element may not keep the wire above `Mf`, since a memory of turns begins with all martensite.
-    let is_cold =
-        |celsius| !kinetics.remembers_turns() || celsius <= phase.martensite_finish_celsius;
-    for (name, celsius) in [
-        ("ambient_celsius", heat.ambient_celsius),
-        ("cooling_element_celsius", heat.cooling_element_celsius),
-    ] {
+    if let Some((name, celsius)) = kinetics.too_warm(heat, phase).next() {
         let requirement = "at most martensite_finish_celsius where turns are remembered";
-        require(name, celsius, requirement, is_cold)?;
+        return require(name, celsius, requirement, |_| false);
     }
     Ok(())
 }

@@ -156,6 +156,34 @@ fn a_fan_is_external_only_beside_an_external_drive() {
     assert_eq!(plan.external_names(), ["drive", "disturbance"]);
 }
 
+/// An io node between a real and an emulated plant would be played by nobody as the scenario means it.
+#[test]
+fn drives_that_one_io_node_acts_on_are_external_together() {
+    let drive = |name: &str, node_id: u8| {
+        format!(
+            "[plant.{name}_motor.dc_motor]\n[node.{name}]\nkind = \"drive\"\nnode_id = {node_id}\n\
+             amplifier.port = \"{name}_motor.current_amperes\"\nsensor = {{ port = \"{name}_motor.position_metres\", unit = \"millimetres\", max = 60.0 }}\n\
+             [loop.{name}]\nfeedback = \"{name}.position\"\noutputs = [\"{name}.current\"]\n"
+        )
+    };
+    let head = "schema = 1\nname = \"two motors\"\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+        [bus]\nsync_period_milliseconds = 2.0\n\
+        [node.weight]\nkind = \"io\"\nnode_id = 20\noutputs = { added_load_grams = \"a_motor.added_load_kilograms\", \
+        more_grams = \"b_motor.added_load_kilograms\" }\n";
+    let plan = loaded(&[head, &drive("a", 16), &drive("b", 17)].concat()).unwrap();
+    let refused = |names: &[&str]| {
+        let owned = names.iter().map(ToString::to_string);
+        let refused = plan.clone().with_external(&Vec::from_iter(owned)).err();
+        refused.map(|refused| refused.split(':').next().unwrap_or_default().to_owned())
+    };
+    let needs =
+        |real: &str, other: &str| Some(format!("--external {real} needs --external {other}"));
+    assert_eq!(refused(&["a"]), needs("a", "b"));
+    assert_eq!(refused(&["a", "weight"]), needs("weight", "b"));
+    assert_eq!(refused(&["a", "b"]), None);
+    assert_eq!(refused(&["a", "b", "weight"]), None);
+}
+
 #[test]
 fn no_fault_happens_to_a_node_that_is_external() {
     let admits = |name: &str, fault: &str| {
