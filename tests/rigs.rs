@@ -1059,6 +1059,19 @@ fn the_bus_is_judged_for_as_long_as_one_of_its_loops() {
 }
 
 #[test]
+fn a_limit_of_the_bus_that_is_missed_is_missed_by_no_loop() {
+    let (code, said, verdict) = motors("[expect]\nbus_load_percent = { max = 1.0 }\n", &[]);
+    let reason = verdict["reason"].as_str().unwrap();
+    assert!(
+        code == Some(1) && reason.starts_with("the bus load of "),
+        "{said}"
+    );
+    let rows = verdict["metrics"].as_array().unwrap().iter();
+    let of_bus = rows.filter(|row| row["name"] == "bus_load_percent");
+    assert!(of_bus.map(|row| &row["passed"]).eq([false]), "{verdict}");
+}
+
+#[test]
 fn what_would_be_judged_on_something_else_is_refused() {
     let contour = "[[expect.contour]]\nloops = [\"a\", \"b\"]\ncontour_error_millimetres_max = { max = 1.0 }\n";
     for (more, reason) in [
@@ -1068,7 +1081,7 @@ fn what_would_be_judged_on_something_else_is_refused() {
         ),
         (
             &format!("{contour}{contour}from_seconds = 1.0\n"),
-            "two contours of the same loops",
+            "two contours are called `a_b`",
         ),
     ] {
         let (code, said, _) = motors(more, &[]);

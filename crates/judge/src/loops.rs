@@ -69,9 +69,11 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
             } else if !is_bus_metric(&metric.name) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
-            } else if shared.iter().all(|other| other.name != metric.name) || metric.limit.is_some()
-            {
-                shared.retain(|other| other.name != metric.name);
+            } else if let Some(known) = shared.iter_mut().find(|one| one.name == metric.name) {
+                if known.limit.is_none() {
+                    *known = metric;
+                }
+            } else {
                 shared.push(metric);
             }
         }

@@ -86,7 +86,7 @@ pub(crate) fn faults_of_loops(
     for fault in faults.in_group(Group::Plant) {
         let one = loop_at(fault);
         if one.is_none() && reading != Reading::Recorded {
-            let path = format!("{}.plant", fault.path());
+            let path = fault.path() + ".plant";
             check.at(&path, "no drive moves this plant", "it has no faults");
         }
         let Some(one) = one.filter(is_known) else {

@@ -33,15 +33,16 @@ pub(super) fn read_contours(
     let document = scenario.with_root(tree);
     let (Contours { mut contour }, mut problems) =
         build::<Contours>(&document, "[expect]", &schema::CONTOURS)?;
-    let mut loops = BTreeSet::new();
+    let mut names = BTreeSet::new();
     for (number, one) in contour.iter_mut().enumerate() {
         let first = one.loops.first().map_or("", String::as_str);
         one.unit = unit_of(first, rig);
         let path = format!("{CONTOUR}.{number}");
         problems.extend(wrong_contour(&document, &path, one, rig));
-        if !loops.insert(one.loops.join("_")) {
-            let label = "its rows would have the names of those of the other";
-            problems.push(document.problem(&path, "two contours of the same loops", label));
+        let name = one.loops.join("_");
+        if !names.insert(name.clone()) {
+            let message = format!("two contours are called `{name}`");
+            problems.push(document.problem(&path, message, "its loops give it this name"));
         }
     }
     without_problems(problems, contour)

@@ -1,5 +1,7 @@
 //! Divides the expectations among the loops, and the bus that they share.
 
+use std::collections::BTreeSet;
+
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -114,9 +116,9 @@ fn of_drive<'text>(limits: &DeTable<'text>, wiring: &Wiring, faults: &Faults) ->
             && (metric.needs == Needs::Nothing || metric.needs == Needs::Fault && has_faults)
     };
     let patterns = METRICS.iter().filter(is_its).map(|metric| metric.name);
-    let keys = patterns.chain([JUDGED_UNTIL]);
-    let names = Vec::from_iter(keys.map(|key| wiring.feedback.measurand.name(key)));
-    kept_of(limits, |key| names.iter().any(|name| name == key))
+    let names = patterns.map(|name| wiring.feedback.measurand.name(name));
+    let names = BTreeSet::from_iter(names.chain([JUDGED_UNTIL.to_owned()]));
+    kept_of(limits, |key| names.contains(key))
 }
 
 /// Returns the entries of a table whose keys are kept.

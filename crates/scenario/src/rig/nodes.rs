@@ -159,11 +159,8 @@ impl Rig {
     pub fn drives_of_io(&self, io: &str) -> impl Iterator<Item = (&str, u8)> {
         let plants = self.node.get(io).map(RigNode::plants).unwrap_or_default();
         let moves = move |drive: &str| self.plant_of(drive).is_some_and(|it| plants.contains(it));
-        let nodes = self
-            .node
-            .iter()
-            .map(|(name, node)| (name.as_str(), node.node_id));
-        nodes.filter(move |(name, _)| moves(name))
+        let nodes = self.node.iter().filter(move |(name, _)| moves(name));
+        nodes.map(|(name, node)| (name.as_str(), node.node_id))
     }
 
     /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
