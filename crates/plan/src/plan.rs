@@ -81,14 +81,15 @@ impl Plan {
         let is_external = |id: u8| plan.loops.iter().any(|one| one.external.contains(&id));
         let nodes = plan.loops.iter().map(|one| &one.nodes);
         for (drive, io) in nodes.flat_map(|nodes| nodes.io.iter().map(|io| (&nodes.drive, io))) {
-            let [io, drive] = [io, drive].map(|node| (node.name.as_str(), node.id));
-            let drives = Vec::from_iter(plan.shared.rig.drives_of_io(io.0).chain([drive]));
-            let mut nodes = Some(&io).into_iter().chain(&drives);
-            let real = nodes.find(|(_, id)| is_external(*id));
-            let emulated = drives.iter().find(|(_, id)| !is_external(*id));
-            if let (Some((real, _)), Some((emulated, _))) = (real, emulated) {
+            let mut drives = plan.shared.rig.drives_of_io(&io.name);
+            let emulated = drives
+                .find(|(_, id)| !is_external(*id))
+                .map(|(name, _)| name);
+            let emulated = emulated.or((!is_external(drive.id)).then_some(&*drive.name));
+            let real = [io, drive].into_iter().find(|node| is_external(node.id));
+            if let (Some(Node { name, .. }), Some(emulated)) = (real, emulated) {
                 return Err(format!(
-                    "--external {real} needs --external {emulated}: a real node cannot act on an emulated plant"
+                    "--external {name} needs --external {emulated}: a real node cannot act on an emulated plant"
                 ));
             }
         }
