@@ -983,7 +983,7 @@ fn a_loop_of_a_temperature_is_not_the_temperature_of_its_plant() {
     );
 }
 
-/// Plays the two motors with other tables, on a rig with changes; returns the exit code, what was said, and the verdict.
+/// Plays the two motors with other tables, on a rig with changes; returns the exit code, the output, and the verdict.
 fn motors(more: &str, changes: &[(&str, &str)]) -> (Option<i32>, String, Value) {
     let folder = tempfile::tempdir().unwrap();
     let mut rig = two_motors_and_a_third(["left", "right"], ["a", "b"]);

@@ -132,8 +132,9 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     }
     let is_of_all = law.drives().is_none();
     let is_of_another = |first: &LoopFacts| first.name != wiring.loop_name;
-    let mut with_law = wiring.loops.iter().filter(|one| one.led_by.is_none());
-    if is_of_all && with_law.next().is_some_and(is_of_another) {
+    // A further drive has no law of its own.
+    let first = wiring.loops.iter().find(|one| one.led_by.is_none());
+    if is_of_all && first.is_some_and(is_of_another) {
         return None;
     }
     if let Some(objection) = process_law::objection(controller, wiring) {

@@ -32,7 +32,7 @@ impl Drive {
     /// Returns a text about a drive of the shipped DBC in the words of this one.
     fn words(&self, text: &str) -> String {
         let [measured, commanded] = &self.quantities;
-        // What is measured may have the name of what another drive commands, and no text has braces.
+        // A measured quantity may have the name of a commanded one, and no text has braces.
         let text = text.replace(names::SHIPPED_COMMAND, "{}");
         let text = match measured.as_str() {
             names::SHIPPED_SIGNAL => text,

@@ -410,13 +410,11 @@ fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
 
 /// Returns descriptions of the first errors among the events of each loop, with their times and in the order of these. An error that
 /// several loops saw appears once.
-fn losses(timelines: &[Timeline], until_seconds: f64) -> Vec<String> {
+fn losses<'a>(timelines: &'a [Timeline], until_seconds: f64) -> Vec<String> {
     let is_error = |event: &&Occurrence<Event>| {
         event.level == Level::Error && event.time_seconds <= until_seconds
     };
-    let errors = |one: &Timeline| {
-        Vec::from_iter(one.events.iter().filter(is_error).take(LOSSES_MAX).cloned())
-    };
+    let errors = |one: &'a Timeline| one.events.iter().filter(is_error).take(LOSSES_MAX);
     let mut losses = Vec::from_iter(timelines.iter().flat_map(errors));
     let milliseconds = |event: &Occurrence<Event>| (1e3 * event.time_seconds).round();
     losses.sort_by(|one, other| milliseconds(one).total_cmp(&milliseconds(other)));

@@ -288,14 +288,16 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     let one = evidence.control_loop;
     let io = one.nodes.io.iter();
-    let messages = io.filter_map(|io| one.message(io, names::RPDO1).ok());
-    let mut currents = messages
-        .flat_map(|message| message.signals.iter().map(move |it| (message, it)))
-        .filter(|(_, signal)| signal.unit.ends_with('A'));
-    currents.any(|(message, signal)| {
-        let column = evidence.timeline.column(&one.name_of(message, signal));
+    let commands = Vec::from_iter(io.map(|io| names::message(&io.name, names::RPDO1)));
+    let messages = one.columns();
+    let mut signals = messages
+        .filter(|column| commands.contains(&column.message.name))
+        .flat_map(|column| column.signals);
+    signals.any(|(name, signal)| {
+        let column = evidence.timeline.column(&name);
         let last = column.and_then(|column| column.values.last());
-        last.is_some_and(|value| !value.is_nan() && value != 0.0)
+        let flows = last.is_some_and(|value| !value.is_nan() && value != 0.0);
+        signal.unit.ends_with('A') && flows
     })
 }
 

@@ -78,18 +78,17 @@ impl Plan {
         }
         let mut plan = self.recorded_external(names);
         plan.shared.programs.retain(|name, _| !names.contains(name));
-        let is_external = |id: u8| plan.loops.iter().any(|one| one.external.contains(&id));
-        let nodes = plan.loops.iter().map(|one| &one.nodes);
-        for (drive, io) in nodes.flat_map(|nodes| nodes.io.iter().map(|io| (&nodes.drive, io))) {
-            let mut drives = plan.shared.rig.drives_of_io(&io.name);
-            let emulated = drives
-                .find(|(_, id)| !is_external(*id))
-                .map(|(name, _)| name);
-            let emulated = emulated.or((!is_external(drive.id)).then_some(&*drive.name));
-            let real = [io, drive].into_iter().find(|node| is_external(node.id));
-            if let (Some(Node { name, .. }), Some(emulated)) = (real, emulated) {
+        let nodes = || plan.loops.iter().map(|one| &one.nodes);
+        for (own, io) in nodes().flat_map(|nodes| nodes.io.iter().map(|io| (&nodes.drive, io))) {
+            let acts_on =
+                |drive: &str| drive == own.name || plan.shared.rig.acts_on(&io.name, drive);
+            let mut drives = nodes().map(|nodes| &nodes.drive);
+            let emulated = drives.find(|drive| acts_on(&drive.name) && !plan.is_external(drive));
+            let real = [io, own].into_iter().find(|node| plan.is_external(node));
+            if let (Some(real), Some(emulated)) = (real, emulated) {
+                let (real, emulated) = (&real.name, &emulated.name);
                 return Err(format!(
-                    "--external {name} needs --external {emulated}: a real node cannot act on an emulated plant"
+                    "--external {real} needs --external {emulated}: a real node cannot act on an emulated plant"
                 ));
             }
         }

@@ -83,10 +83,10 @@ impl LossReader {
         ]
         .map(|(message, what)| Some(watch(message?, what, None, sync_period, PERIODS_MAX)));
         let of_plant = one.database.plant_messages(&nodes.drive.name);
-        let heated = of_plant.filter(|message| message.signals.iter().any(is_temperature));
         let period = sync_period * u32::from(one.trial.wiring.truth_every_cycles());
-        let heated =
-            heated.map(|message| Some(watch(message, String::new(), None, period, PERIODS_MAX)));
+        let truth = |message| Some(watch(message, String::new(), None, period, PERIODS_MAX));
+        let is_heated = |message: &&Message| message.signals.iter().any(is_temperature);
+        let heated = of_plant.filter(is_heated).map(truth);
         let heartbeats = nodes.all().map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);

@@ -1,5 +1,7 @@
 //! Checks the times of pieces of the set-point, of a current profile, and of disturbances.
 
+use std::collections::BTreeMap;
+
 use super::Check;
 use crate::document::Document;
 use crate::structure::number;
@@ -65,9 +67,9 @@ pub(super) fn order(
     pieces: &[Piece<'_>],
     duration_seconds: f64,
 ) {
-    for (place, piece) in pieces.iter().enumerate() {
-        let is_like = |one: &&Piece<'_>| (one.kind, one.target) == (piece.kind, piece.target);
-        let Some(before) = pieces[..place].iter().rfind(is_like) else {
+    let mut latest = BTreeMap::new();
+    for piece in pieces {
+        let Some(before) = latest.insert((piece.kind, piece.target), piece) else {
             continue;
         };
         if piece.start_seconds <= before.start_seconds {

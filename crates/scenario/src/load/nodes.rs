@@ -357,8 +357,9 @@ impl Check<'_> {
     /// round.
     fn io_beside_external(&self, name: &str) -> Option<Problem> {
         let is_ours = |name: &str| self.rig.node[name].is_ours();
-        let mut drives = self.rig.drives_of_io(name).map(|(drive, _)| drive);
-        let drive = drives.find(|drive| is_ours(drive) != is_ours(name))?;
+        let is_between =
+            |drive: &&String| self.rig.acts_on(name, drive) && is_ours(drive) != is_ours(name);
+        let drive = self.rig.node.keys().find(is_between)?;
         let (message, label) = if is_ours(drive) {
             (
                 format!("`{name}` cannot act on an emulated plant"),

@@ -255,8 +255,8 @@ impl Resolver<'_> {
 
     /// Reads the trial of each loop, without loops that cannot be read.
     fn read_loops(&mut self, selector: &Selector<'_, '_>) -> Vec<Trial> {
-        let faults = self.run.as_ref().map(|run| run.faults.clone());
-        let (tables, wrong_tables) = selector.select(&faults.unwrap_or_default());
+        let run = self.run.clone().unwrap_or_default();
+        let (tables, wrong_tables) = selector.select(&run.faults);
         self.check.add(wrong_tables);
         let mut loops = Vec::new();
         for one in tables {

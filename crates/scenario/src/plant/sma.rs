@@ -40,13 +40,14 @@ impl Kinetics {
     /// Returns the temperatures, each with its name, that keep a wire above `Mf` although its memory of turns begins with all
     /// martensite.
     pub fn too_warm(self, heat: &Heat, phase: &Phase) -> impl Iterator<Item = (&'static str, f64)> {
+        let (remembers, highest) = (self.remembers_turns(), phase.martensite_finish_celsius);
         let temperatures = [
             ("ambient_celsius", heat.ambient_celsius),
             ("cooling_element_celsius", heat.cooling_element_celsius),
         ];
-        let (remembers, highest) = (self.remembers_turns(), phase.martensite_finish_celsius);
-        let temperatures = temperatures.into_iter();
-        temperatures.filter(move |(_, celsius)| remembers && *celsius > highest)
+        temperatures
+            .into_iter()
+            .filter(move |(_, celsius)| remembers && *celsius > highest)
     }
 }
 
@@ -62,8 +63,9 @@ impl Phase {
             [austenite_finish, austenite_start],
             [martensite_start, martensite_finish],
         ];
-        let pairs = pairs.into_iter();
-        pairs.filter(|[(_, high), (_, low)]| high <= low)
+        pairs
+            .into_iter()
+            .filter(|[(_, high), (_, low)]| high <= low)
     }
 }
 

@@ -155,23 +155,18 @@ impl Rig {
         node.map(RigNode::measurand).unwrap_or_default()
     }
 
-    /// Returns the drives that move the plants on which an io node acts, with their node-IDs.
-    pub fn drives_of_io(&self, io: &str) -> impl Iterator<Item = (&str, u8)> {
-        let plants = self.node.get(io).map(RigNode::plants).unwrap_or_default();
-        let moves = move |drive: &str| self.plant_of(drive).is_some_and(|it| plants.contains(it));
-        let nodes = self.node.iter().filter(move |(name, _)| moves(name));
-        nodes.map(|(name, node)| (name.as_str(), node.node_id))
+    /// Checks whether an io node acts on the plant that a drive moves.
+    pub fn acts_on(&self, io: &str, drive: &str) -> bool {
+        let moved = self.plant_of(drive).zip(self.node.get(io));
+        moved.is_some_and(|(plant, io)| io.plants().contains(plant))
     }
 
     /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
     /// the io node acts. If no drive moves these, it is the first one with which they are emulated.
     pub fn drive_of_io(&self, io: &str) -> Option<&str> {
         let plants = self.node.get(io)?.plants();
-        self.first_drive(|drive| {
-            self.plant_of(drive)
-                .is_some_and(|plant| plants.contains(plant))
-        })
-        .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
+        self.first_drive(|drive| self.acts_on(io, drive))
+            .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
     }
 
     /// Returns the drive in whose loop an output of an io node is a disturbance: the first one that moves the plant on which the
