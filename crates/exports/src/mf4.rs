@@ -361,6 +361,7 @@ mod tests {
         let signals = ["time", "position"].map(|name| Column {
             name: name.to_owned(),
             unit: String::new(),
+            is_term: false,
             values: Series::from(vec![0.0, 0.5, 1.0]),
         });
         let mut file = Vec::new();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use scenario::fault::{Fault, Faults, Group};
+use scenario::fault::{Actor, Fault, Faults, Group};
 
 /// Fault of a node in scenario time.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +20,7 @@ impl PlannedFault {
     fn new(fault: &Fault) -> Option<Self> {
         let from_seconds = fault
             .from_seconds
-            .filter(|_| fault.kind.name != "nmt_stop")?;
+            .filter(|_| fault.kind.actor != Actor::Message)?;
         let until = fault.until_seconds;
         Some(Self {
             from: Duration::from_secs_f64(from_seconds),

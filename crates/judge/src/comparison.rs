@@ -8,19 +8,16 @@ mod shared;
 mod tolerance;
 
 use std::collections::BTreeSet;
-use std::iter;
 
 use crate::verdict::Verdict;
-use recording::timeline::{Series, Timeline};
+use recording::timeline::{Column, Series, Timeline};
 use recording::work::Pass;
 use shared::{Shared, deviation, outside, reach};
 
 pub use difference::{Comparison, MetricDifference, SignalDifference};
 pub use tolerance::{GivenTolerance, Scale, Tolerances};
 
-/// Prefixes of the signals that the controller publishes of itself. They come with every tenth cycle only, and may be late by as
-/// much.
-const PUBLISHED_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
+/// Cycles by which a term of a law may be late: it comes with every tenth cycle only.
 const CONTROLLER_CYCLES: usize = 10;
 /// Time to compare all signals, in passes over the frames.
 pub const SIGNAL_PASSES: u64 = 4;
@@ -93,16 +90,7 @@ fn signals_of_loop(
     let mut signals = Vec::new();
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
-            let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());
-            let none;
-            let values = if column.is_used() == other.is_used() {
-                [&column.values, &other.values]
-            } else {
-                // Zeros without meaning are not compared with values.
-                none = iter::repeat_n(f64::NAN, other.values.len()).collect();
-                [&column.values, &none]
-            };
-            signals.push(signal(tolerances, what, shared, values));
+            signals.push(signal(tolerances, prefix, shared, [column, other]));
         }
         done();
     }
@@ -111,16 +99,14 @@ fn signals_of_loop(
 
 fn signal(
     tolerances: &Tolerances<'_>,
-    (prefix, name, unit): (&str, &str, &str),
+    prefix: &str,
     shared: &Shared,
-    [a, b]: [&Series<f64>; 2],
+    [column, other]: [&Column; 2],
 ) -> SignalDifference {
-    let [a, b] = shared.values(a, b);
+    let [a, b] = shared.values(&column.values, &other.values);
+    let (name, unit) = (&column.name, &column.unit);
     let tolerance = tolerances.for_signal(prefix, name, unit);
-    let is_published = PUBLISHED_BY_CONTROLLER
-        .iter()
-        .any(|start| name.starts_with(start));
-    let later = if is_published { CONTROLLER_CYCLES } else { 0 };
+    let later = if column.is_term { CONTROLLER_CYCLES } else { 0 };
     let reach = reach(tolerances.time_seconds, shared.period_seconds) + later;
     let (one, other) = (outside(&a, &b, reach), outside(&b, &a, reach));
     let pairs = one.iter().zip(&other);
@@ -128,7 +114,7 @@ fn signal(
     let (rms, lag_seconds) = deviation(&a, &b, shared.period_seconds).unzip();
     let mut difference = SignalDifference {
         name: format!("{prefix}{name}"),
-        unit: unit.to_owned(),
+        unit: unit.clone(),
         tolerance: tolerance.is_finite().then_some(tolerance),
         rms,
         lag_seconds,
@@ -228,34 +214,39 @@ mod tests {
     }
 
     #[test]
-    fn zeros_of_a_law_without_a_term_are_not_compared() {
+    fn a_term_may_be_ten_cycles_late_since_it_comes_with_every_tenth() {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
         let timelines = decode(&frames(500, |_| Some(10.0)).into(), &plan).unwrap();
-        let name = "switching_part_of_a_test";
-        let with_term = |value: f64| {
-            let mut timeline = timelines[0].clone();
-            timeline.columns.push(Column {
-                name: name.to_owned(),
-                unit: String::new(),
-                values: iter::repeat_n(value, timeline.cycle.len()).collect(),
-            });
-            timeline
-        };
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,
             scales: vec![Scale::of(plan.only_loop().unwrap())],
         };
         let verdict = Verdict::incomplete("compared", 1, "");
-        let largest = |a: f64, b: f64| {
-            let [a, b] = [a, b].map(|value| [with_term(value)]);
+        let largest = |is_term: bool, late_cycles: usize| {
+            let [a, b] = [200, 200 + late_cycles].map(|begin| {
+                let mut timeline = timelines[0].clone();
+                let values = (0..timeline.cycle.len()).map(|row| f64::from(u8::from(row >= begin)));
+                timeline.columns.push(Column {
+                    name: "of_a_law".to_owned(),
+                    unit: String::new(),
+                    is_term,
+                    values: values.collect(),
+                });
+                [timeline]
+            });
             let compared = compare_runs(&tolerances, (&a, &verdict), (&b, &verdict));
             let mut signals = compared.signals.iter();
-            signals.find(|one| one.name == name).unwrap().largest
+            signals.find(|one| one.name == "of_a_law").unwrap().largest
         };
-        assert_eq!([largest(2.0, 0.0), largest(0.0, 2.0)], [None; 2]);
-        assert_eq!(largest(2.0, 1.0), Some(1.0));
-        assert_eq!(largest(0.0, 0.0), Some(0.0));
+        assert_eq!(
+            [largest(true, 10), largest(true, 11)],
+            [Some(0.0), Some(1.0)]
+        );
+        assert_eq!(
+            [largest(false, 0), largest(false, 1)],
+            [Some(0.0), Some(1.0)]
+        );
     }
 
     #[test]

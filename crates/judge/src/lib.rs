@@ -43,7 +43,7 @@ pub use circumstances::Circumstances;
 pub use contour::contour_errors;
 pub use decision::judge;
 pub use holds::swing;
-pub use loops::{expected_rows, expected_timing, limits};
+pub use loops::{expected_rows, limits};
 pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;
 pub use timing_decision::judge_timing;

@@ -1,15 +1,15 @@
 //! The verdict of several loops that were played at once.
 
-use plan::Plan;
+use plan::{Plan, each_once};
 use scenario::contour::Contour;
-use scenario::expect::{Expect, ExpectedRow, Limit};
+use scenario::expect::{ExpectedRow, Limit};
 use scenario::metrics::is_bus_metric;
 
 use crate::metric::Metric;
 use crate::verdict::{Outcome, Verdict};
 
-/// Returns the rows of a verdict that have limits, in their order. Rows of several loops begin with the loop's name. Those on
-/// timing come last if `is_timed`, for a run in real time; a run in virtual time has none.
+/// Returns the rows of a verdict that have limits, in their order, each once. Rows of several loops begin with the loop's name. Those
+/// on timing come last if `is_timed`, for a run in real time; a run in virtual time has none.
 pub fn expected_rows(plan: &Plan, is_timed: bool) -> Vec<ExpectedRow> {
     let of_loops = plan.loops.iter().flat_map(|one| {
         let mut rows = one.trial.expected_rows();
@@ -19,9 +19,9 @@ pub fn expected_rows(plan: &Plan, is_timed: bool) -> Vec<ExpectedRow> {
     });
     let of_contours = plan.shared.contours.iter().flat_map(Contour::rows);
     let limited = of_contours.filter(|row| row.limit.is_some());
-    let loops = plan.loops.iter().filter(|_| is_timed);
-    let timing = loops.flat_map(|one| one.trial.expect.timing_rows());
-    of_loops.chain(limited).chain(timing).collect()
+    let timing = plan.shared.run.expect.timing_rows();
+    let timing = timing.filter(|_| is_timed);
+    each_once(of_loops.chain(limited).chain(timing))
 }
 
 /// Returns the rows of a verdict that have limits, with their limits, except for those on timing.
@@ -29,12 +29,6 @@ pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
     let rows = expected_rows(plan, false).into_iter();
     rows.filter_map(|row| Some((row.name, row.limit?)))
         .collect()
-}
-
-/// Returns the expectations on timing, which all loops share.
-pub fn expected_timing(plan: &Plan) -> Option<&Expect> {
-    let mut expected = plan.loops.iter().map(|one| &one.trial.expect);
-    expected.find(|expect| !expect.timing.is_empty())
 }
 
 /// Returns the verdict of a plan: that of the only loop, or those of several joined.
@@ -69,11 +63,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
             } else if !is_bus_metric(&metric.name) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
-            } else if let Some(known) = shared.iter_mut().find(|one| one.name == metric.name) {
-                if known.limit.is_none() {
-                    *known = metric;
-                }
-            } else {
+            } else if !shared.iter().any(|one| one.name == metric.name) {
                 shared.push(metric);
             }
         }
@@ -170,23 +160,6 @@ mod tests {
             ]
         );
         assert_eq!((whole.outcome, whole.reason), (Outcome::Pass, None));
-    }
-
-    #[test]
-    fn a_row_of_the_bus_is_that_of_the_loop_with_a_limit() {
-        let load = |limit| Metric::new("bus_load_percent", Ok(9.0), limit);
-        let limit = Some(Limit {
-            min: None,
-            max: Some(10.0),
-        });
-        let joined_row = |x, y| {
-            let mut loops = two(Outcome::Pass, Outcome::Pass);
-            (loops[0].1.metrics, loops[1].1.metrics) = (vec![load(x)], vec![load(y)]);
-            joined(loops, &[]).metrics
-        };
-        assert_eq!(joined_row(None, None), [load(None)]);
-        assert_eq!(joined_row(limit, None), [load(limit)]);
-        assert_eq!(joined_row(None, limit), [load(limit)]);
     }
 
     #[test]

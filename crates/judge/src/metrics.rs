@@ -60,16 +60,12 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let expect = &evidence.trial.expect;
     let measurand = &evidence.trial.wiring.feedback.measurand;
     let truth = evidence.of_the_truth();
     let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
-        // One of the loops has the limits of the bus for all.
-        let mut expects = evidence.loops.iter().map(|(one, _)| &one.trial.expect);
-        let limiting = expects.find(|one| metric.subject == Subject::Bus && one.of(name).is_some());
-        let expect = limiting.unwrap_or(expect);
+        let expect = evidence.trial.expect_of(metric);
         let expected = expect.row(measurand.name(name), expect.limit(name));
         if let Some(missing) = metric.missing_in(evidence.trial) {
             let lacks = Absence::meaningless(format!("the scenario lacks {missing}"));

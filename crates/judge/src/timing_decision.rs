@@ -2,8 +2,7 @@
 
 use recording::stalls::Stall;
 use scenario::expect::Expect;
-use scenario::metrics::Metric as Row;
-use scenario::timing::TimingLimits;
+use scenario::metrics::{Metric as Row, name_in_loop};
 
 use crate::duties::MISSED_COMMANDS;
 use crate::metric::{Metric, leave_open, not_judged};
@@ -13,15 +12,9 @@ use crate::verdict::{Outcome, Verdict};
 /// Adds the timing of a run in real time and judges its limits. If the timing is not trusted, they are neither met nor missed,
 /// and the run cannot pass. If the machine stalled at all, none is missed. A command that did not come is later than any
 /// limit.
-pub fn judge_timing(
-    verdict: &mut Verdict,
-    timing: Timing,
-    expect: Option<&Expect>,
-    stalls: &[Stall],
-) {
+pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect, stalls: &[Stall]) {
     let unavailable = not_judged(&verdict.metrics);
-    let without = TimingLimits::default();
-    let mut metrics = timing.metrics(expect.map_or(&without, |expect| &expect.timing));
+    let mut metrics = timing.metrics(&expect.timing);
     let missed_percent = missed_commands_percent(verdict);
     for metric in &mut metrics {
         if metric.passed == Some(true)
@@ -30,7 +23,7 @@ pub fn judge_timing(
         {
             *metric = Metric::new(metric.name.clone(), Err(why), metric.limit);
         }
-        let named = expect.and_then(|expect| expect.requirements.get(&metric.name));
+        let named = expect.requirements.get(&metric.name);
         metric.requirements = named.cloned().unwrap_or_default();
         let is_missed = metric.passed == Some(false);
         if !timing.distrust.is_empty() || is_missed && !stalls.is_empty() {
@@ -49,7 +42,7 @@ fn missed_commands_percent(verdict: &Verdict) -> f64 {
     let rows = verdict
         .metrics
         .iter()
-        .filter(|row| row.name.ends_with(MISSED_COMMANDS));
+        .filter(|row| name_in_loop(&row.name) == MISSED_COMMANDS);
     rows.filter_map(|row| row.value).fold(0.0, f64::max)
 }
 
@@ -149,7 +142,7 @@ mod tests {
             (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
             let missed = Metric::new("x.missed_commands_percent", Ok(missed_percent), None);
             verdict.metrics = vec![missed];
-            judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[]);
+            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[]);
             let [_, row, delayed] = verdict.metrics.try_into().unwrap();
             assert_eq!((delayed.value, delayed.passed), (Some(0.0), Some(true)));
             (verdict.outcome, row.value, row.remark)
@@ -195,10 +188,10 @@ mod tests {
             verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
             let passed = verdict.metrics[0].passed == Some(true);
             verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
-            judge_timing(&mut verdict, timing, Some(limits), &[]);
+            judge_timing(&mut verdict, timing, limits, &[]);
             let row = verdict.metrics.iter().find(|metric| metric.name == name);
             assert!(row.is_none_or(|row| row.requirements == ["REQ-1"]));
-            assert_eq!(row.is_some(), !limits.timing.is_empty());
+            assert_eq!(row.is_some(), limits.timing.limits().next().is_some());
             verdict.outcome
         };
         let refused = ["no priority"];
@@ -220,7 +213,7 @@ mod tests {
             )];
             verdict.outcome = Outcome::Inconclusive;
             verdict.reason = Some(format!("not judged: {name}"));
-            judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[]);
+            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[]);
             verdict.outcome
         };
         assert_eq!(unavailable(700.0), Outcome::Inconclusive);
@@ -237,7 +230,7 @@ mod tests {
         for (p99, expected) in [(700.0, Outcome::Pass), (900.0, Outcome::Inconclusive)] {
             let mut verdict = Verdict::incomplete("hold", 1, "");
             (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
-            judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[stall]);
+            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[stall]);
             assert_eq!(verdict.outcome, expected);
             let is_named = |reason: String| reason.contains("the machine stood still for 45.0 ms");
             assert_eq!(verdict.reason.map(is_named), (p99 > 800.0).then_some(true));

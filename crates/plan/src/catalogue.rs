@@ -224,6 +224,8 @@ pub struct ColumnMessage<'a> {
     pub is_measured: bool,
     /// Whether it brings outputs of a plant, which are cut where its fields end.
     pub is_of_plant: bool,
+    /// Whether its signals are terms of the law.
+    pub is_term: bool,
     /// Signals by their names in the loop.
     pub signals: Vec<(String, &'a Signal)>,
 }
@@ -247,7 +249,8 @@ pub fn columns<'a>(
         .into_iter()
         .filter_map(move |service| of_node(&nodes.drive, service));
     let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
-    let law_messages = terms.map(|message| (message, None));
+    let terms = Vec::from_iter(terms);
+    let law_messages = terms.clone().into_iter().map(|message| (message, None));
     let io_messages = nodes.io.iter().filter_map(move |io| of_node(io, RPDO1));
     let messages = drive_messages.chain(law_messages).chain(io_messages);
     let columns = messages.map(move |(message, node)| {
@@ -262,6 +265,7 @@ pub fn columns<'a>(
         .map(move |(message, signals)| ColumnMessage {
             is_measured: is_feedback.contains(&message.name),
             is_of_plant: of_plant.contains(&message.raw_id),
+            is_term: terms.contains(&message),
             message,
             signals,
         })

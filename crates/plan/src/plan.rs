@@ -7,7 +7,7 @@ use std::time::Duration;
 use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
-use scenario::fault::{Fault, Group};
+use scenario::fault::{Actor, Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::wiring::{IoOutput, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
@@ -134,8 +134,13 @@ impl Plan {
         if !ours.eq(others) {
             return None;
         }
+        let expect = &other.shared.run.expect;
+        Arc::make_mut(&mut self.shared.run)
+            .expect
+            .clone_from(expect);
         for (one, other) in self.loops.iter_mut().zip(&other.loops) {
             one.trial.expect = other.trial.expect.clone();
+            one.trial.run = Arc::clone(&self.shared.run);
         }
         self.shared.contours.clone_from(&other.shared.contours);
         Some(self)
@@ -193,7 +198,7 @@ impl Plan {
         for one in &self.loops {
             let faults = one.trial.loop_faults();
             // This order is given over the bus and reaches any node.
-            let mut happening = faults.filter(|fault| fault.kind.name != "nmt_stop");
+            let mut happening = faults.filter(|fault| fault.kind.actor != Actor::Message);
             // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
             let node = |fault: &Fault| {
                 if fault.kind.group == Group::Node && fault.is_at_controller() {

@@ -11,7 +11,7 @@ use super::plot::{Colour, Plot, Shape};
 use super::terminal;
 use judge::verdict::{Metric, Outcome};
 use recording::timeline::Timeline;
-use scenario::metrics::METRICS;
+use scenario::metrics::{METRICS, name_in_loop};
 use scenario::port::Measurand;
 use scenario::reference::Reference;
 
@@ -123,10 +123,8 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
         .filter(|name| is_key(name))
         .collect();
     let mut names: Vec<&str> = each.into_iter().collect();
-    // With several loops, the name of a metric begins with that of its loop.
     let place = |name: &str| {
-        let row = name.rsplit_once('.').map_or(name, |(_, row)| row);
-        let shipped = Measurand::default();
+        let (row, shipped) = (name_in_loop(name), Measurand::default());
         METRICS
             .iter()
             .position(|metric| shipped.name(metric.name) == row)

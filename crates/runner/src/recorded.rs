@@ -11,7 +11,7 @@ use crate::console::print_problem;
 use crate::exit::{Exit, Failure};
 use crate::play_record::PlayRecord;
 use judge::verdict::{Outcome, Verdict};
-use judge::{Circumstances, expected_timing, judge_timing};
+use judge::{Circumstances, judge_timing};
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use recording::ending::EndedBy;
@@ -170,7 +170,7 @@ impl Recorded {
         }
         if let Some(timing) = timing {
             let again = timing.again(&self.log.frames, &self.plan)?;
-            let expect = expected_timing(&self.plan);
+            let expect = &self.plan.shared.run.expect;
             judge_timing(&mut verdict, again, expect, &self.host.stalls);
         }
         Ok(verdict)

@@ -9,9 +9,9 @@ use crate::exit::Exit;
 use crate::identity::identity;
 use crate::play_record::PlayRecord;
 use exports::parquet;
+use judge::Circumstances;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
-use judge::{Circumstances, expected_timing};
 use plan::{Plan, Shared};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
@@ -91,7 +91,8 @@ pub fn run(
         folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
         folder.write(file::SENT, host.sent.to_csv().as_bytes())?;
         let timing = Timing::new(&frames, plan, host.clone())?;
-        judge::judge_timing(&mut verdict, timing, expected_timing(plan), &host.stalls);
+        let expect = &plan.shared.run.expect;
+        judge::judge_timing(&mut verdict, timing, expect, &host.stalls);
     }
     if is_long {
         folder.write_with(file::LONG_SIGNALS, |output| {

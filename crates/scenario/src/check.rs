@@ -91,13 +91,15 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     disturbances(check, trial);
     limits(check, trial);
     signals::check(check, trial);
-    requirements::check(check, trial);
+    requirements::check(check, &trial.expect, &trial.wiring.feedback.measurand);
 }
 
 /// Checks the facts that all loops share.
 pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
     name(check, "name", &run.name);
     requirements::names(check, "requirements", &run.requirements);
+    limits::of_bus(check, &run.expect);
+    requirements::check(check, &run.expect, &Measurand::default());
     faults(check, &run.faults, run.duration_seconds);
 }
 

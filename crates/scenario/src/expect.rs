@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 pub use crate::limit::{Limit, rounded};
-use crate::metrics::{Form, METRICS, Metric};
+use crate::metrics::{Form, METRICS, Metric, Subject};
 use crate::timing::TimingLimits;
 use crate::trial::Trial;
 
@@ -145,12 +145,21 @@ impl Expect {
 }
 
 impl Trial {
+    /// Returns the expectations to which a metric belongs: those of the loop or of the bus.
+    pub fn expect_of(&self, metric: &Metric) -> &Expect {
+        match metric.subject {
+            Subject::Bus => &self.run.expect,
+            _ => &self.expect,
+        }
+    }
+
     /// Returns the rows of the loop's verdict that have a limit, in their order, without those on timing.
     pub fn expected_rows(&self) -> Vec<ExpectedRow> {
         let (expect, duration_seconds) = (&self.expect, self.run.duration_seconds);
-        let metrics = expect.limits().map(|(metric, limit)| {
+        let metrics = METRICS.iter().filter_map(|metric| {
+            let expect = self.expect_of(metric);
             let name = self.wiring.feedback.measurand.name(metric.name);
-            expect.row(name, Some(limit))
+            Some(expect.row(name, Some(expect.limit(metric.name)?)))
         });
         let checks = expect.signal.iter();
         let check_rows = checks.flat_map(|check| check.rows(duration_seconds));

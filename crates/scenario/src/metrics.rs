@@ -265,8 +265,9 @@ const fn of(subject: Subject) -> Metric {
 }
 
 impl Metric {
-    /// Returns the metric of a name.
+    /// Returns the metric of a name, which may begin with that of a loop, as that of a verdict's row does.
     pub fn named(name: &str) -> Option<&'static Self> {
+        let name = name_in_loop(name);
         METRICS.iter().find(|metric| metric.name == name)
     }
 
@@ -327,6 +328,11 @@ impl Metric {
     }
 }
 
+/// Returns the name of a verdict's row without that of its loop.
+pub fn name_in_loop(row: &str) -> &str {
+    row.rsplit_once('.').map_or(row, |(_, name)| name)
+}
+
 /// Checks whether a row of a verdict is a metric of the bus, which all loops share.
 pub fn is_bus_metric(row: &str) -> bool {
     Metric::named(row).is_some_and(|metric| metric.subject == Subject::Bus)
@@ -338,9 +344,9 @@ pub fn is_traffic_metric(row: &str) -> bool {
 }
 
 /// Returns the answer of a metric that is not a number: the bench is safe, none of the events happened, every emergency came.
-/// `None` for metrics that are numbers. `name` may begin with the name of a loop.
+/// `None` for metrics that are numbers.
 pub fn answer(name: &str, value: f64) -> Option<bool> {
-    match Metric::named(name.rsplit('.').next()?)?.form {
+    match Metric::named(name)?.form {
         Answer => Some(value == 1.0),
         // The value counts the events that should not have happened, or the emergencies that did not come.
         List => Some(value == 0.0),

@@ -8,6 +8,7 @@ use controller::{ControllerNode, controller_node_of_loops};
 use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{InvalidEmulator, catalogue};
 use scenario::ControllerView;
+use scenario::fault::Actor;
 
 use crate::error::WorldError;
 use crate::law_process::LawPlace;
@@ -71,7 +72,7 @@ pub fn faulty_controller(plan: &Plan, laws: LawPlace) -> Result<Box<dyn Node>, W
         return Ok(Box::new(node));
     }
     let is_caused_by_bench =
-        |fault: &PlannedFault| laws.is_real_time && ["crash", "hang"].contains(&fault.name());
+        |fault: &PlannedFault| laws.is_real_time && fault.fault.kind.actor == Actor::Process;
     let faults = faults_at(plan, plan.controller()).without(is_caused_by_bench);
     let renew = move |node: &mut ControllerNode| {
         // The first call succeeded, so this one does.

@@ -204,10 +204,7 @@ fn tested(plan: &Plan) -> BTreeMap<String, Vec<Tested>> {
 
 /// Returns the rows on timing, which a verdict does not have if the run was in virtual time.
 fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
-    let rows = plan
-        .loops
-        .iter()
-        .flat_map(|one| one.trial.expect.timing.rows());
+    let rows = plan.shared.run.expect.timing.rows();
     rows.filter(|_| is_untimed).collect()
 }
 

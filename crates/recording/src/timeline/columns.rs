@@ -51,6 +51,7 @@ struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
+    is_term: bool,
     /// Value from the first missing row on.
     latest: f64,
     /// Rows up to the last change.
@@ -79,6 +80,7 @@ impl SignalColumn {
         Column {
             name: self.name.clone(),
             unit: self.unit.clone(),
+            is_term: self.is_term,
             values: self.rows.take(rows),
         }
     }
@@ -106,6 +108,7 @@ impl MessageColumns {
             handle: message.handle(signal),
             name,
             unit: signal.unit.clone(),
+            is_term: columns.is_term,
             latest: f64::NAN,
             rows: SeriesWriter::keeping(kept_max),
         });

@@ -27,26 +27,11 @@ pub struct Column {
     pub name: String,
     /// Unit in the DBC; empty for numbers without one.
     pub unit: String,
+    /// Whether it is a term of the law.
+    pub is_term: bool,
     /// Physical value per cycle; NaN if the signal was not on the bus yet, or, for the drive's measured values, in a cycle in
     /// which the drive was silent.
     pub values: Series<f64>,
-}
-
-/// Prefixes of signals that only some laws compute: a controller may send 0 for a signal that its law does not have.
-const OF_SOME_LAWS: [&str; 5] = [
-    "reference_position_",
-    "estimated_",
-    "sliding_variable_",
-    "equivalent_part_",
-    "switching_part_",
-];
-
-impl Column {
-    /// Returns whether a node computes it.
-    pub fn is_used(&self) -> bool {
-        let mut starts = OF_SOME_LAWS.iter();
-        !starts.any(|start| self.name.starts_with(start)) || has_values(&self.values)
-    }
 }
 
 /// Returns whether a node sends other values than 0.
@@ -172,6 +157,7 @@ impl Timeline {
         let columns = self.columns.iter().map(|column| Column {
             name: column.name.clone(),
             unit: column.unit.clone(),
+            is_term: column.is_term,
             values: part(&column.values),
         });
         let events = self
@@ -223,6 +209,7 @@ pub fn signals(timelines: &[Timeline]) -> Vec<Column> {
     let time = timelines.first().map(|first| Column {
         name: "time_seconds".to_owned(),
         unit: "s".to_owned(),
+        is_term: false,
         values: first.time_seconds.clone(),
     });
     let mut all = Vec::from_iter(time);

@@ -261,6 +261,7 @@ impl TimelineReader {
         let set_point = Column {
             name: measurand.name(names::SET_POINT),
             unit: measurand.unit.symbol().to_owned(),
+            is_term: false,
             values: set_points(trial, &time_seconds),
         };
         let on_bus = self.columns.take_rows(rows);

@@ -141,7 +141,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     }
     let measured = (0, timeline.position());
     draw(&mut plot, timeline, "measured", Measured, measured);
-    if let Some(column) = used(timeline, "reference_{signal}_{unit}") {
+    if let Some(column) = timeline.column("reference_{signal}_{unit}") {
         let label = "filtered reference";
         draw(&mut plot, timeline, label, Estimated, first_sent(column));
     }
@@ -233,11 +233,6 @@ fn patches(control_loop: &ControlLoop) -> Vec<Patch> {
     spans.chain(faults).map(patch).collect()
 }
 
-/// Returns a column that a node computes.
-fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
-    timeline.column(name).filter(|column| column.is_used())
-}
-
 fn signal_plot<'a>(
     timeline: &'a Timeline,
     title: &str,
@@ -246,7 +241,7 @@ fn signal_plot<'a>(
 ) -> Plot<'a> {
     let mut plot = Plot::over_time(title, unit);
     for (name, label, colour) in signals {
-        if let Some(column) = used(timeline, name) {
+        if let Some(column) = timeline.column(name) {
             draw(&mut plot, timeline, label, *colour, first_sent(column));
         }
     }
@@ -315,8 +310,7 @@ fn first_sent(column: &Column) -> (usize, Series<f64>) {
     const NOTHING_YET_CYCLES: usize = 20;
     let values = &column.values;
     let zeros = values.iter().take_while(|value| *value == 0.0).count();
-    let is_computed = column.name.starts_with("estimated_");
-    let first = if is_computed && zeros < NOTHING_YET_CYCLES {
+    let first = if column.is_term && zeros < NOTHING_YET_CYCLES {
         zeros
     } else {
         0
@@ -329,7 +323,7 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     let mut plot = Plot::over_time("Hysteresis", "ξ");
     plot.x_label = "wire temperature (°C)";
     for ((temperature, label, colour), (fraction, ..)) in TEMPERATURES.into_iter().zip(FRACTIONS) {
-        let columns = used(timeline, temperature).zip(used(timeline, fraction));
+        let columns = timeline.column(temperature).zip(timeline.column(fraction));
         if let Some((temperature, fraction)) = columns {
             let (x, y) = (&temperature.values, &fraction.values);
             plot.draw(label, colour, Shape::Path, x, y);
@@ -349,6 +343,7 @@ mod tests {
             let (first, values) = first_sent(&Column {
                 name: name.to_owned(),
                 unit: String::new(),
+                is_term: name != "position_millimetres",
                 values: values.collect(),
             });
             assert_eq!(values.len(), 100 - first);

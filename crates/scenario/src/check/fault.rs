@@ -5,12 +5,9 @@ use std::collections::BTreeSet;
 use super::Check;
 use super::pieces::{entries, windows};
 use crate::error::Problem;
-use crate::fault::{Fault, Faults, Group, Time};
+use crate::fault::{Actor, Fault, Faults, Group, KINDS, Kind, Time};
 use crate::load::Reading;
 use crate::trial::Trial;
-
-/// Faults of nodes that can also happen to a program.
-const PROGRAM_FAULTS: [&str; 3] = ["crash", "hang", "nmt_stop"];
 
 /// Checks that faults begin within the run and end after they begin.
 pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, duration_seconds: f64) {
@@ -35,8 +32,8 @@ pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, duration_seconds: f
 
 /// Refuses a foreign node that sends the report of a plant, on which the verdict rests.
 fn forged(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
-    let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
-    let forged = fault.whole("identifier").filter(|_| is_foreign)?;
+    let is_foreign = |_: &u32| fault.kind.actor == Actor::Foreign;
+    let forged = fault.whole("identifier").filter(is_foreign)?;
     let mut loops = check.rig.loops.iter();
     let (loop_name, _) = loops.find(|(_, one)| u32::from(one.identifiers.truth) == forged)?;
     let path = format!("{}.identifier", fault.path());
@@ -50,11 +47,11 @@ fn forged(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
 fn at_program(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
     let node = &fault.node.as_ref()?.name;
     check.rig.node.get(node)?.program.as_ref()?;
-    let (group, name) = (fault.kind.group, fault.kind.name);
-    let is_possible = group == Group::Bus || PROGRAM_FAULTS.contains(&name);
-    (!is_possible).then(|| {
+    (fault.kind.actor == Actor::Node).then(|| {
         let message = format!("{} cannot happen to a program", fault.kind.heading());
-        let known = PROGRAM_FAULTS.join(", ");
+        let is_possible = |kind: &&Kind| matches!(kind.actor, Actor::Process | Actor::Message);
+        let known = KINDS.iter().filter(is_possible).map(|kind| kind.name);
+        let known = Vec::from_iter(known).join(", ");
         let label =
             format!("`{node}` is one: what can be done to it is {known}, and faults of the bus");
         check.document.problem(&fault.path(), message, label)

@@ -3,7 +3,7 @@
 use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::expect::{Emergency, Limit};
+use crate::expect::{Emergency, Expect, Limit};
 use crate::metrics::{Form, Metric};
 use crate::nearest::meant_or_known;
 use crate::trial::Trial;
@@ -21,10 +21,17 @@ pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
             Some(document.problem(&path, message, format!("needs {missing}")))
         }));
     }
-    for (path, limit) in trial.expect.timing.limits() {
-        let name = format!("timing.{path}");
+}
+
+/// Checks that each limit on the bus can be met.
+pub(super) fn of_bus(check: &mut Check<'_>, expect: &Expect) {
+    let metrics = expect.limits();
+    let metrics = metrics.map(|(metric, limit)| (metric.name.to_owned(), limit));
+    let timing = expect.timing.limits();
+    let timing = timing.map(|(path, limit)| (format!("timing.{path}"), limit));
+    for (name, limit) in metrics.chain(timing) {
         let path = format!("expect.{name}");
-        check.add(limit_problem(document, &path, &name, limit));
+        check.add(limit_problem(check.document, &path, &name, limit));
     }
 }
 

@@ -5,28 +5,28 @@ use std::collections::BTreeSet;
 use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
+use crate::expect::Expect;
 use crate::nearest::nearest;
-use crate::trial::Trial;
+use crate::port::Measurand;
 
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;
 
-/// Checks the requirements of a loop's metrics.
-pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
-    for (key, requirements) in &trial.expect.requirements {
+/// Checks the requirements of a loop's metrics, or of the limits on the bus.
+pub(super) fn check(check: &mut Check<'_>, expect: &Expect, measurand: &Measurand) {
+    let metrics = expect
+        .limits()
+        .map(|(metric, _)| measurand.name(metric.name));
+    let given = Vec::from_iter(metrics.chain(expect.timing.rows()));
+    for (key, requirements) in &expect.requirements {
         let path = format!("expect.requirements.{key}");
-        check.add(undemanded(check.document, &path, key, trial));
+        check.add(undemanded(check.document, &path, key, &given));
         names(check, &path, requirements);
     }
 }
 
 /// Refuses a key without a limit, which tests nothing.
-fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> Option<Problem> {
-    let timing = trial.expect.timing.rows();
-    let measurand = &trial.wiring.feedback.measurand;
-    let limits = trial.expect.limits();
-    let metrics = limits.map(|(metric, _)| measurand.name(metric.name));
-    let given: Vec<String> = metrics.chain(timing).collect();
+fn undemanded(document: &Document<'_>, path: &str, key: &str, given: &[String]) -> Option<Problem> {
     if given.iter().any(|given| given == key) {
         return None;
     }
@@ -36,7 +36,7 @@ fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> 
     };
     let message = format!("`{key}` tests no requirement, since it has no limit");
     let problem = document.key_problem(path, message, label);
-    Some(match given.as_slice() {
+    Some(match given {
         [] => problem.with_help("[expect] has no limit"),
         given => problem.with_help(format!("limits are on: {}", given.join(", "))),
     })

@@ -10,8 +10,12 @@ pub struct Kind {
     pub name: &'static str,
     /// Time at which it acts.
     pub time: Time,
+    /// Who acts it out.
+    pub actor: Actor,
     /// Cyclic frames that it can keep from the bus or delay.
     pub touch: Touch,
+    /// Whether the cyclic frames of its node come at other times than at the rate of the bus.
+    pub is_rate_changed: bool,
     /// Keys other than those of its time.
     pub keys: &'static [Key],
     /// Description in the schema and in the book.
@@ -31,6 +35,21 @@ pub enum Group {
     Amplifier,
     /// A plant, or the part of it that a drive moves.
     Plant,
+}
+
+/// Who acts a fault out.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Actor {
+    /// The model of the bus, to the frames of others.
+    Bus,
+    /// A foreign node that the model of the bus adds.
+    Foreign,
+    /// The node that canrig plays.
+    Node,
+    /// The bench, to the process of a node if it has one of its own; else the node.
+    Process,
+    /// The bench, by a message to the node, whoever plays it.
+    Message,
 }
 
 /// Time of a fault.
@@ -273,18 +292,22 @@ const BUS: Kind = Kind {
     group: Group::Bus,
     name: "",
     time: Time::Lasts,
+    actor: Actor::Bus,
     touch: Touch::All,
+    is_rate_changed: false,
     keys: &[],
     text: "",
 };
 const AT_NODE: Kind = Kind {
     group: Group::Node,
+    actor: Actor::Node,
     touch: Touch::Node,
     keys: &[NODE],
     ..BUS
 };
 const SENSOR: Kind = Kind {
     group: Group::Sensor,
+    actor: Actor::Node,
     touch: Touch::Nothing,
     ..BUS
 };
@@ -375,12 +398,14 @@ pub static KINDS: &[Kind] = &[
     },
     Kind {
         name: "babble",
+        actor: Actor::Foreign,
         keys: &[FOREIGN],
         text: "A foreign node sends without a pause. `bus.log` shows its frames.",
         ..BUS
     },
     Kind {
         name: "load",
+        actor: Actor::Foreign,
         keys: &[
             FOREIGN
                 .drawn(Drawn::Foreign(0x181))
@@ -394,6 +419,7 @@ pub static KINDS: &[Kind] = &[
     },
     Kind {
         name: "crash",
+        actor: Actor::Process,
         keys: &[
             NODE,
             Key {
@@ -418,12 +444,14 @@ pub static KINDS: &[Kind] = &[
     },
     Kind {
         name: "hang",
+        actor: Actor::Process,
         text: "The node hangs; then it continues as if no time had passed, with the first 32 of the frames that arrived meanwhile. The drive's amplifier keeps its current.",
         ..AT_NODE
     },
     Kind {
         name: "slow_cycle",
         touch: Touch::Late,
+        is_rate_changed: true,
         keys: &[
             Key::number("delay_milliseconds", 0.0, 1_000.0)
                 .drawn(Drawn::Between(0.1, 20.0))
@@ -435,6 +463,7 @@ pub static KINDS: &[Kind] = &[
     },
     Kind {
         name: "clock_drift",
+        is_rate_changed: true,
         keys: &[
             Key::number("parts_per_million", -500_000.0, 500_000.0)
                 .drawn(Drawn::Between(-5000.0, 5000.0))
@@ -459,6 +488,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "nmt_stop",
         time: Time::Instant,
+        actor: Actor::Message,
         text: "A foreign node sends the NMT command to stop the node; `bus.log` shows it.",
         ..AT_NODE
     },

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use crate::node::{Node, Part};
 
-pub use kinds::{Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
+pub use kinds::{Actor, Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
 pub(crate) use read::read;
 pub(crate) use schema::{describe, described};
 

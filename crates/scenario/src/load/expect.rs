@@ -10,6 +10,7 @@ use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
 use crate::fault::Faults;
 use crate::metrics::{Form, METRICS, Metric, Needs, Subject, is_bus_metric};
+use crate::schema;
 use crate::wiring::Wiring;
 
 const TIMING: &str = "timing";
@@ -26,10 +27,32 @@ fn is_bus_key(key: &str) -> bool {
     key == TIMING || is_bus_metric(key)
 }
 
+/// Checks whether a key of `[expect.requirements]` is, too: the name of a limit on timing begins with its key.
+fn is_bus_requirement(key: &str) -> bool {
+    let timing = &schema::RUN["definitions"]["TimingLimits"]["properties"];
+    let mut timing = timing.as_object().into_iter().flatten();
+    is_bus_metric(key) || timing.any(|(limit, _)| key.starts_with(limit))
+}
+
 impl<'text> Selector<'_, 'text> {
-    /// Returns `[expect.LOOP]`, completed from `[expect.all]`. The first loop also gets the expectations of the bus from
-    /// `[expect]`. If there is one loop, its table may be `[expect]` itself. A further drive, which has no set-point, gets what these
-    /// limit of its amplifier and its plant.
+    /// Returns the limits in `[expect]` on the bus, or those on the only loop, with their requirements.
+    pub(super) fn expect_part(&self, is_of_bus: bool) -> Option<Spanned<DeValue<'text>>> {
+        let expect = self.scenario.root().get(EXPECT)?;
+        let Some(whole) = expect.get_ref().as_table() else {
+            return Some(expect.clone());
+        };
+        let is_kept =
+            |key: &str| key == REQUIREMENTS || key != CONTOUR && is_bus_key(key) == is_of_bus;
+        let mut kept = kept_of(whole, is_kept);
+        let requirements = kept.get_mut(REQUIREMENTS).map(Spanned::get_mut);
+        if let Some(DeValue::Table(named)) = requirements.filter(|_| !self.is_by_loop(EXPECT)) {
+            *named = kept_of(named, |key| is_bus_requirement(key) == is_of_bus);
+        }
+        Some(Spanned::new(expect.span(), DeValue::Table(kept)))
+    }
+
+    /// Returns `[expect.LOOP]`, completed from `[expect.all]`. If there is one loop, its table may be `[expect]` itself, without the
+    /// limits on the bus. A further drive, which has no set-point, gets what these limit of its amplifier and its plant.
     pub(super) fn expect(
         &self,
         name: &str,
@@ -43,13 +66,7 @@ impl<'text> Selector<'_, 'text> {
                 let kept = DeValue::Table(of_drive(whole, wiring, faults));
                 return Some(Spanned::new(expect.span(), kept));
             }
-            _ => {
-                let mut kept = expect.clone();
-                if let DeValue::Table(table) = kept.get_mut() {
-                    table.remove(CONTOUR);
-                }
-                return Some(kept);
-            }
+            _ => return self.expect_part(false),
         };
         let for_all = whole.get(ALL);
         let mut kept = match whole.get(name).or(for_all.filter(|_| !self.is_led(name))) {
@@ -62,13 +79,6 @@ impl<'text> Selector<'_, 'text> {
                 Some(all) if self.is_led(name) => add(table, &of_drive(all, wiring, faults)),
                 Some(all) if whole.contains_key(name) => add(table, all),
                 _ => {}
-            }
-            let first = self.rig.loops.keys().next();
-            if first.is_some_and(|first| first == name) {
-                add(
-                    table,
-                    &kept_of(whole, |key| is_bus_key(key) || key == REQUIREMENTS),
-                );
             }
         }
         Some(kept)

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use toml::Spanned;
+
 use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
-use super::sections::{CONTROLLER, SHARED, Selector};
+use super::sections::{CONTROLLER, EXPECT, SHARED, Selector};
 use super::{
     Factor, KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems,
 };
@@ -170,7 +172,7 @@ fn resolve(
         resolver.check.add(unknown);
         return Err(fail(resolver.check.problems));
     }
-    resolver.read_run();
+    resolver.read_run(&selector);
     let loops = resolver.read_loops(&selector);
     let mut check = resolver.check;
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
@@ -224,17 +226,22 @@ struct Resolver<'a> {
 
 impl Resolver<'_> {
     /// Reads the facts of the run.
-    fn read_run(&mut self) {
+    fn read_run(&mut self, selector: &Selector<'_, '_>) {
         let (scenario, rig) = (&self.files.scenario, self.check.rig);
         let (faults, wrong_faults) = fault::read(scenario, rig);
         self.has_all_faults = wrong_faults.is_empty();
         self.check.add(wrong_faults);
         let is_swept = self.asked.reading == Reading::ToPlay;
         let sweep = is_swept.then_some(SWEEP);
-        let header = scenario.only(&Vec::from_iter(SHARED.into_iter().chain(sweep)));
-        let read = |header: &Document<'_>| build::<Run>(header, "the scenario", &schema::RUN);
+        let read = |tables: Option<&str>| {
+            let mut header = scenario.only(&Vec::from_iter(SHARED.into_iter().chain(tables)));
+            let expect = selector.expect_part(true);
+            let key = Spanned::new(scenario.key_span(EXPECT), EXPECT.into());
+            header.rewrite(|root| root.extend(expect.map(|expect| (key, expect))));
+            build::<Run>(&header, "the scenario", &schema::RUN)
+        };
         // A sweep that cannot be read hides no problem of the loops.
-        let built = read(&header).or_else(|found| match read(&scenario.only(&SHARED)) {
+        let built = read(sweep).or_else(|found| match read(None) {
             Ok((run, _)) => Ok((run, found)),
             Err(_) => Err(found),
         });

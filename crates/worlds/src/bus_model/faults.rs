@@ -10,7 +10,7 @@ use dbc::loops::drive_seed;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use plan::Plan;
-use scenario::fault::{Fault, Group};
+use scenario::fault::{Actor, Fault, Group};
 use scenario::node::Part;
 
 use super::error_state::{Activity, ErrorState};
@@ -24,8 +24,6 @@ const SEND_FRAMES_MAX: usize = 32;
 const NODE_ID_BITS: u16 = 0x7F;
 /// Name of the receiver's fault; all other faults are of senders.
 const LOSE: &str = "lose";
-/// Names of the faults that are foreign nodes.
-const FOREIGN: [&str; 2] = ["babble", "load"];
 
 /// Returns the node-IDs behind the CAN controller of a participant, in order: of a node, or of the drives of an emulator. There are
 /// none behind that of canrig's own node.
@@ -165,18 +163,19 @@ impl BusFaults {
         if faults.in_group(Group::Bus).next().is_none() {
             return Ok(None);
         }
-        let foreign = FOREIGN.into_iter().flat_map(|kind| faults.of(kind));
+        let of_bus = faults.in_group(Group::Bus);
+        let is_foreign = |fault: &&Fault| fault.kind.actor == Actor::Foreign;
+        let (foreign, hitting): (Vec<_>, Vec<_>) = of_bus.partition(is_foreign);
         let nodes = participants.iter().map(|name| nodes_behind(name, plan));
         let nodes = Vec::from_iter(nodes);
         let loops = plan.loops.iter();
         let truths = loops.map(|one| one.trial.wiring.identifiers.truth);
         Ok(Some(Self {
-            hitting: faults
-                .in_group(Group::Bus)
-                .filter(|fault| !FOREIGN.contains(&fault.kind.name))
+            hitting: hitting
+                .into_iter()
                 .map(|fault| Hitting::new(plan, fault.clone()))
                 .collect(),
-            foreign: foreign.map(Foreign::new).collect(),
+            foreign: foreign.into_iter().map(Foreign::new).collect(),
             held: vec![Vec::new(); nodes.len()],
             truths: truths.collect(),
             states: vec![ErrorState::default(); nodes.len()],

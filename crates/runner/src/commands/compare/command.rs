@@ -120,10 +120,9 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), Failure> {
 /// Removes the metrics of the traffic, which depend on the clock: a run in virtual time misses no cycle.
 fn leave_timing_out(comparison: &mut Comparison) {
     let whole = comparison.remarks.is_empty();
-    let is_traffic = |name: &str| name.rsplit('.').next().is_some_and(is_traffic_metric);
     comparison
         .metrics
-        .retain(|metric| !is_traffic(&metric.name));
+        .retain(|metric| !is_traffic_metric(&metric.name));
     comparison.agrees = whole
         && comparison.signals.iter().all(SignalDifference::agrees)
         && comparison.metrics.iter().all(|metric| metric.agrees);
