@@ -67,11 +67,4 @@ impl FaultPlan {
                 .collect(),
         }
     }
-
-    /// Removes the faults that `is_played_elsewhere` accepts.
-    #[must_use]
-    pub fn without(mut self, is_played_elsewhere: impl Fn(&PlannedFault) -> bool) -> Self {
-        self.faults.retain(|fault| !is_played_elsewhere(fault));
-        self
-    }
 }

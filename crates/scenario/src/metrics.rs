@@ -3,7 +3,6 @@
 
 use serde_json::{Value, json};
 
-use crate::port::UNIT;
 use crate::trial::Trial;
 
 /// Metric of a run.
@@ -274,16 +273,6 @@ impl Metric {
     /// Checks whether it measures the traffic on the bus. Such a metric has a value of a run that broke off, too.
     pub fn is_traffic_metric(&self) -> bool {
         matches!(self.subject, Subject::Cycles | Subject::Bus)
-    }
-
-    /// Checks whether it is in the unit of what its loop measures.
-    pub fn is_in_unit_of_loop(&self) -> bool {
-        self.name.contains(UNIT)
-    }
-
-    /// Checks whether it measures a reaction to a fault.
-    pub(crate) fn needs_fault(&self) -> bool {
-        matches!(self.needs, Needs::Fault | Needs::FaultAndSetPoint)
     }
 
     /// Returns the table of the file that the metric needs and the scenario lacks; a fault is not considered.

@@ -341,7 +341,7 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
 }
 
 /// Places in the names of keys, metrics and signals, which each loop fills with its quantities: see [`Measurand::name`].
-pub(crate) const UNIT: &str = "{unit}";
+pub const UNIT: &str = "{unit}";
 const COMMAND_UNIT: &str = "{command_unit}";
 const GAIN: &str = "{gain}";
 const GAIN_SECONDS: &str = "{gain_seconds}";

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ::faults::{Faulty, PlannedFault};
+use ::faults::Faulty;
 use can::Node;
 use controller::{ControllerNode, controller_node_of_loops};
 use plant_emulator::plant::InvalidPlant;
@@ -71,9 +71,11 @@ pub fn faulty_controller(plan: &Plan, laws: LawPlace) -> Result<Box<dyn Node>, W
     if !plan.has_faults() {
         return Ok(Box::new(node));
     }
-    let is_caused_by_bench =
-        |fault: &PlannedFault| laws.is_real_time && fault.fault.kind.actor == Actor::Process;
-    let faults = faults_at(plan, plan.controller()).without(is_caused_by_bench);
+    let mut faults = faults_at(plan, plan.controller());
+    if laws.is_real_time {
+        let planned = &mut faults.faults;
+        planned.retain(|one| one.fault.kind.actor != Actor::Process);
+    }
     let renew = move |node: &mut ControllerNode| {
         // The first call succeeded, so this one does.
         if let Ok(new) = make_controller(&views, &laws) {

@@ -7,7 +7,7 @@ use dbc::names::SET_POINT;
 use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
-use scenario::port::{Measurand, symbol_of};
+use scenario::port::{Measurand, UNIT, symbol_of};
 
 /// Relative tolerance of a metric, if that is more than the tolerance of its unit.
 const METRIC_SHARE: f64 = 0.05;
@@ -89,7 +89,7 @@ impl Scale {
 
 /// Checks whether a row of a verdict is a metric in the unit of what its loop measures.
 fn is_in_unit_of_loop(row: &str, measurand: &Measurand) -> bool {
-    let mut metrics = METRICS.iter().filter(|metric| metric.is_in_unit_of_loop());
+    let mut metrics = METRICS.iter().filter(|metric| metric.name.contains(UNIT));
     metrics.any(|metric| measurand.name(metric.name) == row)
 }
 

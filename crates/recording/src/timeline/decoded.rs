@@ -34,11 +34,6 @@ pub struct Column {
     pub values: Series<f64>,
 }
 
-/// Returns whether a node sends other values than 0.
-pub fn has_values(values: &Series<f64>) -> bool {
-    values.iter().any(|value| value.abs() > 0.0)
-}
-
 /// Decoded recording.
 #[derive(Clone, Debug, Default)]
 pub struct Timeline {

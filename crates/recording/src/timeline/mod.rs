@@ -6,6 +6,6 @@ mod decoded;
 mod passing;
 mod reader;
 
-pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline, all_events, has_values, signals};
+pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline, all_events, signals};
 pub use platform::series::{Series, SeriesWriter};
 pub use reader::{TimelineReader, decode};

@@ -10,7 +10,7 @@ use scenario::port::Unit;
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
 use super::{ReportError, groups};
-use recording::timeline::{Timeline, has_values};
+use recording::timeline::Timeline;
 
 /// Distance from the wire's cold end to the pulleys.
 const GAP: f64 = 12.0;
@@ -159,8 +159,7 @@ impl Drawing {
     fn new_poses(&mut self, timeline: &Timeline) -> Vec<Pose> {
         let mut celsius = TEMPERATURES
             .iter()
-            .filter_map(|name| timeline.column(name))
-            .find(|column| has_values(&column.values))
+            .find_map(|name| timeline.column(name))
             .map(|column| column.values.iter());
         let samples = timeline.position().iter().zip(timeline.set_point());
         let mut poses = Vec::new();

@@ -19,7 +19,6 @@ pub(super) struct Style<'a> {
     /// Name in the legend.
     pub(super) label: &'a str,
     pub(super) colour: [u8; 3],
-    is_drawn_when_zero: bool,
 }
 
 /// Groups with the names of the measured signal and of the output of the amplifier.
@@ -48,71 +47,67 @@ pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Styles of signals, by the beginnings of their names or of the patterns of these.
 const STYLES: [(&str, Style<'static>); 21] = [
-    ("set_point_", always(MEASURED, "set-point", ORANGE)),
-    ("{signal}_", always(MEASURED, "measured", SKY)),
-    ("true_{signal}_", always(MEASURED, "true", GREEN)),
+    ("set_point_", style_of(MEASURED, "set-point", ORANGE)),
+    ("{signal}_", style_of(MEASURED, "measured", SKY)),
+    ("true_{signal}_", style_of(MEASURED, "true", GREEN)),
     (
         "reference_{signal}_",
-        if_used(MEASURED, "filtered reference", PINK),
+        style_of(MEASURED, "filtered reference", PINK),
     ),
-    ("error_", always("error", "set-point − measured", SKY)),
-    ("target_{command}_", always(COMMANDED, "commanded", ORANGE)),
-    ("{command}_", always(COMMANDED, "measured", SKY)),
-    ("wire_temperature_", always("temperature", "true", GREEN)),
-    ("winding_temperature_", always("temperature", "true", GREEN)),
-    ("motor_speed_", always(MOTOR_SPEED, "true", GREEN)),
-    ("spring_force_", always(SPRING_FORCE, "true", GREEN)),
+    ("error_", style_of("error", "set-point − measured", SKY)),
+    (
+        "target_{command}_",
+        style_of(COMMANDED, "commanded", ORANGE),
+    ),
+    ("{command}_", style_of(COMMANDED, "measured", SKY)),
+    ("wire_temperature_", style_of("temperature", "true", GREEN)),
+    (
+        "winding_temperature_",
+        style_of("temperature", "true", GREEN),
+    ),
+    ("motor_speed_", style_of(MOTOR_SPEED, "true", GREEN)),
+    ("spring_force_", style_of(SPRING_FORCE, "true", GREEN)),
     (
         "estimated_temperature_",
-        if_used("temperature", "estimated", PINK),
+        style_of("temperature", "estimated", PINK),
     ),
     (
         "martensite_fraction",
-        always("martensite_fraction", "true", GREEN),
+        style_of("martensite_fraction", "true", GREEN),
     ),
     (
         "estimated_martensite_fraction",
-        if_used("martensite_fraction", "estimated", PINK),
+        style_of("martensite_fraction", "estimated", PINK),
     ),
     (
         "sliding_variable",
-        if_used(SLIDING_VARIABLE, "sliding variable", SKY),
+        style_of(SLIDING_VARIABLE, "sliding variable", SKY),
     ),
-    ("equivalent_part_", if_used(LAW, "equivalent part", ORANGE)),
-    ("switching_part_", if_used(LAW, "switching part", SKY)),
+    ("equivalent_part_", style_of(LAW, "equivalent part", ORANGE)),
+    ("switching_part_", style_of(LAW, "switching part", SKY)),
     (
         "scenario_convection_factor",
-        if_used(DISTURBANCE, "convection factor, scenario", GREY),
+        style_of(DISTURBANCE, "convection factor, scenario", GREY),
     ),
     (
         "convection_factor",
-        if_used(DISTURBANCE, "convection factor, bus", YELLOW),
+        style_of(DISTURBANCE, "convection factor, bus", YELLOW),
     ),
     (
         "scenario_added_load_",
-        if_used(DISTURBANCE, "added load (g), scenario", GREY),
+        style_of(DISTURBANCE, "added load (g), scenario", GREY),
     ),
     (
         "added_load_",
-        if_used(DISTURBANCE, "added load (g), bus", ORANGE),
+        style_of(DISTURBANCE, "added load (g), bus", ORANGE),
     ),
 ];
 
-const fn always<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
+const fn style_of<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
         group,
         label,
         colour,
-        is_drawn_when_zero: true,
-    }
-}
-
-/// Returns the style of a signal that is drawn only if it is used. Nodes send 0 for values that they do not have: a law without
-/// an observer has no estimates.
-const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
-    Style {
-        is_drawn_when_zero: false,
-        ..always(group, label, colour)
     }
 }
 
@@ -154,7 +149,7 @@ pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
                 "" => title.to_owned(),
                 unit => format!("{title} ({unit})"),
             },
-            style: always(&signal.name, label, colour),
+            style: style_of(&signal.name, label, colour),
         }
     });
     view.collect()
@@ -173,18 +168,20 @@ fn known<'a>(name: &str, measurand: &'a Measurand) -> Option<Style<'a>> {
     })
 }
 
-/// Returns the style of a signal; signals that no view shows are in the group [`OTHER`].
+/// Returns the style of a signal; signals that no view shows are in the group [`OTHER`], as are outputs of an io node that the
+/// scenario does not disturb.
 pub(super) fn style<'a>(
     name: &str,
     measurand: &'a Measurand,
-    is_used: impl FnOnce() -> bool,
+    disturbed: &[String],
     views: &[CustomView<'a>],
 ) -> Style<'a> {
     if let Some(view) = views.iter().find(|view| view.style.group == name) {
         return view.style;
     }
-    let drawn = known(name, measurand).filter(|style| style.is_drawn_when_zero || is_used());
-    drawn.unwrap_or(always(OTHER, "", GREY))
+    let is_disturbed = || disturbed.iter().any(|output| name.ends_with(output));
+    let drawn = known(name, measurand).filter(|style| style.group != DISTURBANCE || is_disturbed());
+    drawn.unwrap_or(style_of(OTHER, "", GREY))
 }
 
 /// Returns the groups that a run will have, before its first frame.
@@ -197,7 +194,7 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     let views = custom_views(control_loop);
     let signals = control_loop.plant_signals();
     let measurand = &scenario.wiring.feedback.measurand;
-    groups.extend(signals.map(|signal| style(&signal.name, measurand, || true, &views).group));
+    groups.extend(signals.map(|signal| style(&signal.name, measurand, &[], &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant.actuator().is_some() {
         groups.insert(HYSTERESIS);
@@ -260,7 +257,7 @@ mod tests {
             ["Height of the load (m)", "flexor_tension_newtons (N)"]
         );
         let measurand = Measurand::default();
-        let group = |name| style(name, &measurand, || true, &views).group;
+        let group = |name| style(name, &measurand, &[], &views).group;
         assert_eq!(group("height_metres"), "height_metres");
         assert_eq!(group("position_millimetres"), "position");
         assert_eq!(group("winding_temperature_celsius"), "temperature");

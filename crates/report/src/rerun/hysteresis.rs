@@ -12,7 +12,7 @@ use super::trail::{Trail, log_moves};
 use super::{ReportError, groups, thin};
 use crate::plot::range::{NOTHING, extended};
 use platform::series::Series;
-use recording::timeline::{Timeline, has_values};
+use recording::timeline::Timeline;
 
 /// Pairs of signals (temperature, fraction): the true ones of an emulator, else the observer's.
 const PAIRS: [(&str, &str); 2] = [
@@ -163,9 +163,7 @@ fn signals(timeline: &Timeline) -> Option<(&Series<f64>, &Series<f64>)> {
             .iter()
             .zip(fraction)
             .any(|(t, f)| t.is_finite() && f.is_finite());
-        // Nodes send 0 for values that they do not have.
-        let is_used = is_there && has_values(temperature);
-        is_used.then_some((temperature, fraction))
+        is_there.then_some((temperature, fraction))
     })
 }
 

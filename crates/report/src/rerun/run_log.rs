@@ -28,7 +28,7 @@ use platform::series::Series;
 use recording::events::{Event, Level};
 use recording::log::Stamped;
 use recording::occurrences::Occurrence;
-use recording::timeline::{Timeline, has_values};
+use recording::timeline::Timeline;
 
 /// Ratio of rows to changes above which a signal has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
@@ -53,8 +53,8 @@ pub(crate) struct Recording<'o, 'a> {
     hysteresis: Hysteresis,
     /// Drawing of the rig; `None` if the plant is no SMA actuator.
     drawing: Option<Drawing>,
-    /// Signals with other values than 0 so far.
-    used: BTreeSet<String>,
+    /// Outputs of io nodes that the scenario changes.
+    disturbed: Vec<String>,
     /// Paths with names and colours.
     styled: BTreeSet<String>,
     groups: BTreeSet<&'a str>,
@@ -79,6 +79,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(trial),
         };
+        let changes = trial.disturbance.changes().into_iter();
         let drawing = Drawing::new(trial, pause_seconds);
         if let Some(drawing) = &drawing {
             drawing.draw(&mut output)?;
@@ -90,7 +91,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             bus: BusReader::new(control_loop, known == Known::Thinned)?,
             drawing,
             hysteresis: Hysteresis::new(pause_seconds),
-            used: BTreeSet::new(),
+            disturbed: changes.map(|change| change.output).collect(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
             custom_views: groups::custom_views(control_loop),
@@ -159,7 +160,8 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in computed.into_iter().chain(columns) {
-            let style = self.style(name, values);
+            let measurand = &trial.wiring.feedback.measurand;
+            let style = groups::style(name, measurand, &self.disturbed, &self.custom_views);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
@@ -174,13 +176,6 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             self.log_signal(name, style, &rows, values, times.1.clone())?;
         }
         Ok(())
-    }
-
-    fn style(&mut self, name: &str, values: &Series<f64>) -> Style<'a> {
-        let used = &mut self.used;
-        let is_used = || used.contains(name) || has_values(values) && used.insert(name.to_owned());
-        let measurand = &self.control_loop.trial.wiring.feedback.measurand;
-        groups::style(name, measurand, is_used, &self.custom_views)
     }
 
     /// Logs a signal as an entity of its group.

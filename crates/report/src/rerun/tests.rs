@@ -24,7 +24,7 @@ use plan::Plan;
 use plan::catalogue::Catalogue;
 use recording::frames::Frames;
 use recording::log::Stamped;
-use recording::timeline::{self, has_values};
+use recording::timeline;
 use scenario::Trial;
 
 /// Cycle in which the drive of the made-up run is silent.
@@ -170,8 +170,7 @@ fn every_value_of_the_timeline_is_in_the_file() {
     let series = scalars(&path);
     let mut compared = 0;
     for column in &timeline.columns {
-        let is_used = || has_values(&column.values);
-        let Style { group, .. } = groups::style(&column.name, &timeline.measurand, is_used, &[]);
+        let Style { group, .. } = groups::style(&column.name, &timeline.measurand, &[], &[]);
         let rows = series
             .get(&format!("/{group}/{}", column.name))
             .cloned()

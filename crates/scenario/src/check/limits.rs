@@ -4,7 +4,7 @@ use super::Check;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Emergency, Expect, Limit};
-use crate::metrics::{Form, Metric};
+use crate::metrics::{Form, Metric, Needs};
 use crate::nearest::meant_or_known;
 use crate::trial::Trial;
 
@@ -100,8 +100,9 @@ pub(super) fn emergency(check: &Check<'_>, path: &str, text: &str) -> Option<Pro
 /// Checks the demanded reactions: there is a fault, and emergencies have numbers of the standard.
 pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
     let (document, expect) = (check.document, &trial.expect);
-    let demanded = expect.limits().filter(|(metric, _)| metric.needs_fault());
-    for (metric, _) in demanded {
+    let of_faults = [Needs::Fault, Needs::FaultAndSetPoint];
+    let demanded = expect.limits();
+    for (metric, _) in demanded.filter(|(metric, _)| of_faults.contains(&metric.needs)) {
         let name = metric.name;
         let needs = |what: &str| {
             let message = cannot_be_judged(name, trial);

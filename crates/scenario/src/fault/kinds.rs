@@ -10,7 +10,7 @@ pub struct Kind {
     pub name: &'static str,
     /// Time at which it acts.
     pub time: Time,
-    /// Who acts it out.
+    /// Actor that plays it.
     pub actor: Actor,
     /// Cyclic frames that it can keep from the bus or delay.
     pub touch: Touch,
@@ -37,7 +37,7 @@ pub enum Group {
     Plant,
 }
 
-/// Who acts a fault out.
+/// Actor that plays a fault.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Actor {
     /// The model of the bus, to the frames of others.

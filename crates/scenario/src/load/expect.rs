@@ -34,23 +34,19 @@ fn is_bus_requirement(key: &str) -> bool {
     is_bus_metric(key) || timing.any(|(limit, _)| key.starts_with(limit))
 }
 
-impl<'text> Selector<'_, 'text> {
-    /// Returns the limits in `[expect]` on the bus, or those on the only loop, with their requirements.
-    pub(super) fn expect_part(&self, is_of_bus: bool) -> Option<Spanned<DeValue<'text>>> {
-        let expect = self.scenario.root().get(EXPECT)?;
-        let Some(whole) = expect.get_ref().as_table() else {
-            return Some(expect.clone());
-        };
-        let is_kept =
-            |key: &str| key == REQUIREMENTS || key != CONTOUR && is_bus_key(key) == is_of_bus;
-        let mut kept = kept_of(whole, is_kept);
-        let requirements = kept.get_mut(REQUIREMENTS).map(Spanned::get_mut);
-        if let Some(DeValue::Table(named)) = requirements.filter(|_| !self.is_by_loop(EXPECT)) {
-            *named = kept_of(named, |key| is_bus_requirement(key) == is_of_bus);
-        }
-        Some(Spanned::new(expect.span(), DeValue::Table(kept)))
+/// Leaves those limits in `[expect]` that are on the bus, or those on the only loop, with their requirements.
+pub(super) fn keep_part(expect: &mut DeValue<'_>, is_of_bus: bool) {
+    let DeValue::Table(whole) = expect else {
+        return;
+    };
+    let is_kept = |key: &str| key != CONTOUR && is_bus_key(key) == is_of_bus;
+    *whole = kept_of(whole, |key| key == REQUIREMENTS || is_kept(key));
+    if let Some(DeValue::Table(named)) = whole.get_mut(REQUIREMENTS).map(Spanned::get_mut) {
+        *named = kept_of(named, |key| is_bus_requirement(key) == is_of_bus);
     }
+}
 
+impl<'text> Selector<'_, 'text> {
     /// Returns `[expect.LOOP]`, completed from `[expect.all]`. If there is one loop, its table may be `[expect]` itself, without the
     /// limits on the bus. A further drive, which has no set-point, gets what these limit of its amplifier and its plant.
     pub(super) fn expect(
@@ -66,7 +62,11 @@ impl<'text> Selector<'_, 'text> {
                 let kept = DeValue::Table(of_drive(whole, wiring, faults));
                 return Some(Spanned::new(expect.span(), kept));
             }
-            _ => return self.expect_part(false),
+            _ => {
+                let mut kept = expect.clone();
+                keep_part(kept.get_mut(), false);
+                return Some(kept);
+            }
         };
         let for_all = whole.get(ALL);
         let mut kept = match whole.get(name).or(for_all.filter(|_| !self.is_led(name))) {
@@ -105,8 +105,8 @@ impl<'text> Selector<'_, 'text> {
         });
         let path = format!("{EXPECT}.{REQUIREMENTS}");
         let keys = self.scenario.keys(&path).into_iter();
-        let is_loop_key = |key: &&str| !is_bus_key(key) && Metric::named(key).is_some();
-        let without_loop = keys.filter(is_loop_key).map(|key| {
+        let of_loops = keys.filter(|key| !is_bus_requirement(key));
+        let without_loop = of_loops.map(|key| {
             let message = format!("`{key}` of which loop?");
             let label = format!("write [{EXPECT}.LOOP.{REQUIREMENTS}]");
             self.scenario

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use toml::Spanned;
-
 use super::contours::read_contours;
+use super::expect::keep_part;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
 use super::sections::{CONTROLLER, EXPECT, SHARED, Selector};
@@ -172,7 +171,7 @@ fn resolve(
         resolver.check.add(unknown);
         return Err(fail(resolver.check.problems));
     }
-    resolver.read_run(&selector);
+    resolver.read_run();
     let loops = resolver.read_loops(&selector);
     let mut check = resolver.check;
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
@@ -226,7 +225,7 @@ struct Resolver<'a> {
 
 impl Resolver<'_> {
     /// Reads the facts of the run.
-    fn read_run(&mut self, selector: &Selector<'_, '_>) {
+    fn read_run(&mut self) {
         let (scenario, rig) = (&self.files.scenario, self.check.rig);
         let (faults, wrong_faults) = fault::read(scenario, rig);
         self.has_all_faults = wrong_faults.is_empty();
@@ -234,10 +233,13 @@ impl Resolver<'_> {
         let is_swept = self.asked.reading == Reading::ToPlay;
         let sweep = is_swept.then_some(SWEEP);
         let read = |tables: Option<&str>| {
-            let mut header = scenario.only(&Vec::from_iter(SHARED.into_iter().chain(tables)));
-            let expect = selector.expect_part(true);
-            let key = Spanned::new(scenario.key_span(EXPECT), EXPECT.into());
-            header.rewrite(|root| root.extend(expect.map(|expect| (key, expect))));
+            let keys = SHARED.into_iter().chain([EXPECT]).chain(tables);
+            let mut header = scenario.only(&Vec::from_iter(keys));
+            header.rewrite(|root| {
+                if let Some(expect) = root.get_mut(EXPECT) {
+                    keep_part(expect.get_mut(), true);
+                }
+            });
             build::<Run>(&header, "the scenario", &schema::RUN)
         };
         // A sweep that cannot be read hides no problem of the loops.

@@ -490,6 +490,18 @@ fn what_is_expected_in_the_wrong_place_is_shown_the_right_one() {
             "[expect.requirements]\nsafe_state = [\"R\"]\n[expect.x]",
             "`safe_state` of which loop?",
         ),
+        (
+            "[expect.requirements]\ntracking_error_millimetres_rms = [\"R\"]\n[expect.x]",
+            "`tracking_error_millimetres_rms` of which loop?",
+        ),
+        (
+            "[expect.requirements]\nbus_load_percent = [\"R\"]\n[expect.x]",
+            "`bus_load_percent` tests no requirement",
+        ),
+        (
+            "[expect.x.requirements]\nbus_load_percent = [\"R\"]\n[expect]\nbus_load_percent = { max = 1.0 }\n[expect.x]",
+            "`bus_load_percent` tests no requirement",
+        ),
         ("[controller.pid]\n[expect.x]", "`pid` of which loop?"),
     ] {
         let error = load_text(&SCENARIO.replace("[expect.x]", wrong), RIG).unwrap_err();
