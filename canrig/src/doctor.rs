@@ -47,10 +47,6 @@ struct Section {
 }
 
 impl Section {
-    fn lacks_something(&self) -> bool {
-        self.checks.iter().any(|check| check.fix.is_some())
-    }
-
     /// Returns the heading, and a line for each check with the command that repairs it.
     fn text(&self, width: usize) -> String {
         let line = |MachineCheck { what, found, fix }: &MachineCheck| {
@@ -87,8 +83,9 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
 
 /// Returns the exit code. Optional sections count only if `is_strict`.
 fn exit(sections: &[Section], is_strict: bool) -> Exit {
-    let mut deciding = sections.iter().filter(|one| one.is_needed || is_strict);
-    if deciding.any(Section::lacks_something) {
+    let deciding = sections.iter().filter(|one| one.is_needed || is_strict);
+    let mut checks = deciding.flat_map(|one| &one.checks);
+    if checks.any(|check| check.fix.is_some()) {
         Exit::BenchFailed
     } else {
         Exit::Pass

@@ -26,10 +26,3 @@ pub enum ControllerError {
     #[error("{0}")]
     Other(String),
 }
-
-impl ControllerError {
-    /// Makes the error of an object that the controller's EDS lacks.
-    pub(crate) fn no_object(index: u16) -> Self {
-        Self::Other(format!("the controller's EDS has no object 0x{index:04X}"))
-    }
-}

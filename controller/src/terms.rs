@@ -77,9 +77,9 @@ impl TermObjects {
         let first = first_term(u8::try_from(of_loop).unwrap_or(u8::MAX));
         let mut objects = Vec::new();
         for (index, laid_out) in (first..).zip(&layout) {
-            let handle = dictionary
-                .find(index, 0)
-                .map_err(|_| ControllerError::no_object(index))?;
+            let missing = format!("the controller's EDS has no object 0x{index:04X}");
+            let handle = dictionary.find(index, 0);
+            let handle = handle.map_err(|_| ControllerError::Other(missing))?;
             let is_float = dictionary.entry(handle).data_type == DataType::Real32;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];

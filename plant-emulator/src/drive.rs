@@ -19,9 +19,10 @@ use canopen::{
 };
 use dbc::loops::drive_seed;
 use scenario::Trial;
+use scenario::plant::TARGET_TORQUE;
 
+use objects::Objects;
 pub(crate) use objects::first_values;
-use objects::{Objects, TARGET_TORQUE};
 
 use crate::InvalidEmulator;
 use crate::amplifier::Amplifier;

@@ -17,8 +17,8 @@ use platform::terminal::printable;
 
 use super::nodes::state_name;
 use super::{NamesArgs, ToolBusArgs, open, seconds, stop_signal, value};
+use can::error_frames;
 use plan::data_sheet::DataSheet;
-use plan::error_frames;
 use plan::named_nodes::NamedNodes;
 use runner::console::{print_problem, print_with};
 use runner::exit::{Exit, Failure};

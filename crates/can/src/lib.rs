@@ -3,6 +3,7 @@
 //! The crate does not know sockets, clocks, or any protocol above the frame.
 #![warn(missing_docs)]
 
+pub mod error_frames;
 pub mod frame;
 pub mod frame_bits;
 mod node;

@@ -19,6 +19,7 @@ use crate::sdo_channels::SdoServers;
 use crate::sdo_server::Access;
 use crate::services::{InvalidPdo, Services};
 use crate::sync::Sync;
+use can::error_frames::{BUS_OFF, CONTROLLER, RESTARTED};
 use can::{CanFrame, Filter, frame::REMOTE_FLAG};
 use can::{Node, Progress, earlier};
 
@@ -320,9 +321,6 @@ impl<A: Application> Device<A> {
 
     /// The kernel's error messages (`linux/can/error.h`).
     fn on_error_frame(&mut self, frame: &CanFrame) {
-        const CONTROLLER: u32 = 0x004;
-        const BUS_OFF: u32 = 0x040;
-        const RESTARTED: u32 = 0x100;
         const OVERFLOW: u8 = 0x01 | 0x02;
         const PASSIVE: u8 = 0x10 | 0x20;
         const ACTIVE: u8 = 0x40;

@@ -128,7 +128,7 @@ impl SdoServer {
                 return self.transfer.receive_block_segment(request, stored);
             }
             (State::Receiving { toggle }, 0, _) => {
-                self.download_segment(request, toggle, objects)?;
+                self.download_segment(request, toggle, objects)?
             }
             (_, 1, _) => self.initiate_download(request, objects)?,
             (_, 2, _) => self.initiate_upload(request, objects)?,

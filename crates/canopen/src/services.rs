@@ -141,7 +141,8 @@ impl Services {
 
     /// Requests a TPDO, as a change of a mapped value does by itself: types 254 and 255 are packed now, or when their inhibit
     /// time has passed; type 0 goes with the next SYNC. Without effect outside Operational and for other types.
-    pub fn request_tpdo(&mut self, number: u16) {
+    #[cfg(test)]
+    pub(crate) fn request_tpdo(&mut self, number: u16) {
         let now = self.now;
         self.send_tpdos(|tpdo, dictionary| {
             if tpdo.number() != number {
@@ -181,9 +182,10 @@ impl Services {
         }
     }
 
-    /// Checks whether a change of a value may cause a TPDO without SYNC.
+    /// Checks whether a change of a value may cause a TPDO without SYNC, now or once the node is Operational.
     pub(crate) fn has_tpdos_that_follow_changes(&self) -> bool {
-        self.has_timed_pdos && self.tpdos.iter().any(Tpdo::follows_changes)
+        let is_one = |tpdo: &Tpdo| tpdo.is_event_driven() && tpdo.exists();
+        self.has_timed_pdos && self.tpdos.iter().any(is_one)
     }
 
     /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. An error that is active already is not raised again.

@@ -205,12 +205,9 @@ impl<N: Node> Faulty<N> {
         let followed = self.followed.unwrap_or_default();
         let boot = Some(self.plan.late_boot).filter(|boot| *boot > followed);
         let zero = self.scenario.zero();
-        let changes = self
-            .plan
-            .faults
-            .iter()
-            .flat_map(|fault| [fault.from, fault.until])
-            .filter_map(|change| zero?.checked_add(change));
+        let planned = self.plan.faults.iter();
+        let edges = planned.flat_map(|fault| [fault.from, fault.until]);
+        let changes = edges.filter_map(|change| zero?.checked_add(change));
         changes
             .filter(|change| *change > followed)
             .chain(boot)

@@ -53,18 +53,15 @@ impl Folder {
     fn remove_orphans(&self, place: &Path) {
         let owner = |path: &Path| Some(path.symlink_metadata().ok()?.uid());
         let user = owner(self.path());
+        let is_free = |lock: File| lock.try_lock().is_ok();
         for entry in fs::read_dir(place).into_iter().flatten().flatten() {
             let path = entry.path();
             let is_folder = entry.file_name().to_string_lossy().starts_with(PREFIX);
-            if is_folder && owner(&path) == user && is_orphan(&path) {
+            if is_folder && owner(&path) == user && File::open(path.join(LOCK)).is_ok_and(is_free) {
                 let _ = fs::remove_dir_all(path);
             }
         }
     }
-}
-
-fn is_orphan(folder: &Path) -> bool {
-    File::open(folder.join(LOCK)).is_ok_and(|lock| lock.try_lock().is_ok())
 }
 
 #[cfg(test)]

@@ -10,7 +10,6 @@
 pub mod bus_budget;
 pub mod catalogue;
 pub mod data_sheet;
-pub mod error_frames;
 pub mod loaded_drive;
 pub mod named_nodes;
 mod plan;

@@ -222,9 +222,7 @@ fn note<T: Copy + PartialEq>(
 ) {
     let last = seen.iter().rposition(|stall| stall.who == who);
     match last {
-        Some(last) if seen[last].until >= from => {
-            seen[last].until = seen[last].until.max(until);
-        }
+        Some(last) if seen[last].until >= from => seen[last].until = seen[last].until.max(until),
         _ if seen.len() < STALLS_MAX => seen.push(SeenStall { who, from, until }),
         _ => {}
     }

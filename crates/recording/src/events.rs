@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use can::CanFrame;
+use can::error_frames::{self, ErrorMessage};
 use dbc::{Database, Signal, SignalHandle, names};
-use plan::error_frames::{self, ErrorMessage};
 use platform::terminal::printable;
 use scenario::Trial;
 use scenario::disturbance::Change;

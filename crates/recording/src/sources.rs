@@ -455,9 +455,7 @@ impl SourceReader {
                 self.on_foreign_nmt(now, specifier, node)
             }
             NMT_STOP if self.has_given_up => {}
-            NMT_STOP => {
-                self.stop.get_or_insert((now, node));
-            }
+            NMT_STOP => drop(self.stop.get_or_insert((now, node))),
             _ if self.has_newcomer || self.boot_ups_left > 0 => {}
             _ => self.on_foreign_nmt(now, specifier, node),
         }

@@ -34,7 +34,9 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
         Failure::invalid(MietteDiagnostic { help, ..reason })
     };
     let shipped = shipped::scenario(path);
-    if shipped.is_none() && is_bare_name(path) {
+    // It looks like the name of a scenario that ships.
+    let is_bare_name = path.extension().is_none() && path.is_relative() && !path.exists();
+    if shipped.is_none() && is_bare_name {
         let meant = shipped::meant(&path.to_string_lossy());
         let hint = meant.map_or_else(String::new, |meant| format!("did you mean `{meant}`? "));
         let help = format!("{hint}`canrig examples` lists those that ship");
@@ -121,11 +123,6 @@ pub(crate) fn rig_text(path: &Path) -> io::Result<String> {
 fn is_program(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     ["py", "c", "sh"].iter().any(|one| extension == *one)
-}
-
-/// Returns whether a path that leads nowhere looks like the name of a scenario that ships.
-fn is_bare_name(path: &Path) -> bool {
-    path.extension().is_none() && path.is_relative() && !path.exists()
 }
 
 /// Returns whether a file is a scenario and not a rig file; both may be in one folder.

@@ -180,11 +180,6 @@ impl Range {
         (0..=last).map(|place| rounded(value(place))).collect()
     }
 
-    /// Returns the number of values, without making them.
-    fn values_total(&self) -> u64 {
-        u64::from(self.last()) + 1
-    }
-
     /// Returns the index of the last value.
     fn last(&self) -> u32 {
         let steps = match (self.count, self.step) {
@@ -230,7 +225,7 @@ impl Sweep {
     /// Returns the number of runs: points of the grid times draws.
     pub fn runs(&self) -> u64 {
         let lists = self.list.iter().map(|list| list.values.len() as u64);
-        let ranges = self.range.iter().map(Range::values_total);
+        let ranges = self.range.iter().map(|one| u64::from(one.last()) + 1);
         let draws = u64::from(self.draws.unwrap_or(1));
         lists.chain(ranges).fold(draws, u64::saturating_mul)
     }

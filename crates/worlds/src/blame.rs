@@ -4,11 +4,11 @@
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use can::error_frames;
 use canopen::emcy::{self, EmergencyMessage, ErrorCode};
 use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NmtCommand};
 use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
-use plan::error_frames;
 use plan::{ControlLoop, Plan};
 use platform::lockstep::Failure;
 use recording::capture::Capture;

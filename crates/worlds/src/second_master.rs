@@ -19,15 +19,11 @@ pub(super) struct SecondMasterWatch {
 impl SecondMasterWatch {
     /// Makes a watch for each real drive.
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
-        let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
+        let is_real = |one: &&ControlLoop| !one.is_ours(Part::Drive);
+        let real = plan.loops.iter().filter(is_real);
         Ok(Self {
             clock: plan.scenario_clock()?,
-            drives: plan
-                .loops
-                .iter()
-                .filter(is_real)
-                .map(SourceReader::new)
-                .collect(),
+            drives: real.map(SourceReader::new).collect(),
             taken: 0,
         })
     }

@@ -5,7 +5,7 @@ use canopen::object_dictionary::{DataType, Handle, Preset};
 use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
 use dbc::node_objects::{PLANT_OBJECTS, TRUE_POSITION_OBJECT};
-use scenario::plant::I2t;
+use scenario::plant::{I2t, MAX_CURRENT, MAX_TORQUE, TARGET_TORQUE, THERMAL_PROTECTION};
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
@@ -13,12 +13,8 @@ use crate::objects::{self, SIGNED_16, UNSIGNED_16};
 use crate::wires::{Published, Wires};
 
 const POSITION_ACTUAL_VALUE: u16 = 0x6064;
-pub(super) const TARGET_TORQUE: u16 = 0x6071;
-const MAX_TORQUE: u16 = 0x6072;
-const MAX_CURRENT: u16 = 0x6073;
 const TORQUE_ACTUAL_VALUE: u16 = 0x6077;
 const CURRENT_ACTUAL_VALUE: u16 = 0x6078;
-const THERMAL_PROTECTION: u16 = 0x2110;
 
 /// Handles of the drive's objects.
 #[derive(Clone, Debug)]

@@ -170,12 +170,9 @@ fn summary(requirements: &[Requirement]) -> String {
         (Some(Outcome::Inconclusive), "inconclusive"),
         (None, NEVER_TESTED),
     ];
-    let counts: Vec<String> = kinds
-        .map(|(outcome, name)| (count(outcome), name))
-        .iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, name)| format!("{count} {name}"))
-        .collect();
+    let counted = kinds.map(|(outcome, name)| (count(outcome), name));
+    let found = counted.iter().filter(|(count, _)| *count > 0);
+    let counts = Vec::from_iter(found.map(|(count, name)| format!("{count} {name}")));
     match requirements.len() {
         0 => "no scenario names a requirement".to_owned(),
         1 => format!("1 requirement: {}", counts.join(", ")),

@@ -56,6 +56,7 @@ impl Tpdo {
     }
 
     /// Returns the number, from 1.
+    #[cfg(test)]
     pub(crate) fn number(&self) -> u16 {
         self.place.number
     }
@@ -80,6 +81,7 @@ impl Tpdo {
 
     /// Requests transmission, as a change of a mapped value does by itself: at once for types 254 and 255 (after the inhibit
     /// time), at the next SYNC for type 0.
+    #[cfg(test)]
     pub(crate) fn request(&mut self) {
         self.is_requested = self.is_started;
     }
@@ -186,13 +188,8 @@ impl Tpdo {
         self.is_started && self.exists()
     }
 
-    fn exists(&self) -> bool {
+    pub(crate) fn exists(&self) -> bool {
         self.parameters.cob_id.is_some() && self.mapping.length > 0
-    }
-
-    /// Checks whether a change of a value may cause transmission without SYNC, now or once the node is Operational.
-    pub(crate) fn follows_changes(&self) -> bool {
-        self.is_event_driven() && self.exists()
     }
 
     /// Checks whether events or time cause transmission, so that it may have a deadline.

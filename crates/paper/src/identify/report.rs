@@ -291,10 +291,8 @@ fn weakest(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
 fn combination(fit: &Fit<'_>, name: &str, direction: &[f64], singular_value_metres: f64) -> String {
     let largest = direction.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
     let length = EXAMPLE_PART / largest.max(f64::MIN_POSITIVE);
-    let changes: Vec<String> = fit
-        .parameters
-        .iter()
-        .zip(direction)
+    let parts = fit.parameters.iter().zip(direction);
+    let changes: Vec<String> = parts
         .map(|(parameter, part)| format!("{} {:+.1} %", parameter.symbol, 100.0 * part * length))
         .collect();
     format!(

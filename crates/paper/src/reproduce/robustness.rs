@@ -105,7 +105,8 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         let of = format!("{label}, {} plants", kept.len());
         let limit = |max| at_most(max).filter(|_| label == ComparedLaw::SlidingMode.name());
         let [time_max, peak_max] = TARGETS;
-        let (unsettled, hunting) = (count(is_unsettled), count(hunts));
+        let unsettled = count(|run| run.metric("settling_time_seconds").is_none());
+        let hunting = count(hunts);
         evaluation.numbers.extend(
             [
                 Quantity::derived(
@@ -160,18 +161,9 @@ fn spread(sorted: &[f64], decimals: usize) -> [String; 3] {
         }
     };
     let of = |percent| quantile(sorted, percent).map_or_else(String::new, text);
-    let worst: Vec<String> = sorted
-        .iter()
-        .rev()
-        .take(WORST)
-        .map(|value| text(*value))
-        .collect();
+    let largest = sorted.iter().rev().take(WORST);
+    let worst = Vec::from_iter(largest.map(|value| text(*value)));
     [of(50), of(95), worst.join(", ")]
-}
-
-/// Returns whether the position never comes to stay in its band.
-fn is_unsettled(run: &Kept) -> bool {
-    run.metric("settling_time_seconds").is_none()
 }
 
 /// Returns whether a run hunts. A run whose swings were not seen counts as hunting.

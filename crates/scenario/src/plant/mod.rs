@@ -143,12 +143,15 @@ impl PlantModel {
 /// Name of a model that the format has, faults that have a meaning for the plant, and parameters, if they are given.
 type Table<'a> = (&'static str, &'static [&'static str], Option<&'a dyn Any>);
 
-/// Objects of a drive (CiA 402-2) that its amplifier sets.
-const TARGET_TORQUE: u16 = 0x6071;
-const MAX_TORQUE: u16 = 0x6072;
-const MAX_CURRENT: u16 = 0x6073;
+/// Commanded torque of a drive (CiA 402-2): what its amplifier gives.
+pub const TARGET_TORQUE: u16 = 0x6071;
+/// Largest commanded torque.
+pub const MAX_TORQUE: u16 = 0x6072;
+/// Largest current.
+pub const MAX_CURRENT: u16 = 0x6073;
 const MOTOR_RATED_CURRENT: u16 = 0x6075;
-const THERMAL_PROTECTION: u16 = 0x2110;
+/// I²t protection.
+pub const THERMAL_PROTECTION: u16 = 0x2110;
 
 impl Amplifier {
     /// Returns the values that the amplifier sets in the data sheet of its drive.

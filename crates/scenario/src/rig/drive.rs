@@ -203,10 +203,6 @@ impl Field {
         at_top >> self.bits_above
     }
 
-    fn end_byte(self) -> usize {
-        self.start_byte + self.length_bytes
-    }
-
     /// Returns the largest value.
     pub fn max(self) -> f64 {
         let bits = 8 * self.length_bytes - usize::from(self.is_signed);
@@ -348,8 +344,9 @@ impl DriveLayout {
 
     /// Decodes the commanded current in RPDO1; `None` for other frames, and for one that is too short.
     pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
+        let field = &self.target.field;
         let is_command = frame.standard_id() == Some(self.command.id())
-            && frame.data().len() >= self.target.field.end_byte();
+            && frame.data().len() >= field.start_byte + field.length_bytes;
         is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
     }
 

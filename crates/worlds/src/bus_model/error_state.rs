@@ -5,7 +5,7 @@ use std::time::Duration;
 use can::CanFrame;
 use can::frame::ERROR_FLAG;
 
-use plan::error_frames::{
+use can::error_frames::{
     BACK_TO_ACTIVE, BUS_OFF, CONTROLLER, RECEIVE_PASSIVE, RESTARTED, TRANSMIT_PASSIVE,
 };
 
@@ -126,7 +126,7 @@ fn idle_sequences(from: Duration, until: Duration, sequence: Duration) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plan::error_frames;
+    use can::error_frames;
 
     #[test]
     fn sixteen_errors_make_passive_and_thirty_two_bus_off() {

@@ -17,7 +17,7 @@ use super::checklist::Found::{self, Failed, Open, Passed};
 use super::observed::{Motion, QuickStop, Span};
 use crate::error::WorldError;
 use crate::played::End;
-use plan::error_frames;
+use can::error_frames;
 use plan::loaded_drive::LoadedDrive;
 use recording::capture::Capture;
 

@@ -114,7 +114,7 @@ impl Preflight {
         // A program is not there before its run, and no current flows in it.
         let is_external = |one: &&ControlLoop| {
             let drive = &one.nodes.drive.name;
-            one.is_external(Part::Drive) && !plan.shared.programs.contains_key(drive)
+            !one.is_ours(Part::Drive) && !plan.shared.programs.contains_key(drive)
         };
         let has_passed = |one: &&ControlLoop| self.passed.borrow().contains(&who(one));
         let unchecked = plan.loops.iter().filter(is_external);
@@ -125,7 +125,7 @@ impl Preflight {
         (session.report)(&PreflightEvent::Begun);
         let bit_rate = plan.shared.run.bus.bitrate_kilobits_per_second;
         session.pass(interface::checks(bus, bit_rate))?;
-        let is_led_elsewhere = |one: &&ControlLoop| one.is_external(Part::Controller);
+        let is_led_elsewhere = |one: &&ControlLoop| !one.is_ours(Part::Controller);
         if unchecked.iter().any(is_led_elsewhere) {
             let text = "left to the external controller, which leads it".to_owned();
             session.pass(vec![Check("drive", Found::Open(text))])?;

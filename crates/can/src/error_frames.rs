@@ -1,7 +1,7 @@
 //! Reports of a CAN driver about the bus itself, by the error messages of `linux/can/error.h`. The modelled bus reports in the
 //! same form.
 
-use can::CanFrame;
+use crate::CanFrame;
 
 /// Transmission timed out.
 const TRANSMIT_TIMEOUT: u32 = 0x001;
@@ -112,7 +112,7 @@ fn describe(frame: &CanFrame) -> ErrorMessage {
 
 #[cfg(test)]
 mod tests {
-    use can::frame::ERROR_FLAG;
+    use crate::frame::ERROR_FLAG;
 
     use super::*;
 
