@@ -1081,12 +1081,101 @@ fn what_would_be_judged_on_something_else_is_refused() {
         ),
         (
             &format!("{contour}{contour}from_seconds = 1.0\n"),
-            "two contours are called `a_b`",
+            "`a_b` is the name of two things",
+        ),
+        (
+            &contour.replace("\"b\"]", "\"a_b\"]"),
+            "the rig has no loop `a_b`",
         ),
     ] {
         let (code, said, _) = motors(more, &[]);
         assert!(code == Some(3) && said.contains(reason), "{said}");
     }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("idle.toml");
+    let idle = "schema = 1\nrig = \"two_axes\"\nname = \"idle\"\nduration_seconds = 1.0\n\
+        [controller.y.open_loop]\n[controller.x.pid]\n[[reference.hold]]\nloop = \"x\"\n\
+        at_seconds = 0.0\nposition_millimetres = 10.0\n";
+    let contour = contour.replace("\"a\", \"b\"", "\"x\", \"y\"");
+    fs::write(&path, format!("{idle}{contour}")).unwrap();
+    let (code, _, stderr) = output(program(&["check"]).arg(&path));
+    assert!(
+        code == Some(3) && stderr.contains("the loop `y` has no set-point"),
+        "{stderr}"
+    );
+    let rig = folder.path().join("rig.toml");
+    let empty = "schema = 1\nname = \"empty\"\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n[loop]\n";
+    fs::write(&rig, empty).unwrap();
+    let (code, _, stderr) = output(program(&["check"]).arg(&rig));
+    assert!(
+        code == Some(3) && stderr.contains("the rig has no loop"),
+        "{stderr}"
+    );
+}
+
+/// An output of an io node is a column of the loop that it disturbs, whichever loop has the other outputs of the node.
+#[test]
+fn an_output_of_an_io_node_is_a_signal_of_the_loop_that_it_disturbs() {
+    let more = "current_milliamperes = \"third.current_amperes\", more_grams = \"right.added_load_kilograms\"";
+    let change = [("current_milliamperes = \"third.current_amperes\"", more)];
+    let load = "[[disturbance.output]]\nname = \"more_grams\"\nat_seconds = 1.0\nvalue = 100.0\n";
+    let stays = |name: &str, in_loop: &str| {
+        format!("{load}[[expect.{in_loop}.signal]]\nname = \"{name}\"\nstays = {{ max = 50.0 }}\n")
+    };
+    let (code, said, _) = motors(&stays("more_grams", "b"), &change);
+    assert!(code == Some(1) && said.contains(" more_grams "), "{said}");
+    let (code, said, _) = motors(&stays("weight.more_grams", "a"), &change);
+    assert!(
+        code == Some(3) && said.contains("no signal is called `weight.more_grams`"),
+        "{said}"
+    );
+}
+
+/// The table of a run with several loops is that of each of them.
+#[test]
+fn a_signal_of_any_loop_follows_the_table_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("axes.toml");
+    let scenario = "schema = 1\nrig = \"two_axes\"\nname = \"axes\"\nduration_seconds = 1.0\n[controller.all.pid]\n\
+        [[reference.hold]]\nloop = \"x\"\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+        [[reference.hold]]\nloop = \"y\"\nat_seconds = 0.0\nposition_millimetres = 20.0\n";
+    fs::write(&path, scenario).unwrap();
+    let runs = folder.path().join("runs");
+    output(canrig(&runs, "simulate").arg(&path));
+    let table = only_run(&runs).join("signals.csv");
+    fs::copy(table, folder.path().join("golden.csv")).unwrap();
+    let follows = "[[expect.all.signal]]\nname = \"position_millimetres\"\n\
+        follows = { file = \"golden.csv\", tolerance = 0.1 }\n";
+    fs::write(&path, format!("{scenario}{follows}")).unwrap();
+    let again = folder.path().join("again");
+    let (code, stdout, stderr) = output(canrig(&again, "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+/// The bus is judged as long as one of its loops: what one of them missed is the row of the run.
+#[test]
+fn a_limit_of_the_bus_that_one_loop_missed_is_shown_as_missed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("stops.toml");
+    let hold = |name: &str| {
+        format!(
+            "[[reference.hold]]\nloop = \"{name}\"\nat_seconds = 0.0\nposition_millimetres = 10.0\n"
+        )
+    };
+    let scenario = format!(
+        "schema = 1\nrig = \"two_axes\"\nname = \"stops\"\nduration_seconds = 3.0\n[controller.all.pid]\n{}{}\
+         [[fault.node.crash]]\nnode = \"controller\"\nfrom_seconds = 2.0\n\
+         [expect]\nsync_interval_milliseconds_max = {{ max = 3.0 }}\n[expect.x]\njudged_until_seconds = 1.0\n",
+        hold("x"),
+        hold("y")
+    );
+    fs::write(&path, scenario).unwrap();
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    let verdict = verdict(&only_run(&runs));
+    let met = is_met(&verdict, "sync_interval_milliseconds_max");
+    assert_eq!(met, Some(false), "{verdict}");
 }
 
 /// A drive that publishes the temperature of another plant does not know that of its own.
@@ -1122,6 +1211,19 @@ fn what_is_demanded_of_all_drives_holds_for_a_further_drive() {
             Some(false)
         );
     }
+    let limits = "[expect]\ncurrent_amperes_rms = { max = 0.3 }\nmissed_cycles_percent = { max = 1.0 }\n\
+        [expect.requirements]\ncurrent_amperes_rms = [\"REQ-7\"]\n\
+        [[fault.node.hang]]\nnode = \"extensor\"\nfrom_seconds = 1.0\nuntil_seconds = 1.3\n";
+    let hung = played("hung", limits);
+    let row = |name: &str| {
+        let mut rows = hung["metrics"].as_array().unwrap().iter();
+        rows.find(|row| row["name"] == name).unwrap()
+    };
+    for drive in ["angle", "extensor"] {
+        let row = row(&format!("{drive}.current_amperes_rms"));
+        assert_eq!(row["requirements"][0], "REQ-7", "{row}");
+    }
+    assert_eq!(is_met(&hung, "extensor.missed_cycles_percent"), Some(false));
     let crash = "[expect]\nsafe_state = true\n[[fault.node.crash]]\nfrom_seconds = 1.0\nnode = ";
     let verdict = played("flexor", &format!("{crash}\"flexor\"\n"));
     assert_eq!(is_met(&verdict, "angle.safe_state"), Some(true));

@@ -547,7 +547,7 @@ impl<'a> Evidence<'a> {
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Absence> {
         let one = self.control_loop;
         // An external drive publishes no truth.
-        let is_external = one.is_external(Part::Drive);
+        let is_external = !one.is_ours(Part::Drive);
         let path = one.names().find(name).map_err(|objection| {
             let unavailable = is_external.then(Absence::only_emulated);
             unavailable.unwrap_or_else(|| objection.message.into())

@@ -19,8 +19,10 @@ pub fn expected_rows(plan: &Plan, is_timed: bool) -> Vec<ExpectedRow> {
     });
     let of_contours = plan.shared.contours.iter().flat_map(Contour::rows);
     let limited = of_contours.filter(|row| row.limit.is_some());
-    let timing = plan.shared.run.expect.timing_rows();
-    let timing = timing.filter(|_| is_timed);
+    let of_run = &plan.shared.run.expect;
+    let timing = of_run.timing.limits().filter(|_| is_timed);
+    let named = of_run.timing.rows().zip(timing);
+    let timing = named.map(|(row, (_, limit))| of_run.row(row, Some(limit)));
     each_once(of_loops.chain(limited).chain(timing))
 }
 
@@ -63,7 +65,13 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
             } else if !is_bus_metric(&metric.name) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
-            } else if !shared.iter().any(|one| one.name == metric.name) {
+            } else if let Some(known) = shared.iter_mut().find(|one| one.name == metric.name) {
+                // That a limit was missed counts more than that it is open or met.
+                let rank = |row: &Metric| [row.passed != Some(false), row.passed.is_some()];
+                if rank(&metric) < rank(known) {
+                    *known = metric;
+                }
+            } else {
                 shared.push(metric);
             }
         }

@@ -36,7 +36,9 @@ static MEASURES: &[(&str, Measure)] = &[
     ("missed_commands_percent", duties::missed_commands),
     ("late_commands_percent", duties::late_commands),
     ("sync_period_error_percent", duties::sync_period_error),
-    ("bus_load_percent", bus_load),
+    ("bus_load_percent", |evidence| {
+        traffic(evidence.timeline.bus_load_percent)
+    }),
     ("sync_interval_milliseconds_max", sync_interval),
     ("temperature_celsius", reactions::temperature_max),
     ("no_event", reactions::unwanted_events),
@@ -146,10 +148,6 @@ fn current_rms(evidence: &Evidence<'_>) -> Measurement {
     }
     let squares = rows().map(|(_, current)| current.powi(2));
     Ok(mean(squares)?.sqrt().into())
-}
-
-fn bus_load(evidence: &Evidence<'_>) -> Measurement {
-    traffic(evidence.timeline.bus_load_percent)
 }
 
 fn sync_interval(evidence: &Evidence<'_>) -> Measurement {

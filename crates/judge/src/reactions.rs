@@ -284,10 +284,10 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
         && !io_node_drives_current(evidence)
 }
 
-/// Returns whether the last command to an io node lets a current flow.
+/// Returns whether the last command to an io node lets a current flow through a plant of the loop.
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     let one = evidence.control_loop;
-    let io = one.nodes.io.iter();
+    let io = one.trial.wiring.io_nodes();
     let commands = Vec::from_iter(io.map(|io| names::message(&io.name, names::RPDO1)));
     let messages = one.columns();
     let mut signals = messages
@@ -297,7 +297,7 @@ fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
         let column = evidence.timeline.column(&name);
         let last = column.and_then(|column| column.values.last());
         let flows = last.is_some_and(|value| !value.is_nan() && value != 0.0);
-        signal.unit.ends_with('A') && flows
+        signal.unit.ends_with(['A', 'V']) && flows
     })
 }
 

@@ -197,8 +197,9 @@ impl Plan {
     pub fn admits_faults(&self) -> Result<(), String> {
         for one in &self.loops {
             let faults = one.trial.loop_faults();
-            // This order is given over the bus and reaches any node.
-            let mut happening = faults.filter(|fault| fault.kind.actor != Actor::Message);
+            // The others happen on the bus, and reach any node.
+            let of_nodes = [Actor::Node, Actor::Process];
+            let mut happening = faults.filter(|fault| of_nodes.contains(&fault.kind.actor));
             // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
             let node = |fault: &Fault| {
                 if fault.kind.group == Group::Node && fault.is_at_controller() {
@@ -294,7 +295,7 @@ fn compose(plan: &Plan) -> Database {
     let composer = loops.iter().fold(composer, |composer, one| {
         let (real, wiring) = (one.real_drive.as_deref(), &one.trial.wiring);
         let published = &one.frames.published;
-        published.compose(composer, wiring, real, one.is_ours(Part::Drive))
+        published.compose(composer, wiring, real, [one.is_ours(Part::Drive), false])
     });
     let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
@@ -334,19 +335,14 @@ impl ControlLoop {
 
     /// Makes a loop of a recording with this database.
     fn from_recording(trial: Trial, database: &Arc<Database>) -> Self {
-        let frames = Frames::new(Published::default(), Arc::clone(database), &trial.wiring);
+        let frames = Frames::new(Published::default(), Arc::clone(database));
         Self::with_frames(trial, frames)
     }
 
-    /// Checks whether the node with a part in the loop is external.
-    pub fn is_external(&self, part: Part) -> bool {
-        let node = self.nodes.of(part);
-        node.is_some_and(|node| self.external.contains(&node.id))
-    }
-
-    /// Checks whether canrig plays the node with a part in the loop.
+    /// Checks whether canrig plays the node with a part in the loop; else it is external.
     pub fn is_ours(&self, part: Part) -> bool {
-        !self.is_external(part)
+        let node = self.nodes.of(part);
+        node.is_none_or(|node| !self.external.contains(&node.id))
     }
 
     /// Returns the io nodes of the loop that are on the bus: the emulator's, or real ones.
@@ -446,7 +442,9 @@ impl ControlLoop {
     /// Returns the name, in the loop, of a signal of one of its messages.
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
         let has = |node: &&Node| messages_of(&self.database, node).any(|one| one == message);
-        name_in_loop(signal, self.nodes.all().find(has), &self.trial.wiring)
+        let wiring = &self.trial.wiring;
+        let mut nodes = self.nodes.all().chain(wiring.io_nodes());
+        name_in_loop(signal, nodes.find(has), wiring)
     }
 
     /// Returns the signals of an emulated plant that its drive publishes, without the true position.
@@ -458,9 +456,13 @@ impl ControlLoop {
         signals.filter(move |signal| signal.name != measured)
     }
 
-    /// Checks whether a message belongs to its drive, its io node or its law.
-    pub fn owns(&self, message: &str) -> bool {
-        let nodes = [&self.nodes.drive].into_iter().chain(&self.nodes.io);
+    /// Checks whether a signal of a message belongs to its drive, its io nodes or its law.
+    pub fn owns(&self, message: &str, signal: &str) -> bool {
+        let wiring = &self.trial.wiring;
+        let io = wiring
+            .io_nodes()
+            .filter(|io| wiring.has_signal(Some(io), signal));
+        let nodes = [&self.nodes.drive].into_iter().chain(io);
         let messages = nodes.flat_map(|node| messages_of(&self.database, node));
         let controller = &self.nodes.controller.name;
         let terms = self.database.term_messages(controller, self.name());
@@ -493,6 +495,6 @@ impl ControlLoop {
 
     /// Returns all names of all signals.
     pub fn names(&self) -> &SignalNames {
-        self.frames.names()
+        self.frames.names(&self.trial.wiring)
     }
 }

@@ -338,6 +338,7 @@ mod tests {
                     "added_load_grams".to_owned(),
                     "joint.brake_newtons".to_owned()
                 )]),
+                here: BTreeSet::new(),
             }))
             .unwrap(),
             "node.module.outputs.added_load_grams: `added_load_grams` is in grams, and `brake_newtons` is not: it is in newtons: call the output like the port, `brake_newtons`"

@@ -36,7 +36,8 @@ impl SignalNames {
             aliases.extend(names.map(|name| (name, path.clone())));
         };
         let mut add_message = |message: &Message, node: Option<&Node>| {
-            for signal in &message.signals {
+            let signals = message.signals.iter();
+            for signal in signals.filter(|signal| wiring.has_signal(node, &signal.name)) {
                 let mut names = vec![name_in_loop(signal, node, wiring)];
                 if names[0] != signal.name && node.is_some_and(|node| node.part == Part::Io) {
                     names.push(signal.name.clone());
@@ -54,7 +55,12 @@ impl SignalNames {
             let message = database.message(message).into_iter();
             message.for_each(|message| add_message(message, None));
         }
-        for node in nodes.all() {
+        let all = || {
+            [&nodes.controller, &nodes.drive]
+                .into_iter()
+                .chain(wiring.io_nodes())
+        };
+        for node in all() {
             messages_of(database, node).for_each(|message| add_message(message, Some(node)));
         }
         let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
@@ -62,8 +68,9 @@ impl SignalNames {
         for (message, signal) in followed(database, wiring) {
             add(message, signal, vec![signal.name.clone()]);
         }
-        let objects = nodes.all().flat_map(|node| {
-            let entries = objects[&node.id].entries().iter();
+        let objects = all().flat_map(|node| {
+            let known = objects[&node.id].entries().iter();
+            let entries = known.filter(|entry| wiring.has_signal(Some(node), &entry.name));
             entries.flat_map(|entry| [entry.name.clone(), format!("{}.{}", node.name, entry.name)])
         });
         Self {
@@ -113,7 +120,7 @@ impl SignalNames {
     pub(crate) fn objections(trial: &Trial, frames: &Frames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
-            let objection = frames.names().find(name).err()?;
+            let objection = frames.names(&trial.wiring).find(name).err()?;
             Some(Objection { path, ..objection })
         });
         wrong.collect()
@@ -127,14 +134,11 @@ fn objects_of_nodes(
     published: &Published,
 ) -> BTreeMap<u8, ObjectDictionary> {
     let LoopNodes {
-        controller,
-        drive,
-        io,
-        ..
+        controller, drive, ..
     } = &wiring.nodes;
     let mut loops = vec![Default::default(); usize::from(wiring.loop_number())];
     loops.push((published.terms.clone(), wiring.identifiers.terms));
-    let io = io.iter().map(|io| {
+    let io = wiring.io_nodes().map(|io| {
         let outputs = published.outputs_of(wiring, io).iter();
         let outputs = outputs.map(IoOutput::in_sheet);
         (io.id, node_objects::io(io.id, outputs, controller.id))

@@ -16,6 +16,7 @@ use crate::controller::drives_led_by;
 use crate::disturbance::{Change, Disturbance};
 use crate::document::Document;
 use crate::error::Problem;
+use crate::expect::Expect;
 use crate::nearest::meant_or_known;
 use crate::port::{Command, Measurand, UNIT, conversion};
 use crate::reference::Reference;
@@ -91,7 +92,8 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     disturbances(check, trial);
     limits(check, trial);
     signals::check(check, trial);
-    requirements::check(check, &trial.expect, &trial.wiring.feedback.measurand);
+    let expects = [&trial.expect, &trial.run.expect];
+    requirements::check(check, expects, &trial.wiring.feedback.measurand);
 }
 
 /// Checks the facts that all loops share.
@@ -99,7 +101,8 @@ pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
     name(check, "name", &run.name);
     requirements::names(check, "requirements", &run.requirements);
     limits::of_bus(check, &run.expect);
-    requirements::check(check, &run.expect, &Measurand::default());
+    let expects = [&run.expect, &Expect::default()];
+    requirements::check(check, expects, &Measurand::default());
     faults(check, &run.faults, run.duration_seconds);
 }
 

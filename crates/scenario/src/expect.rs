@@ -111,12 +111,6 @@ impl Expect {
         metrics.filter_map(|metric| Some((metric, self.limit(metric.name)?)))
     }
 
-    /// Returns the rows on the timing of a run in real time.
-    pub fn timing_rows(&self) -> impl Iterator<Item = ExpectedRow> {
-        let limits = self.timing.rows().zip(self.timing.limits());
-        limits.map(|(row, (_, limit))| self.row(row, Some(limit)))
-    }
-
     /// Returns the row of a metric.
     pub fn row(&self, name: String, limit: Option<Limit>) -> ExpectedRow {
         let requirements = self.requirements.get(&name).cloned().unwrap_or_default();

@@ -29,7 +29,9 @@ pub enum Subject {
     Position,
     /// Current of the drive.
     Current,
-    /// Cycles of the loop. Their metrics have a value of any recording, however early it ends.
+    /// Cycles of the drive. Their metrics have a value of any recording, however early it ends.
+    Drive,
+    /// Commands of the controller and its SYNC, as those of the drive.
     Cycles,
     /// The whole bus, which all loops share; its metrics have a value as those of the cycles have.
     Bus,
@@ -168,6 +170,7 @@ pub static METRICS: &[Metric] = &[
     },
     Metric {
         name: "missed_cycles_percent",
+        subject: Subject::Drive,
         default_max: Some(1.0),
         text: "Share of the cycles in which the drive sent no position.",
         ..CYCLES
@@ -272,7 +275,8 @@ impl Metric {
 
     /// Checks whether it measures the traffic on the bus. Such a metric has a value of a run that broke off, too.
     pub fn is_traffic_metric(&self) -> bool {
-        matches!(self.subject, Subject::Cycles | Subject::Bus)
+        let of_traffic = [Subject::Drive, Subject::Cycles, Subject::Bus];
+        of_traffic.contains(&self.subject)
     }
 
     /// Returns the table of the file that the metric needs and the scenario lacks; a fault is not considered.

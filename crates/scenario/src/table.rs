@@ -46,8 +46,16 @@ pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Pro
 }
 
 /// Reads the course of a signal, one column of a table next to its `time_seconds`, as [`parse`]; rows without a value are left
-/// out.
-pub(crate) fn parse_course(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
+/// out. A table of several loops has the column under its name with the loop's, `in_loop`.
+pub(crate) fn parse_course(
+    name: &str,
+    text: &str,
+    [column, in_loop]: [&str; 2],
+) -> Result<Rows, Problem> {
+    let of_loop = Reader::new(name, text, in_loop);
+    if of_loop.columns().contains(&in_loop) {
+        return of_loop.named_columns();
+    }
     Reader::new(name, text, column).named_columns()
 }
 

@@ -96,7 +96,8 @@ impl Trial {
     /// Returns the faults of its drive, and of the plant that the drive moves.
     pub fn drive_faults(&self) -> Faults {
         let Wiring { nodes, plant, .. } = &self.wiring;
-        self.run.faults.at_drive(nodes.drive.id, plant)
+        let faults = &self.run.faults;
+        faults.only(|fault| fault.is_at_drive(nodes.drive.id, plant))
     }
 
     /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's

@@ -133,6 +133,23 @@ impl Wiring {
         plant.is_none_or(|plant| self.touched.is_empty() || self.touched.contains(plant))
     }
 
+    /// Returns the io nodes whose commands are recorded in its loop, and those with outputs that disturb it.
+    pub fn io_nodes(&self) -> impl Iterator<Item = &Node> {
+        let others = self.io.iter().filter(|io| !io.here.is_empty());
+        let others = others.map(|io| &io.node);
+        let io = &self.nodes.io;
+        io.iter().chain(others.filter(|node| !io.contains(node)))
+    }
+
+    /// Checks whether a signal of a node is one of its loop: outputs of an io node are those of the loop that they disturb.
+    pub fn has_signal(&self, node: Option<&Node>, signal: &str) -> bool {
+        let io = self.io.iter().find(|io| Some(&io.node) == node);
+        io.is_none_or(|io| {
+            let is_output = io.outputs.contains_key(signal) || kind_of_output(signal).is_some();
+            io.here.contains(signal) || !is_output && self.nodes.io.contains(&io.node)
+        })
+    }
+
     /// Returns the number of cycles from one publication of the truth about its plant to the next.
     pub fn truth_every_cycles(&self) -> u8 {
         self.truth_every_cycles.unwrap_or(1)
@@ -268,6 +285,8 @@ pub struct IoWiring {
     pub node: Node,
     /// Inputs on which its outputs act, by the names of the outputs.
     pub outputs: BTreeMap<String, String>,
+    /// Outputs that are disturbances of the loop, and its columns.
+    pub here: BTreeSet<String>,
 }
 
 impl IoWiring {

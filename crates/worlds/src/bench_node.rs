@@ -57,7 +57,7 @@ impl BenchNode {
         frames.extend(stop_orders(&plan.shared.run.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         let loops = plan.loops.iter();
-        let real_drives = loops.filter(|one| one.is_external(Part::Drive));
+        let real_drives = loops.filter(|one| !one.is_ours(Part::Drive));
         Ok(Self {
             clock: plan.scenario_clock()?,
             frames: frames.into(),

@@ -9,20 +9,22 @@ use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{InvalidEmulator, catalogue};
 use scenario::ControllerView;
 use scenario::fault::Actor;
+use scenario::node::Part;
 
 use crate::error::WorldError;
 use crate::law_process::LawPlace;
 use crate::names::emulator_name;
 use crate::programs::faults_at;
-use plan::Plan;
 use plan::loaded_drive::LoadedDrive;
+use plan::{ControlLoop, Plan};
 
 /// Makes the emulator of this name: plants with the drives of all loops that it emulates.
 ///
 /// # Errors
 /// If the plant cannot be emulated.
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
-    let drives = plan.loops.iter().filter(|one| emulator_name(one) == name);
+    let is_its = |one: &&ControlLoop| one.is_ours(Part::Drive) && emulator_name(one) == name;
+    let drives = plan.loops.iter().filter(is_its);
     let loops = Vec::from_iter(drives.map(|one| &one.trial));
     match catalogue::joint_emulator(&loops, plan.database()) {
         Ok(emulator) => Ok(Box::new(emulator)),

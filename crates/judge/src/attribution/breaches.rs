@@ -33,7 +33,7 @@ impl Duty {
 
     /// Returns whether an external node has the duty.
     pub(crate) fn is_of_external(self, one: &ControlLoop) -> bool {
-        one.is_external(self.node())
+        !one.is_ours(self.node())
     }
 
     /// Returns the name in `verdict.json`, which is also what is missing after a breach.

@@ -15,7 +15,8 @@ const NEARLY: f64 = 0.1;
 /// Opens the limits that stalls explain. Returns the reason, if there are any.
 pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Option<String> {
     let longest = evidence.longest_stall()?;
-    let percent = evidence.attribution.cycles.percent_by_host();
+    let cycles = &evidence.attribution.cycles;
+    let percent = cycles.share_percent(cycles.by_host);
     let busy = (percent > HOST_PERCENT_MAX).then(|| {
         format!(
             "{percent:.2} % of the cycles were missed because of stalls (limit {HOST_PERCENT_MAX} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",

@@ -198,7 +198,7 @@ impl<'a> Attribution<'a> {
         });
         let lost = lost
             .next()
-            .filter(|_| self.is_real_time && !self.control_loop.is_external(node))?;
+            .filter(|_| self.is_real_time && self.control_loop.is_ours(node))?;
         Some(self.stood_in(node, lost.due_seconds, lost.back_seconds))
     }
 
@@ -356,10 +356,6 @@ impl Totals {
         } else {
             self.all - self.by_host
         })
-    }
-
-    pub(crate) fn percent_by_host(&self) -> f64 {
-        self.share_percent(self.by_host)
     }
 
     /// Returns the duties that nodes broke too often for a limit: each with its share of the cycles and the time of the first

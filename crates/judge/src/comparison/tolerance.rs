@@ -87,12 +87,6 @@ impl Scale {
     }
 }
 
-/// Checks whether a row of a verdict is a metric in the unit of what its loop measures.
-fn is_in_unit_of_loop(row: &str, measurand: &Measurand) -> bool {
-    let mut metrics = METRICS.iter().filter(|metric| metric.name.contains(UNIT));
-    metrics.any(|metric| measurand.name(metric.name) == row)
-}
-
 /// Tolerances of a comparison.
 pub struct Tolerances<'a> {
     /// Tolerances that the user gave; the last one for the same name counts.
@@ -160,12 +154,14 @@ impl Tolerances<'_> {
     fn position_metric_default(&self, name: &str) -> Option<f64> {
         let scales = self.scales.iter();
         let ranges = scales.filter(|scale| {
-            let in_loop = name
-                .strip_prefix(&scale.prefix)
-                .map(|in_loop| in_loop.strip_prefix(TRUE).unwrap_or(in_loop));
-            let is_contour = name.contains(CONTOUR);
-            is_contour && name.contains(scale.measurand.unit.word())
-                || in_loop.is_some_and(|in_loop| is_in_unit_of_loop(in_loop, &scale.measurand))
+            let of_loop = name.strip_prefix(&scale.prefix);
+            let in_loop = of_loop.map(|row| row.strip_prefix(TRUE).unwrap_or(row));
+            let contour = format!("{CONTOUR}{}_", scale.measurand.unit.word());
+            name.contains(&contour)
+                || METRICS.iter().any(|metric| {
+                    let is_in_unit = metric.name.contains(UNIT);
+                    is_in_unit && in_loop == Some(scale.measurand.name(metric.name).as_str())
+                })
         });
         let range = ranges.map(|scale| scale.range).reduce(f64::max);
         range.map(|range| METRIC_SHARE_OF_RANGE * range)
@@ -174,17 +170,13 @@ impl Tolerances<'_> {
     pub(super) fn for_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
         self.given(name).unwrap_or_else(|| {
             let parts: Vec<&str> = name.split(['_', ' ']).collect();
-            let default = METRIC_TOLERANCES
-                .iter()
-                .find(|(unit, _)| parts.contains(unit))
-                .map(|(_, tolerance)| *tolerance);
-            let default = self.position_metric_default(name).or(default);
-            let largest = values
-                .into_iter()
-                .flatten()
-                .map(f64::abs)
-                .fold(0.0, f64::max);
-            f64::max(default.unwrap_or(PLAIN_TOLERANCE), METRIC_SHARE * largest)
+            let mut by_unit = METRIC_TOLERANCES.iter();
+            let of_unit = by_unit.find(|(unit, _)| parts.contains(unit));
+            let default = self.position_metric_default(name);
+            let default = default.or(of_unit.map(|(_, tolerance)| *tolerance));
+            let sizes = values.into_iter().flatten().map(f64::abs);
+            let share = METRIC_SHARE * sizes.fold(0.0, f64::max);
+            f64::max(default.unwrap_or(PLAIN_TOLERANCE), share)
         })
     }
 }

@@ -125,8 +125,13 @@ impl Plan {
             return Err(scenario.objected(objection));
         }
         let mut trials = scenario.loops.iter();
+        // A real drive keeps values of its node.
+        let has_real = self.loops.iter().any(|one| one.real_drive.is_some());
         let is_on_same_bus = scenario.shared.run.bus == self.shared.run.bus;
-        if !is_on_same_bus || trials.any(|trial| self.frames_shared_with(trial).is_none()) {
+        if has_real
+            || !is_on_same_bus
+            || trials.any(|trial| self.frames_shared_with(trial).is_none())
+        {
             return planned(&scenario, catalogue);
         }
         let (shared, loops) = (scenario.shared, self.loops.clone());
@@ -210,7 +215,7 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
     };
     let plan = named(scenario, alone)?;
     let mut loops = plan.loops.iter();
-    match loops.find_map(|one| two_columns(&one.frames)) {
+    match loops.find_map(|one| two_columns(&one.frames, &one.trial.wiring)) {
         Some(objection) => Err(objection),
         None => checked(plan.composed()),
     }
@@ -234,7 +239,7 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
-    let frames = Frames::new(Published::default(), Arc::clone(database), wiring);
+    let frames = Frames::new(Published::default(), Arc::clone(database));
     SignalNames::objections(trial, &frames)
 }
 

@@ -114,7 +114,7 @@ fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
 
 fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
-    let is_external = |one: RunLoop<'_>| one.control_loop.is_external(Part::Drive);
+    let is_external = |one: RunLoop<'_>| !one.control_loop.is_ours(Part::Drive);
     html! {
         h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }

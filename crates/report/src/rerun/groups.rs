@@ -47,63 +47,57 @@ pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Styles of signals, by the beginnings of their names or of the patterns of these.
 const STYLES: [(&str, Style<'static>); 21] = [
-    ("set_point_", style_of(MEASURED, "set-point", ORANGE)),
-    ("{signal}_", style_of(MEASURED, "measured", SKY)),
-    ("true_{signal}_", style_of(MEASURED, "true", GREEN)),
+    ("set_point_", look(MEASURED, "set-point", ORANGE)),
+    ("{signal}_", look(MEASURED, "measured", SKY)),
+    ("true_{signal}_", look(MEASURED, "true", GREEN)),
     (
         "reference_{signal}_",
-        style_of(MEASURED, "filtered reference", PINK),
+        look(MEASURED, "filtered reference", PINK),
     ),
-    ("error_", style_of("error", "set-point − measured", SKY)),
-    (
-        "target_{command}_",
-        style_of(COMMANDED, "commanded", ORANGE),
-    ),
-    ("{command}_", style_of(COMMANDED, "measured", SKY)),
-    ("wire_temperature_", style_of("temperature", "true", GREEN)),
-    (
-        "winding_temperature_",
-        style_of("temperature", "true", GREEN),
-    ),
-    ("motor_speed_", style_of(MOTOR_SPEED, "true", GREEN)),
-    ("spring_force_", style_of(SPRING_FORCE, "true", GREEN)),
+    ("error_", look("error", "set-point − measured", SKY)),
+    ("target_{command}_", look(COMMANDED, "commanded", ORANGE)),
+    ("{command}_", look(COMMANDED, "measured", SKY)),
+    ("wire_temperature_", look("temperature", "true", GREEN)),
+    ("winding_temperature_", look("temperature", "true", GREEN)),
+    ("motor_speed_", look(MOTOR_SPEED, "true", GREEN)),
+    ("spring_force_", look(SPRING_FORCE, "true", GREEN)),
     (
         "estimated_temperature_",
-        style_of("temperature", "estimated", PINK),
+        look("temperature", "estimated", PINK),
     ),
     (
         "martensite_fraction",
-        style_of("martensite_fraction", "true", GREEN),
+        look("martensite_fraction", "true", GREEN),
     ),
     (
         "estimated_martensite_fraction",
-        style_of("martensite_fraction", "estimated", PINK),
+        look("martensite_fraction", "estimated", PINK),
     ),
     (
         "sliding_variable",
-        style_of(SLIDING_VARIABLE, "sliding variable", SKY),
+        look(SLIDING_VARIABLE, "sliding variable", SKY),
     ),
-    ("equivalent_part_", style_of(LAW, "equivalent part", ORANGE)),
-    ("switching_part_", style_of(LAW, "switching part", SKY)),
+    ("equivalent_part_", look(LAW, "equivalent part", ORANGE)),
+    ("switching_part_", look(LAW, "switching part", SKY)),
     (
         "scenario_convection_factor",
-        style_of(DISTURBANCE, "convection factor, scenario", GREY),
+        look(DISTURBANCE, "convection factor, scenario", GREY),
     ),
     (
         "convection_factor",
-        style_of(DISTURBANCE, "convection factor, bus", YELLOW),
+        look(DISTURBANCE, "convection factor, bus", YELLOW),
     ),
     (
         "scenario_added_load_",
-        style_of(DISTURBANCE, "added load (g), scenario", GREY),
+        look(DISTURBANCE, "added load (g), scenario", GREY),
     ),
     (
         "added_load_",
-        style_of(DISTURBANCE, "added load (g), bus", ORANGE),
+        look(DISTURBANCE, "added load (g), bus", ORANGE),
     ),
 ];
 
-const fn style_of<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
+const fn look<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
         group,
         label,
@@ -149,7 +143,7 @@ pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
                 "" => title.to_owned(),
                 unit => format!("{title} ({unit})"),
             },
-            style: style_of(&signal.name, label, colour),
+            style: look(&signal.name, label, colour),
         }
     });
     view.collect()
@@ -181,7 +175,7 @@ pub(super) fn style<'a>(
     }
     let is_disturbed = || disturbed.iter().any(|output| name.ends_with(output));
     let drawn = known(name, measurand).filter(|style| style.group != DISTURBANCE || is_disturbed());
-    drawn.unwrap_or(style_of(OTHER, "", GREY))
+    drawn.unwrap_or(look(OTHER, "", GREY))
 }
 
 /// Returns the groups that a run will have, before its first frame.

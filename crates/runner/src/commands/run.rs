@@ -190,7 +190,7 @@ impl<'a> RunTestbed<'a> {
             Ok(plan) => plan,
             Err(exit) => return Ok(exit),
         };
-        let has_drive = |one: &ControlLoop| one.is_external(Part::Drive);
+        let has_drive = |one: &ControlLoop| !one.is_ours(Part::Drive);
         if !plan.loops.iter().any(has_drive) {
             return Err(Exit::Usage.because(NOTHING_TO_CHECK));
         }

@@ -146,13 +146,14 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
     let several = if loops.len() > 1 { loops } else { &[] };
     let places = [None].into_iter().chain(several.iter().map(Some));
     let signals = places.flat_map(|place| {
-        let is_here = move |message: &&Message| match place {
-            Some(one) => one.owns(&message.name),
-            None => several.iter().all(|one| !one.owns(&message.name)),
+        let is_here = move |(message, signal): &(&Message, &Signal)| {
+            let is_of = |one: &ControlLoop| one.owns(&message.name, &signal.name);
+            place.map_or_else(|| !several.iter().any(is_of), is_of)
         };
-        let messages = database.messages().iter().filter(is_here);
+        let messages = database.messages().iter();
         let sent = messages
-            .flat_map(|message| message.signals.iter().map(move |signal| (message, signal)));
+            .flat_map(|message| message.signals.iter().map(move |signal| (message, signal)))
+            .filter(is_here);
         let followed = place.into_iter().flat_map(ControlLoop::followed);
         sent.chain(followed)
             .map(move |(message, signal)| ListedSignal::of(place, message, signal))

@@ -71,7 +71,7 @@ pub(crate) fn faults_of_loops(
     };
     let sensors = faults.in_group(Group::Sensor);
     for fault in sensors.filter(|fault| fault.kind.name == "lost_bits") {
-        let bits = loop_at(fault).and_then(|one| one.sensor.resolution_bits);
+        let bits = loop_at(fault).map(|one| one.sensor.resolution_bits());
         let mask = fault.whole("mask").unwrap_or_default();
         if let Some(bits) = bits.filter(|bits| mask % (1 << bits) == 0) {
             let (path, message) = (format!("{}.mask", fault.path()), "no bit is lost");

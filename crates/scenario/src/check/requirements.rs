@@ -12,12 +12,15 @@ use crate::port::Measurand;
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;
 
-/// Checks the requirements of a loop's metrics, or of the limits on the bus.
-pub(super) fn check(check: &mut Check<'_>, expect: &Expect, measurand: &Measurand) {
-    let metrics = expect
-        .limits()
-        .map(|(metric, _)| measurand.name(metric.name));
-    let given = Vec::from_iter(metrics.chain(expect.timing.rows()));
+/// Checks the requirements of a loop's metrics, or of the limits on the bus. The second expectations are those of the other, which a
+/// misspelt name may mean.
+pub(super) fn check(check: &mut Check<'_>, expects: [&Expect; 2], measurand: &Measurand) {
+    let given = expects.into_iter().flat_map(|one| {
+        let metrics = one.limits();
+        let metrics = metrics.map(|(metric, _)| measurand.name(metric.name));
+        metrics.chain(one.timing.rows())
+    });
+    let (given, [expect, _]) = (Vec::from_iter(given), expects);
     for (key, requirements) in &expect.requirements {
         let path = format!("expect.requirements.{key}");
         check.add(undemanded(check.document, &path, key, &given));
@@ -37,7 +40,7 @@ fn undemanded(document: &Document<'_>, path: &str, key: &str, given: &[String]) 
     let message = format!("`{key}` tests no requirement, since it has no limit");
     let problem = document.key_problem(path, message, label);
     Some(match given {
-        [] => problem.with_help("[expect] has no limit"),
+        [] => problem,
         given => problem.with_help(format!("limits are on: {}", given.join(", "))),
     })
 }

@@ -157,12 +157,8 @@ impl Faults {
         self.only(|fault| fault.node.as_ref().is_some_and(|node| node.id == node_id))
     }
 
-    /// Returns the faults of the drive with this node-ID, and of the plant that it moves.
-    pub fn at_drive(&self, node_id: u8, plant: &str) -> Self {
-        self.only(|fault| fault.is_at_drive(node_id, plant))
-    }
-
-    fn only(&self, is_one: impl Fn(&Fault) -> bool) -> Self {
+    /// Returns those faults that fulfil a condition.
+    pub(crate) fn only(&self, is_one: impl Fn(&Fault) -> bool) -> Self {
         Self(self.iter().filter(|fault| is_one(fault)).cloned().collect())
     }
 

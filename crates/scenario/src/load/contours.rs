@@ -15,11 +15,13 @@ use crate::nearest::meant_or_known;
 use crate::port::{Measurand, Unit};
 use crate::rig::nodes::Rig;
 use crate::schema;
+use crate::trial::Trial;
 
 /// Reads `[[expect.contour]]`.
 pub(super) fn read_contours(
     scenario: &Document<'_>,
     rig: &Rig,
+    loops: &[Trial],
 ) -> Result<Vec<Contour>, Vec<Problem>> {
     let expect = scenario.spanned(EXPECT).map(Spanned::get_ref);
     let entries = expect.and_then(DeValue::as_table).into_iter().flatten();
@@ -33,15 +35,15 @@ pub(super) fn read_contours(
     let document = scenario.with_root(tree);
     let (Contours { mut contour }, mut problems) =
         build::<Contours>(&document, "[expect]", &schema::CONTOURS)?;
-    let mut names = BTreeSet::new();
+    let mut names = BTreeSet::from_iter(rig.loops.keys().cloned());
     for (number, one) in contour.iter_mut().enumerate() {
         let first = one.loops.first().map_or("", String::as_str);
         one.unit = unit_of(first, rig);
         let path = format!("{CONTOUR}.{number}");
-        problems.extend(wrong_contour(&document, &path, one, rig));
+        problems.extend(wrong_contour(&document, &path, one, (rig, loops)));
         let name = one.loops.join("_");
         if !names.insert(name.clone()) {
-            let message = format!("two contours are called `{name}`");
+            let message = format!("`{name}` is the name of two things");
             problems.push(document.problem(&path, message, "its loops give it this name"));
         }
     }
@@ -91,7 +93,7 @@ fn wrong_contour(
     document: &Document<'_>,
     path: &str,
     contour: &Contour,
-    rig: &Rig,
+    (rig, loops): (&Rig, &[Trial]),
 ) -> Option<Problem> {
     for (place, name) in contour.loops.iter().enumerate() {
         let path = format!("{path}.loops.{place}");
@@ -102,6 +104,11 @@ fn wrong_contour(
         if contour.loops[..place].contains(name) {
             let message = format!("the loop `{name}` is an axis of this contour twice");
             return Some(document.problem(&path, message, "each loop is one axis"));
+        }
+        let is_idle = |one: &Trial| one.wiring.loop_name == *name && one.reference.is_empty();
+        if loops.iter().any(is_idle) {
+            let message = format!("the loop `{name}` has no set-point");
+            return Some(document.problem(&path, message, "a contour is a path of set-points"));
         }
     }
     let limits = [contour.error_max, contour.error_rms];

@@ -10,6 +10,7 @@ use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
 use crate::fault::Faults;
 use crate::metrics::{Form, METRICS, Metric, Needs, Subject, is_bus_metric};
+use crate::nearest::nearest;
 use crate::schema;
 use crate::wiring::Wiring;
 
@@ -36,13 +37,9 @@ fn is_bus_requirement(key: &str) -> bool {
 
 /// Leaves those limits in `[expect]` that are on the bus, or those on the only loop, with their requirements.
 pub(super) fn keep_part(expect: &mut DeValue<'_>, is_of_bus: bool) {
-    let DeValue::Table(whole) = expect else {
-        return;
-    };
-    let is_kept = |key: &str| key != CONTOUR && is_bus_key(key) == is_of_bus;
-    *whole = kept_of(whole, |key| key == REQUIREMENTS || is_kept(key));
-    if let Some(DeValue::Table(named)) = whole.get_mut(REQUIREMENTS).map(Spanned::get_mut) {
-        *named = kept_of(named, |key| is_bus_requirement(key) == is_of_bus);
+    if let DeValue::Table(whole) = expect {
+        let is_limit = |key: &str| key != CONTOUR && is_bus_key(key) == is_of_bus;
+        *whole = part_of(whole, is_limit, |key| is_bus_requirement(key) == is_of_bus);
     }
 }
 
@@ -89,17 +86,20 @@ impl<'text> Selector<'_, 'text> {
         if !self.is_by_loop(EXPECT) {
             return Vec::new();
         }
-        let misplaced = loops.iter().chain([&ALL]).flat_map(|name| {
-            let path = format!("{EXPECT}.{name}");
+        let tables = loops.iter().chain([&ALL]);
+        let tables = tables.flat_map(|name| [("", name), (".requirements", name)]);
+        let misplaced = tables.flat_map(|(below, name)| {
+            let path = format!("{EXPECT}.{name}{below}");
             let keys = self.scenario.keys(&path).into_iter();
-            let shared = keys.filter(|key| is_bus_key(key) || *key == CONTOUR);
+            let is_shared = |key: &&str| *key == CONTOUR || is_bus_key(key);
+            let shared = keys.filter(|key| is_shared(key) || is_bus_requirement(key));
             let problems = shared.map(|key| {
                 let message = format!("`{key}` is of the whole bus, not of one loop");
                 let path = format!("{path}.{key}");
                 let problem = self
                     .scenario
                     .key_problem(&path, message, "all loops share it");
-                problem.with_help(format!("move it to [{EXPECT}]"))
+                problem.with_help(format!("move it to [{EXPECT}{below}]"))
             });
             Vec::from_iter(problems)
         });
@@ -108,7 +108,11 @@ impl<'text> Selector<'_, 'text> {
         let of_loops = keys.filter(|key| !is_bus_requirement(key));
         let without_loop = of_loops.map(|key| {
             let message = format!("`{key}` of which loop?");
-            let label = format!("write [{EXPECT}.LOOP.{REQUIREMENTS}]");
+            let of_bus = METRICS.iter().map(|metric| metric.name);
+            let label = match nearest(key, of_bus.filter(|name| is_bus_metric(name))) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => format!("write [{EXPECT}.LOOP.{REQUIREMENTS}]"),
+            };
             self.scenario
                 .key_problem(&format!("{path}.{key}"), message, label)
         });
@@ -116,19 +120,33 @@ impl<'text> Selector<'_, 'text> {
     }
 }
 
-/// Returns the limits on a drive and its plant, and the end of the judgement; reactions to faults only if it has faults.
+/// Returns the limits on a drive and its plant, with their requirements, and the end of the judgement; reactions to faults only if it
+/// has faults.
 fn of_drive<'text>(limits: &DeTable<'text>, wiring: &Wiring, faults: &Faults) -> DeTable<'text> {
     let (drive, plant) = (wiring.nodes.drive.id, &wiring.plant);
     let has_faults = faults.iter().any(|fault| fault.is_in_loop(drive, plant));
     let is_its = |metric: &&Metric| {
-        [Subject::Current, Subject::Plant].contains(&metric.subject)
+        ![Subject::Cycles, Subject::Bus].contains(&metric.subject)
             && metric.form != Form::List
             && (metric.needs == Needs::Nothing || metric.needs == Needs::Fault && has_faults)
     };
     let patterns = METRICS.iter().filter(is_its).map(|metric| metric.name);
     let names = patterns.map(|name| wiring.feedback.measurand.name(name));
     let names = BTreeSet::from_iter(names.chain([JUDGED_UNTIL.to_owned()]));
-    kept_of(limits, |key| names.contains(key))
+    part_of(limits, |key| names.contains(key), |key| names.contains(key))
+}
+
+/// Returns the limits that are kept, and those requirements whose keys are.
+fn part_of<'text>(
+    limits: &DeTable<'text>,
+    is_limit: impl Fn(&str) -> bool,
+    is_required: impl Fn(&str) -> bool,
+) -> DeTable<'text> {
+    let mut kept = kept_of(limits, |key| key == REQUIREMENTS || is_limit(key));
+    if let Some(DeValue::Table(named)) = kept.get_mut(REQUIREMENTS).map(Spanned::get_mut) {
+        *named = kept_of(named, is_required);
+    }
+    kept
 }
 
 /// Returns the entries of a table whose keys are kept.

@@ -150,15 +150,10 @@ fn spread_defaults(root: &mut DeTable<'_>) {
 /// Adds missing keys, down to the last table.
 pub(super) fn fill<'text>(table: &mut DeTable<'text>, defaults: &DeTable<'text>) {
     for (key, default) in defaults {
-        match (table.get_mut(key.get_ref().as_ref()), default.get_ref()) {
-            (None, _) => {
-                table.insert(key.clone(), default.clone());
-            }
-            (Some(value), DeValue::Table(defaults)) => {
-                if let DeValue::Table(value) = value.get_mut() {
-                    fill(value, defaults);
-                }
-            }
+        let value = table.get_mut(key.get_ref().as_ref());
+        match (value.map(Spanned::get_mut), default.get_ref()) {
+            (None, _) => drop(table.insert(key.clone(), default.clone())),
+            (Some(DeValue::Table(value)), DeValue::Table(defaults)) => fill(value, defaults),
             (Some(_), _) => {}
         }
     }
@@ -436,6 +431,9 @@ impl Check<'_> {
         let rig = self.rig;
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
         let mut is_one_in_two = false;
+        if rig.loops.is_empty() {
+            self.at_key("loop", "the rig has no loop", "write [loop.NAME]");
+        }
         for (name, one) in &rig.loops {
             let path = format!("loop.{name}.outputs");
             let first_drive = one.drives().next();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::contours::read_contours;
-use super::expect::keep_part;
+use super::expect::{is_shared, keep_part};
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
 use super::sections::{CONTROLLER, EXPECT, SHARED, Selector};
@@ -174,7 +174,7 @@ fn resolve(
     resolver.read_run();
     let loops = resolver.read_loops(&selector);
     let mut check = resolver.check;
-    let contours = read_contours(document, &rig).unwrap_or_else(|found| {
+    let contours = read_contours(document, &rig, &loops).unwrap_or_else(|found| {
         check.add(found);
         Vec::new()
     });
@@ -232,8 +232,10 @@ impl Resolver<'_> {
         self.check.add(wrong_faults);
         let is_swept = self.asked.reading == Reading::ToPlay;
         let sweep = is_swept.then_some(SWEEP);
+        let has_limits = scenario.keys(EXPECT).into_iter().any(is_shared);
+        let expect = has_limits.then_some(EXPECT);
         let read = |tables: Option<&str>| {
-            let keys = SHARED.into_iter().chain([EXPECT]).chain(tables);
+            let keys = SHARED.into_iter().chain(expect).chain(tables);
             let mut header = scenario.only(&Vec::from_iter(keys));
             header.rewrite(|root| {
                 if let Some(expect) = root.get_mut(EXPECT) {

@@ -500,7 +500,7 @@ fn what_is_expected_in_the_wrong_place_is_shown_the_right_one() {
         ),
         (
             "[expect.x.requirements]\nbus_load_percent = [\"R\"]\n[expect]\nbus_load_percent = { max = 1.0 }\n[expect.x]",
-            "`bus_load_percent` tests no requirement",
+            "move it to [expect.requirements]",
         ),
         ("[controller.pid]\n[expect.x]", "`pid` of which loop?"),
     ] {

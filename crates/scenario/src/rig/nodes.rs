@@ -50,7 +50,7 @@ pub struct Rig {
     pub node: BTreeMap<String, RigNode>,
     /// The loops by name.
     #[serde(rename = "loop")]
-    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
+    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}, "minProperties" = 1))]
     pub loops: BTreeMap<String, RigLoop>,
 }
 
@@ -246,7 +246,7 @@ impl Rig {
                 measurand: followed_node.measurand().commanding(command),
                 ..followed_node.measured()
             },
-            io: self.io_on(&emulated),
+            io: self.io_on(&emulated, drive),
             truth_every_cycles: node.truth_every_cycles,
             record: recorded.map(|ports| ports.iter().map(in_full).collect()),
             beside: inputs.map(str::to_owned).collect(),
@@ -398,12 +398,15 @@ impl Rig {
     }
 
     /// Returns the io nodes that act on some of these plants.
-    fn io_on(&self, plants: &BTreeSet<&str>) -> Vec<IoWiring> {
+    fn io_on(&self, plants: &BTreeSet<&str>, drive: &str) -> Vec<IoWiring> {
+        let is_here = |io: &str, output: &str| self.drive_disturbed(io, output) == Some(drive);
         let nodes = self.node.iter().filter_map(|(name, node)| {
             let outputs = node.outputs.as_ref()?;
+            let here = outputs.0.keys().filter(|output| is_here(name, output));
             (!plants.is_disjoint(&node.plants())).then(|| IoWiring {
                 node: Node::new(name, node.node_id, Part::Io),
                 outputs: outputs.0.clone(),
+                here: here.cloned().collect(),
             })
         });
         nodes.collect()

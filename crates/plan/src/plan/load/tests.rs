@@ -52,7 +52,7 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
             (one.nodes.drive.name.as_str(), one.nodes.drive.id),
             (name, node_id)
         );
-        assert!(one.is_external(Part::Drive) && one.is_ours(Part::Controller));
+        assert!(!one.is_ours(Part::Drive) && one.is_ours(Part::Controller));
         let drive = one.real_drive.as_ref().unwrap();
         assert_eq!(drive.layout.node_id.get(), node_id);
         assert_eq!(drive.layout.mode_of_operation, -1);
@@ -123,7 +123,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     };
     let y = external(&["y"]).unwrap();
     assert_eq!(truth(&y), [false, true]);
-    let are_external = y.loops.iter().map(|one| one.is_external(Part::Drive));
+    let are_external = y.loops.iter().map(|one| !one.is_ours(Part::Drive));
     assert_eq!(Vec::from_iter(are_external), [false, true]);
     assert_eq!(y.external_names(), ["y"]);
     let controller = external(&["controller"]).unwrap();
@@ -131,7 +131,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
         controller
             .loops
             .iter()
-            .all(|one| one.is_external(Part::Controller))
+            .all(|one| !one.is_ours(Part::Controller))
     );
     let unknown = external(&["controler"]).unwrap_err();
     assert!(unknown.contains("did you mean `controller`?"), "{unknown}");
