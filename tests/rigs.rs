@@ -1152,7 +1152,7 @@ fn a_signal_of_any_loop_follows_the_table_of_a_run() {
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
 
-/// The bus is judged as long as one of its loops: what one of them missed is the row of the run.
+/// The bus is judged as long as one of its loops, so the row of the run is that of a loop that missed it.
 #[test]
 fn a_limit_of_the_bus_that_one_loop_missed_is_shown_as_missed() {
     let folder = tempfile::tempdir().unwrap();

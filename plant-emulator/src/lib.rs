@@ -251,12 +251,8 @@ impl Node for PlantEmulator {
             .filter(is_watched)
             .map(|node| Filter::exact(ERROR_CONTROL_ID + u16::from(node.get())));
         let others = [Filter::REMOTE, Filter::EXTENDED, Filter::ERRORS];
-        other_services()
-            .into_iter()
-            .chain(others)
-            .chain(read)
-            .chain(heartbeats)
-            .collect()
+        let services = other_services().into_iter().chain(others);
+        services.chain(read).chain(heartbeats).collect()
     }
 
     /// Returns filters for PDOs of the manager and of the nodes here that wait for the SYNC, or that no node here reads.

@@ -119,12 +119,8 @@ impl LawPlace {
 
 /// Returns the folder of a plan's scenario.
 pub fn scenario_folder(plan: &Plan) -> PathBuf {
-    let folder = plan
-        .shared
-        .beside
-        .scenario()
-        .parent()
-        .filter(|folder| *folder != Path::new(""));
+    let parent = plan.shared.beside.scenario().parent();
+    let folder = parent.filter(|folder| *folder != Path::new(""));
     folder.unwrap_or(Path::new(".")).to_owned()
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 
 use faults::Stream;
+use scenario::metrics::name_in_loop;
 use scenario::overrides::set;
 use scenario::sweep::{Distribution, List, LogUniform, Sweep, Uniform};
 use sha2::{Digest, Sha256};
@@ -65,6 +66,13 @@ impl SweepCases {
         let drawn = sweep
             .distributions()
             .map(|one| (one.key().to_owned(), distribution_text(one)));
+        // A limit that varies is another one in each case.
+        let is_swept = |row: &str| {
+            let mut limits = sweep.keys().filter(|key| key.starts_with("expect."));
+            limits.any(|key| key.split('.').any(|part| part == name_in_loop(row)))
+        };
+        let mut limits = judge::limits(plan);
+        limits.retain(|(row, _)| !is_swept(row));
         let text = format!("{}{}", env!("CARGO_PKG_VERSION"), shared.text);
         Ok(Self {
             facts: Facts {
@@ -74,7 +82,7 @@ impl SweepCases {
                 runs: usize::try_from(sweep.runs()).unwrap_or(usize::MAX),
                 // Keys of the grid, then those that are drawn.
                 variations: listed.chain(drawn).collect(),
-                limits: judge::limits(plan),
+                limits,
                 criterion: None,
                 files: Vec::new(),
                 plan: plan.clone(),
@@ -309,6 +317,15 @@ mod tests {
                 .all(|pair| pair[0][2] == all[0][2] && pair[1][2] == all[1][2])
         );
         assert_ne!(all[0][2], all[1][2]);
+    }
+
+    #[test]
+    fn a_limit_that_varies_is_none_of_all_cases() {
+        let limits = "[expect]\nsteady_state_error_millimetres = { max = 1.0 }\nbus_load_percent = { max = 9.0 }\n\
+            [[sweep.list]]\nkey = \"expect.bus_load_percent.max\"\nvalues = [8.0, 9.0]\n";
+        let limits = cases(limits).facts.limits;
+        let names = Vec::from_iter(limits.iter().map(|(name, _)| name.as_str()));
+        assert_eq!(names, ["steady_state_error_millimetres"]);
     }
 
     #[test]

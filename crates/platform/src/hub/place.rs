@@ -32,12 +32,9 @@ const PF_EXITING: u32 = 0x4;
 
 /// Returns the directories to try: the user's runtime directory, then the one for temporary files.
 pub(super) fn candidates() -> Vec<PathBuf> {
-    std::env::var_os("XDG_RUNTIME_DIR")
-        .map(PathBuf::from)
-        .filter(|path| path.is_absolute())
-        .into_iter()
-        .chain([std::env::temp_dir()])
-        .collect()
+    let set = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    let usable = set.into_iter().filter(|path| path.is_absolute());
+    usable.chain([std::env::temp_dir()]).collect()
 }
 
 /// Makes a directory in the first of `parents` that takes one, and a listening socket in it.

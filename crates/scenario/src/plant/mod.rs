@@ -143,7 +143,7 @@ impl PlantModel {
 /// Name of a model that the format has, faults that have a meaning for the plant, and parameters, if they are given.
 type Table<'a> = (&'static str, &'static [&'static str], Option<&'a dyn Any>);
 
-/// Commanded torque of a drive (CiA 402-2): what its amplifier gives.
+/// Commanded torque of a drive (CiA 402-2), which its amplifier gives.
 pub const TARGET_TORQUE: u16 = 0x6071;
 /// Largest commanded torque.
 pub const MAX_TORQUE: u16 = 0x6072;
