@@ -1,4 +1,5 @@
-//! CAN: the frame and its length in bits on the wire, filters, and the contract between a node and the mover of its frames.
+//! CAN: the frame and its length in bits on the wire, error messages of drivers, filters, and the contract between a node and the
+//! mover of its frames.
 //!
 //! The crate does not know sockets, clocks, or any protocol above the frame.
 #![warn(missing_docs)]
