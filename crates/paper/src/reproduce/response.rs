@@ -352,12 +352,8 @@ fn disturbed(title: &str, runs: &[Kept]) -> Plot<'static> {
     let mut figure = plot_over(title, "mm", "time since the fan started (s)");
     for run in runs.iter().rev() {
         let start = start(&run.scenario);
-        let times: Vec<f64> = run
-            .signals
-            .time_seconds
-            .iter()
-            .map(|time| time - start)
-            .collect();
+        let times = run.signals.time_seconds.iter();
+        let times = Vec::from_iter(times.map(|time| time - start));
         let positions = &run.signals.position_millimetres;
         figure.draw(&*run.label, run.colour, Shape::Line, times, positions);
     }

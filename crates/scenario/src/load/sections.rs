@@ -329,7 +329,8 @@ impl<'text> Selector<'_, 'text> {
         let keys = self.scenario.keys(section).into_iter();
         let unknown = keys.filter(|key| !is_known(key));
         let problems = unknown.map(|key| {
-            let (message, label) = if schema::is_key(section, key) {
+            let is_limit = section == EXPECT && self.rig.has_limit(key);
+            let (message, label) = if is_limit || schema::is_key(section, key) {
                 let first = loops.first().copied().unwrap_or_default();
                 let label =
                     format!("write [{section}.{first}], or [{section}.{ALL}] for all loops");

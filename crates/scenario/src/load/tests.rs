@@ -281,6 +281,11 @@ fn a_rig_that_could_be_misread_is_refused() {
         ),
         (
             "[loop.y]",
+            "[loop.hunting_millimetres]",
+            "a loop cannot be called `hunting_millimetres`",
+        ),
+        (
+            "[loop.y]",
             "[loop.requirements]",
             "a loop cannot be called `requirements`",
         ),
@@ -485,6 +490,10 @@ fn what_is_expected_in_the_wrong_place_is_shown_the_right_one() {
         (
             "[expect]\nsafe_state = true\n[expect.x]",
             "write [expect.x], or [expect.all]",
+        ),
+        (
+            "[expect]\ntracking_error_millimetres_rms = { max = 1.0 }\n[expect.x]",
+            "`tracking_error_millimetres_rms` of which loop?",
         ),
         (
             "[expect.requirements]\nsafe_state = [\"R\"]\n[expect.x]",

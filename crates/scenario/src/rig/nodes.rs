@@ -11,6 +11,7 @@ use crate::bus::Bus;
 use crate::current::CurrentRange;
 use crate::custom::NAME_PATTERN;
 use crate::identifiers::Identifiers;
+use crate::metrics::METRICS;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{I2t, PlantModel};
 use crate::port::{Command, Measurand, Unit, plant_of_port, unit_in};
@@ -289,6 +290,12 @@ impl Rig {
     pub(crate) fn of_kind(&self, kind: Part) -> impl Iterator<Item = (&str, &RigNode)> {
         let nodes = self.node.iter().filter(move |(_, node)| node.kind == kind);
         nodes.map(|(name, node)| (name.as_str(), node))
+    }
+
+    /// Checks whether a name is that of a limit on what a drive measures or gets.
+    pub(crate) fn has_limit(&self, name: &str) -> bool {
+        let mut measured = self.of_kind(Part::Drive).map(|(_, node)| node.measurand());
+        measured.any(|one| METRICS.iter().any(|metric| one.name(metric.name) == name))
     }
 
     /// Checks whether a program plays the controller.
