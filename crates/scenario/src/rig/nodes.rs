@@ -292,9 +292,10 @@ impl Rig {
         nodes.map(|(name, node)| (name.as_str(), node))
     }
 
-    /// Checks whether a name is that of a limit on what a drive measures or gets.
+    /// Checks whether a name, which then has several words, is that of a limit on what a drive measures or gets.
     pub(crate) fn has_limit(&self, name: &str) -> bool {
-        let mut measured = self.of_kind(Part::Drive).map(|(_, node)| node.measurand());
+        let drives = self.of_kind(Part::Drive).filter(|_| name.contains('_'));
+        let mut measured = drives.map(|(_, node)| node.measurand());
         measured.any(|one| METRICS.iter().any(|metric| one.name(metric.name) == name))
     }
 
