@@ -78,8 +78,8 @@ impl TermObjects {
         let mut objects = Vec::new();
         for (index, laid_out) in (first..).zip(&layout) {
             let missing = format!("the controller's EDS has no object 0x{index:04X}");
-            let handle = dictionary.find(index, 0);
-            let handle = handle.map_err(|_| ControllerError::Other(missing))?;
+            let found = dictionary.find(index, 0);
+            let handle = found.map_err(|_| ControllerError::Other(missing))?;
             let is_float = dictionary.entry(handle).data_type == DataType::Real32;
             let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];

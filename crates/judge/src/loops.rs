@@ -66,8 +66,9 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
             } else if let Some(known) = shared.iter_mut().find(|one| one.name == metric.name) {
-                // That a limit was missed counts more than that it is open or met.
-                let rank = |row: &Metric| [row.passed != Some(false), row.passed.is_some()];
+                // That a limit was missed counts more than that it is open or met, and these more than none.
+                let open = |row: &Metric| [row.passed != Some(false), row.passed.is_some()];
+                let rank = |row: &Metric| (row.limit.is_none(), open(row));
                 if rank(&metric) < rank(known) {
                     *known = metric;
                 }
@@ -168,6 +169,29 @@ mod tests {
             ]
         );
         assert_eq!((whole.outcome, whole.reason), (Outcome::Pass, None));
+    }
+
+    #[test]
+    fn a_row_of_the_bus_is_that_of_the_loop_with_a_limit() {
+        let load = |limit| Metric::new("bus_load_percent", Ok(9.0), limit);
+        let limit = Some(Limit {
+            min: None,
+            max: Some(10.0),
+        });
+        let joined_rows = |x, y| {
+            let mut loops = two(Outcome::Pass, Outcome::Pass);
+            (loops[0].1.metrics, loops[1].1.metrics) = (vec![x], vec![y]);
+            joined(loops, &[]).metrics
+        };
+        let joined_row = |x, y| joined_rows(load(x), load(y));
+        assert_eq!(joined_row(None, None), [load(None)]);
+        assert_eq!(joined_row(limit, None), [load(limit)]);
+        assert_eq!(joined_row(None, limit), [load(limit)]);
+        // That one loop missed it counts more than that the other one met it.
+        let missed = Metric::new("bus_load_percent", Ok(11.0), limit);
+        for (x, y) in [(load(limit), missed.clone()), (missed.clone(), load(limit))] {
+            assert_eq!(joined_rows(x, y), std::slice::from_ref(&missed));
+        }
     }
 
     #[test]

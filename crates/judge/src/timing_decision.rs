@@ -2,7 +2,7 @@
 
 use recording::stalls::Stall;
 use scenario::expect::Expect;
-use scenario::metrics::{Metric as Row, name_in_loop};
+use scenario::metrics::{Metric as Row, without_loop};
 
 use crate::duties::MISSED_COMMANDS;
 use crate::metric::{Metric, leave_open, not_judged};
@@ -42,7 +42,7 @@ fn missed_commands_percent(verdict: &Verdict) -> f64 {
     let rows = verdict
         .metrics
         .iter()
-        .filter(|row| name_in_loop(&row.name) == MISSED_COMMANDS);
+        .filter(|row| without_loop(&row.name) == MISSED_COMMANDS);
     rows.filter_map(|row| row.value).fold(0.0, f64::max)
 }
 

@@ -13,7 +13,7 @@ use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports, local_name};
 use scenario::rig::nodes::kind_of_output;
 use scenario::sweep::Sweep;
-use scenario::wiring::{IoOutput, IoWiring, Measured, Wiring};
+use scenario::wiring::{IoOutput, Measured, Wiring};
 use scenario::{CurrentRange, Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
@@ -90,8 +90,11 @@ impl Catalogue {
         };
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
-        let composer = published.compose(composer, wiring, None, [true; 2]);
-        Frames::new(published, Arc::new(composer.finish()))
+        // The loop has signals of io nodes whose commands other loops record.
+        let mut alone = wiring.clone();
+        alone.nodes.io = wiring.io_nodes().cloned().collect();
+        let composer = published.compose(composer, &alone, None, true);
+        Frames::new(published, Arc::new(composer.finish()), wiring)
     }
 
     /// Returns the ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` if they are not known here.
@@ -165,7 +168,7 @@ pub(crate) fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objecti
 
 /// Finds a term of the law that would be one column with the set-point or with another signal of its loop.
 fn ambiguous_term(frames: &Frames, trial: &Trial) -> Option<Objection> {
-    let name = ambiguous_name(&frames.database, &trial.wiring)?;
+    let name = ambiguous_name(&frames.database, &frames.wiring)?;
     let mut terms = frames.published.terms.iter();
     terms.find(|term| term.name == name)?;
     let path = format!("controller.{}", trial.controller.law_name());
@@ -178,8 +181,8 @@ fn ambiguous_term(frames: &Frames, trial: &Trial) -> Option<Objection> {
 
 /// Finds two signals of the rig that would be one column of a loop: an output of an io node or of a plant, or the signal of a sensor,
 /// with the name of the set-point or of another signal.
-pub(crate) fn two_columns(frames: &Frames, wiring: &Wiring) -> Option<Objection> {
-    let published = &frames.published;
+pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
+    let (wiring, published) = (&frames.wiring, &frames.published);
     let name = ambiguous_name(&frames.database, wiring)?;
     let drive = &wiring.nodes.drive.name;
     // The name of a fan or a load is that of its disturbance.
@@ -239,8 +242,8 @@ pub fn columns<'a>(
 ) -> impl Iterator<Item = ColumnMessage<'a>> {
     let nodes = &wiring.nodes;
     let is_feedback = [&nodes.drive, &nodes.followed].map(|node| message(&node.name, TPDO1));
-    let of_plant = [&nodes.drive, &nodes.followed].into_iter();
-    let of_plant = of_plant.flat_map(|node| database.plant_messages(&node.name));
+    let publishing = [&nodes.drive, &nodes.followed].into_iter();
+    let of_plant = publishing.flat_map(|node| database.plant_messages(&node.name));
     let of_plant = Vec::from_iter(of_plant.map(|message| message.raw_id));
     let of_node = |node: &'a Node, service: &str| {
         let message = database.message(&message(&node.name, service))?;
@@ -255,8 +258,8 @@ pub fn columns<'a>(
     let io_messages = wiring.io_nodes().filter_map(move |io| of_node(io, RPDO1));
     let messages = drive_messages.chain(law_messages).chain(io_messages);
     let columns = messages.map(move |(message, node)| {
-        let signals = message.signals.iter();
-        let signals = signals.filter(|signal| wiring.has_signal(node, &signal.name));
+        let all = message.signals.iter();
+        let signals = all.filter(|signal| wiring.has_signal(node, &signal.name));
         let named = signals.map(|signal| (name_in_loop(signal, node, wiring), signal));
         (message, named.collect())
     });
@@ -325,22 +328,24 @@ fn is_measured(signal: &Signal, by: &Measured) -> bool {
 #[derive(Debug)]
 pub(crate) struct Frames {
     pub(crate) published: Published,
+    wiring: Wiring,
     pub(crate) database: Arc<Database>,
     names: OnceLock<SignalNames>,
 }
 
 impl Frames {
-    pub(crate) fn new(published: Published, database: Arc<Database>) -> Self {
+    pub(crate) fn new(published: Published, database: Arc<Database>, wiring: &Wiring) -> Self {
         Self {
             published,
+            wiring: wiring.clone(),
             database,
             names: OnceLock::new(),
         }
     }
 
     /// Returns all names of all signals.
-    pub(crate) fn names(&self, wiring: &Wiring) -> &SignalNames {
-        let make = || SignalNames::new(&self.database, wiring, &self.published);
+    pub(crate) fn names(&self) -> &SignalNames {
+        let make = || SignalNames::new(&self.database, &self.wiring, &self.published);
         self.names.get_or_init(make)
     }
 }
@@ -354,13 +359,13 @@ impl Published {
     }
 
     /// Adds the frames of the drive, the io nodes and the law of a loop. A real drive has frames of its own; an emulated one
-    /// publishes the truth about its plant. A loop that is alone has the io nodes that others record, too.
+    /// publishes the truth about its plant.
     pub(crate) fn compose(
         &self,
         composer: Composer,
         wiring: &Wiring,
         real: Option<&LoadedDrive>,
-        [is_emulated, is_alone]: [bool; 2],
+        is_emulated: bool,
     ) -> Composer {
         let Wiring {
             nodes,
@@ -377,8 +382,7 @@ impl Published {
         let current = real.is_none().then(|| wiring.current());
         let composer = with_units(composer, drive.0, sensor, current);
         let io = wiring.io.iter().zip(&self.outputs);
-        let is_here = |io: &IoWiring| is_alone && !io.here.is_empty();
-        let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node) || is_here(io));
+        let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
         let mut composer = outputs.fold(composer, |composer, (io, outputs)| {
             let ports = outputs.iter().map(|output| &output.port);
             let signals = ports.map(|port| signal_of(port, port.name.clone()));
@@ -537,44 +541,29 @@ mod tests {
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&trial);
+        assert!(frames.names().find("spring_force_newtons").is_ok());
+        assert!(frames.names().find("sum").is_err());
         assert!(
             frames
-                .names(&trial.wiring)
-                .find("spring_force_newtons")
-                .is_ok()
-        );
-        assert!(frames.names(&trial.wiring).find("sum").is_err());
-        assert!(
-            frames
-                .names(&trial.wiring)
+                .names()
                 .find("sliding_variable_metres_per_second_squared")
                 .is_ok()
         );
-        assert!(
-            frames
-                .names(&trial.wiring)
-                .find("Reference position")
-                .is_ok()
-        );
+        assert!(frames.names().find("Reference position").is_ok());
         let catalogue = Catalogue {
             find_terms: |_| vec![sum()],
             ..catalogue
         };
         let frames = catalogue.frames(&trial);
-        assert!(frames.names(&trial.wiring).find("sum").is_ok());
+        assert!(frames.names().find("sum").is_ok());
         assert!(
             frames
-                .names(&trial.wiring)
+                .names()
                 .find("sliding_variable_metres_per_second_squared")
                 .is_err()
         );
         // The object has another meaning than in the data sheet of the shipped law.
-        assert!(
-            frames
-                .names(&trial.wiring)
-                .find("Reference position")
-                .is_err()
-        );
+        assert!(frames.names().find("Reference position").is_err());
     }
 
     #[test]
@@ -629,7 +618,7 @@ outputs = ["drive.current"]
             let mut objections = catalogue.objections(&trial);
             // A law is objected to before the rig.
             if objections.is_empty() {
-                objections.extend(two_columns(&catalogue.frames(&trial), &trial.wiring));
+                objections.extend(two_columns(&catalogue.frames(&trial)));
             }
             let objections = objections.into_iter();
             Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))

@@ -134,10 +134,8 @@ impl Plan {
         if !ours.eq(others) {
             return None;
         }
-        let expect = &other.shared.run.expect;
-        Arc::make_mut(&mut self.shared.run)
-            .expect
-            .clone_from(expect);
+        let run = Arc::make_mut(&mut self.shared.run);
+        run.expect.clone_from(&other.shared.run.expect);
         for (one, other) in self.loops.iter_mut().zip(&other.loops) {
             one.trial.expect = other.trial.expect.clone();
             one.trial.run = Arc::clone(&self.shared.run);
@@ -295,7 +293,7 @@ fn compose(plan: &Plan) -> Database {
     let composer = loops.iter().fold(composer, |composer, one| {
         let (real, wiring) = (one.real_drive.as_deref(), &one.trial.wiring);
         let published = &one.frames.published;
-        published.compose(composer, wiring, real, [one.is_ours(Part::Drive), false])
+        published.compose(composer, wiring, real, one.is_ours(Part::Drive))
     });
     let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
@@ -335,7 +333,7 @@ impl ControlLoop {
 
     /// Makes a loop of a recording with this database.
     fn from_recording(trial: Trial, database: &Arc<Database>) -> Self {
-        let frames = Frames::new(Published::default(), Arc::clone(database));
+        let frames = Frames::new(Published::default(), Arc::clone(database), &trial.wiring);
         Self::with_frames(trial, frames)
     }
 
@@ -459,9 +457,8 @@ impl ControlLoop {
     /// Checks whether a signal of a message belongs to its drive, its io nodes or its law.
     pub fn owns(&self, message: &str, signal: &str) -> bool {
         let wiring = &self.trial.wiring;
-        let io = wiring
-            .io_nodes()
-            .filter(|io| wiring.has_signal(Some(io), signal));
+        let has = |io: &&Node| wiring.has_signal(Some(io), signal);
+        let io = wiring.io_nodes().filter(has);
         let nodes = [&self.nodes.drive].into_iter().chain(io);
         let messages = nodes.flat_map(|node| messages_of(&self.database, node));
         let controller = &self.nodes.controller.name;
@@ -495,6 +492,6 @@ impl ControlLoop {
 
     /// Returns all names of all signals.
     pub fn names(&self) -> &SignalNames {
-        self.frames.names(&self.trial.wiring)
+        self.frames.names()
     }
 }

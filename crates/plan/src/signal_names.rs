@@ -55,12 +55,9 @@ impl SignalNames {
             let message = database.message(message).into_iter();
             message.for_each(|message| add_message(message, None));
         }
-        let all = || {
-            [&nodes.controller, &nodes.drive]
-                .into_iter()
-                .chain(wiring.io_nodes())
-        };
-        for node in all() {
+        let own = [&nodes.controller, &nodes.drive].into_iter();
+        let all = Vec::from_iter(own.chain(wiring.io_nodes()));
+        for node in all.iter().copied() {
             messages_of(database, node).for_each(|message| add_message(message, Some(node)));
         }
         let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
@@ -68,7 +65,7 @@ impl SignalNames {
         for (message, signal) in followed(database, wiring) {
             add(message, signal, vec![signal.name.clone()]);
         }
-        let objects = all().flat_map(|node| {
+        let objects = all.into_iter().flat_map(|node| {
             let known = objects[&node.id].entries().iter();
             let entries = known.filter(|entry| wiring.has_signal(Some(node), &entry.name));
             entries.flat_map(|entry| [entry.name.clone(), format!("{}.{}", node.name, entry.name)])
@@ -120,7 +117,7 @@ impl SignalNames {
     pub(crate) fn objections(trial: &Trial, frames: &Frames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
-            let objection = frames.names(&trial.wiring).find(name).err()?;
+            let objection = frames.names().find(name).err()?;
             Some(Objection { path, ..objection })
         });
         wrong.collect()

@@ -18,7 +18,7 @@ use canopen::{NmtState, emcy};
 use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::ControlLoop;
-use scenario::fault::{Faults, Group};
+use scenario::fault::{Fault, Faults, Group};
 use scenario::node::{Node, Part};
 
 use crate::run_folder::{file, read_rows};
@@ -325,6 +325,7 @@ impl SourceReader {
     /// Makes a reader that has seen no frame.
     pub fn new(one: &ControlLoop) -> Self {
         let scenario = &one.trial;
+        let is_changing = |fault: &Fault| fault.kind.is_rate_changed;
         let [is_ours, is_emulated] = [Part::Controller, Part::Drive].map(|part| one.is_ours(part));
         let cycle = scenario.run.bus.sync_period();
         let controller = &one.nodes.controller;
@@ -340,9 +341,7 @@ impl SourceReader {
             places,
             sources: Sources {
                 watched,
-                is_rate_changed: scenario
-                    .loop_faults()
-                    .any(|fault| fault.kind.is_rate_changed),
+                is_rate_changed: scenario.loop_faults().any(is_changing),
                 is_bus_faulty: scenario.run.faults.in_group(Group::Bus).next().is_some(),
                 ..Sources::default()
             },

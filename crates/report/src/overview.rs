@@ -11,7 +11,7 @@ use super::plot::{Colour, Plot, Shape};
 use super::terminal;
 use judge::verdict::{Metric, Outcome};
 use recording::timeline::Timeline;
-use scenario::metrics::{METRICS, name_in_loop};
+use scenario::metrics::{METRICS, without_loop};
 use scenario::port::Measurand;
 use scenario::reference::Reference;
 
@@ -124,7 +124,7 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
         .collect();
     let mut names: Vec<&str> = each.into_iter().collect();
     let place = |name: &str| {
-        let (row, shipped) = (name_in_loop(name), Measurand::default());
+        let (row, shipped) = (without_loop(name), Measurand::default());
         METRICS
             .iter()
             .position(|metric| shipped.name(metric.name) == row)

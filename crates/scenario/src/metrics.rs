@@ -269,7 +269,7 @@ const fn of(subject: Subject) -> Metric {
 impl Metric {
     /// Returns the metric of a name, which may begin with that of a loop, as that of a verdict's row does.
     pub fn named(name: &str) -> Option<&'static Self> {
-        let name = name_in_loop(name);
+        let name = without_loop(name);
         METRICS.iter().find(|metric| metric.name == name)
     }
 
@@ -322,7 +322,7 @@ impl Metric {
 }
 
 /// Returns the name of a verdict's row without that of its loop.
-pub fn name_in_loop(row: &str) -> &str {
+pub fn without_loop(row: &str) -> &str {
     row.rsplit_once('.').map_or(row, |(_, name)| name)
 }
 

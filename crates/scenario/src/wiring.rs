@@ -135,8 +135,8 @@ impl Wiring {
 
     /// Returns the io nodes whose commands are recorded in its loop, and those with outputs that disturb it.
     pub fn io_nodes(&self) -> impl Iterator<Item = &Node> {
-        let others = self.io.iter().filter(|io| !io.here.is_empty());
-        let others = others.map(|io| &io.node);
+        let disturbing = self.io.iter().filter(|io| !io.here.is_empty());
+        let others = disturbing.map(|io| &io.node);
         let io = &self.nodes.io;
         io.iter().chain(others.filter(|node| !io.contains(node)))
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 
 use faults::Stream;
-use scenario::metrics::name_in_loop;
+use scenario::metrics::without_loop;
 use scenario::overrides::set;
 use scenario::sweep::{Distribution, List, LogUniform, Sweep, Uniform};
 use sha2::{Digest, Sha256};
@@ -69,7 +69,7 @@ impl SweepCases {
         // A limit that varies is another one in each case.
         let is_swept = |row: &str| {
             let mut limits = sweep.keys().filter(|key| key.starts_with("expect."));
-            limits.any(|key| key.split('.').any(|part| part == name_in_loop(row)))
+            limits.any(|key| key.split('.').any(|part| part == without_loop(row)))
         };
         let mut limits = judge::limits(plan);
         limits.retain(|(row, _)| !is_swept(row));

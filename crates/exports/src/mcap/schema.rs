@@ -85,9 +85,12 @@ fn comment(signal: &Signal) -> String {
     if !signal.comment.is_empty() {
         parts.push(one_line(&signal.comment));
     }
-    let labels = signal.labels.iter();
-    let labels = labels.map(|(value, label)| format!("{value} = {}", one_line(label)));
-    let labels = Vec::from_iter(labels).join(", ");
+    let labels = signal
+        .labels
+        .iter()
+        .map(|(value, label)| format!("{value} = {}", one_line(label)))
+        .collect::<Vec<_>>()
+        .join(", ");
     if !labels.is_empty() {
         parts.push(format!("({labels})"));
     }

@@ -127,11 +127,8 @@ impl Plan {
         let mut trials = scenario.loops.iter();
         // A real drive keeps values of its node.
         let has_real = self.loops.iter().any(|one| one.real_drive.is_some());
-        let is_on_same_bus = scenario.shared.run.bus == self.shared.run.bus;
-        if has_real
-            || !is_on_same_bus
-            || trials.any(|trial| self.frames_shared_with(trial).is_none())
-        {
+        let is_alike = !has_real && scenario.shared.run.bus == self.shared.run.bus;
+        if !is_alike || trials.any(|trial| self.frames_shared_with(trial).is_none()) {
             return planned(&scenario, catalogue);
         }
         let (shared, loops) = (scenario.shared, self.loops.clone());
@@ -215,7 +212,7 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
     };
     let plan = named(scenario, alone)?;
     let mut loops = plan.loops.iter();
-    match loops.find_map(|one| two_columns(&one.frames, &one.trial.wiring)) {
+    match loops.find_map(|one| two_columns(&one.frames)) {
         Some(objection) => Err(objection),
         None => checked(plan.composed()),
     }
@@ -239,7 +236,7 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
-    let frames = Frames::new(Published::default(), Arc::clone(database));
+    let frames = Frames::new(Published::default(), Arc::clone(database), wiring);
     SignalNames::objections(trial, &frames)
 }
 

@@ -25,10 +25,10 @@ pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
 
 /// Checks that each limit on the bus can be met.
 pub(super) fn of_bus(check: &mut Check<'_>, expect: &Expect) {
-    let metrics = expect.limits();
-    let metrics = metrics.map(|(metric, limit)| (metric.name.to_owned(), limit));
-    let timing = expect.timing.limits();
-    let timing = timing.map(|(path, limit)| (format!("timing.{path}"), limit));
+    let on_metrics = expect.limits();
+    let metrics = on_metrics.map(|(metric, limit)| (metric.name.to_owned(), limit));
+    let on_timing = expect.timing.limits();
+    let timing = on_timing.map(|(path, limit)| (format!("timing.{path}"), limit));
     for (name, limit) in metrics.chain(timing) {
         let path = format!("expect.{name}");
         check.add(limit_problem(check.document, &path, &name, limit));

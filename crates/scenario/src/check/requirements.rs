@@ -20,8 +20,8 @@ pub(super) fn check(check: &mut Check<'_>, expects: [&Expect; 2], measurand: &Me
         return;
     }
     let given = expects.into_iter().flat_map(|one| {
-        let metrics = one.limits();
-        let metrics = metrics.map(|(metric, _)| measurand.name(metric.name));
+        let limits = one.limits();
+        let metrics = limits.map(|(metric, _)| measurand.name(metric.name));
         metrics.chain(one.timing.rows())
     });
     let given = Vec::from_iter(given);

@@ -43,9 +43,8 @@ pub(crate) fn read_tables(check: &mut Check<'_>, trial: &mut Trial, read_table: 
         let (file, column) = (&course.file, course.column_for(&signal.name));
         let in_loop = format!("{}.{column}", wiring.loop_among_several());
         let columns = [column, in_loop.as_str()];
-        course.rows = rows(&path, file, &|text| {
-            table::parse_course(file, text, columns)
-        });
+        let parse = |text: &str| table::parse_course(file, text, columns);
+        course.rows = rows(&path, file, &parse);
     }
     if let Some(law) = &mut trial.controller.sliding_mode
         && let Some(file) = &law.nominal_model_file

@@ -40,9 +40,9 @@ impl Check<'_> {
                 let mut further = rig.loops.values().flat_map(|one| one.drives().skip(1));
                 let is_loop =
                     kind == "loop" || further.any(|drive| kind == "node" && drive == name);
-                let is_no_loop =
-                    BESIDE_LOOPS.iter().any(is_key) || NOT_A_LOOP.contains(&name.as_str());
-                let is_no_loop = is_no_loop || is_loop && rig.has_limit(name);
+                let is_no_loop = BESIDE_LOOPS.iter().any(is_key)
+                    || NOT_A_LOOP.contains(&name.as_str())
+                    || rig.has_limit(name);
                 if is_loop && is_no_loop || reserved.contains(&name.as_str()) {
                     let message = format!("a {kind} cannot be called `{name}`");
                     let label = "canrig uses this name itself, for a key, a node or a log";
