@@ -1132,6 +1132,72 @@ fn an_output_of_an_io_node_is_a_signal_of_the_loop_that_it_disturbs() {
 }
 
 /// The table of a run with several loops is that of each of them.
+/// A true position counts in the cycles in which it is published, not in those up to the next one.
+#[test]
+fn true_metrics_do_not_depend_on_how_often_the_truth_is_published() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(scenario("sma_pair_step.toml")).unwrap();
+    let (text, _) = text.split_once("[expect.angle]").unwrap();
+    let played = |every_cycles: u8| {
+        let path = folder.path().join(format!("every_{every_cycles}.toml"));
+        let more = format!(
+            "[node.flexor]\ntruth_every_cycles = {every_cycles}\n\
+             [[fault.sensor.offset]]\nnode = \"flexor\"\nfrom_seconds = 3.0\nuntil_seconds = 4.0\noffset_degrees = 2.0\n\
+             [[expect.angle.signal]]\nname = \"true_position_degrees\"\nstays = {{ min = -40.0, max = 40.0 }}\n"
+        );
+        fs::write(&path, text.to_owned() + &more).unwrap();
+        let runs = folder.path().join(format!("runs_{every_cycles}"));
+        let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert_eq!(code, Some(0), "{every_cycles}: {stdout}{stderr}");
+        metric(
+            &verdict(&only_run(&runs)),
+            "angle.true_tracking_error_degrees_rms",
+        )
+    };
+    let (each, fifth) = (played(1), played(5));
+    assert!((fifth / each - 1.0).abs() < 1e-3, "{each} {fifth}");
+    // The time between two of them is no silence.
+    assert!(played(100) > 0.0);
+}
+
+/// Both loops are pushed by the weight that hangs on their plant; the io node gets each command once.
+#[test]
+fn a_disturbance_of_a_plant_that_two_loops_move_is_one_of_both() {
+    let folder = tempfile::tempdir().unwrap();
+    let pair = fs::read_to_string(scenario("rigs/sma_pair.toml")).unwrap();
+    let (nodes, _) = pair.split_once("[loop.angle]").unwrap();
+    let loops = [["angle", "flexor"], ["back", "extensor"]].map(|[name, drive]| {
+        format!("[loop.{name}]\nfeedback = \"{drive}.position\"\noutputs = [\"{drive}.current\"]\n")
+    });
+    fs::write(
+        folder.path().join("rig.toml"),
+        nodes.to_owned() + &loops.concat(),
+    )
+    .unwrap();
+    let path = folder.path().join("pushed.toml");
+    let each = ["angle", "back"].map(|name| {
+        format!(
+            "[[controller.{name}.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.3\n\
+             [[reference.hold]]\nloop = \"{name}\"\nat_seconds = 0.0\nposition_degrees = 0.0\n\
+             [expect.{name}]\nmaximum_deviation_degrees = {{ min = 1.0, max = 60.0 }}\n\
+             [[expect.{name}.signal]]\nname = \"added_load_grams\"\nreaches = {{ min = 50.0 }}\n"
+        )
+    });
+    let text = "schema = 1\nrig = \"rig.toml\"\nname = \"pushed\"\nduration_seconds = 4.0\n\
+        [[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 50.0\n";
+    fs::write(&path, text.to_owned() + &each.concat()).unwrap();
+    let [alone, together] = in_both_worlds(folder.path(), &path);
+    let read = |run: &Path, file: &str| fs::read_to_string(run.join(file)).unwrap();
+    for file in ["bus.log", "signals.csv", "verdict.json"] {
+        assert!(read(&alone, file) == read(&together, file), "{file}");
+    }
+    assert_eq!(read(&alone, "bus.log").matches(" 218#").count(), 1);
+    let verdict = verdict(&alone);
+    let deviations = ["angle", "back"]
+        .map(|name| metric(&verdict, &format!("{name}.maximum_deviation_degrees")));
+    assert_eq!(deviations[0], deviations[1]);
+}
+
 #[test]
 fn a_signal_of_any_loop_follows_the_table_of_a_run() {
     let folder = tempfile::tempdir().unwrap();

@@ -75,11 +75,8 @@ impl Leader {
         let own_id = node_id(view.wiring.nodes.controller.id)?;
         let sync_period = view.bus.sync_period();
         // All drives begin together, when the last one is ready.
-        let bring_up = plans
-            .iter()
-            .map(|plan| plan.timeouts.bring_up())
-            .max()
-            .unwrap_or_default();
+        let bring_ups = plans.iter().map(|plan| plan.timeouts.bring_up());
+        let bring_up = bring_ups.max().unwrap_or_default();
         let mut laws = laws_of(&plans)?;
         let mut terms = vec![Vec::new(); plans.len()];
         for (law, places) in &mut laws {

@@ -297,7 +297,7 @@ mod tests {
                     measurand: Measurand::position(Unit::Degrees),
                     min: -60.0,
                     max: Some(60.0),
-                    increment: None,
+                    ..Measured::default()
                 },
                 plausible,
                 ..Wiring::default()

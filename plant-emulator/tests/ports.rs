@@ -83,7 +83,7 @@ fn scenario(input: &str) -> Trial {
             measurand: Measurand::position(Unit::Degrees),
             min: -90.0,
             max: Some(90.0),
-            increment: None,
+            ..Measured::default()
         },
         ..Wiring::default()
     };

@@ -234,11 +234,8 @@ fn frame_texts(frame: &CanFrame) -> (String, String) {
             format!("asks for {} bytes", frame.data().len()),
         );
     }
-    let pairs: Vec<String> = frame
-        .data()
-        .iter()
-        .map(|byte| format!("{byte:02X}"))
-        .collect();
+    let bytes = frame.data().iter();
+    let pairs = Vec::from_iter(bytes.map(|byte| format!("{byte:02X}")));
     (id.to_owned(), pairs.join(" "))
 }
 

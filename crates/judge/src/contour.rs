@@ -99,11 +99,8 @@ pub fn contour_errors<'a>(
 ) -> impl Iterator<Item = (f64, f64)> + use<'a> {
     let window = window(contour, end_seconds);
     let seconds = window.from_seconds..window.until_seconds;
-    let rows = axes
-        .iter()
-        .map(|axis| axis.time_seconds.len())
-        .min()
-        .unwrap_or(0);
+    let lengths = axes.iter().map(|axis| axis.time_seconds.len());
+    let rows = lengths.min().unwrap_or(0);
     let pieces = (0..rows)
         .step_by(PIECE_ROWS)
         .map(move |begin| begin..rows.min(begin + PIECE_ROWS));

@@ -46,12 +46,9 @@ fn worst_disturbance(
 
 /// Returns the first time after another at which the set-point changes, or a disturbance or a fault begins or ends.
 fn calm_until(evidence: &Evidence<'_>, from_seconds: f64) -> f64 {
-    let edges = evidence
-        .trial
-        .edges_seconds()
-        .into_iter()
-        .chain(evidence.set_point_changes());
-    let later = edges.filter(|time| *time > from_seconds + TIME_TOLERANCE_SECONDS);
+    let edges = evidence.trial.edges_seconds().into_iter();
+    let changes = edges.chain(evidence.set_point_changes());
+    let later = changes.filter(|time| *time > from_seconds + TIME_TOLERANCE_SECONDS);
     later.fold(f64::INFINITY, f64::min)
 }
 

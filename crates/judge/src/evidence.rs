@@ -12,7 +12,6 @@ use scenario::Trial;
 use scenario::contour::Contour;
 use scenario::events::Window;
 use scenario::expect::{ExpectedRow, rounded};
-use scenario::fault::Group;
 use scenario::node::Part;
 
 use crate::attribution::stalls::{Spans, Stretch, longest, shadows};
@@ -40,7 +39,7 @@ pub(crate) struct Evidence<'a> {
     /// Times that are left out, to judge the rest without the pieces that stalls explain.
     left_out: Option<LeftOut>,
     /// Position that is judged: the measured one or the true one.
-    position: &'a Series<f64>,
+    position: Series<f64>,
     /// Longest time between two samples of the position.
     pub(crate) silence_seconds_max: f64,
 }
@@ -220,7 +219,7 @@ impl<'a> Evidence<'a> {
             loops: &[],
             attribution: Rc::new(Attribution::new(timeline, control_loop, circumstances)),
             left_out: None,
-            position: timeline.position(),
+            position: timeline.position().clone(),
             silence_seconds_max: drive_silence_seconds_max(control_loop, TPDO1),
         }
     }
@@ -402,17 +401,25 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Returns the evidence with the true position; `None` if the plant and the sensor that the loop follows have no faults, or
-    /// the plant does not report itself.
+    /// Returns the evidence with the true position, in the cycles in which it was published; `None` if it is not judged, or the
+    /// plant does not report itself.
     pub(crate) fn of_the_truth(&self) -> Option<Self> {
-        let mut groups = self.trial.faults_followed().map(|fault| fault.kind.group);
-        if !groups.any(|group| [Group::Sensor, Group::Plant].contains(&group)) {
-            return None;
-        }
-        let column = self.timeline.column(TRUE_POSITION)?;
-        let is_known = column.values.iter().any(|value| !value.is_nan());
-        is_known.then_some(Self {
-            position: &column.values,
+        let name = self.trial.wiring.feedback.measurand.name(TRUE_POSITION);
+        let judged = Some(&name).filter(|_| self.trial.has_true_metrics());
+        let trace = self.trace(judged?).ok()?;
+        let mut samples = trace.samples.iter().peekable();
+        let times = self.timeline.time_seconds.iter();
+        let position = times.map(|time| {
+            while samples.next_if(|one| one.time_seconds < time).is_some() {}
+            let sample = samples.next_if(|one| one.time_seconds == time);
+            sample.map_or(f64::NAN, |one| one.value)
+        });
+        let position = Series::from_iter(position);
+        let (message, _) = trace.path.split_once('.')?;
+        let is_known = position.iter().any(|value| !value.is_nan());
+        is_known.then(|| Self {
+            position,
+            silence_seconds_max: silence_seconds_max(message, self.control_loop),
             ..self.clone()
         })
     }
@@ -423,18 +430,14 @@ impl<'a> Evidence<'a> {
         let rows = self.rows(window);
         let times = timeline.time_seconds.range(rows.clone());
         let set_points = timeline.set_point().range(rows.clone());
-        // The true position holds until the drive sends another; while the drive is silent there is none.
-        let measured = timeline.position().range(rows.clone());
-        let positions = self.position.range(rows).zip(measured);
-        let rows = times.zip(set_points).zip(positions);
-        rows.filter_map(|((time, set_point), (position, measured))| {
+        let rows = times.zip(set_points).zip(self.position.range(rows));
+        rows.filter_map(|((time, set_point), position)| {
             let sample = CycleSample {
                 time_seconds: time,
                 set_point,
                 position,
             };
-            let is_missing = measured.is_nan() || position.is_nan();
-            (!is_missing && !self.leaves_out(time, time)).then_some(sample)
+            (!position.is_nan() && !self.leaves_out(time, time)).then_some(sample)
         })
     }
 
@@ -567,7 +570,7 @@ impl<'a> Evidence<'a> {
 /// Returns the longest time between two messages of a kind that the drive of a loop sends.
 pub(crate) fn drive_silence_seconds_max(one: &ControlLoop, service: &str) -> f64 {
     let message = names::message(&one.nodes.drive.name, service);
-    silence_seconds_max(&message, one.trial.run.bus.sync_period(), &one.database)
+    silence_seconds_max(&message, one)
 }
 
 /// Returns the rows of a window without its end; `before` counts the rows before a time.

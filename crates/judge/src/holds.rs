@@ -88,13 +88,10 @@ pub fn swing(positions: &[(f64, f64)], from_seconds: f64) -> Option<f64> {
 /// after the last start or end of a disturbance or a fault.
 fn calm(evidence: &Evidence<'_>) -> Window {
     let until_seconds = evidence.trial.judged_end_seconds();
-    let edges = evidence
-        .trial
-        .edges_seconds()
-        .into_iter()
-        .filter(|time| *time < until_seconds);
+    let edges = evidence.trial.edges_seconds().into_iter();
+    let judged = edges.filter(|time| *time < until_seconds);
     let changed = evidence.set_point_changes().last().unwrap_or_default();
-    Window::new(edges.fold(changed, f64::max), until_seconds)
+    Window::new(judged.fold(changed, f64::max), until_seconds)
 }
 
 /// Returns the first cycles in a row without a command that are too many, in a window.

@@ -254,11 +254,8 @@ pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
 fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
     evidence.timeline.zero_seconds?;
     let end_seconds = evidence.trial.run.duration_seconds;
-    let times = evidence
-        .timeline
-        .truth
-        .iter()
-        .map(|truth| truth.time_seconds);
+    let truth = evidence.timeline.truth.iter();
+    let times = truth.map(|truth| truth.time_seconds);
     let latest = times
         .filter(|time| *time <= end_seconds)
         .fold(0.0, f64::max);
@@ -270,10 +267,8 @@ fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
 /// Returns whether no current flows at the end, and the drive is not enabled, or silent.
 fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     let (timeline, end) = (evidence.timeline, evidence.end_seconds());
-    let before_end = timeline
-        .truth
-        .iter()
-        .filter(|truth| truth.time_seconds <= end);
+    let truth = timeline.truth.iter();
+    let before_end = truth.filter(|truth| truth.time_seconds <= end);
     let Some(last) = before_end.clone().last() else {
         return false;
     };

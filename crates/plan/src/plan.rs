@@ -467,6 +467,20 @@ impl ControlLoop {
         names::set_point(self.name()) == message || messages.any(|one| one.name == message)
     }
 
+    /// Returns the number of cycles from one message to the next, which is more than 1 for the truth about a plant alone.
+    pub fn every_cycles(&self, message: &str) -> u32 {
+        let (nodes, wiring) = (&self.nodes, &self.trial.wiring);
+        let of = |node: &Node, measured: &Measured| {
+            let mut messages = self.database.plant_messages(&node.name);
+            let is_its = messages.any(|one| one.name == message);
+            measured.truth_every_cycles.filter(|_| is_its)
+        };
+        let own = of(&nodes.drive, &wiring.sensor);
+        own.or_else(|| of(&nodes.followed, &wiring.feedback))
+            .unwrap_or(1)
+            .into()
+    }
+
     /// Checks whether a signal, as `message.signal`, is one that only an emulated drive publishes.
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();

@@ -271,7 +271,7 @@ mod tests {
                 measurand: Measurand::position(Unit::Degrees),
                 min: -60.0,
                 max: Some(60.0),
-                increment: None,
+                ..Measured::default()
             },
             ..Wiring::default()
         };

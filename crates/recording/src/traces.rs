@@ -1,9 +1,10 @@
-//! Samples of the signals that a scenario's checks name.
+//! Samples of the signals that a scenario's checks name, and of the true position.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use can::CanFrame;
+use dbc::names::TRUE_POSITION;
 use dbc::{Database, SignalHandle};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
@@ -60,16 +61,19 @@ pub(crate) struct TraceReader {
 }
 
 impl TraceReader {
-    /// Makes a reader of all signals that the scenario names. The judge reports names without a signal.
+    /// Makes a reader of all signals that the scenario names, and of the true position that it judges. The judge reports names
+    /// without a signal.
     pub(crate) fn new(one: &ControlLoop) -> Self {
         let scenario = &one.trial;
-        let period = scenario.run.bus.sync_period();
         let mut collected = BTreeMap::new();
-        for (_, name) in scenario.expect.named_signals() {
+        let named = scenario.expect.named_signals().map(|(_, name)| name);
+        let truth = scenario.wiring.feedback.measurand.name(TRUE_POSITION);
+        let truth = scenario.has_true_metrics().then_some(truth.as_str());
+        for name in named.chain(truth) {
             let Ok(path) = one.names().find(name) else {
                 continue;
             };
-            if let Some(found) = collect(path, period, one) {
+            if let Some(found) = collect(path, one) {
                 collected.insert(path, found);
             }
         }
@@ -120,9 +124,10 @@ impl TraceReader {
 }
 
 /// Returns the longest time between two messages of a kind; without a cycle time of their own they follow the SYNC.
-pub fn silence_seconds_max(message: &str, sync_period: Duration, database: &Database) -> f64 {
-    let cycle_time = cycle_time(message, database).unwrap_or_default();
-    (PERIODS_MAX * cycle_time.max(sync_period)).as_secs_f64()
+pub fn silence_seconds_max(message: &str, one: &ControlLoop) -> f64 {
+    let cycle_time = cycle_time(message, &one.database).unwrap_or_default();
+    let period = one.trial.run.bus.sync_period() * one.every_cycles(message);
+    (PERIODS_MAX * cycle_time.max(period)).as_secs_f64()
 }
 
 fn cycle_time(message: &str, database: &Database) -> Option<Duration> {
@@ -130,11 +135,11 @@ fn cycle_time(message: &str, database: &Database) -> Option<Duration> {
     Some(Duration::from_millis(message.cycle_time_milliseconds))
 }
 
-fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Collected> {
+fn collect(path: &str, one: &ControlLoop) -> Option<Collected> {
     let database = &one.database;
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
-    let silence = || silence_seconds_max(message, sync_period, database);
+    let silence = || silence_seconds_max(message, one);
     let column = one.columns().find(|one| one.message.name == message);
     Some(Collected {
         handle: database.signal(path)?,

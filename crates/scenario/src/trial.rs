@@ -10,7 +10,7 @@ use serde::Deserialize;
 use crate::controller::Controller;
 use crate::disturbance::Disturbance;
 use crate::expect::Expect;
-use crate::fault::{Fault, Faults};
+use crate::fault::{Fault, Faults, Group};
 use crate::identifiers::Identifiers;
 use crate::plant::PlantModel;
 use crate::reference::Reference;
@@ -91,6 +91,12 @@ impl Trial {
         let plants = wiring.touched.iter().chain([&wiring.plant]);
         let faults = self.run.faults.iter();
         faults.filter(move |fault| plants.clone().any(|plant| fault.is_in_loop(id, plant)))
+    }
+
+    /// Checks whether the true position is judged as well: the plant or the sensor that the loop follows has faults.
+    pub fn has_true_metrics(&self) -> bool {
+        let mut groups = self.faults_followed().map(|fault| fault.kind.group);
+        groups.any(|group| [Group::Sensor, Group::Plant].contains(&group))
     }
 
     /// Returns the faults of its drive, and of the plant that the drive moves.

@@ -31,6 +31,8 @@ pub struct Measured {
     pub max: Option<f64>,
     /// Size of one count, in that unit; the default of the unit if absent.
     pub increment: Option<f64>,
+    /// Number of cycles from one publication of its true value, and of its plant, to the next; 1 if absent.
+    pub truth_every_cycles: Option<u8>,
 }
 
 impl Measured {
@@ -86,8 +88,6 @@ pub struct Wiring {
     pub feedback: Measured,
     /// Io nodes that act on the plants that are emulated together.
     pub io: Vec<IoWiring>,
-    /// Number of cycles from one publication of the truth about its plant to the next; 1 if absent.
-    pub truth_every_cycles: Option<u8>,
     /// Outputs that it publishes, each as `PLANT.PORT`; its own outputs if absent.
     pub record: Option<Vec<String>>,
     /// Inputs of the same plant that other drives drive.
@@ -141,7 +141,7 @@ impl Wiring {
         io.iter().chain(others.filter(|node| !io.contains(node)))
     }
 
-    /// Checks whether a signal of a node is one of its loop: outputs of an io node are those of the loop that they disturb.
+    /// Checks whether a signal of a node is one of its loop: outputs of an io node are those of the loops that they disturb.
     pub fn has_signal(&self, node: Option<&Node>, signal: &str) -> bool {
         let io = self.io.iter().find(|io| Some(&io.node) == node);
         io.is_none_or(|io| {
@@ -152,7 +152,7 @@ impl Wiring {
 
     /// Returns the number of cycles from one publication of the truth about its plant to the next.
     pub fn truth_every_cycles(&self) -> u8 {
-        self.truth_every_cycles.unwrap_or(1)
+        self.sensor.truth_every_cycles.unwrap_or(1)
     }
 
     /// Returns the name of its loop among several; empty for an only loop.

@@ -163,7 +163,7 @@ fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
     })
 }
 
-/// Returns the RPDOs of an io node of a loop.
+/// Returns the RPDOs of an io node of a loop. A change that disturbs several loops, which each of them has, is one.
 fn disturbances(
     plan: &Plan,
     one: &ControlLoop,

@@ -120,11 +120,8 @@ struct Coordinates {
 impl Coordinates {
     fn new(fit: &Fit<'_>, from: &Optimum) -> Option<Self> {
         let columns = fit.jacobian(&from.values)?;
-        let ranges: Vec<f64> = fit
-            .parameters
-            .iter()
-            .map(|parameter| parameter.range())
-            .collect();
+        let parameters = fit.parameters.iter();
+        let ranges = Vec::from_iter(parameters.map(|parameter| parameter.range()));
         let scale = from.mean_square.max(MEAN_SQUARE_MIN);
         let root = libm::sqrt(scale * columns.first().map_or(0, Vec::len) as f64);
         let scales = Vec::from_iter(ranges.iter().map(|range| range / root));
@@ -288,12 +285,8 @@ impl Jacobian for LeastSquares<'_> {
             .fit
             .jacobian(&values)
             .unwrap_or_else(|| vec![vec![f64::NAN; self.fit.sample_count()]; place.len()]);
-        let ranges: Vec<f64> = self
-            .fit
-            .parameters
-            .iter()
-            .map(|parameter| parameter.range() / self.scale)
-            .collect();
+        let parameters = self.fit.parameters.iter();
+        let ranges = Vec::from_iter(parameters.map(|one| one.range() / self.scale));
         let jacobian = to_matrix(&columns, &ranges);
         Ok(DenseMatrix::from_row_slice(
             jacobian.nrows(),

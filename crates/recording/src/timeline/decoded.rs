@@ -75,7 +75,7 @@ pub struct Timeline {
     pub is_disturbed: bool,
     /// Answers of the drive to the bench; empty in a piece.
     pub drive_reports: DriveReports,
-    /// Signals that the scenario's checks name.
+    /// Signals that the scenario's checks name, and the true position if it is judged.
     pub traces: Vec<SignalTrace>,
     /// Start of the scenario on the recording's clock; `None` if it never began.
     pub zero_seconds: Option<f64>,

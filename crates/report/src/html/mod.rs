@@ -147,11 +147,8 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
 /// Returns the law of all loops, or that of each.
 fn laws(run: &Run<'_>) -> String {
     // The law of another loop may lead a loop's drive.
-    let leading = run
-        .plan
-        .loops
-        .iter()
-        .filter(|one| one.trial.wiring.led_by.is_none());
+    let loops = run.plan.loops.iter();
+    let leading = loops.filter(|one| one.trial.wiring.led_by.is_none());
     let laws =
         Vec::from_iter(leading.map(|one| (one.loop_name(), one.trial.controller.law_name())));
     let text = |(name, law): &(Option<&str>, &str)| match name {

@@ -262,20 +262,14 @@ impl<'text> Selector<'_, 'text> {
             table.insert(key, Spanned::new(span, node));
         }
         let node = table.get(NODE).and_then(|node| node.get_ref().as_str());
-        let disturbed = node.and_then(|node| self.rig.drive_disturbed(node, &output));
-        let leader = self.rig.drive_of_loop(name);
-        let is_its = |drive: &str| match self.led_by(drive) {
-            Some(led) => self
-                .rig
-                .node
-                .get(leader)
-                .is_some_and(|node| node.node_id == led.first),
-            None => drive == leader,
-        };
+        let disturbed = self.rig.drives_disturbed(node.unwrap_or_default(), &output);
         // The first loop reports a node without such an output.
         let mut leading = self.rig.loops.keys().filter(|name| !self.is_led(name));
-        let is_first = leading.next().is_some_and(|first| first == name);
-        let is_its = disturbed.map_or(is_first, is_its);
+        let is_its = if disturbed.is_empty() {
+            leading.next().is_some_and(|first| first == name)
+        } else {
+            disturbed.contains(self.rig.drive_of_loop(name))
+        };
         is_its.then_some(entry)
     }
 

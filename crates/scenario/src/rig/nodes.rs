@@ -170,25 +170,28 @@ impl Rig {
             .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
     }
 
-    /// Returns the drive in whose loop an output of an io node is a disturbance: the first one that moves the plant on which the
-    /// output acts, or else whose loop measures it. A plant that no loop has disturbs none; then it is the drive of the io node.
-    pub(crate) fn drive_disturbed(&self, io: &str, output: &str) -> Option<&str> {
-        let port = self.node.get(io)?.outputs.as_ref()?.port(output);
-        let plant = port.and_then(plant_of_port);
-        let is_its =
-            |drive: &str| plant.is_some_and(|plant| self.plants_of_loop(drive).contains(plant));
-        self.first_drive(|drive| plant.is_some() && self.plant_of(drive) == plant)
-            .or_else(|| self.first_drive(is_its))
-            .or_else(|| self.drive_of_io(io))
+    /// Returns the first drive of each loop that an output of an io node disturbs: those that move or measure the plant on which
+    /// it acts. A plant that no loop has disturbs none; then it is the loop of the drive of the io node.
+    pub(crate) fn drives_disturbed(&self, io: &str, output: &str) -> BTreeSet<&str> {
+        let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
+        let port = outputs.and_then(|outputs| outputs.port(output));
+        let plant = port.and_then(plant_of_port).unwrap_or_default();
+        let first_drives = |is_its: &dyn Fn(&RigLoop) -> bool| {
+            let leading = self.loops.values().filter(|one| one.led_by.is_none());
+            let its = leading.filter(|one| is_its(one));
+            BTreeSet::from_iter(its.filter_map(|one| one.drives().next()))
+        };
+        let disturbed = first_drives(&|one| self.plants_at(one.nodes()).contains(plant));
+        if !disturbed.is_empty() {
+            return disturbed;
+        }
+        let own = self.drive_of_io(io);
+        first_drives(&|one| one.nodes().any(|node| Some(node) == own))
     }
 
-    /// Returns the plants that the loop of a drive moves or measures.
-    fn plants_of_loop(&self, drive: &str) -> BTreeSet<&str> {
-        let one = self.loop_of(drive).map(|(_, one)| one);
-        let nodes = one
-            .into_iter()
-            .flat_map(|one| one.drives().chain([one.followed()]));
-        let nodes = nodes.chain([drive]).filter_map(|name| self.node.get(name));
+    /// Returns the plants that these drives move or measure.
+    fn plants_at<'a>(&'a self, drives: impl Iterator<Item = &'a str>) -> BTreeSet<&'a str> {
+        let nodes = drives.filter_map(|name| self.node.get(name));
         let ports = nodes.flat_map(|node| [node.amplifier_port(), node.sensor_port()]);
         ports
             .flatten()
@@ -221,6 +224,8 @@ impl Rig {
         let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
         let (loop_name, rig_loop) = self.loop_of(drive).unzip();
         let followed = rig_loop.map_or(drive, RigLoop::followed);
+        let loop_nodes = rig_loop.into_iter().flat_map(RigLoop::nodes);
+        let touched = self.plants_at(loop_nodes.chain([drive]));
         let followed_node = self.node.get(followed).unwrap_or(node);
         let controller = self.controller().map(named);
         let io = self.of_kind(Part::Io);
@@ -237,18 +242,13 @@ impl Rig {
             plant: plant.to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
-            touched: self
-                .plants_of_loop(drive)
-                .into_iter()
-                .map(str::to_owned)
-                .collect(),
+            touched: touched.into_iter().map(str::to_owned).collect(),
             sensor: node.measured(),
             feedback: Measured {
                 measurand: followed_node.measurand().commanding(command),
                 ..followed_node.measured()
             },
             io: self.io_on(&emulated, drive),
-            truth_every_cycles: node.truth_every_cycles,
             record: recorded.map(|ports| ports.iter().map(in_full).collect()),
             beside: inputs.map(str::to_owned).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
@@ -407,7 +407,7 @@ impl Rig {
 
     /// Returns the io nodes that act on some of these plants.
     fn io_on(&self, plants: &BTreeSet<&str>, drive: &str) -> Vec<IoWiring> {
-        let is_here = |io: &str, output: &str| self.drive_disturbed(io, output) == Some(drive);
+        let is_here = |io: &str, output: &str| self.drives_disturbed(io, output).contains(drive);
         let nodes = self.node.iter().filter_map(|(name, node)| {
             let outputs = node.outputs.as_ref()?;
             let here = outputs.0.keys().filter(|output| is_here(name, output));
@@ -546,6 +546,7 @@ impl RigNode {
             min: sensor.min.unwrap_or_default(),
             max: sensor.max,
             increment: sensor.position_increment,
+            truth_every_cycles: self.truth_every_cycles,
         }
     }
 
@@ -726,6 +727,11 @@ impl RigLoop {
     pub(crate) fn drives(&self) -> impl Iterator<Item = &str> {
         let drives = self.outputs.iter().map(|output| output.split('.').next());
         drives.map(Option::unwrap_or_default)
+    }
+
+    /// Returns its drives, and the one that it follows.
+    fn nodes(&self) -> impl Iterator<Item = &str> {
+        self.drives().chain([self.followed()])
     }
 }
 
