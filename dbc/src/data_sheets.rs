@@ -378,11 +378,15 @@ mod tests {
         let watched = |io_nodes: &[u8]| {
             let loops = [(Vec::new(), [0; 4]), (Vec::new(), [0; 4])];
             let objects = node_objects::controller(1, &loops, &[0x11, 0x13], io_nodes);
-            objects.unsigned(0x1016, 2)
+            [2, 4].map(|entry| objects.unsigned(0x1016, entry))
         };
-        assert_eq!(watched(&[]), Some(0));
-        assert_eq!(watched(&[0x11]), Some(0x0011_0064));
-        assert_eq!(watched(&[0x12]), Some(0x0012_0064));
+        assert_eq!(watched(&[]), [Some(0), None]);
+        assert_eq!(watched(&[0x11]), [Some(0x0011_0064), None]);
+        assert_eq!(watched(&[0x12]), [Some(0x0012_0064), None]);
+        assert_eq!(
+            watched(&[0x12, 0x15]),
+            [Some(0x0012_0064), Some(0x0015_0064)]
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! A node has these objects, and its data sheet is written from them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 
 use canopen::ObjectDictionary;
@@ -17,8 +17,8 @@ use crate::names::{ADDED_LOAD, CONVECTION_FACTOR, TERMS_MAX};
 
 /// Consumer heartbeat time (CiA 301).
 pub const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
-/// Entry of the controller's 0x1016 that watches the first io node.
-pub const IO_WATCH_ENTRY: u8 = 2;
+/// Entry of the controller's 0x1016 that watches the first io node; those of further ones come behind those of all drives.
+const IO_WATCH_ENTRY: u8 = 2;
 /// Time in milliseconds after which an io node reacts to the silence of its manager (0x1016).
 const IO_WATCH_MILLISECONDS: i64 = 0xFA;
 /// Parameters of SDO clients (CiA 301, 7.5.2.33).
@@ -91,29 +91,37 @@ pub fn controller(
             objects.preset(&Preset::new(index, sub_index, value));
         }
     }
-    let watch = |objects: &mut ObjectDictionary, sub_index, value| {
-        objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, sub_index, value));
-    };
-    for (place, (terms, identifiers)) in loops.iter().enumerate() {
-        let number = u8::try_from(place).unwrap_or(u8::MAX);
-        add_terms(&mut objects, &shipped, terms, identifiers, number);
-        let sub_index = watch_entry(place);
-        let first = objects.get(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
-        if let Some(first) = first.cloned() {
-            let mut entry = first.at(CONSUMER_HEARTBEAT_TIME, sub_index);
-            entry.name = format!("Consumer heartbeat time {sub_index}");
-            objects.insert(entry);
-        }
-        let drive = drives.get(place).copied().unwrap_or_default();
-        watch(&mut objects, sub_index, i64::from(drive) << 16);
+    for (place, (terms, identifiers)) in (0..).zip(loops) {
+        add_terms(&mut objects, &shipped, terms, identifiers, place);
     }
-    let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
-    watch(&mut objects, 0, count.into());
-    // The data sheet watches the module of the shipped rig. Its node-ID may belong to a drive here.
+    // The data sheet watches the module of the shipped rig, whose node-ID may belong to a drive here.
     let shipped_watch = objects.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
-    let time = shipped_watch.unwrap_or_default() & u32::from(u16::MAX);
-    let watched = io_nodes.first().map_or(0, |id| u32::from(*id) << 16 | time);
-    watch(&mut objects, IO_WATCH_ENTRY, watched.into());
+    let io_milliseconds = shipped_watch.unwrap_or_default() & u32::from(u16::MAX);
+    let mut watched = BTreeMap::from([(IO_WATCH_ENTRY, 0)]);
+    for place in 0..loops.len() {
+        let drive = drives.get(place).copied().unwrap_or_default();
+        watched.insert(watch_entry(place), u32::from(drive) << 16);
+    }
+    let behind_drives = (loops.len()..).map(watch_entry);
+    for (entry, io) in [IO_WATCH_ENTRY]
+        .into_iter()
+        .chain(behind_drives)
+        .zip(io_nodes)
+    {
+        watched.insert(entry, u32::from(*io) << 16 | io_milliseconds);
+    }
+    let count = watched.keys().last().copied().unwrap_or_default();
+    for (entry, value) in watched.into_iter().chain([(0, count.into())]) {
+        if let Some(like) = objects
+            .get(CONSUMER_HEARTBEAT_TIME, 1)
+            .filter(|_| entry > 0)
+        {
+            let mut like = like.clone().at(CONSUMER_HEARTBEAT_TIME, entry);
+            like.name = format!("Consumer heartbeat time {entry}");
+            objects.insert(like);
+        }
+        objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, entry, value.into()));
+    }
     objects
 }
 

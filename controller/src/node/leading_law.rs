@@ -202,12 +202,9 @@ impl LeadingLaw {
         if !self.has_stepped {
             self.step(services, loops, number, false);
         }
-        let missing_max = self
-            .waits_for
-            .iter()
-            .map(|place| loops[*place].missing_max)
-            .max()
-            .unwrap_or_default();
+        let waits_for = self.waits_for.iter();
+        let missing = waits_for.map(|place| loops[*place].missing_max);
+        let missing_max = missing.max().unwrap_or_default();
         for passed in 1..=skipped.min(missing_max) {
             for place in &self.places {
                 loops[*place].look(number + passed, f64::NAN);

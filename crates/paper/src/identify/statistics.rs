@@ -63,13 +63,9 @@ impl FitStatistics {
         let columns = fit.jacobian(values)?;
         let residual = fit.residual_metres(values)?;
         let true_metres = fit.simulated_metres(values)?;
-        let sizes: Vec<f64> = fit
-            .parameters
-            .iter()
-            .zip(values)
-            .map(|(p, value)| value.abs().max(0.01 * p.range()))
-            .collect();
-        let linear = Linear::new(&columns, sizes)?;
+        let parameters = fit.parameters.iter().zip(values);
+        let sizes = parameters.map(|(p, value)| value.abs().max(0.01 * p.range()));
+        let linear = Linear::new(&columns, sizes.collect())?;
         let residual_metres_rms = rms(&residual);
         let independent = linear.covariance(degrees_of_freedom_scaled(&residual, values.len()));
         let robust = linear.robust_covariance(fit, &residual);

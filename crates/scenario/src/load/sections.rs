@@ -102,12 +102,6 @@ impl<'text> Selector<'_, 'text> {
         (tables, problems)
     }
 
-    /// Checks whether one law leads all drives; then no key need name its loop.
-    fn is_only_loop(&self) -> bool {
-        let loops = self.rig.loops.values();
-        only_one(loops.filter(|one| one.led_by.is_none())).is_some()
-    }
-
     /// Checks whether a loop represents a drive that the law of another loop leads.
     pub(super) fn is_led(&self, name: &str) -> bool {
         self.led_by(name).is_some()
@@ -203,15 +197,15 @@ impl<'text> Selector<'_, 'text> {
             laws.into_iter().find(|law| leads_all(law))
         };
         let path = format!("{CONTROLLER}.{name}");
-        let (message, label) = if let Some(law) = with_ports(name).filter(|_| !self.is_only_loop())
-        {
-            let message = format!("the law `{law}` leads all loops, not `{name}` alone");
-            (message, format!("write [{CONTROLLER}.{ALL}.{law}]"))
-        } else {
-            let law = with_ports(ALL).filter(|_| self.scenario.has(&path))?;
-            let message = format!("two laws lead the loop `{name}`");
-            (message, format!("`{law}` leads all loops already"))
-        };
+        let (message, label) =
+            if let Some(law) = with_ports(name).filter(|_| !self.rig.has_only_loop()) {
+                let message = format!("the law `{law}` leads all loops, not `{name}` alone");
+                (message, format!("write [{CONTROLLER}.{ALL}.{law}]"))
+            } else {
+                let law = with_ports(ALL).filter(|_| self.scenario.has(&path))?;
+                let message = format!("two laws lead the loop `{name}`");
+                (message, format!("`{law}` leads all loops already"))
+            };
         Some(self.scenario.key_problem(&path, message, label))
     }
 
@@ -219,7 +213,7 @@ impl<'text> Selector<'_, 'text> {
     pub(super) fn is_by_loop(&self, section: &str) -> bool {
         let keys = self.scenario.keys(section);
         let is_name = |key: &&str| *key == ALL || self.rig.loops.contains_key(*key);
-        !self.is_only_loop() || keys.iter().any(is_name)
+        !self.rig.has_only_loop() || keys.iter().any(is_name)
     }
 
     /// Keeps the entries of the arrays, such as `reference.step`, that are for this loop.
@@ -251,7 +245,7 @@ impl<'text> Selector<'_, 'text> {
         if section == REFERENCE {
             return match table.remove("loop") {
                 Some(wanted) => (wanted.get_ref().as_str() == Some(name)).then_some(entry),
-                None => self.is_only_loop().then_some(entry),
+                None => self.rig.has_only_loop().then_some(entry),
             };
         }
         let output = output_name(kind, table).to_owned();
@@ -351,7 +345,7 @@ impl<'text> Selector<'_, 'text> {
             let with = Vec::from_iter(self.rig.io_with(output).filter(|_| by == NODE));
             let (is_clear, known) = match with.len() {
                 // An output that no node has is refused as that.
-                0 => (self.is_only_loop() || by == NODE, known),
+                0 => (self.rig.has_only_loop() || by == NODE, known),
                 count => (count == 1, &*with),
             };
             let message = format!("for which {by}?");

@@ -548,6 +548,11 @@ fn a_sweep_varies_what_has_the_names_of_the_rig() {
             "no number of this scenario",
         ),
         ("hold[1]", "hold[2]", "no number of this scenario"),
+        (
+            "reference.hold[1].position_millimetres",
+            "expect.judged_until_seconds",
+            "did you mean `expect.x.judged_until_seconds`?",
+        ),
         ("draws", "drawn", "did you mean `draws`?"),
         (
             "values = [5",

@@ -11,6 +11,7 @@ use crate::bus::Bus;
 use crate::current::CurrentRange;
 use crate::custom::NAME_PATTERN;
 use crate::identifiers::Identifiers;
+use crate::load::only_one;
 use crate::metrics::METRICS;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{I2t, PlantModel};
@@ -105,6 +106,16 @@ impl Rig {
         (sensor.unwrap_or_default(), amplifier.unwrap_or_default())
     }
 
+    /// Checks whether one law leads all drives; then no key need name its loop.
+    pub(crate) fn has_only_loop(&self) -> bool {
+        only_one(self.leading()).is_some()
+    }
+
+    /// Returns the loops with a law.
+    fn leading(&self) -> impl Iterator<Item = &RigLoop> {
+        self.loops.values().filter(|one| one.led_by.is_none())
+    }
+
     /// Returns the drive that a loop leads; empty if the rig has no such loop.
     pub fn drive_of_loop(&self, name: &str) -> &str {
         let drive = self.loops.get(name).and_then(|one| one.drives().next());
@@ -177,8 +188,7 @@ impl Rig {
         let port = outputs.and_then(|outputs| outputs.port(output));
         let plant = port.and_then(plant_of_port).unwrap_or_default();
         let first_drives = |is_its: &dyn Fn(&RigLoop) -> bool| {
-            let leading = self.loops.values().filter(|one| one.led_by.is_none());
-            let its = leading.filter(|one| is_its(one));
+            let its = self.leading().filter(|one| is_its(one));
             BTreeSet::from_iter(its.filter_map(|one| one.drives().next()))
         };
         let disturbed = first_drives(&|one| self.plants_at(one.nodes()).contains(plant));
