@@ -727,9 +727,11 @@ fn a_loop_follows_what_another_drive_measures() {
     let truth = "true_position_degrees_max";
     for (node, is_followed) in [("extensor", true), ("flexor", false)] {
         let fault = format!(
-            "[[fault.sensor.offset]]\nnode = \"{node}\"\nfrom_seconds = 6.0\noffset_degrees = 0.1\n"
+            "[[fault.sensor.offset]]\nnode = \"{node}\"\nfrom_seconds = 6.0\nuntil_seconds = 6.5\noffset_degrees = 0.1\n"
         );
-        fs::write(&path, format!("{steps}\n{fault}")).unwrap();
+        let limit = "[expect.angle]\nrecovers_within_seconds = 2.0";
+        let limited = steps.replace("[expect.angle]", limit);
+        fs::write(&path, format!("{limited}\n{fault}")).unwrap();
         let runs = folder.path().join(node);
         let (code, _, stderr) = output(canrig(&runs, "simulate").arg(&path));
         assert!(matches!(code, Some(0 | 1)), "{stderr}");
@@ -737,6 +739,8 @@ fn a_loop_follows_what_another_drive_measures() {
         let rows = verdict["metrics"].as_array().unwrap();
         let is_there = |row: &Value| row["name"] == format!("angle.{truth}").as_str();
         assert_eq!(rows.iter().any(is_there), is_followed, "{node}: {verdict}");
+        let recovery = metric(&verdict, "angle.recovers_within_seconds");
+        assert!((0.0..2.0).contains(&recovery), "{node}: {recovery}");
     }
 }
 

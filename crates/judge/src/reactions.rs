@@ -208,13 +208,11 @@ fn is_heated(truth: &PlantTruth) -> bool {
 
 /// Measures the time from the end of the last fault until the deviation stays small.
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
-    let trial = evidence.trial;
-    if !trial.has_loop_faults() {
-        return Err(Absence::meaningless("no fault in the scenario"));
-    }
     // Infinite if a fault lasts to the end.
-    let ends = trial.loop_faults().map(|fault| span(fault).1);
-    let from_seconds = ends.fold(0.0, f64::max);
+    let ends = evidence.trial.position_faults().map(|fault| span(fault).1);
+    let Some(from_seconds) = ends.reduce(f64::max) else {
+        return Err(Absence::meaningless("no fault in the scenario"));
+    };
     if from_seconds.is_infinite() {
         return Err(Absence::from("a fault lasts to the end"));
     }

@@ -126,11 +126,11 @@ impl Trial {
         changes
     }
 
-    /// Returns the starts and ends of the loop's disturbances and faults, in no order.
+    /// Returns the starts and ends of the disturbances and faults by which the position may deviate, in no order.
     pub fn edges_seconds(&self) -> Vec<f64> {
         let disturbances = self.disturbance_ends().map(Some);
         let faults = self
-            .loop_faults()
+            .position_faults()
             .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
         disturbances.chain(faults).flatten().collect()
     }

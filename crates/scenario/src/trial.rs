@@ -93,6 +93,11 @@ impl Trial {
         faults.filter(move |fault| plants.clone().any(|plant| fault.is_in_loop(id, plant)))
     }
 
+    /// Returns the faults by which its position may deviate, some of them twice.
+    pub fn position_faults(&self) -> impl Iterator<Item = &Fault> {
+        self.loop_faults().chain(self.faults_followed())
+    }
+
     /// Checks whether the true position is judged as well: the plant or the sensor that the loop follows has faults.
     pub fn has_true_metrics(&self) -> bool {
         let mut groups = self.faults_followed().map(|fault| fault.kind.group);

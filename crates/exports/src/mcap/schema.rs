@@ -85,14 +85,11 @@ fn comment(signal: &Signal) -> String {
     if !signal.comment.is_empty() {
         parts.push(one_line(&signal.comment));
     }
-    let labels = signal
-        .labels
-        .iter()
-        .map(|(value, label)| format!("{value} = {}", one_line(label)))
-        .collect::<Vec<_>>()
-        .join(", ");
+    let labels = signal.labels.iter();
+    let labelled = labels.map(|(value, label)| format!("{value} = {}", one_line(label)));
+    let labels = Vec::from_iter(labelled);
     if !labels.is_empty() {
-        parts.push(format!("({labels})"));
+        parts.push(format!("({})", labels.join(", ")));
     }
     parts.join(" ")
 }

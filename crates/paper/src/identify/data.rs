@@ -141,11 +141,8 @@ impl IdentificationData {
         let disturbances = disturbances(timeline);
         let grid = timeline.cycles_in(GRID_SECONDS);
         let flowed = flowed(timeline);
-        let samples = timeline
-            .time_seconds
-            .iter()
-            .zip(timeline.position())
-            .skip(1);
+        let times = timeline.time_seconds.iter();
+        let samples = times.zip(timeline.position()).skip(1);
         let rows = timeline
             .cycle
             .pairs()

@@ -109,7 +109,11 @@ pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
             document.problem(&format!("expect.{name}"), message, format!("needs {what}"))
         };
         check.add(metric.missing_in(trial).map(needs));
-        if !trial.has_loop_faults() {
+        let has_fault = match metric.needs {
+            Needs::FaultAndSetPoint => trial.position_faults().next().is_some(),
+            _ => trial.has_loop_faults(),
+        };
+        if !has_fault {
             check.add([needs("a [[fault.…]] of this drive")]);
         }
     }
