@@ -195,6 +195,36 @@ fn a_crash_in_real_time_is_a_kill() {
     });
 }
 
+/// The bench sends set-points and disturbances, and its gateway fails as any other.
+#[test]
+fn frames_of_the_bench_are_corrupted() {
+    let folder = tempfile::tempdir().unwrap();
+    let sent = |fault: &str| {
+        let path = folder.path().join("bench.toml");
+        let text = format!(
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"bench\"\nduration_seconds = 1.0\n[controller.pid]\n\
+             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+             [[disturbance.fan]]\nfrom_seconds = 0.5\nuntil_seconds = 0.8\nconvection_factor = 2.0\n{fault}"
+        );
+        fs::write(&path, text).unwrap();
+        let runs = folder.path().join(format!("runs_{}", fault.len()));
+        let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert!(matches!(code, Some(0 | 1)), "{stdout}{stderr}");
+        let log = fs::read_to_string(only_run(&runs).join("bus.log")).unwrap();
+        let commands = log.lines().filter_map(|line| line.split_once(" 211#"));
+        Vec::from_iter(commands.map(|(_, data)| data.to_owned()))
+    };
+    let corrupt = "[[fault.bus.corrupt]]\nfrom_seconds = 0.4\nsender = \"bench\"\nprobability = 1.0\ninverted_bits = 1\n";
+    let (sound, corrupted) = (sent(""), sent(corrupt));
+    assert!(sound.len() == 2 && corrupted.len() == 2);
+    assert!(
+        sound
+            .iter()
+            .zip(&corrupted)
+            .all(|(one, other)| one != other)
+    );
+}
+
 #[test]
 fn a_fault_that_a_world_cannot_play_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -1136,6 +1136,187 @@ fn an_output_of_an_io_node_is_a_signal_of_the_loop_that_it_disturbs() {
 }
 
 /// The table of a run with several loops is that of each of them.
+/// Two motors that one law leads, each on a plant of its own, and a weight on the second one's.
+const GANTRY: &str = "schema = 1\nname = \"gantry\"\n[bus]\nsync_period_milliseconds = 2.0\n\
+    [defaults.drive]\namplifier = { rated = 1.0, min = 0.0, max = 1.0 }\n\
+    sensor = { unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }\n\
+    [plant.near.dc_motor]\n[plant.far.dc_motor]\nload_kilograms = 0.1\n\
+    [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+    [node.first]\nkind = \"drive\"\nnode_id = 0x10\namplifier.port = \"near.current_amperes\"\nsensor.port = \"near.position_metres\"\n\
+    [node.second]\nkind = \"drive\"\nnode_id = 0x12\namplifier.port = \"far.current_amperes\"\nsensor.port = \"far.position_metres\"\n\
+    [node.weight]\nkind = \"io\"\nnode_id = 0x18\noutputs = { added_load_grams = \"far.added_load_kilograms\" }\n\
+    [loop.gantry]\nfeedback = \"first.position\"\noutputs = [\"first.current\", \"second.current\"]\n";
+
+#[test]
+fn a_disturbance_of_a_further_drive_s_plant_is_a_signal_of_that_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("rig.toml"), GANTRY).unwrap();
+    let path = folder.path().join("moves.toml");
+    let write = |grams: f64| {
+        let text = format!(
+            "schema = 1\nrig = \"rig.toml\"\nname = \"moves\"\nduration_seconds = 2.0\n\
+             [controller.pid_pair]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+             [[disturbance.load]]\nat_seconds = 1.0\nadded_grams = {grams:?}\n\
+             [expect.gantry]\nmaximum_deviation_millimetres = {{ min = 0.0 }}\n\
+             [[expect.second.signal]]\nname = \"added_load_grams\"\nreaches = {{ min = 50.0 }}\n"
+        );
+        fs::write(&path, text).unwrap();
+    };
+    write(50.0);
+    let [_, run] = in_both_worlds(folder.path(), &path);
+    assert!(!column(&run, "second.added_load_grams").is_empty());
+    write(-100.0);
+    let (code, _, stderr) = output(program(&["check"]).arg(&path));
+    let said = "nothing is left of the load";
+    assert!(code == Some(3) && stderr.contains(said), "{stderr}");
+    // The loop would be that of the drive which its law leads besides.
+    let path = folder.path().join("rig.toml");
+    fs::write(&path, GANTRY.replace("[loop.gantry]", "[loop.second]")).unwrap();
+    let (code, _, stderr) = output(program(&["check"]).arg(&path));
+    assert!(
+        code == Some(3) && stderr.contains("the name of two things"),
+        "{stderr}"
+    );
+}
+
+/// The drives of a plant have one CAN controller, so one that loses frames keeps them from all.
+#[test]
+fn a_receiver_that_loses_frames_excuses_the_drives_that_share_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lost.toml");
+    let steps = fs::read_to_string(scenario("sma_pair_step.toml")).unwrap();
+    let fault = "[[fault.bus.lose]]\nreceiver = \"flexor\"\nidentifier = 128\nprobability = 0.05\nfrom_seconds = 1.0\n";
+    fs::write(&path, steps + fault).unwrap();
+    let (code, stdout, stderr) = output(canrig(&folder.path().join("runs"), "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+/// Until then the loop is watched, whichever of its drives fails.
+#[test]
+fn a_recovery_ends_where_a_fault_of_another_drive_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    let steps = fs::read_to_string(scenario("sma_pair_step.toml")).unwrap();
+    let (law, _) = steps.split_once("[[reference.step]]").unwrap();
+    let recoveries = ["flexor", "extensor"].map(|node| {
+        let path = folder.path().join(format!("{node}.toml"));
+        let more = format!(
+            "[[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 20.0\n\
+             [[fault.amplifier.dead]]\nnode = \"{node}\"\nfrom_seconds = 6.0\n"
+        );
+        fs::write(&path, law.to_owned() + &more).unwrap();
+        let runs = folder.path().join(node);
+        let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert!(matches!(code, Some(0 | 1)), "{stdout}{stderr}");
+        metric(&verdict(&only_run(&runs)), "angle.recovery_time_seconds")
+    });
+    assert_eq!(recoveries[0], recoveries[1]);
+}
+
+/// A position has the name of the loop that follows it, not of the drive that this loop commands.
+#[test]
+fn a_program_reads_what_its_loop_follows() {
+    let folder = tempfile::tempdir().unwrap();
+    let pair = fs::read_to_string(scenario("rigs/sma_pair.toml")).unwrap();
+    let (nodes, _) = pair.split_once("[loop.angle]").unwrap();
+    let of_loop =
+        "[loop.angle]\nfeedback = \"extensor.position\"\noutputs = [\"flexor.current\"]\n";
+    fs::write(folder.path().join("rig.toml"), nodes.to_owned() + of_loop).unwrap();
+    let path = folder.path().join("program.toml");
+    for (reads, writes, said) in [
+        ("angle.position_degrees", "flexor.current_amperes", "valid"),
+        ("extensor.position_degrees", "current_amperes", "valid"),
+        (
+            "flexor.position_degrees",
+            "current_amperes",
+            "cannot read `flexor.position_degrees`",
+        ),
+        (
+            "position_degrees",
+            "extensor.current_amperes",
+            "does not command the drive `flexor`",
+        ),
+        (
+            "position_degrees",
+            "current_amperes\", \"extensor.current_amperes",
+            "which is only followed",
+        ),
+    ] {
+        let text = format!(
+            "schema = 1\nrig = \"rig.toml\"\nname = \"program\"\nduration_seconds = 1.0\n\
+             [controller.angle.program]\ncommand = [\"true\"]\nreads = [\"{reads}\"]\nwrites = [\"{writes}\"]\n\
+             [[reference.hold]]\nat_seconds = 0.0\nposition_degrees = 1.0\n"
+        );
+        fs::write(&path, text).unwrap();
+        let (code, stdout, stderr) = output(program(&["check"]).arg(&path));
+        let is_valid = code == Some(0);
+        assert_eq!(is_valid, said == "valid", "{reads} {writes}: {stderr}");
+        assert!(format!("{stdout}{stderr}").contains(said), "{stderr}");
+    }
+}
+
+/// Three motors: `a` moves and measures `ma`, `b` moves `mb`; the fan blows on a plant without a drive.
+fn motors_and_an_idle_one(idle: &str, measured: &str, followed: &str) -> String {
+    format!(
+        "schema = 1\nname = \"idle\"\n[bus]\nsync_period_milliseconds = 2.0\n\
+         [defaults.drive]\namplifier = {{ rated = 1.0, min = -1.0, max = 1.0 }}\n\
+         sensor = {{ unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }}\n\
+         [plant.ma.dc_motor]\n[plant.mb.dc_motor]\n[plant.{idle}.dc_motor]\n\
+         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+         [node.a]\nkind = \"drive\"\nnode_id = 16\namplifier.port = \"ma.current_amperes\"\nsensor.port = \"ma.position_metres\"\n\
+         [node.b]\nkind = \"drive\"\nnode_id = 17\namplifier.port = \"mb.current_amperes\"\nsensor.port = \"{measured}.position_metres\"\n\
+         [node.gust]\nkind = \"io\"\nnode_id = 48\noutputs = {{ convection_factor = \"{idle}.convection_factor\" }}\n\
+         [loop.a]\nfeedback = \"a.position\"\noutputs = [\"a.current\"]\n\
+         [loop.b]\nfeedback = \"{followed}.position\"\noutputs = [\"b.current\"]\n"
+    )
+}
+
+/// Plays both loops with the same set-points, and returns the verdict.
+fn played_with_an_idle_one(idle: &str, measured: &str, followed: &str) -> Value {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = motors_and_an_idle_one(idle, measured, followed);
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let path = folder.path().join("steps.toml");
+    let of_loop = ["a", "b"].map(|name| {
+        format!(
+            "[[reference.hold]]\nloop = \"{name}\"\nat_seconds = 0.0\nposition_millimetres = 5.0\n\
+             [[reference.step]]\nloop = \"{name}\"\nat_seconds = 1.0\nposition_millimetres = 6.0\n"
+        )
+    });
+    let text = "schema = 1\nrig = \"rig.toml\"\nname = \"steps\"\nduration_seconds = 2.0\n[controller.all.pid]\n\
+        [[disturbance.fan]]\nfrom_seconds = 1.05\nuntil_seconds = 1.4\nconvection_factor = 3.0\n";
+    fs::write(&path, text.to_owned() + &of_loop.concat()).unwrap();
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    verdict(&only_run(&runs))
+}
+
+/// The plant without a drive is emulated with those of the first drive, and none of them a second time for another drive.
+#[test]
+fn a_plant_is_emulated_once_whatever_the_name_of_another() {
+    for idle in ["idle", "zidle"] {
+        let verdict = played_with_an_idle_one(idle, "ma", "b");
+        let [a, b] =
+            ["a", "b"].map(|name| metric(&verdict, &format!("{name}.position_millimetres_max")));
+        assert_eq!(a, b, "{idle}");
+        assert!(a > 5.0, "{idle}: {a}");
+    }
+}
+
+/// Neither the disturbance of a plant without a loop nor the order of the loops changes a step.
+#[test]
+fn loops_that_follow_the_same_signal_are_judged_alike() {
+    let verdict = played_with_an_idle_one("idle", "mb", "a");
+    for name in ["overshoot_percent", "tracking_error_millimetres_rms"] {
+        let [a, b] = ["a", "b"].map(|one| metric(&verdict, &format!("{one}.{name}")));
+        assert_eq!(a, b, "{name}");
+    }
+    let rows = verdict["metrics"].as_array().unwrap();
+    let names = rows.iter().map(|row| row["name"].as_str().unwrap());
+    let disturbed = names.filter(|name| name.contains("deviation"));
+    assert_eq!(disturbed.count(), 0, "{verdict}");
+}
+
 /// A true position counts in the cycles in which it is published, not in those up to the next one.
 #[test]
 fn true_metrics_do_not_depend_on_how_often_the_truth_is_published() {

@@ -126,10 +126,8 @@ fn examine() -> Vec<Section> {
 /// Returns the text of the sections, with a conclusion on whether the bench works here.
 fn report(sections: &[Section]) -> String {
     let checks = sections.iter().flat_map(|section| &section.checks);
-    let width = checks
-        .map(|check| check.what.len())
-        .max()
-        .unwrap_or_default();
+    let lengths = checks.map(|check| check.what.len());
+    let width = lengths.max().unwrap_or_default();
     let blocks: Vec<String> = sections.iter().map(|section| section.text(width)).collect();
     let end = match exit(sections, false) {
         Exit::Pass => "Nothing that is needed is missing: canrig run scenarios/step.toml",

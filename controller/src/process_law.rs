@@ -189,6 +189,9 @@ mod tests {
             let one = LoopFacts {
                 name: "x".to_owned(),
                 drive: "drive".to_owned(),
+                followed: "drive".to_owned(),
+                is_commanded: true,
+                plant: String::new(),
                 measurand: Measurand::position(Unit::Millimetres).commanding(command),
                 current: CurrentRange {
                     rated: 4.0,

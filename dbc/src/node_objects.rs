@@ -76,10 +76,8 @@ pub fn controller(
         is_of_law || SDO_CLIENTS.contains(index)
     });
     let mut known = BTreeSet::new();
-    let servers = drives
-        .iter()
-        .chain(io_nodes)
-        .filter(|id| known.insert(**id));
+    let nodes = drives.iter().chain(io_nodes);
+    let servers = nodes.filter(|id| known.insert(**id));
     let first_client = shipped.entries().iter();
     let first_client = first_client.filter(|entry| entry.index == *SDO_CLIENTS.start());
     for (index, server) in SDO_CLIENTS.zip(servers.copied()) {

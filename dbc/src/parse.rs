@@ -34,11 +34,8 @@ impl Database {
             DbcError(format!("DBC syntax: {error}"))
         })?;
         let is_used = |message: &&can_dbc::Message| message.name != UNUSED_SIGNALS;
-        let messages = dbc
-            .messages
-            .iter()
-            .filter(is_used)
-            .map(|message| read_message(&dbc, message));
+        let used = dbc.messages.iter().filter(is_used);
+        let messages = used.map(|message| read_message(&dbc, message));
         let database = Self::from_messages(messages.collect::<Result<_, _>>()?);
         database.refuse_duplicates()?;
         Ok(database)

@@ -105,10 +105,8 @@ fn told(archive: &Archive) -> String {
         text += &listed(title, description.variables.iter().filter(is_it));
     }
     let shown = [Causality::Input, Causality::Output, Causality::Parameter];
-    let others = description
-        .variables
-        .iter()
-        .filter(|variable| !shown.contains(&variable.causality));
+    let variables = description.variables.iter();
+    let others = variables.filter(|variable| !shown.contains(&variable.causality));
     text += &format!("\nother variables: {}\n", others.count());
     for need in description.not_served() {
         text += &format!("note: {need}\n");

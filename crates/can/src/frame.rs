@@ -217,10 +217,8 @@ impl FilterSet {
     pub fn union<'a>(sets: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::from(Vec::new());
         for set in sets {
-            let fresh = set
-                .filters
-                .iter()
-                .filter(|filter| !all.filters.contains(filter));
+            let filters = set.filters.iter();
+            let fresh = filters.filter(|filter| !all.filters.contains(filter));
             let fresh = Vec::from_iter(fresh.copied());
             all.filters.extend(fresh);
             for (word, other) in all.standard.iter_mut().zip(*set.standard) {

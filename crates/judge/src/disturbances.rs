@@ -3,7 +3,7 @@
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest, worst};
+use crate::evidence::{Absence, EDGE, Evidence, Measurement, MetricValue, checked, largest, worst};
 
 /// Time for which a disturbance is watched at least after its end; it is watched further until something else moves the loop.
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
@@ -74,7 +74,7 @@ pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
         if evidence.is_silence(latest, time) {
             recovered_at = Some(time);
         }
-        is_outside = sample.deviation() > band;
+        is_outside = sample.deviation() > EDGE * band;
         if is_outside {
             recovered_at = Some(time + period_seconds);
         }

@@ -186,6 +186,9 @@ pub(crate) const STAY_SECONDS: f64 = 0.1;
 /// Largest difference of equal set-points: they are computed from sines, and rounding separates two of them.
 pub(crate) const SAME_MAX: f64 = 1e-6;
 
+/// Edge of a band of 1, which is inside it: a difference of decimal numbers is rounded.
+pub(crate) const EDGE: f64 = 1.0 + 1e-9;
+
 /// Set-point and position in one cycle.
 #[derive(Clone, Copy)]
 pub(crate) struct CycleSample {

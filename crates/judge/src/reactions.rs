@@ -320,11 +320,8 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
         })
     };
     let is_missing = |text: &&String| !text.parse().is_ok_and(|wanted| came(&wanted));
-    let missing: Vec<&str> = demanded
-        .iter()
-        .filter(is_missing)
-        .map(String::as_str)
-        .collect();
+    let silent = demanded.iter().filter(is_missing);
+    let missing = Vec::from_iter(silent.map(String::as_str));
     if missing.is_empty() {
         return Ok(0.0.into());
     }

@@ -4,7 +4,9 @@ use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::{JudgedStep, Window};
 use scenario::expect::rounded;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS, worst};
+use crate::evidence::{
+    Absence, EDGE, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS, worst,
+};
 
 /// Half the width of the settling band, relative to the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;
@@ -44,7 +46,7 @@ fn step_settling_time(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue
     let (mut settled_at, mut latest) = (None, None);
     for sample in evidence.samples(step.window) {
         let time = sample.time_seconds;
-        let is_outside = (sample.position - step.to).abs() > band;
+        let is_outside = (sample.position - step.to).abs() > EDGE * band;
         let was_silent = latest.is_some_and(|latest| evidence.is_silence(latest, time));
         if is_outside || was_silent {
             settled_at = None;

@@ -142,6 +142,19 @@ fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
     check("", stays_inside, "settling_time_seconds", 0.1);
 }
 
+/// 35 - 34.778 is more than 0.222 in binary.
+#[test]
+fn the_edge_of_a_band_is_inside_whatever_its_decimals() {
+    let fan = "[[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 2.0\n\
+         [expect]\nrecovery_band_millimetres = 0.222\n";
+    let recovers = |time: f64| match (time * 1e3).round() {
+        2000.0..2500.0 => 30.0,
+        2500.0.. => 34.778,
+        _ => step_response(1.1)(time),
+    };
+    check(fan, recovers, "recovery_time_seconds", 0.5);
+}
+
 const HUNTING: &str = "[expect]\nhunting_millimetres = { max = 0.25 }\n";
 
 #[test]

@@ -39,10 +39,8 @@ pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect, stal
 
 /// Returns the largest share of cycles without a command over all loops.
 fn missed_commands_percent(verdict: &Verdict) -> f64 {
-    let rows = verdict
-        .metrics
-        .iter()
-        .filter(|row| without_loop(&row.name) == MISSED_COMMANDS);
+    let metrics = verdict.metrics.iter();
+    let rows = metrics.filter(|row| without_loop(&row.name) == MISSED_COMMANDS);
     rows.filter_map(|row| row.value).fold(0.0, f64::max)
 }
 
@@ -77,10 +75,8 @@ fn is_open(verdict: &Verdict, unavailable: Option<&String>) -> bool {
 }
 
 fn decide(verdict: &mut Verdict, timing: &Timing, stalls: &[Stall], unavailable: Option<String>) {
-    let limited = verdict
-        .metrics
-        .iter()
-        .filter(|metric| metric.limit.is_some());
+    let metrics = verdict.metrics.iter();
+    let limited = metrics.filter(|metric| metric.limit.is_some());
     let results: Vec<Option<bool>> = limited.map(|metric| metric.passed).collect();
     if results.contains(&Some(false)) {
         (verdict.outcome, verdict.reason) = (Outcome::Fail, None);

@@ -72,10 +72,8 @@ impl BusBudget {
     pub fn new(plan: &Plan) -> Self {
         let (database, controller) = (plan.database(), &plan.controller().name);
         let sync = share(controller, "SYNC", database.message(names::SYNC), EACH);
-        let shares = plan
-            .loops
-            .iter()
-            .flat_map(|one| loop_shares(controller, one));
+        let loops = plan.loops.iter();
+        let shares = loops.flat_map(|one| loop_shares(controller, one));
         let set_points = plan.set_points_every_cycles().and_then(|every| {
             let names = plan.loops.iter().map(|one| names::set_point(one.name()));
             let messages = names.filter_map(|name| database.message(&name));

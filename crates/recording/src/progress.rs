@@ -63,10 +63,8 @@ impl LoopReader {
     fn read(&self, frames: &[Stamped], time: Duration) -> LoopProgress {
         let mut latest = frames.iter().rev();
         let position = latest.find_map(|stamped| self.position.decode(&stamped.frame));
-        let set_point = self
-            .set_point
-            .as_ref()
-            .map(|curve| curve.at(time.as_secs_f64()).position);
+        let curve = self.set_point.as_ref();
+        let set_point = curve.map(|curve| curve.at(time.as_secs_f64()).position);
         LoopProgress {
             name: self.name.clone(),
             measurand: self.measurand.clone(),

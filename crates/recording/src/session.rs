@@ -65,11 +65,8 @@ fn link_files(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteE
 /// Returns the files of the plan, with the names of their copies in a folder: the files that the scenario names, with its rig and
 /// the EDS of real drives, and the scenario.
 pub fn plan_files(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
-    let tables = plan
-        .shared
-        .tables
-        .iter()
-        .map(|(name, text)| (name.as_str(), text.as_str()));
+    let files = plan.shared.tables.iter();
+    let tables = files.map(|(name, text)| (name.as_str(), text.as_str()));
     tables.chain([(file::SCENARIO, plan.shared.text.as_str())])
 }
 

@@ -23,10 +23,8 @@ fn suite(verdict: &Verdict) -> TestSuite {
     suite.add_property(("version", &*printable(&verdict.version)));
     suite.add_property(("seed", verdict.seed.to_string().as_str()));
     suite.add_properties(properties(&verdict.requirements));
-    let limited = verdict
-        .metrics
-        .iter()
-        .filter(|metric| metric.limit.is_some());
+    let metrics = verdict.metrics.iter();
+    let limited = metrics.filter(|metric| metric.limit.is_some());
     suite.add_test_cases(limited.map(|metric| case(&class, metric, verdict.outcome)));
     suite.add_test_case(run_case(&class, verdict));
     suite

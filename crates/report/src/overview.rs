@@ -237,10 +237,8 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
 
 /// Returns the measurand of all loops, if it is the same.
 fn heading(groups: &[Vec<Course<'_>>]) -> String {
-    let mut titles = groups
-        .iter()
-        .flatten()
-        .map(|course| course.timeline.measurand.title());
+    let courses = groups.iter().flatten();
+    let mut titles = courses.map(|course| course.timeline.measurand.title());
     let first = titles.next().unwrap_or_default();
     if titles.all(|title| title == first) {
         first

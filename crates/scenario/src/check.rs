@@ -18,9 +18,9 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
 use crate::nearest::meant_or_known;
-use crate::port::{Command, Measurand, UNIT, conversion};
+use crate::port::{Command, Measurand, UNIT, conversion, plant_of_port};
 use crate::reference::Reference;
-use crate::rig::nodes::{Outputs, Rig, kind_of_output};
+use crate::rig::nodes::{LOAD_OUTPUT, Outputs, Rig, kind_of_output};
 use crate::run::Run;
 use crate::structure::out_of_range;
 use crate::trial::Trial;
@@ -311,12 +311,17 @@ fn disturbances(check: &mut Check<'_>, trial: &Trial) {
         }
     }
     unused_outputs(check, &trial.disturbance);
-    let Some(load_kilograms) = trial.plant.load_kilograms() else {
-        return;
+    let load_grams = |io: &str| {
+        let outputs = check.rig.node.get(io)?.outputs.as_ref()?;
+        let plant = check
+            .rig
+            .plant
+            .get(plant_of_port(outputs.port(LOAD_OUTPUT)?)?)?;
+        Some(1e3 * plant.load_kilograms()?)
     };
-    let load_grams = load_kilograms * 1e3;
     for (index, load) in trial.disturbance.load.iter().enumerate() {
-        if load_grams + load.added_grams <= 0.0 {
+        let hanging = load_grams(&load.node).filter(|grams| grams + load.added_grams <= 0.0);
+        if let Some(load_grams) = hanging {
             let path = format!("disturbance.load.{index}.added_grams");
             let label = format!("must leave something of {load_grams} g");
             check.at(&path, "nothing is left of the load", label);

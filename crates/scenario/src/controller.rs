@@ -73,6 +73,11 @@ impl Controller {
         program.or(library).or(fmu)
     }
 
+    /// Checks whether the law is none that ships.
+    pub fn is_from_outside(&self) -> bool {
+        self.custom.is_some() || self.process_law().is_some()
+    }
+
     /// Turns the file of a library or an FMU, which is in the folder of the scenario, into a path.
     pub(crate) fn place_files(&mut self, scenario: &Path) {
         let library = self.library.iter_mut().map(|law| &mut law.file);

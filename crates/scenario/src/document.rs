@@ -67,11 +67,8 @@ impl<'text> Document<'text> {
     /// Returns the problems of the parser. A table that is given twice is one problem, not one for each of its keys.
     fn syntax_problems(&self, text: &str, errors: &[toml::de::Error]) -> Vec<Problem> {
         // An error at the end is shown at the last character, since there is no character after it to underline.
-        let last = text
-            .trim_end()
-            .char_indices()
-            .last()
-            .map_or(0, |(at, _)| at);
+        let letters = text.trim_end().char_indices();
+        let last = letters.last().map_or(0, |(at, _)| at);
         let headings = headings(text);
         let mut second_table = 0..0;
         let mut problems = Vec::new();

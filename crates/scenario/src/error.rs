@@ -115,11 +115,9 @@ impl Diagnostic for ScenarioError {
     }
 
     fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
-        let problems = self
-            .problems
-            .iter()
-            .map(|problem| problem as &dyn Diagnostic);
-        self.single().is_none().then(|| Box::new(problems) as _)
+        let problems = self.problems.iter();
+        let related = problems.map(|problem| problem as &dyn Diagnostic);
+        self.single().is_none().then(|| Box::new(related) as _)
     }
 }
 

@@ -263,7 +263,11 @@ pub fn reading(port: &Port, loops: &[LoopFacts]) -> Result<Reading, WrongPort> {
         ..
     } = &one.measurand;
     let rest = name.strip_prefix(signal.as_str());
-    let found = if let Some(unit) = rest.and_then(|rest| rest.strip_prefix('_')) {
+    // By the name of a drive it would be that of another.
+    let is_followed = one.followed == one.drive || port.name.starts_with(&format!("{}.", one.name));
+    let found = if !is_followed {
+        None
+    } else if let Some(unit) = rest.and_then(|rest| rest.strip_prefix('_')) {
         conversion(position_unit.word(), unit).map(|factor| (Quantity::Position, factor))
     } else if one.led_by.is_some() {
         None
@@ -340,7 +344,8 @@ fn each_drive_once(
         let mut commands = written.filter(|(_, one)| one.is_command && one.index == place);
         let drive = &one.drive;
         match (commands.next(), commands.next()) {
-            (Some(_), None) => {}
+            (Some(_), None) if one.is_commanded => {}
+            (None, _) if !one.is_commanded => {}
             (None, _) => {
                 let message = format!("the law does not command the drive `{drive}`");
                 let command = one.measurand.command;
@@ -352,6 +357,11 @@ fn each_drive_once(
                 let message = format!("the law commands the drive `{drive}` twice");
                 let label = format!("by `{}` and by `{}`", first.name, second.name);
                 return Err(wrong(message, label));
+            }
+            (Some((port, _)), None) => {
+                let message =
+                    format!("the law commands the drive `{drive}`, which is only followed");
+                return Err(wrong(message, format!("leave out `{}`", port.name)));
             }
         }
     }
@@ -372,6 +382,9 @@ mod tests {
         let one = |name: &str, drive: &str, unit, is_led: bool| LoopFacts {
             name: name.to_owned(),
             drive: drive.to_owned(),
+            followed: drive.to_owned(),
+            is_commanded: true,
+            plant: String::new(),
             measurand: Measurand::position(unit),
             current: CurrentRange::default(),
             led_by: is_led.then_some(led_by),

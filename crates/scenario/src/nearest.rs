@@ -21,10 +21,8 @@ const KEY_UNITS: [(&str, f64, &str); 9] = [
 /// Returns the factor from the number of a key to that of a known one, if they differ in one unit only.
 fn unit_factor(key: &str, known: &str) -> Option<f64> {
     let [words, known] = [key, known].map(|name| Vec::from_iter(name.split('_')));
-    let mut different = words
-        .iter()
-        .zip(&known)
-        .filter(|(word, known)| word != known);
+    let pairs = words.iter().zip(&known);
+    let mut different = pairs.filter(|(word, known)| word != known);
     let (word, other) = different.next()?;
     if words.len() != known.len() || different.next().is_some() {
         return None;

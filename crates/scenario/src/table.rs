@@ -187,11 +187,8 @@ impl<'a> Reader<'a> {
     }
 
     fn number(&self, row: usize, column: &str, field: &'a str) -> Result<f64, Problem> {
-        let parsed = field
-            .trim()
-            .parse::<f64>()
-            .ok()
-            .filter(|number| number.is_finite());
+        let number = field.trim().parse::<f64>().ok();
+        let parsed = number.filter(|number| number.is_finite());
         parsed.ok_or_else(|| {
             let what = format!("has no number in column {column}");
             self.problem(field, row, &what, "not a finite number")

@@ -12,11 +12,12 @@ use crate::disturbance::Disturbance;
 use crate::expect::Expect;
 use crate::fault::{Fault, Faults, Group};
 use crate::identifiers::Identifiers;
+use crate::node::{Node, Part};
 use crate::plant::PlantModel;
 use crate::reference::Reference;
 use crate::rig::nodes::{Amplifier, Sensor};
 use crate::run::Run;
-use crate::wiring::Wiring;
+use crate::wiring::{LoopFacts, Wiring};
 
 /// Second SDO channel of an emulated drive.
 const SECOND_SDO: u16 = 0x1201;
@@ -65,10 +66,8 @@ impl Trial {
 
     /// Returns the plants that are emulated together by name, its own among them.
     pub fn plants(&self) -> BTreeMap<&str, &PlantModel> {
-        let others = self
-            .plants_beside
-            .iter()
-            .map(|(name, plant)| (name.as_str(), plant));
+        let beside = self.plants_beside.iter();
+        let others = beside.map(|(name, plant)| (name.as_str(), plant));
         let own = (self.wiring.plant.as_str(), &self.plant);
         others.chain([own]).collect()
     }
@@ -93,9 +92,20 @@ impl Trial {
         faults.filter(move |fault| plants.clone().any(|plant| fault.is_in_loop(id, plant)))
     }
 
-    /// Returns the faults by which its position may deviate, some of them twice.
+    /// Returns the faults by which its position may deviate: those of its nodes and plants, of other drives of these plants, and of
+    /// no drive.
     pub fn position_faults(&self) -> impl Iterator<Item = &Fault> {
-        self.loop_faults().chain(self.faults_followed())
+        let (wiring, nodes) = (&self.wiring, &self.wiring.nodes);
+        let is_touched = |plant: &str| wiring.touched.contains(plant) || plant == wiring.plant;
+        let is_near = move |node: &Node| {
+            let is_it = |one: &LoopFacts| one.drive == node.name && is_touched(&one.plant);
+            let is_own = [nodes.drive.id, nodes.followed.id].contains(&node.id);
+            node.part != Part::Drive || is_own || wiring.loops.iter().any(is_it)
+        };
+        let faults = self.run.faults.iter();
+        faults.filter(move |fault| {
+            fault.node.as_ref().is_none_or(is_near) && fault.plant.as_deref().is_none_or(is_touched)
+        })
     }
 
     /// Checks whether the true position is judged as well: the plant or the sensor that the loop follows has faults.

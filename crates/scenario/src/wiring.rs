@@ -61,6 +61,12 @@ pub struct LoopFacts {
     pub name: String,
     /// First drive of the loop.
     pub drive: String,
+    /// Drive whose signal it follows.
+    pub followed: String,
+    /// Whether a law commands its drive, which is else only followed.
+    pub is_commanded: bool,
+    /// Plant that its drive moves; empty for none.
+    pub plant: String,
     /// Signal that it follows, and its command.
     pub measurand: Measurand,
     /// Range of commands to the amplifier of its drive.
@@ -82,6 +88,8 @@ pub struct Wiring {
     pub output: String,
     /// Plants that its loop moves or measures; empty without a rig file.
     pub touched: BTreeSet<String>,
+    /// Outputs of io nodes that act on these plants, each behind the name of its node.
+    pub disturbing: BTreeSet<[String; 2]>,
     /// Signal of its sensor.
     pub sensor: Measured,
     /// Signal that its loop follows: of its sensor, or of the sensor of another drive.
@@ -123,14 +131,6 @@ impl Wiring {
         let is_its = |one: &LoopFacts| one.name == self.loop_name;
         let number = self.loops.iter().position(is_its).unwrap_or_default();
         u8::try_from(number).unwrap_or(u8::MAX)
-    }
-
-    /// Checks whether an output of an io node acts on a plant of its loop.
-    pub(crate) fn is_disturbed_by(&self, node: &str, output: &str) -> bool {
-        let io = self.io.iter().find(|io| io.node.name == node);
-        let port = io.and_then(|io| io.outputs.get(output));
-        let plant = port.and_then(|port| plant_of_port(port));
-        plant.is_none_or(|plant| self.touched.is_empty() || self.touched.contains(plant))
     }
 
     /// Returns the io nodes whose commands are recorded in its loop, and those with outputs that disturb it.

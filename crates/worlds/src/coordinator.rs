@@ -346,10 +346,8 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
 
     fn next_of(&self, faults: &BusFaults) -> Nanos {
         let sequence = self.bus.bit_time(SEQUENCE_BITS);
-        let recoveries = faults
-            .states
-            .iter()
-            .map(|state| state.recovers_at(sequence));
+        let states = faults.states.iter();
+        let recoveries = states.map(|state| state.recovers_at(sequence));
         let free_at = self.now.max(self.bus.free_at);
         let foreign = faults.next_foreign(free_at);
         earliest(recoveries.chain([foreign])).map_or(NEVER, nanos)

@@ -154,10 +154,8 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
         let name = &plan.controller().name;
         format!("{name}: a program leads, so [controller] of the scenario is left out")
     });
-    let ours = plan
-        .loops
-        .iter()
-        .filter(|one| one.is_ours(Part::Controller));
+    let loops = plan.loops.iter();
+    let ours = loops.filter(|one| one.is_ours(Part::Controller));
     let laws = ours.filter_map(|one| one.trial.controller.process_law());
     let folder = scenario_folder(plan);
     let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());

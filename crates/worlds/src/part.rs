@@ -14,10 +14,8 @@ const ROWS_MAX: f64 = 100_000.0;
 
 /// Returns the part of a node.
 pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
-    let loops = plan
-        .loops
-        .iter()
-        .filter(|one| one.nodes.all().any(|other| other.id == node.id));
+    let all = plan.loops.iter();
+    let loops = all.filter(|one| one.nodes.all().any(|other| other.id == node.id));
     json!({
         "version": VERSION,
         "node": {"name": node.name, "node_id": node.id, "kind": node.part.word()},

@@ -81,10 +81,8 @@ impl<'a> Sampler<'a> {
 
     pub(super) fn add(&mut self, row: &SweepRow) {
         // Torture has no limits; its invariants take their place.
-        let broken = row
-            .missed
-            .iter()
-            .filter(|name| !self.limits.contains_key(*name));
+        let missed = row.missed.iter();
+        let broken = missed.filter(|name| !self.limits.contains_key(*name));
         let broken: Vec<(String, f64)> = broken.map(|name| (name.clone(), 1.0)).collect();
         let values = self.limits.iter().filter_map(|(name, limit)| {
             let value = row.metric(name);

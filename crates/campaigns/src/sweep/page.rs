@@ -238,10 +238,8 @@ fn worst_label(driven: &Driven) -> String {
     let Some(limit) = driven.limit else {
         return "it was broken".to_owned();
     };
-    let ends = driven
-        .worst
-        .iter()
-        .map(|(.., value)| nearest_end(limit, *value));
+    let worst = driven.worst.iter();
+    let ends = worst.map(|(.., value)| nearest_end(limit, *value));
     let ends = Vec::from_iter(ends.map(|end| terminal::limit(&driven.name, Some(end))));
     match &ends[..] {
         [first, others @ ..] if others.iter().all(|other| other == first) => {

@@ -160,10 +160,8 @@ fn summary(seed: u64, played: usize, broken: &Broken) -> String {
         return text + "all invariants held";
     }
     let times: usize = broken.0.values().map(|first| first.count).sum();
-    let counts = broken
-        .0
-        .iter()
-        .map(|(invariant, first)| format!("{invariant} {}", first.count));
+    let invariants = broken.0.iter();
+    let counts = invariants.map(|(invariant, first)| format!("{invariant} {}", first.count));
     text += &format!(
         "broken {times} times ({})",
         counts.collect::<Vec<_>>().join(", ")

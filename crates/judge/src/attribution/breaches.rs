@@ -83,11 +83,8 @@ impl Breach {
 
 /// Returns the cycles without a SYNC or a position, among those that were due.
 pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item = Breach> {
-    let mut rows = timeline
-        .cycle
-        .iter()
-        .zip(timeline.measured_position())
-        .peekable();
+    let cycles = timeline.cycle.iter();
+    let mut rows = cycles.zip(timeline.measured_position()).peekable();
     let missing =
         (0..due).filter_map(
             move |cycle| match rows.next_if(|(number, _)| *number <= cycle) {

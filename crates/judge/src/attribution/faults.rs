@@ -1,5 +1,7 @@
 //! The misses that a fault of the scenario explains: a fault excuses the frames that it touches, not all of its window.
 
+use std::collections::BTreeSet;
+
 use plan::ControlLoop;
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::expect::Emergency;
@@ -20,6 +22,8 @@ pub(crate) struct ScenarioFaults<'a> {
     faults: Vec<&'a Fault>,
     /// Node-ID of the loop's drive; that of another loop is not its drive.
     drive: u8,
+    /// Drives that share its CAN controller, for they are emulated with it.
+    emulated_with: BTreeSet<&'a str>,
     /// Times at which the controller reported, during a fault, its reason to give up.
     reports_seconds: Vec<f64>,
     reaction_seconds: f64,
@@ -52,7 +56,11 @@ impl<'a> ScenarioFaults<'a> {
         let reports = events
             .filter(|event| event.emergency.as_ref().is_some_and(is_report))
             .map(|event| event.time_seconds);
+        let plants = one.trial.plants();
+        let drives = one.trial.wiring.loops.iter();
+        let emulated_with = drives.filter(|other| plants.contains_key(&*other.plant));
         Self {
+            emulated_with: emulated_with.map(|other| &*other.drive).collect(),
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),
             faults,
             drive: one.trial.wiring.nodes.drive.id,
@@ -71,7 +79,11 @@ impl<'a> ScenarioFaults<'a> {
             let (from, until) = span(fault);
             let node = fault.node.as_ref();
             let is_at = |part| node.is_some_and(|node| node.part == part);
-            let is_here = node.is_none_or(|node| node.part != Part::Drive || node.id == self.drive);
+            let is_shared = node.is_some_and(|node| self.emulated_with.contains(&*node.name));
+            let is_here = node.is_none_or(|node| {
+                let is_felt = fault.kind.touch == Touch::Receiver && is_shared;
+                node.part != Part::Drive || node.id == self.drive || is_felt
+            });
             let is_of_node = is_here && (node.is_none() || is_at(owing));
             let other = if is_at(Part::Controller) {
                 Part::Drive
@@ -81,7 +93,7 @@ impl<'a> ScenarioFaults<'a> {
             match fault.kind.touch {
                 Touch::Nothing => false,
                 Touch::All => is_near(from, until),
-                Touch::Node | Touch::Late => is_of_node && is_near(from, until),
+                Touch::Node | Touch::Receiver | Touch::Late => is_of_node && is_near(from, until),
                 // The others notice the fault when it begins.
                 Touch::Heartbeats => {
                     let is_heartbeat = matches!(duty, Duty::Heartbeat(_));

@@ -143,11 +143,8 @@ impl IdentificationData {
         let flowed = flowed(timeline);
         let times = timeline.time_seconds.iter();
         let samples = times.zip(timeline.position()).skip(1);
-        let rows = timeline
-            .cycle
-            .pairs()
-            .zip(flowed.iter().skip(1))
-            .zip(samples);
+        let cycles = timeline.cycle.pairs().zip(flowed.iter().skip(1));
+        let rows = cycles.zip(samples);
         for (row, (((before, cycle), current_amperes), (time, position))) in rows.enumerate() {
             let inputs = Inputs {
                 current_amperes,

@@ -98,10 +98,8 @@ fn result_table(fit: &Fit<'_>, found: &Solution) -> Table {
     ]);
     for (place, parameter) in fit.parameters.iter().enumerate() {
         let estimate = &found.statistics.estimates[place];
-        let check = found
-            .check
-            .as_ref()
-            .map(|check| check.optimum.values[place]);
+        let check = found.check.as_ref();
+        let value = check.map(|check| check.optimum.values[place]);
         table.add_row([
             format!("{} ({})", parameter.symbol, parameter.key()),
             parameter.unit.to_owned(),
@@ -113,7 +111,7 @@ fn result_table(fit: &Fit<'_>, found: &Solution) -> Table {
                 percent(estimate.standard_error, estimate)
             ),
             significant(estimate.least_squares, 5),
-            check.map_or_else(|| "failed".to_owned(), |value| significant(value, 5)),
+            value.map_or_else(|| "failed".to_owned(), |value| significant(value, 5)),
         ]);
     }
     table
@@ -269,11 +267,8 @@ fn undetermined(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
 /// Returns the worst determined combinations, with their effect on the position.
 fn weakest(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let statistics = &found.statistics;
-    let combinations = statistics
-        .directions
-        .iter()
-        .zip(&statistics.singular_values_metres)
-        .rev();
+    let directions = statistics.directions.iter();
+    let combinations = directions.zip(&statistics.singular_values_metres).rev();
     let mut lines: Vec<String> = combinations
         .zip(COMBINATIONS)
         .map(|((direction, metres), name)| combination(fit, name, direction, *metres))

@@ -127,10 +127,8 @@ impl FitStatistics {
 
     /// Returns the test that the residual exceeds most, if it exceeds one.
     pub fn worst_test(&self) -> Option<&ResidualTest> {
-        let failed = self
-            .residual_tests
-            .iter()
-            .filter(|test| test.excess() > 1.0);
+        let tests = self.residual_tests.iter();
+        let failed = tests.filter(|test| test.excess() > 1.0);
         failed.max_by(|left, right| left.excess().total_cmp(&right.excess()))
     }
 }

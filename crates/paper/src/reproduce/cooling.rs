@@ -166,10 +166,8 @@ fn cooled(runs: &[Kept]) -> Evaluation {
 fn seconds_down(run: &Kept) -> Option<f64> {
     let step = run.scenario.reference.step.first()?;
     let signals = &run.signals;
-    let mut samples = signals
-        .time_seconds
-        .iter()
-        .zip(&signals.position_millimetres);
+    let times = signals.time_seconds.iter();
+    let mut samples = times.zip(&signals.position_millimetres);
     let band = step.position + BAND_MILLIMETRES;
     let (time, _) =
         samples.find(|(time, position)| **time > step.at_seconds && **position <= band)?;

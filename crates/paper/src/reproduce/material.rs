@@ -114,10 +114,8 @@ fn loops(run: &Kept) -> Option<Evaluation> {
 }
 
 fn largest_difference(left: &[f64], right: &[f64]) -> f64 {
-    let differences = left
-        .iter()
-        .zip(right)
-        .map(|(left, right)| (left - right).abs());
+    let pairs = left.iter().zip(right);
+    let differences = pairs.map(|(left, right)| (left - right).abs());
     differences.fold(0.0, f64::max)
 }
 

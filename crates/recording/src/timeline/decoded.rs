@@ -155,10 +155,8 @@ impl Timeline {
             is_term: column.is_term,
             values: part(&column.values),
         });
-        let events = self
-            .events
-            .iter()
-            .filter(|event| is_inside(event.time_seconds));
+        let all = self.events.iter();
+        let events = all.filter(|event| is_inside(event.time_seconds));
         Self {
             loop_name: self.loop_name.clone(),
             period_seconds: self.period_seconds,

@@ -77,7 +77,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     }
     let signals = signals.into_iter();
     in_time.extend(signals.map(|signal| own_plot(timeline, signal, "true", True)));
-    let terms = if control_loop.trial.controller.custom.is_some() {
+    let terms = if control_loop.trial.controller.is_from_outside() {
         let terms = control_loop.terms();
         Vec::from_iter(terms.map(|term| own_plot(timeline, term, "law", Estimated)))
     } else {

@@ -129,7 +129,7 @@ pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
         .map(|it| (it, "true", GREEN));
     let terms = control_loop
         .terms()
-        .filter(|_| controller.custom.is_some())
+        .filter(|_| controller.is_from_outside())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
     // A signal with the name of a shipped one is drawn with it.

@@ -151,15 +151,13 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             ("scenario_convection_factor", &factors),
             ("scenario_added_load_grams", &grams),
         ];
-        let columns = timeline
-            .columns
-            .iter()
-            .map(|column| (column.name.as_str(), &column.values));
+        let columns = timeline.columns.iter();
+        let named = columns.map(|column| (column.name.as_str(), &column.values));
         let stretch = timeline.cycles_in(stretch_seconds(trial));
         let stretch = usize::try_from(stretch).unwrap_or(usize::MAX);
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
-        for (name, values) in computed.into_iter().chain(columns) {
+        for (name, values) in computed.into_iter().chain(named) {
             let measurand = &trial.wiring.feedback.measurand;
             let style = groups::style(name, measurand, &self.disturbed, &self.custom_views);
             let rows = match self.known {

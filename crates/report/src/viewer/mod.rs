@@ -61,10 +61,8 @@ impl Viewers {
     /// Begins to show a run with all its loops in each viewer. Returns the queues for its frames, and the handle to end with.
     #[cfg(feature = "rerun")]
     pub fn show(&self, plan: &Plan, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
-        let started = self
-            .addresses
-            .iter()
-            .map(|address| Show::start(address, plan, when_full));
+        let addresses = self.addresses.iter();
+        let started = addresses.map(|address| Show::start(address, plan, when_full));
         let (queues, shows) = started.unzip();
         (queues, Shows(shows))
     }

@@ -74,6 +74,8 @@ pub enum Touch {
     All,
     /// The frames of its node.
     Node,
+    /// The frames of its node, and of all that share its CAN controller.
+    Receiver,
     /// The frames of its node, or of all nodes, which its `delay_milliseconds` delays.
     Late,
     /// The heartbeats of its node: the nodes that watch it may stop.
@@ -325,7 +327,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "lose",
         // The receiver does not answer a frame that it misses.
-        touch: Touch::Node,
+        touch: Touch::Receiver,
         keys: &[
             Key {
                 name: "receiver",

@@ -92,9 +92,14 @@ impl Rig {
             plants.extend(joined);
             groups.push(plants);
         }
+        let has = |group: &BTreeSet<&str>, plant: Option<&str>| {
+            plant.is_some_and(|plant| group.contains(plant))
+        };
         let plant = self.plant_of(drive);
-        let is_in = |group: &BTreeSet<&str>| plant.is_some_and(|plant| group.contains(plant));
-        let is_its = |group: &BTreeSet<&str>| is_in(group) || plant == first && !is_moved(group);
+        let is_first = groups
+            .iter()
+            .any(|group| has(group, plant) && has(group, first));
+        let is_its = |group: &BTreeSet<&str>| has(group, plant) || is_first && !is_moved(group);
         groups.into_iter().filter(is_its).flatten().collect()
     }
 
@@ -181,27 +186,40 @@ impl Rig {
             .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
     }
 
-    /// Returns the first drive of each loop that an output of an io node disturbs: those that move or measure the plant on which
-    /// it acts. A plant that no loop has disturbs none; then it is the loop of the drive of the io node.
+    /// Returns the drives whose loops an output of an io node disturbs, since they move or measure the plant on which it acts: the
+    /// first of each loop, and further ones whose plant is not that of the first. A plant that no loop has disturbs none; then it
+    /// is the loop of the drive of the io node.
     pub(crate) fn drives_disturbed(&self, io: &str, output: &str) -> BTreeSet<&str> {
         let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
         let port = outputs.and_then(|outputs| outputs.port(output));
         let plant = port.and_then(plant_of_port).unwrap_or_default();
-        let first_drives = |is_its: &dyn Fn(&RigLoop) -> bool| {
-            let its = self.leading().filter(|one| is_its(one));
-            BTreeSet::from_iter(its.filter_map(|one| one.drives().next()))
-        };
-        let disturbed = first_drives(&|one| self.plants_at(one.nodes()).contains(plant));
-        if !disturbed.is_empty() {
-            return disturbed;
+        let has_plant = |drive: &str| self.plants_at([drive]).contains(plant);
+        let is_disturbed = |one: &&RigLoop| self.plants_touched(one).contains(plant);
+        let mut disturbed = BTreeSet::new();
+        for one in self.leading().filter(is_disturbed) {
+            let first = one.drives().next();
+            let is_further = |drive: &&str| !first.is_some_and(has_plant) && has_plant(drive);
+            disturbed.extend(first.into_iter().chain(one.nodes().filter(is_further)));
         }
-        let own = self.drive_of_io(io);
-        first_drives(&|one| one.nodes().any(|node| Some(node) == own))
+        let own = self.drive_of_io(io).filter(|_| disturbed.is_empty());
+        let of_own = self
+            .leading()
+            .filter(|one| one.nodes().any(|node| Some(node) == own));
+        disturbed.extend(of_own.filter_map(|one| one.drives().next()));
+        disturbed
+    }
+
+    /// Returns the plants that a loop moves or measures.
+    fn plants_touched(&self, one: &RigLoop) -> BTreeSet<&str> {
+        let mut plants = self.plants_at(one.drives());
+        let followed = self.node.get(one.followed());
+        plants.extend(followed.and_then(|node| plant_of_port(node.sensor_port()?)));
+        plants
     }
 
     /// Returns the plants that these drives move or measure.
-    fn plants_at<'a>(&'a self, drives: impl Iterator<Item = &'a str>) -> BTreeSet<&'a str> {
-        let nodes = drives.filter_map(|name| self.node.get(name));
+    fn plants_at<'a>(&self, drives: impl IntoIterator<Item = &'a str>) -> BTreeSet<&str> {
+        let nodes = drives.into_iter().filter_map(|name| self.node.get(name));
         let ports = nodes.flat_map(|node| [node.amplifier_port(), node.sensor_port()]);
         ports
             .flatten()
@@ -234,8 +252,13 @@ impl Rig {
         let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
         let (loop_name, rig_loop) = self.loop_of(drive).unzip();
         let followed = rig_loop.map_or(drive, RigLoop::followed);
-        let loop_nodes = rig_loop.into_iter().flat_map(RigLoop::nodes);
-        let touched = self.plants_at(loop_nodes.chain([drive]));
+        let touched = rig_loop.map_or(self.plants_at([drive]), |one| self.plants_touched(one));
+        let outputs = self.of_kind(Part::Io).flat_map(|(io, node)| {
+            let all = node.outputs.iter().flat_map(|outputs| &outputs.0);
+            all.map(move |(output, port)| ([io, output], port))
+        });
+        let acts = |port: &str| plant_of_port(port).is_some_and(|plant| touched.contains(plant));
+        let disturbing = outputs.filter(|(_, port)| acts(port));
         let followed_node = self.node.get(followed).unwrap_or(node);
         let controller = self.controller().map(named);
         let io = self.of_kind(Part::Io);
@@ -252,6 +275,9 @@ impl Rig {
             plant: plant.to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
+            disturbing: disturbing
+                .map(|(names, _)| names.map(str::to_owned))
+                .collect(),
             touched: touched.into_iter().map(str::to_owned).collect(),
             sensor: node.measured(),
             feedback: Measured {
@@ -288,6 +314,12 @@ impl Rig {
             current: amplifier.range(),
             led_by: one.led_by,
             drive: drive.to_owned(),
+            followed: one.followed().to_owned(),
+            is_commanded: self
+                .leading()
+                .flat_map(RigLoop::drives)
+                .any(|led| led == drive),
+            plant: self.plant_of(drive).unwrap_or_default().to_owned(),
         }
     }
 

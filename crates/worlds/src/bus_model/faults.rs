@@ -15,7 +15,7 @@ use scenario::node::Part;
 
 use super::error_state::{Activity, ErrorState};
 use crate::agenda::Timed;
-use crate::names::emulator_name;
+use crate::names::{BENCH, emulator_name};
 
 /// Largest number of frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
@@ -25,11 +25,14 @@ const NODE_ID_BITS: u16 = 0x7F;
 /// Name of the receiver's fault; all other faults are of senders.
 const LOSE: &str = "lose";
 
-/// Returns the node-IDs behind the CAN controller of a participant, in order: of a node, or of the drives of an emulator. There are
-/// none behind that of canrig's own node.
+/// Returns the node-IDs behind the CAN controller of a participant, in order: of a node, or of the drives of an emulator; that of
+/// canrig's own node is 0.
 fn nodes_behind(participant: &str, plan: &Plan) -> Vec<u8> {
     if let Some(node) = plan.nodes().find(|node| node.name == participant) {
         return vec![node.id];
+    }
+    if participant == BENCH {
+        return vec![0];
     }
     let loops = plan.loops.iter();
     let emulated =
@@ -286,10 +289,8 @@ impl BusFaults {
     /// with this key.
     pub(crate) fn take_foreign(&mut self, now: Duration, rival: Option<u32>) -> Option<CanFrame> {
         let time = now.checked_sub(self.clock.zero()?)?;
-        let due = self
-            .foreign
-            .iter_mut()
-            .filter(|node| node.next(time) == Some(time));
+        let foreign = self.foreign.iter_mut();
+        let due = foreign.filter(|node| node.next(time) == Some(time));
         let first = due.min_by_key(|node| node.identifier)?;
         let frame = first.frame();
         if rival.is_some_and(|rival| arbitration_key(&frame) >= rival) {
