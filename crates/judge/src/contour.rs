@@ -20,12 +20,9 @@ const PIECE_ROWS: usize = 1 << 13;
 /// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
 /// the nearest point of the path: an axis that is late makes no error as long as it stays on the path.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let name = evidence.control_loop.name();
-    let is_first = |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == name);
-    let contours = evidence.contours.iter().filter(is_first);
-    contours
-        .flat_map(|contour| rows(evidence, contour))
-        .collect()
+    let contours = evidence.own_contours();
+    let rows = contours.flat_map(|contour| rows(evidence, contour));
+    rows.collect()
 }
 
 fn rows(evidence: &Evidence<'_>, contour: &Contour) -> Vec<Metric> {

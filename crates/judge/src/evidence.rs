@@ -258,9 +258,21 @@ impl<'a> Evidence<'a> {
         stalls
     }
 
-    /// Returns the longest stall that explains a breach of the loop.
+    /// Returns the contours that are judged with the loop, which is their first.
+    pub(crate) fn own_contours(&self) -> impl Iterator<Item = &'a Contour> {
+        let name = self.control_loop.name();
+        let is_first =
+            move |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == name);
+        self.contours.iter().filter(is_first)
+    }
+
+    /// Returns the longest stall that explains a breach of the loop, or of a loop of its contours.
     pub(crate) fn longest_stall(&self) -> Option<Stretch> {
-        longest(&self.stalls())
+        let axes = self.own_contours().flat_map(|contour| &contour.loops);
+        let of_axes = axes
+            .filter_map(|name| self.for_loop(name))
+            .flat_map(|axis| axis.stalls());
+        longest(&Vec::from_iter(of_axes.chain(self.stalls())))
     }
 
     /// Returns the same evidence without the pieces that stalls explain, or only without those of the long ones.

@@ -43,10 +43,8 @@ impl Engine for Hyperqueue {
             ("MEBIBYTES", json!(limits.mebibytes.unwrap_or(0))),
             ("SERVER", json!(limits.queue.as_deref().unwrap_or_default())),
         ];
-        let facts: String = facts
-            .into_iter()
-            .map(|(name, value)| format!("{name} = {value}\n"))
-            .collect();
+        let lines = facts.into_iter();
+        let facts = String::from_iter(lines.map(|(name, value)| format!("{name} = {value}\n")));
         ("job.py", format!("{facts}\n{SCRIPT}"))
     }
 

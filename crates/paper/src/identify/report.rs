@@ -214,10 +214,8 @@ fn explanation(fit: &Fit<'_>, found: &Solution) -> String {
 /// Returns the parameters to add: those that neither the current balance nor a temperature can replace.
 fn advice(fit: &Fit<'_>) -> String {
     let symbols = fit.symbols();
-    let more: Vec<&str> = MECHANICAL
-        .into_iter()
-        .filter(|symbol| !symbols.contains(symbol))
-        .collect();
+    let all = MECHANICAL.into_iter();
+    let more = Vec::from_iter(all.filter(|symbol| !symbols.contains(symbol)));
     if more.is_empty() {
         return String::new();
     }
@@ -344,10 +342,8 @@ fn errors(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
 /// `R`, `C` and `h` over `m cp` only.
 fn given_scale(fit: &Fit<'_>) -> Option<String> {
     let symbols = fit.symbols();
-    let given: Vec<&str> = SCALES
-        .into_iter()
-        .filter(|symbol| !symbols.contains(symbol))
-        .collect();
+    let scales = SCALES.into_iter();
+    let given = Vec::from_iter(scales.filter(|symbol| !symbols.contains(symbol)));
     (!given.is_empty()).then(|| {
         format!(
             "The standard errors hold for the given {}: no recording of positions shows the scale of the heat. Twice the c_p, R, C \

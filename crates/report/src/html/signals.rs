@@ -195,10 +195,8 @@ fn sudden(trial: &Trial) -> Vec<Stretch> {
 fn sines(trial: &Trial) -> Vec<Stretch> {
     let share =
         |window: Window| (window.until_seconds - window.from_seconds) / trial.run.duration_seconds;
-    let short = trial
-        .judged_sines()
-        .into_iter()
-        .filter(|sine| share(sine.window) < SINE_SHARE_MAX);
+    let sines = trial.judged_sines().into_iter();
+    let short = sines.filter(|sine| share(sine.window) < SINE_SHARE_MAX);
     let stretches = short.map(|sine| {
         let title = format!("Judged periods of the sine of {} s", sine.period_seconds);
         (title, sine.window.from_seconds, sine.window.until_seconds)
