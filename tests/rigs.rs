@@ -1140,7 +1140,6 @@ fn an_output_of_an_io_node_is_a_signal_of_the_loop_that_it_disturbs() {
     );
 }
 
-/// The table of a run with several loops is that of each of them.
 /// Two motors that one law leads, each on a plant of its own, and a weight on the second one's.
 const GANTRY: &str = "schema = 1\nname = \"gantry\"\n[bus]\nsync_period_milliseconds = 2.0\n\
     [defaults.drive]\namplifier = { rated = 1.0, min = 0.0, max = 1.0 }\n\
@@ -1322,6 +1321,23 @@ fn loops_that_follow_the_same_signal_are_judged_alike() {
     assert_eq!(disturbed.count(), 0, "{verdict}");
 }
 
+/// The fan is of the loop that commands the drive with which its plant is emulated, not of one that only follows that drive.
+#[test]
+fn an_output_at_an_idle_plant_is_a_column_of_one_loop() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = motors_and_an_idle_one("idle", "mb", "a");
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let path = folder.path().join("rest.toml");
+    let text = "schema = 1\nrig = \"rig.toml\"\nname = \"rest\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
+    fs::write(&path, text).unwrap();
+    let (code, listed, stderr) = output(program(&["signals"]).arg(&path));
+    assert_eq!(code, Some(0), "{stderr}");
+    let rows = listed
+        .lines()
+        .filter(|line| line.contains(" convection_factor "));
+    assert_eq!(rows.count(), 1, "{listed}");
+}
+
 /// A true position counts in the cycles in which it is published, not in those up to the next one.
 #[test]
 fn true_metrics_do_not_depend_on_how_often_the_truth_is_published() {
@@ -1388,6 +1404,7 @@ fn a_disturbance_of_a_plant_that_two_loops_move_is_one_of_both() {
     assert_eq!(deviations[0], deviations[1]);
 }
 
+/// The table of a run with several loops is that of each of them.
 #[test]
 fn a_signal_of_any_loop_follows_the_table_of_a_run() {
     let folder = tempfile::tempdir().unwrap();

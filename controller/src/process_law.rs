@@ -191,7 +191,7 @@ mod tests {
                 drive: "drive".to_owned(),
                 followed: "drive".to_owned(),
                 is_commanded: true,
-                plant: String::new(),
+                emulated: String::new(),
                 measurand: Measurand::position(Unit::Millimetres).commanding(command),
                 current: CurrentRange {
                     rated: 4.0,

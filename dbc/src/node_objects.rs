@@ -100,26 +100,22 @@ pub fn controller(
         let drive = drives.get(place).copied().unwrap_or_default();
         watched.insert(watch_entry(place), u32::from(drive) << 16);
     }
-    let behind_drives = (loops.len()..).map(watch_entry);
-    for (entry, io) in [IO_WATCH_ENTRY]
+    let entries = [IO_WATCH_ENTRY]
         .into_iter()
-        .chain(behind_drives)
-        .zip(io_nodes)
-    {
+        .chain((loops.len()..).map(watch_entry));
+    for (entry, io) in entries.zip(io_nodes) {
         watched.insert(entry, u32::from(*io) << 16 | io_milliseconds);
     }
     let count = watched.keys().last().copied().unwrap_or_default();
-    for (entry, value) in watched.into_iter().chain([(0, count.into())]) {
-        if let Some(like) = objects
-            .get(CONSUMER_HEARTBEAT_TIME, 1)
-            .filter(|_| entry > 0)
-        {
-            let mut like = like.clone().at(CONSUMER_HEARTBEAT_TIME, entry);
+    let first = objects.get(CONSUMER_HEARTBEAT_TIME, 1).cloned();
+    for (entry, value) in watched {
+        if let Some(mut like) = first.clone() {
             like.name = format!("Consumer heartbeat time {entry}");
-            objects.insert(like);
+            objects.insert(like.at(CONSUMER_HEARTBEAT_TIME, entry));
         }
         objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, entry, value.into()));
     }
+    objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 0, count.into()));
     objects
 }
 

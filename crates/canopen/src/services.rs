@@ -347,10 +347,8 @@ impl Services {
 
     /// Returns the time at which a service is due next.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        let emcy = self
-            .emcy
-            .next_deadline()
-            .filter(|_| self.state.allows_sdo());
+        let deadline = self.emcy.next_deadline();
+        let emcy = deadline.filter(|_| self.state.allows_sdo());
         let heartbeats = earlier(
             self.heartbeat.next_deadline(),
             self.monitors.next_deadline(),

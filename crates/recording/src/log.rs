@@ -194,11 +194,9 @@ impl Unread {
     /// Describes the unreadable parts of the log, for the user.
     pub fn remarks(&self) -> Vec<String> {
         let unreadable = self.unreadable_until(Duration::MAX);
-        let broken = self
-            .broken
-            .as_ref()
-            .map(|broken| format!("the log breaks off ({broken})"));
-        unreadable.into_iter().chain(broken).collect()
+        let broken = self.broken.as_ref();
+        let text = broken.map(|broken| format!("the log breaks off ({broken})"));
+        unreadable.into_iter().chain(text).collect()
     }
 }
 

@@ -5,7 +5,6 @@ use crate::port::Unit;
 use crate::reference::Chirp;
 use crate::trial::Trial;
 pub use crate::window::Window;
-use crate::wiring::Wiring;
 
 /// Recovery band in millimetres, unless the scenario has another one.
 const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
@@ -123,15 +122,10 @@ impl Trial {
     /// Returns those that act on a plant of the loop, which the metrics judge.
     pub fn judged_disturbances(&self) -> Vec<Change> {
         let mut changes = self.disturbances();
-        let Wiring {
-            disturbing,
-            touched,
-            ..
-        } = &self.wiring;
+        let wiring = &self.wiring;
         let acts = |one: &Change| {
             let is_it = |output: &[String; 2]| *output == [&*one.node, &*one.output];
-            // The plant of a real drive need not be known.
-            touched.is_empty() || disturbing.iter().any(is_it)
+            wiring.touched.is_empty() || wiring.disturbing.iter().any(is_it)
         };
         changes.retain(acts);
         changes

@@ -384,7 +384,7 @@ mod tests {
             drive: drive.to_owned(),
             followed: drive.to_owned(),
             is_commanded: true,
-            plant: String::new(),
+            emulated: String::new(),
             measurand: Measurand::position(unit),
             current: CurrentRange::default(),
             led_by: is_led.then_some(led_by),

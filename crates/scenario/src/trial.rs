@@ -96,9 +96,12 @@ impl Trial {
     /// no drive.
     pub fn position_faults(&self) -> impl Iterator<Item = &Fault> {
         let (wiring, nodes) = (&self.wiring, &self.wiring.nodes);
-        let is_touched = |plant: &str| wiring.touched.contains(plant) || plant == wiring.plant;
+        let is_touched = |plant: &str| wiring.touched.contains(plant);
         let is_near = move |node: &Node| {
-            let is_it = |one: &LoopFacts| one.drive == node.name && is_touched(&one.plant);
+            let is_led = |one: &LoopFacts| one.led_by.is_some_and(|by| by.first == nodes.drive.id);
+            let is_it = |one: &LoopFacts| {
+                one.drive == node.name && (is_led(one) || is_touched(&one.emulated))
+            };
             let is_own = [nodes.drive.id, nodes.followed.id].contains(&node.id);
             node.part != Part::Drive || is_own || wiring.loops.iter().any(is_it)
         };

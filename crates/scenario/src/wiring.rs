@@ -65,8 +65,8 @@ pub struct LoopFacts {
     pub followed: String,
     /// Whether a law commands its drive, which is else only followed.
     pub is_commanded: bool,
-    /// Plant that its drive moves; empty for none.
-    pub plant: String,
+    /// Plant that its drive moves, if canrig emulates both; else empty.
+    pub emulated: String,
     /// Signal that it follows, and its command.
     pub measurand: Measurand,
     /// Range of commands to the amplifier of its drive.

@@ -189,10 +189,8 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     /// Returns whether a participant has reached its safe state and all its frames have passed.
     pub(crate) fn is_stopped(&self, index: usize) -> bool {
         let slot = &self.slots[index];
-        let is_sending = self
-            .in_flight
-            .as_ref()
-            .is_some_and(|passed| passed.sender == Some(index));
+        let passed = self.in_flight.as_ref();
+        let is_sending = passed.is_some_and(|passed| passed.sender == Some(index));
         slot.answer.progress == Progress::Stopped && slot.outbox.is_empty() && !is_sending
     }
 

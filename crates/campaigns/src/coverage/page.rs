@@ -122,12 +122,10 @@ fn played(test: &RequirementTest, between: &str) -> String {
         Some(at) => at.strftime("%Y-%m-%d %H:%M UTC").to_string(),
         None => "no date".to_owned(),
     };
-    let version = test
-        .version
-        .as_deref()
-        .map(|version| format!("canrig {version}"));
+    let version = test.version.as_deref();
+    let program = version.map(|version| format!("canrig {version}"));
     let plays = (test.plays > 1).then(|| format!("(the latest of {})", test.plays));
-    let parts = [Some(at), version, plays].into_iter().flatten();
+    let parts = [Some(at), program, plays].into_iter().flatten();
     parts.collect::<Vec<_>>().join(between)
 }
 

@@ -92,10 +92,8 @@ impl<'a> Sampler<'a> {
         });
         let values: BTreeMap<String, f64> = values.chain(broken.clone()).collect();
         for (name, value) in &values {
-            let badness = self
-                .limits
-                .get(name)
-                .map_or(1.0, |limit| -limit.margin(*value));
+            let limit = self.limits.get(name);
+            let badness = limit.map_or(1.0, |limit| -limit.margin(*value));
             let worst = self.worst.entry(name.clone()).or_default();
             let place = worst.partition_point(|one| one.badness >= badness);
             let one = Worst {

@@ -7,6 +7,7 @@ use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::expect::Emergency;
 use scenario::fault::{Fault, Touch};
 use scenario::node::Part;
+use scenario::wiring::LoopFacts;
 
 use super::breaches::Duty;
 
@@ -57,8 +58,11 @@ impl<'a> ScenarioFaults<'a> {
             .filter(|event| event.emergency.as_ref().is_some_and(is_report))
             .map(|event| event.time_seconds);
         let plants = one.trial.plants();
-        let drives = one.trial.wiring.loops.iter();
-        let emulated_with = drives.filter(|other| plants.contains_key(&*other.plant));
+        let shared = |other: &&LoopFacts| {
+            let plant = &*other.emulated;
+            one.is_ours(Part::Drive) && !plant.is_empty() && plants.contains_key(plant)
+        };
+        let emulated_with = one.trial.wiring.loops.iter().filter(shared);
         Self {
             emulated_with: emulated_with.map(|other| &*other.drive).collect(),
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),

@@ -351,10 +351,8 @@ fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), String> {
     let largest = |values: &Series<f64>| values.iter().fold(f64::NEG_INFINITY, f64::max);
     let positions = timeline.position();
     let lowest = positions.iter().fold(f64::INFINITY, f64::min);
-    let first = positions
-        .iter()
-        .find(|position| !position.is_nan())
-        .unwrap_or(0.0);
+    let mut known = positions.iter().filter(|position| !position.is_nan());
+    let first = known.next().unwrap_or(0.0);
     let noise = sensor.noise_rms();
     if first > START_STEPS_MAX * (step + noise) {
         return Err(format!(

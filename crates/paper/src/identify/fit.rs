@@ -94,12 +94,8 @@ impl<'a> Fit<'a> {
     /// Returns whether the transformation temperatures are in order.
     pub fn is_ordered(&self, values: &[f64]) -> bool {
         self.ordering().iter().all(|order| {
-            let sum: f64 = order
-                .coefficients
-                .iter()
-                .zip(values)
-                .map(|(a, x)| a * x)
-                .sum();
+            let products = order.coefficients.iter().zip(values);
+            let sum: f64 = products.map(|(a, x)| a * x).sum();
             sum <= order.limit
         })
     }

@@ -113,10 +113,8 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         }
         self.log_settling_bands(timeline)?;
         log_events(&mut self.output, timeline.period_seconds, &timeline.events)?;
-        let last_event = timeline
-            .events
-            .last()
-            .map_or(0.0, |event| event.time_seconds);
+        let last = timeline.events.last();
+        let last_event = last.map_or(0.0, |event| event.time_seconds);
         let end_seconds = timeline.end_seconds().max(last_event);
         self.end_seconds = self.end_seconds.max(end_seconds);
         self.bus.log(&mut self.output)

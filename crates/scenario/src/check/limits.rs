@@ -114,7 +114,7 @@ pub(crate) fn reactions(check: &mut Check<'_>, trial: &Trial) {
             _ => trial.has_loop_faults(),
         };
         if !has_fault {
-            check.add([needs("a [[fault.…]] of this drive")]);
+            check.add([needs("a [[fault.…]] of this loop")]);
         }
     }
     for (index, text) in expect.listed("emcy").iter().enumerate() {

@@ -66,12 +66,13 @@ impl<'a> Keys<'a> {
         let mut keys = Self(BTreeMap::new());
         keys.collect(schema, schema, check.document, "");
         // Numbers of a loop are below its name.
-        let is_of_loop = |key: &str| {
-            key.rsplit_once('.')
-                .is_some_and(|(table, _)| table == "expect")
-        };
-        let has_only_loop = check.rig.has_only_loop();
-        keys.0.retain(|key, _| has_only_loop || !is_of_loop(key));
+        if !check.rig.has_only_loop() {
+            let is_of_bus = |key: &str| {
+                key.strip_prefix("expect.")
+                    .is_none_or(|key| key.contains('.'))
+            };
+            keys.0.retain(|key, _| is_of_bus(key));
+        }
         keys
     }
 

@@ -71,10 +71,8 @@ impl Pdo {
 
     /// Returns the place of a mapped object.
     fn place(&self, object: &Object) -> Option<Field> {
-        let place = self
-            .entries
-            .iter()
-            .position(|entry| *entry == object.entry)?;
+        let mut entries = self.entries.iter();
+        let place = entries.position(|entry| *entry == object.entry)?;
         let start_byte = bytes_of(&self.entries[..place]);
         Field::new(start_byte, bytes_of(&[object.entry]), object.is_signed)
     }

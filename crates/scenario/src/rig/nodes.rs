@@ -75,10 +75,8 @@ impl Rig {
     fn emulated_with(&self, drive: &str) -> BTreeSet<&str> {
         let mut groups: Vec<BTreeSet<&str>> = Vec::new();
         let nodes = self.node.values().map(RigNode::plants);
-        let alone = self
-            .plant
-            .keys()
-            .map(|name| BTreeSet::from([name.as_str()]));
+        let plants = self.plant.keys();
+        let alone = plants.map(|name| BTreeSet::from([name.as_str()]));
         let ours = self.node.iter().filter(|(_, node)| node.is_ours());
         let first = ours.filter_map(|(name, _)| self.plant_of(name)).next();
         let is_moved = |plants: &BTreeSet<&str>| {
@@ -187,26 +185,44 @@ impl Rig {
     }
 
     /// Returns the drives whose loops an output of an io node disturbs, since they move or measure the plant on which it acts: the
-    /// first of each loop, and further ones whose plant is not that of the first. A plant that no loop has disturbs none; then it
-    /// is the loop of the drive of the io node.
+    /// first of each loop, and those that it leads besides if the plant is theirs alone. A plant that no loop has disturbs none;
+    /// then it is the loop of the drive of the io node.
     pub(crate) fn drives_disturbed(&self, io: &str, output: &str) -> BTreeSet<&str> {
         let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
         let port = outputs.and_then(|outputs| outputs.port(output));
         let plant = port.and_then(plant_of_port).unwrap_or_default();
-        let has_plant = |drive: &str| self.plants_at([drive]).contains(plant);
+        let has_plant = |drive: &&str| self.plants_at([*drive]).contains(plant);
         let is_disturbed = |one: &&RigLoop| self.plants_touched(one).contains(plant);
         let mut disturbed = BTreeSet::new();
-        for one in self.leading().filter(is_disturbed) {
-            let first = one.drives().next();
-            let is_further = |drive: &&str| !first.is_some_and(has_plant) && has_plant(drive);
-            disturbed.extend(first.into_iter().chain(one.nodes().filter(is_further)));
-        }
-        let own = self.drive_of_io(io).filter(|_| disturbed.is_empty());
-        let of_own = self
+        for first in self
             .leading()
-            .filter(|one| one.nodes().any(|node| Some(node) == own));
-        disturbed.extend(of_own.filter_map(|one| one.drives().next()));
+            .filter(is_disturbed)
+            .filter_map(RigLoop::first)
+        {
+            disturbed.insert(first);
+            if !has_plant(&first) {
+                disturbed.extend(self.led_beside(first).filter(has_plant));
+            }
+        }
+        if disturbed.is_empty() {
+            let own = self.drive_of_io(io);
+            let led = self
+                .leading()
+                .find(|one| one.drives().any(|drive| Some(drive) == own));
+            let follows = || self.leading().find(|one| Some(one.followed()) == own);
+            disturbed.extend(led.or_else(follows).and_then(RigLoop::first));
+        }
         disturbed
+    }
+
+    /// Returns the drives beside the first one of a loop: further ones, and one that is only followed.
+    fn led_beside(&self, first: &str) -> impl Iterator<Item = &str> {
+        let id = self.node.get(first).map(|node| node.node_id);
+        let is_led = move |one: &&RigLoop| one.led_by.is_some_and(|by| Some(by.first) == id);
+        self.loops
+            .values()
+            .filter(is_led)
+            .filter_map(RigLoop::first)
     }
 
     /// Returns the plants that a loop moves or measures.
@@ -308,6 +324,8 @@ impl Rig {
         let drive = one.drives().next().unwrap_or_default();
         let (_, amplifier) = self.parts_of(drive);
         let command = self.measurand_of(drive).command;
+        let ours = self.node.get(drive).filter(|node| node.is_ours());
+        let emulated = ours.and_then(|_| self.plant_of(drive));
         LoopFacts {
             name: name.clone(),
             measurand: self.measurand_of(one.followed()).commanding(command),
@@ -319,7 +337,7 @@ impl Rig {
                 .leading()
                 .flat_map(RigLoop::drives)
                 .any(|led| led == drive),
-            plant: self.plant_of(drive).unwrap_or_default().to_owned(),
+            emulated: emulated.unwrap_or_default().to_owned(),
         }
     }
 
@@ -771,9 +789,9 @@ impl RigLoop {
         drives.map(Option::unwrap_or_default)
     }
 
-    /// Returns its drives, and the one that it follows.
-    fn nodes(&self) -> impl Iterator<Item = &str> {
-        self.drives().chain([self.followed()])
+    /// Returns the drive that its law leads.
+    fn first(&self) -> Option<&str> {
+        self.drives().next()
     }
 }
 
