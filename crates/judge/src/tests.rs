@@ -153,6 +153,12 @@ fn the_edge_of_a_band_is_inside_whatever_its_decimals() {
         _ => step_response(1.1)(time),
     };
     check(fan, recovers, "recovery_time_seconds", 0.5);
+    // And 13.15 - 13 is more than 5 % of 3.
+    let mut small = scenario("");
+    small.reference.step[0].position = 13.0;
+    let settles = |cycle: u32| Some(if cycle < 1100 { 10.0 } else { 13.15 });
+    let verdict = verdict_on(&small, &frames(4000, settles), 0);
+    assert_eq!(value(&verdict, "settling_time_seconds"), Some(0.1));
 }
 
 const HUNTING: &str = "[expect]\nhunting_millimetres = { max = 0.25 }\n";
