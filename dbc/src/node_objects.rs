@@ -107,7 +107,9 @@ pub fn controller(
         watched.insert(entry, u32::from(*io) << 16 | io_milliseconds);
     }
     let count = watched.keys().last().copied().unwrap_or_default();
-    let first = objects.get(CONSUMER_HEARTBEAT_TIME, 1).cloned();
+    let first = objects
+        .get(CONSUMER_HEARTBEAT_TIME, watch_entry(0))
+        .cloned();
     for (entry, value) in watched {
         if let Some(mut like) = first.clone() {
             like.name = format!("Consumer heartbeat time {entry}");

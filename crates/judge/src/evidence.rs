@@ -430,11 +430,11 @@ impl<'a> Evidence<'a> {
             sample.map_or(f64::NAN, |one| one.value)
         });
         let position = Series::from_iter(position);
-        let (message, _) = trace.path.split_once('.')?;
+        let silence_seconds_max = trace.silence_seconds_max?;
         let is_known = position.iter().any(|value| !value.is_nan());
         is_known.then(|| Self {
             position,
-            silence_seconds_max: silence_seconds_max(message, self.control_loop),
+            silence_seconds_max,
             ..self.clone()
         })
     }

@@ -83,10 +83,10 @@ impl<'a> ScenarioFaults<'a> {
             let (from, until) = span(fault);
             let node = fault.node.as_ref();
             let is_at = |part| node.is_some_and(|node| node.part == part);
-            let is_shared = node.is_some_and(|node| self.emulated_with.contains(&*node.name));
+            let is_received = fault.kind.touch == Touch::Receiver;
             let is_here = node.is_none_or(|node| {
-                let is_felt = fault.kind.touch == Touch::Receiver && is_shared;
-                node.part != Part::Drive || node.id == self.drive || is_felt
+                let is_shared = || self.emulated_with.contains(&*node.name);
+                node.part != Part::Drive || node.id == self.drive || is_received && is_shared()
             });
             let is_of_node = is_here && (node.is_none() || is_at(owing));
             let other = if is_at(Part::Controller) {

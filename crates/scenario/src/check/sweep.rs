@@ -67,11 +67,11 @@ impl<'a> Keys<'a> {
         keys.collect(schema, schema, check.document, "");
         // Numbers of a loop are below its name.
         if !check.rig.has_only_loop() {
-            let is_of_bus = |key: &str| {
+            let is_of_no_loop = |key: &str| {
                 key.strip_prefix("expect.")
                     .is_none_or(|key| key.contains('.'))
             };
-            keys.0.retain(|key, _| is_of_bus(key));
+            keys.0.retain(|key, _| is_of_no_loop(key));
         }
         keys
     }

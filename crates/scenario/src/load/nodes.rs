@@ -436,7 +436,7 @@ impl Check<'_> {
         }
         for (name, one) in &rig.loops {
             let path = format!("loop.{name}.outputs");
-            let first_drive = one.drives().next();
+            let first_drive = one.first();
             let first_is_led = first_drive.is_some_and(|drive| led.contains_key(drive));
             for (place, drive) in one.drives().enumerate() {
                 let path = format!("{path}.{place}");

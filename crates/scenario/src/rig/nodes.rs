@@ -90,14 +90,13 @@ impl Rig {
             plants.extend(joined);
             groups.push(plants);
         }
-        let has = |group: &BTreeSet<&str>, plant: Option<&str>| {
-            plant.is_some_and(|plant| group.contains(plant))
-        };
         let plant = self.plant_of(drive);
-        let is_first = groups
-            .iter()
-            .any(|group| has(group, plant) && has(group, first));
-        let is_its = |group: &BTreeSet<&str>| has(group, plant) || is_first && !is_moved(group);
+        let is_own = |group: &BTreeSet<&str>| plant.is_some_and(|plant| group.contains(plant));
+        let own = groups.iter().find(|group| is_own(group));
+        let is_first = own
+            .zip(first)
+            .is_some_and(|(own, first)| own.contains(first));
+        let is_its = |group: &BTreeSet<&str>| is_own(group) || is_first && !is_moved(group);
         groups.into_iter().filter(is_its).flatten().collect()
     }
 
@@ -121,7 +120,7 @@ impl Rig {
 
     /// Returns the drive that a loop leads; empty if the rig has no such loop.
     pub fn drive_of_loop(&self, name: &str) -> &str {
-        let drive = self.loops.get(name).and_then(|one| one.drives().next());
+        let drive = self.loops.get(name).and_then(RigLoop::first);
         drive.unwrap_or_default()
     }
 
@@ -135,7 +134,7 @@ impl Rig {
         };
         let mut only_followed = BTreeSet::new();
         for one in self.loops.values() {
-            let first = one.drives().next().and_then(|first| self.node.get(first));
+            let first = one.first().and_then(|first| self.node.get(first));
             let Some(first) = first else { continue };
             let followed = one.followed();
             let is_new = !is_led(followed) && only_followed.insert(followed);
@@ -315,13 +314,13 @@ impl Rig {
 
     /// Returns the loop whose first drive this is.
     fn loop_of(&self, drive: &str) -> Option<(&String, &RigLoop)> {
-        let is_its = |one: &RigLoop| one.drives().next() == Some(drive);
+        let is_its = |one: &RigLoop| one.first() == Some(drive);
         self.loops.iter().find(|(_, one)| is_its(one))
     }
 
     /// Returns the facts of a loop for the other loops.
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopFacts {
-        let drive = one.drives().next().unwrap_or_default();
+        let drive = one.first().unwrap_or_default();
         let (_, amplifier) = self.parts_of(drive);
         let command = self.measurand_of(drive).command;
         let ours = self.node.get(drive).filter(|node| node.is_ours());
@@ -790,7 +789,7 @@ impl RigLoop {
     }
 
     /// Returns the drive that its law leads.
-    fn first(&self) -> Option<&str> {
+    pub(crate) fn first(&self) -> Option<&str> {
         self.drives().next()
     }
 }

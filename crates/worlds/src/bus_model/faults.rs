@@ -10,7 +10,7 @@ use dbc::loops::drive_seed;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use plan::Plan;
-use scenario::fault::{Actor, Fault, Group};
+use scenario::fault::{Actor, Fault, Group, Touch};
 use scenario::node::Part;
 
 use super::error_state::{Activity, ErrorState};
@@ -78,7 +78,7 @@ impl Hitting {
             id.is_some_and(|id| id & NODE_ID_BITS == u16::from(node))
         };
         // A drive that shares its CAN controller with others is known by its own frames, if it is the sender.
-        let is_alone = nodes.len() == 1 || self.fault.kind.name == LOSE;
+        let is_alone = nodes.len() == 1 || self.fault.kind.touch == Touch::Receiver;
         let is_hit = |node: u8| nodes.contains(&node) && (is_alone || is_its(node));
         if !self.fault.acts_at(time_seconds)
             || !self.identifier.is_none_or(is_meant)

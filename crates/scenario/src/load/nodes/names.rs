@@ -50,7 +50,7 @@ impl Check<'_> {
                 }
                 // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
                 let may_be_called_so =
-                    |one: &RigLoop| one.drives().next() == Some(name) || !self.is_led_rightly(one);
+                    |one: &RigLoop| one.first() == Some(name) || !self.is_led_rightly(one);
                 let is_named_after_drive =
                     kind == "loop" && rig.loops.get(name).is_some_and(may_be_called_so);
                 if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
