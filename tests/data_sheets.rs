@@ -541,7 +541,8 @@ fn the_nodes_of_a_rig_are_as_their_sheets_say() {
             let played: Box<dyn Node> = if node.part == Part::Controller {
                 Box::new(make_controller(&views, &LawPlace::of(&plan)).unwrap())
             } else {
-                let has_it = |one: &&ControlLoop| one.nodes.all().any(|own| own.id == node.id);
+                let has_it =
+                    |one: &&ControlLoop| one.trial.wiring.all_nodes().any(|own| own.id == node.id);
                 let name = emulator_name(plan.loops.iter().find(has_it).unwrap());
                 plant_emulator(&plan, name).unwrap()
             };

@@ -133,14 +133,14 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     let is_of_all = law.drives().is_none();
     let is_of_another = |first: &LoopFacts| first.name != wiring.loop_name;
     // A further drive has no law of its own.
-    let first = wiring.loops.iter().find(|one| one.led_by.is_none());
+    let first = wiring.shared.loops.iter().find(|one| one.led_by.is_none());
     if is_of_all && first.is_some_and(is_of_another) {
         return None;
     }
     if let Some(objection) = process_law::objection(controller, wiring) {
         return Some(objection);
     }
-    let mut each = wiring.loops.iter().enumerate();
+    let mut each = wiring.shared.loops.iter().enumerate();
     let checked = law.wires().and_then(|_| {
         if is_of_all {
             each.try_for_each(|(index, one)| {

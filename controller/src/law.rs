@@ -162,7 +162,7 @@ impl AnyLaw {
         let unit = &wiring.feedback.measurand.unit;
         Self {
             wires: match L::DRIVES {
-                None => LawWires::for_all_loops(&ports, &wiring.loops),
+                None => LawWires::for_all_loops(&ports, &wiring.shared.loops),
                 Some(_) => LawWires::for_one_loop(&ports, unit),
             },
             ports,

@@ -55,13 +55,11 @@ pub fn controller_node_of_loops<'a>(
     start: StartPlayer<'_>,
 ) -> Result<ControllerNode, ControllerError> {
     let mut plans = Vec::new();
-    let mut io_nodes = Vec::new();
     for (view, real_drive) in loops {
         plans.push(LoopPlan::new(view, real_drive)?);
-        for io in &view.wiring.nodes.io {
-            io_nodes.push(node_id(io.id)?);
-        }
     }
+    let io = plans[0].view.wiring.shared.io.iter();
+    let io_nodes = io.map(|io| node_id(io.node.id)).collect::<Result<_, _>>()?;
     Leader::leading(plans, io_nodes, start)
 }
 

@@ -176,10 +176,12 @@ fn check_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Result<()
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::sync::Arc;
 
     use scenario::port::{Command, Measurand, Unit};
     use scenario::process_law::{FmuLaw, Program};
+    use scenario::wiring::SharedWiring;
 
     use super::*;
 
@@ -199,10 +201,14 @@ mod tests {
                     max: 4.0,
                 },
                 led_by: None,
+                touched: BTreeSet::new(),
             };
             let wiring = Wiring {
                 loop_name: "x".to_owned(),
-                loops: vec![one],
+                shared: Arc::new(SharedWiring {
+                    loops: vec![one],
+                    io: Vec::new(),
+                }),
                 ..Wiring::default()
             };
             let program = Program {

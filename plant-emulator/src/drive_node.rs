@@ -55,7 +55,7 @@ impl DriveNode {
                 *device = fresh;
             }
         };
-        let drives = wiring.loops.iter().map(|one| one.drive.as_str());
+        let drives = wiring.shared.loops.iter().map(|one| one.drive.as_str());
         let clock = ScenarioClock::new(database, drives)?;
         let faulty = Faulty::new(sound, plan, clock, renew);
         let truth = Truth::new(database, wiring)?;

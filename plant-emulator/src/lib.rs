@@ -122,8 +122,8 @@ impl PlantEmulator {
             .iter()
             .map(|(name, plant)| (name.as_str(), plant.ports()));
         let ports = Ports::joined(ports);
-        let names = plants.iter().map(|(name, _)| name.as_str());
-        let name = Vec::from_iter(names).join(" and ");
+        let names = Vec::from_iter(plants.iter().map(|(name, _)| name.clone()));
+        let name = names.join(" and ");
         let plants = ClockedPlant::new(plants);
         let mut sorted = loops.to_vec();
         sorted.sort_by_key(|trial| trial.wiring.nodes.drive.id);
@@ -131,7 +131,7 @@ impl PlantEmulator {
         for trial in sorted {
             let wires = Wires::new(&ports, &trial.wiring)?;
             node_ids.push(trial.wiring.nodes.drive.id);
-            for io in &trial.wiring.io {
+            for io in (trial.wiring.shared).io_on(|plant| names.iter().any(|name| name == plant)) {
                 if !node_ids.contains(&io.node.id) {
                     node_ids.push(io.node.id);
                     let outputs = io.outputs(&ports);

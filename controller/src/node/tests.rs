@@ -12,8 +12,11 @@ use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
+use scenario::wiring::IoWiring;
 use scenario::{Asked, Beside, Scenario};
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use scenario::node::{Node as RigNode, Part};
@@ -798,8 +801,11 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let mut view = view(&tables);
     view.wiring.nodes.drive.id = node_id;
     view.wiring.nodes.followed.id = node_id;
-    let io = io.map(|id| RigNode::new("module", id, Part::Io));
-    view.wiring.nodes.io = io.into_iter().collect();
+    let io = io.map(|id| IoWiring {
+        node: RigNode::new("module", id, Part::Io),
+        outputs: BTreeMap::new(),
+    });
+    Arc::make_mut(&mut view.wiring.shared).io = io.into_iter().collect();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node_id).unwrap();
     let layout = DriveLayout::new(dictionary.clone(), real).unwrap();
     let loops = [(&view, Some((real, &layout)))];

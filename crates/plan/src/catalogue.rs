@@ -8,6 +8,7 @@ use dbc::names::{
     TPDO1, TPDO2, TPDO3, TRUE_POSITION, TRUTH, message,
 };
 use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal};
+use scenario::disturbance::Disturbance;
 use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
 use scenario::port::{Measurand, Port, Ports, local_name};
@@ -17,6 +18,7 @@ use scenario::wiring::{IoOutput, Measured, Wiring};
 use scenario::{CurrentRange, Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
+use crate::plan::Plan;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
@@ -57,8 +59,8 @@ pub(crate) struct Published {
     pub(crate) signals: Vec<Signal>,
     /// Terms of its law.
     pub(crate) terms: Vec<Signal>,
-    /// Outputs of each io node of its wiring.
-    pub(crate) outputs: Vec<Vec<IoOutput>>,
+    /// Io nodes that act on the plants which are emulated with its drive, each with its outputs.
+    pub(crate) io: Vec<(Node, Vec<IoOutput>)>,
 }
 
 impl Catalogue {
@@ -79,21 +81,20 @@ impl Catalogue {
         let ports = self.ports(trial).unwrap_or_default();
         let recorded = wiring.recorded(&ports).unwrap_or_default().into_iter();
         let signals = recorded.map(|(_, port)| signal_of(port, wiring.recorded_name(port)));
-        let outputs = wiring.io.iter().map(|io| io.outputs(&ports));
+        let plants = trial.plants();
+        let io = wiring.shared.io_on(|plant| plants.contains_key(plant));
         let published = Published {
             signals: match self.find_ports {
                 Some(_) => signals.collect(),
                 None => wire_signals(),
             },
             terms: (self.find_terms)(trial),
-            outputs: outputs.collect(),
+            io: io.map(|io| (io.node.clone(), io.outputs(&ports))).collect(),
         };
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
-        // The loop has signals of io nodes whose commands other loops record.
-        let mut alone = wiring.clone();
-        alone.nodes.io = wiring.io_nodes().cloned().collect();
-        let composer = published.compose(composer, &alone, None, true);
+        let composer = published.compose(composer, wiring, None, true);
+        let composer = with_io(composer, &published.io);
         Frames::new(published, Arc::new(composer.finish()), wiring)
     }
 
@@ -127,7 +128,6 @@ impl Catalogue {
         };
         objections.extend((self.plant_objection)(&trial.plant));
         objections.extend(law);
-        objections.extend(output_objection(&frames, trial));
         objections.extend(ambiguous_term(&frames, trial));
         objections
     }
@@ -150,10 +150,9 @@ impl Catalogue {
 }
 
 /// Finds a disturbance with a value that its output cannot have.
-pub(crate) fn output_objection(frames: &Frames, trial: &Trial) -> Option<Objection> {
-    trial.disturbance.changes().iter().find_map(|change| {
-        let mut nodes = trial.wiring.io.iter().zip(&frames.published.outputs);
-        let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;
+pub(crate) fn output_objection(plan: &Plan, disturbance: &Disturbance) -> Option<Objection> {
+    disturbance.changes().iter().find_map(|change| {
+        let (_, outputs) = plan.io_outputs().find(|(io, _)| io.name == change.node)?;
         let mut ports = outputs.iter().map(|one| &one.port);
         let port = ports.find(|port| port.name == change.output)?;
         let (value, [min, max]) = (change.value, port.range);
@@ -188,11 +187,11 @@ pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
     // The name of a fan or a load is that of its disturbance.
     let is_free =
         |output: &IoOutput| output.port.name == name && kind_of_output(&output.port.name).is_none();
-    let mut nodes = wiring.io.iter().zip(&published.outputs);
+    let mut nodes = published.io.iter();
     let is_it = |(_, port): &(usize, &String)| local_name(port) == name || **port == name;
     let recorded = wiring.record.iter().flatten().enumerate();
     let (path, label) = if let Some((io, _)) = nodes.find(|(_, all)| all.iter().any(&is_free)) {
-        let path = format!("node.{}.outputs.{name}", io.node.name);
+        let path = format!("node.{}.outputs.{name}", io.name);
         (path, "one is an output of this node: give it another name")
     } else if let Some((place, _)) = recorded.filter(is_it).last() {
         let label = "the loop has a signal of this name already: leave it out";
@@ -352,13 +351,12 @@ impl Frames {
 
 impl Published {
     /// Returns the outputs of an io node; none for a recording.
-    pub(crate) fn outputs_of(&self, wiring: &Wiring, node: &Node) -> &[IoOutput] {
-        let place = wiring.io.iter().position(|io| io.node == *node);
-        let outputs = place.and_then(|place| self.outputs.get(place));
-        outputs.map_or(&[], Vec::as_slice)
+    pub(crate) fn outputs_of(&self, node: &Node) -> &[IoOutput] {
+        let io = self.io.iter().find(|(io, _)| io == node);
+        io.map_or(&[], |(_, outputs)| outputs)
     }
 
-    /// Adds the frames of the drive, the io nodes and the law of a loop. A real drive has frames of its own; an emulated one
+    /// Adds the frames of the drive and the law of a loop. A real drive has frames of its own; an emulated one
     /// publishes the truth about its plant.
     pub(crate) fn compose(
         &self,
@@ -380,14 +378,7 @@ impl Published {
             None => composer.with_drive(drive, signals),
         };
         let current = real.is_none().then(|| wiring.current());
-        let composer = with_units(composer, drive.0, sensor, current);
-        let io = wiring.io.iter().zip(&self.outputs);
-        let outputs = io.filter(|(io, _)| nodes.io.contains(&io.node));
-        let mut composer = outputs.fold(composer, |composer, (io, outputs)| {
-            let ports = outputs.iter().map(|output| &output.port);
-            let signals = ports.map(|port| signal_of(port, port.name.clone()));
-            composer.with_io((&io.node.name, io.node.id), &Vec::from_iter(signals))
-        });
+        let mut composer = with_units(composer, drive.0, sensor, current);
         let Identifiers {
             second_sdo,
             truth,
@@ -406,6 +397,18 @@ impl Published {
         let in_rig = (wiring.loop_number(), wiring.loop_among_several());
         composer.with_terms(in_rig, terms, &self.terms)
     }
+}
+
+/// Adds the frames of io nodes.
+pub(crate) fn with_io<'a>(
+    composer: Composer,
+    io: impl IntoIterator<Item = &'a (Node, Vec<IoOutput>)>,
+) -> Composer {
+    io.into_iter().fold(composer, |composer, (io, outputs)| {
+        let ports = outputs.iter().map(|output| &output.port);
+        let signals = ports.map(|port| signal_of(port, port.name.clone()));
+        composer.with_io((&io.name, io.id), &Vec::from_iter(signals))
+    })
 }
 
 /// Adds the frames of the drive that a loop follows if it belongs to another loop: the measured and the true value there.

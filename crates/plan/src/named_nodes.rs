@@ -28,21 +28,21 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
     for one in &plan.loops {
         nodes.push(drive(plan, one));
         drives.push(one.nodes.drive.id);
-        for io in &one.nodes.io {
-            let outputs = one.io_outputs(io).iter().map(IoOutput::in_sheet);
-            let objects = node_objects::io(io.id, outputs, one.nodes.controller.id);
-            nodes.push(NodeObjects {
-                node: io,
-                objects,
-                shipped: DISTURBANCE_EDS,
-                makers: None,
-            });
-            io_nodes.push(io.id);
-        }
         let identifiers = one.trial.wiring.identifiers.terms;
         terms.push((one.terms().cloned().collect(), identifiers));
     }
     let node = plan.controller();
+    for (io, outputs) in plan.io_outputs() {
+        let outputs = outputs.iter().map(IoOutput::in_sheet);
+        let objects = node_objects::io(io.id, outputs, node.id);
+        nodes.push(NodeObjects {
+            node: io,
+            objects,
+            shipped: DISTURBANCE_EDS,
+            makers: None,
+        });
+        io_nodes.push(io.id);
+    }
     let objects = node_objects::controller(node.id, &terms, &drives, &io_nodes);
     nodes.push(NodeObjects {
         node,

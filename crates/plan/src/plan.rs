@@ -9,11 +9,12 @@ use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
 use scenario::fault::{Actor, Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
-use scenario::wiring::{IoOutput, Measured};
+use scenario::wiring::{IoOutput, IoWiring, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
     Catalogue, ColumnMessage, Frames, Published, columns, followed, messages_of, name_in_loop,
+    with_io,
 };
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -78,13 +79,16 @@ impl Plan {
         }
         let mut plan = self.recorded_external(names);
         plan.shared.programs.retain(|name, _| !names.contains(name));
-        let nodes = || plan.loops.iter().map(|one| &one.nodes);
-        for (own, io) in nodes().flat_map(|nodes| nodes.io.iter().map(|io| (&nodes.drive, io))) {
-            let acts_on =
-                |drive: &str| drive == own.name || plan.shared.rig.acts_on(&io.name, drive);
-            let mut drives = nodes().map(|nodes| &nodes.drive);
-            let emulated = drives.find(|drive| acts_on(&drive.name) && !plan.is_external(drive));
-            let real = [io, own].into_iter().find(|node| plan.is_external(node));
+        for played in plan.io_outputs() {
+            let (io, loops) = (&played.0, plan.loops.iter());
+            let has_it = |one: &&ControlLoop| one.frames.published.io.contains(played);
+            let drives = Vec::from_iter(loops.filter(has_it).map(|one| &one.nodes.drive));
+            let acts = |drive: &Node| plan.shared.rig.acts_on(&io.name, &drive.name);
+            let own = drives.iter().min_by_key(|drive| (!acts(drive), drive.id));
+            let mut emulated = drives.iter().filter(|drive| !plan.is_external(drive));
+            let emulated = emulated.find(|drive| own == Some(*drive) || acts(drive));
+            let mut nodes = [io].into_iter().chain(own.copied());
+            let real = nodes.find(|node| plan.is_external(node));
             if let (Some(real), Some(emulated)) = (real, emulated) {
                 let (real, emulated) = (&real.name, &emulated.name);
                 return Err(format!(
@@ -122,9 +126,31 @@ impl Plan {
         self
     }
 
-    /// Returns the nodes of all loops; a node that several loops share comes once for each.
+    /// Returns the nodes of all loops, and the io nodes; a controller of several loops comes once for each.
     pub fn nodes(&self) -> impl Iterator<Item = &Node> {
-        self.loops.iter().flat_map(|one| one.nodes.all())
+        let of_loops = self.loops.iter().flat_map(|one| one.nodes.both());
+        of_loops.chain(self.io().map(|io| &io.node))
+    }
+
+    /// Returns the io nodes.
+    fn io(&self) -> impl Iterator<Item = &IoWiring> {
+        self.loops[0].trial.wiring.shared.io.iter()
+    }
+
+    /// Returns the io nodes, each with its outputs; none for a recording.
+    pub fn io_outputs(&self) -> impl Iterator<Item = &(Node, Vec<IoOutput>)> {
+        let all = self.loops.iter().flat_map(|one| &one.frames.published.io);
+        each_once(all).into_iter()
+    }
+
+    /// Returns the io nodes that are on the bus, each with its outputs: real ones, and those that an emulator plays with a drive.
+    pub fn io_on_bus(&self) -> impl Iterator<Item = &(Node, Vec<IoOutput>)> {
+        self.io_outputs().filter(|io| {
+            let plays = |one: &ControlLoop| {
+                one.is_ours(Part::Drive) && one.frames.published.io.contains(io)
+            };
+            self.is_external(&io.0) || self.loops.iter().any(plays)
+        })
     }
 
     /// Takes the limits of another plan; `None` if that has other loops.
@@ -144,14 +170,11 @@ impl Plan {
         Some(self)
     }
 
-    /// Returns the names of the external nodes, each once: the drives of a loop before its controller and its io node.
+    /// Returns the names of the external nodes, each once: drives before the controller and the io nodes.
     pub fn external_names(&self) -> Vec<String> {
-        let external = self.loops.iter().flat_map(|one| {
-            let nodes = [&one.nodes.drive, &one.nodes.controller]
-                .into_iter()
-                .chain(&one.nodes.io);
-            nodes.filter(|node| one.external.contains(&node.id))
-        });
+        let drives = self.loops.iter().map(|one| &one.nodes.drive);
+        let nodes = drives.chain(self.nodes());
+        let external = nodes.filter(|node| self.is_external(node));
         each_once(external.map(|node| node.name.clone()))
     }
 
@@ -295,6 +318,7 @@ fn compose(plan: &Plan) -> Database {
         let published = &one.frames.published;
         published.compose(composer, wiring, real, one.is_ours(Part::Drive))
     });
+    let composer = with_io(composer, plan.io_outputs());
     let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
     let composer = followers.fold(composer, |composer, one| {
@@ -339,15 +363,9 @@ impl ControlLoop {
 
     /// Checks whether canrig plays the node with a part in the loop; else it is external.
     pub fn is_ours(&self, part: Part) -> bool {
-        let node = self.nodes.of(part);
+        let mut nodes = self.nodes.both().into_iter();
+        let node = nodes.find(|node| node.part == part);
         node.is_none_or(|node| !self.external.contains(&node.id))
-    }
-
-    /// Returns the io nodes of the loop that are on the bus: the emulator's, or real ones.
-    pub fn io_on_bus(&self) -> impl Iterator<Item = &Node> {
-        let is_emulated = self.is_ours(Part::Drive);
-        let io = self.nodes.io.iter();
-        io.filter(move |io| is_emulated || self.external.contains(&io.id))
     }
 
     /// Returns the faults of the whole run: those of other loops may take the current from this one, too.
@@ -375,7 +393,7 @@ impl ControlLoop {
     /// # Errors
     /// The database has no statusword of a drive.
     pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
-        let loops = self.trial.wiring.loops.iter();
+        let loops = self.trial.wiring.shared.loops.iter();
         ScenarioClock::new(&self.database, loops.map(|one| one.drive.as_str()))
     }
 
@@ -441,8 +459,7 @@ impl ControlLoop {
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
         let has = |node: &&Node| messages_of(&self.database, node).any(|one| one == message);
         let wiring = &self.trial.wiring;
-        let mut nodes = self.nodes.all().chain(wiring.io_nodes());
-        name_in_loop(signal, nodes.find(has), wiring)
+        name_in_loop(signal, wiring.all_nodes().find(has), wiring)
     }
 
     /// Returns the signals of an emulated plant that its drive publishes, without the true position.
@@ -496,12 +513,6 @@ impl ControlLoop {
         let controller = &self.nodes.controller.name;
         let messages = self.database.term_messages(controller, self.name());
         messages.flat_map(|message| &message.signals)
-    }
-
-    /// Returns the outputs of an io node; none for a recording.
-    pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
-        let published = &self.frames.published;
-        published.outputs_of(&self.trial.wiring, node)
     }
 
     /// Returns all names of all signals.

@@ -120,7 +120,8 @@ impl Wired<'_> {
     fn check(&self) -> Result<(), Objection> {
         self.amplifier()?;
         self.sensor()?;
-        for io in &self.trial.wiring.io {
+        let (wiring, plants) = (&self.trial.wiring, self.trial.plants());
+        for io in wiring.shared.io_on(|plant| plants.contains_key(plant)) {
             let mut outputs = io.outputs.iter();
             outputs.try_for_each(|(output, port)| self.output(&io.node.name, output, port))?;
         }
@@ -240,12 +241,13 @@ impl Wired<'_> {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
+    use std::sync::Arc;
 
     use scenario::node::{Node, Part};
     use scenario::port::Measurand;
 
     use super::*;
-    use scenario::wiring::{IoWiring, Measured, Wiring};
+    use scenario::wiring::{IoWiring, Measured, SharedWiring, Wiring};
 
     fn ports() -> Ports {
         Ports {
@@ -332,14 +334,19 @@ mod tests {
             "node.motor.sensor.unit: `angle_degrees` cannot be measured in millimetres: write unit = \"degrees\" or unit = \"revolutions\""
         );
         assert_eq!(
-            found(&ports(), |wiring| wiring.io.push(IoWiring {
-                node: Node::new("module", 0x11, Part::Io),
-                outputs: BTreeMap::from([(
-                    "added_load_grams".to_owned(),
-                    "joint.brake_newtons".to_owned()
-                )]),
-                here: BTreeSet::new(),
-            }))
+            found(&ports(), |wiring| {
+                let io = IoWiring {
+                    node: Node::new("module", 0x11, Part::Io),
+                    outputs: BTreeMap::from([(
+                        "added_load_grams".to_owned(),
+                        "joint.brake_newtons".to_owned(),
+                    )]),
+                };
+                wiring.shared = Arc::new(SharedWiring {
+                    io: vec![io],
+                    ..SharedWiring::default()
+                });
+            })
             .unwrap(),
             "node.module.outputs.added_load_grams: `added_load_grams` is in grams, and `brake_newtons` is not: it is in newtons: call the output like the port, `brake_newtons`"
         );

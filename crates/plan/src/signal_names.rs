@@ -55,8 +55,7 @@ impl SignalNames {
             let message = database.message(message).into_iter();
             message.for_each(|message| add_message(message, None));
         }
-        let own = [&nodes.controller, &nodes.drive].into_iter();
-        let all = Vec::from_iter(own.chain(wiring.io_nodes()));
+        let all = Vec::from_iter(wiring.all_nodes());
         for node in all.iter().copied() {
             messages_of(database, node).for_each(|message| add_message(message, Some(node)));
         }
@@ -136,7 +135,7 @@ fn objects_of_nodes(
     let mut loops = vec![Default::default(); usize::from(wiring.loop_number())];
     loops.push((published.terms.clone(), wiring.identifiers.terms));
     let io = wiring.io_nodes().map(|io| {
-        let outputs = published.outputs_of(wiring, io).iter();
+        let outputs = published.outputs_of(io).iter();
         let outputs = outputs.map(IoOutput::in_sheet);
         (io.id, node_objects::io(io.id, outputs, controller.id))
     });
@@ -162,6 +161,8 @@ fn object_name<'a>(objects: &'a ObjectDictionary, signal: &Signal) -> Option<&'a
 
 #[cfg(test)]
 mod tests {
+    use scenario::Scenario;
+
     use super::*;
     use crate::catalogue::terms_of_sliding_mode;
 
@@ -170,7 +171,9 @@ mod tests {
             terms: terms_of_sliding_mode(),
             ..Published::default()
         };
-        SignalNames::new(Database::shipped(), &Wiring::default(), &published)
+        let rig = scenario::rig::shipped::text("sma_actuator").unwrap();
+        let scenario = Scenario::from_rig(rig, "rig.toml").unwrap();
+        SignalNames::new(Database::shipped(), &scenario.loops[0].wiring, &published)
     }
 
     #[track_caller]

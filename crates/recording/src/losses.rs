@@ -87,7 +87,7 @@ impl LossReader {
         let truth = |message| Some(watch(message, String::new(), None, period, PERIODS_MAX));
         let is_heated = |message: &&Message| message.signals.iter().any(is_temperature);
         let heated = of_plant.filter(is_heated).map(truth);
-        let heartbeats = nodes.all().map(|node| {
+        let heartbeats = one.trial.wiring.all_nodes().map(|node| {
             let message = one.message(node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let what = format!("heartbeat from {}", node.in_sentence());

@@ -13,7 +13,11 @@ pub(crate) struct NodeNames {
 
 impl NodeNames {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
-        let here = one.nodes.all().map(|node| (node.id, node.name.clone()));
+        let here = one
+            .trial
+            .wiring
+            .all_nodes()
+            .map(|node| (node.id, node.name.clone()));
         let all = shared.rig.node.iter();
         let mut all = Vec::from_iter(all.map(|(name, node)| (node.node_id, name.clone())));
         all.sort();

@@ -89,7 +89,6 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     }
     travel(check, trial);
     chirps(check, &trial.reference);
-    disturbances(check, trial);
     limits(check, trial);
     signals::check(check, trial);
     let expects = [&trial.expect, &trial.run.expect];
@@ -103,6 +102,7 @@ pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
     limits::of_bus(check, &run.expect);
     let expects = [&run.expect, &Expect::default()];
     requirements::check(check, expects, &Measurand::default());
+    disturbances(check, run);
     faults(check, &run.faults, run.duration_seconds);
 }
 
@@ -190,7 +190,7 @@ fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Proble
     let wiring = &trial.wiring;
     trial.controller.pid_pair.as_ref()?;
     let first = wiring.feedback.measurand.command;
-    let led = wiring.loops.iter().filter(|one| {
+    let led = wiring.shared.loops.iter().filter(|one| {
         one.led_by
             .is_some_and(|by| by.first == wiring.nodes.drive.id)
     });
@@ -294,11 +294,11 @@ fn unused_outputs(check: &mut Check<'_>, disturbance: &Disturbance) {
     }
 }
 
-fn disturbances(check: &mut Check<'_>, trial: &Trial) {
+fn disturbances(check: &mut Check<'_>, run: &Run) {
     let table = "disturbance";
     let pieces = entries(check.document, table);
-    order(check, table, &pieces, trial.run.duration_seconds);
-    for (index, pair) in trial.disturbance.fan.windows(2).enumerate() {
+    order(check, table, &pieces, run.duration_seconds);
+    for (index, pair) in run.disturbance.fan.windows(2).enumerate() {
         let (first, second) = (&pair[0], &pair[1]);
         let is_same = first.node == second.node;
         if is_same
@@ -310,7 +310,7 @@ fn disturbances(check: &mut Check<'_>, trial: &Trial) {
             check.at(&path, "two fans blow at a time", label);
         }
     }
-    unused_outputs(check, &trial.disturbance);
+    unused_outputs(check, &run.disturbance);
     let load_grams = |io: &str| {
         let outputs = check.rig.node.get(io)?.outputs.as_ref()?;
         let plant = check
@@ -319,7 +319,7 @@ fn disturbances(check: &mut Check<'_>, trial: &Trial) {
             .get(plant_of_port(outputs.port(LOAD_OUTPUT)?)?)?;
         Some(1e3 * plant.load_kilograms()?)
     };
-    for (index, load) in trial.disturbance.load.iter().enumerate() {
+    for (index, load) in run.disturbance.load.iter().enumerate() {
         let hanging = load_grams(&load.node).filter(|grams| grams + load.added_grams <= 0.0);
         if let Some(load_grams) = hanging {
             let path = format!("disturbance.load.{index}.added_grams");

@@ -3,8 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::load::only_one;
 use crate::port::{symbol_of, unit_in};
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::window::Window;
 
 /// Disturbances of the plant; each is commanded over the bus to an io node.
@@ -107,6 +108,21 @@ impl Change {
 }
 
 impl Disturbance {
+    /// Names the node of each entry without one: the only one that has the output.
+    pub(crate) fn name_nodes(&mut self, rig: &Rig) {
+        let fans = self.fan.iter_mut();
+        let loads = self.load.iter_mut();
+        let outputs = self.output.iter_mut();
+        let nodes = fans
+            .map(|fan| (&mut fan.node, FAN_OUTPUT))
+            .chain(loads.map(|load| (&mut load.node, LOAD_OUTPUT)))
+            .chain(outputs.map(|output| (&mut output.node, &*output.name)));
+        for (node, output) in nodes.filter(|(node, _)| node.is_empty()) {
+            let only = only_one(rig.io_with(output));
+            only.unwrap_or_default().clone_into(node);
+        }
+    }
+
     /// Returns the changes of outputs: fans, loads, and others.
     pub fn changes(&self) -> Vec<Change> {
         let fans = self.fan.iter().enumerate().map(|(index, fan)| Change {

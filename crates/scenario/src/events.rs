@@ -111,23 +111,26 @@ impl Trial {
         judged.collect()
     }
 
-    /// Returns the changes of outputs by its disturbances, in the order of time.
+    /// Returns the changes of outputs that are signals of its loop, in the order of time.
     pub fn disturbances(&self) -> Vec<Change> {
-        let mut changes = self.disturbance.changes();
-        let start = |one: &Change| one.window.from_seconds;
-        changes.sort_by(|left, right| start(left).total_cmp(&start(right)));
-        changes
+        self.changes(|port| self.wiring.has_output(port))
     }
 
     /// Returns those that act on a plant of the loop, which the metrics judge.
     pub fn judged_disturbances(&self) -> Vec<Change> {
-        let mut changes = self.disturbances();
-        let wiring = &self.wiring;
-        let acts = |one: &Change| {
-            let is_it = |output: &[String; 2]| *output == [&*one.node, &*one.output];
-            wiring.touched.is_empty() || wiring.disturbing.iter().any(is_it)
-        };
-        changes.retain(acts);
+        self.changes(|port| self.wiring.is_disturbed_at(port))
+    }
+
+    /// Returns the changes of outputs on these ports, in the order of time.
+    fn changes(&self, is_meant: impl Fn(&str) -> bool) -> Vec<Change> {
+        let mut changes = self.run.disturbance.changes();
+        let shared = &self.wiring.shared;
+        changes.retain(|one| {
+            let port = shared.port(&one.node, &one.output);
+            port.is_some_and(|port| is_meant(port))
+        });
+        let start = |one: &Change| one.window.from_seconds;
+        changes.sort_by(|left, right| start(left).total_cmp(&start(right)));
         changes
     }
 

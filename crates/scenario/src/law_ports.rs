@@ -370,6 +370,8 @@ fn each_drive_once(
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
     use crate::current::CurrentRange;
     use crate::wiring::LedBy;
@@ -388,6 +390,7 @@ mod tests {
             measurand: Measurand::position(unit),
             current: CurrentRange::default(),
             led_by: is_led.then_some(led_by),
+            touched: BTreeSet::new(),
         };
         vec![
             one("angle", "flexor", Unit::Degrees, false),

@@ -77,19 +77,12 @@ pub struct LoopNodes {
     pub drive: Node,
     /// Drive whose signal the loop follows: mostly its own.
     pub followed: Node,
-    /// Io nodes whose commands are recorded in the loop, since their first drive is the loop's.
-    pub io: Vec<Node>,
 }
 
 impl LoopNodes {
-    /// Returns controller, drive and io nodes, in this order.
-    pub fn all(&self) -> impl Iterator<Item = &Node> {
-        [&self.controller, &self.drive].into_iter().chain(&self.io)
-    }
-
-    /// Returns the node with a part in the loop.
-    pub fn of(&self, part: Part) -> Option<&Node> {
-        self.all().find(|node| node.part == part)
+    /// Returns controller and drive, in this order.
+    pub fn both(&self) -> [&Node; 2] {
+        [&self.controller, &self.drive]
     }
 }
 
@@ -102,7 +95,6 @@ impl Default for LoopNodes {
             controller: named(Part::Controller, CONTROLLER_NODE_ID),
             followed: drive.clone(),
             drive,
-            io: vec![Node::new("disturbance", 0x11, Part::Io)],
         }
     }
 }

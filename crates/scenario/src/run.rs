@@ -5,12 +5,13 @@ use serde::Deserialize;
 use schemars::JsonSchema;
 
 use crate::bus::Bus;
+use crate::disturbance::Disturbance;
 use crate::expect::Expect;
 use crate::fault::Faults;
 use crate::sweep::Sweep;
 
-/// Facts that all loops of a run share: the keys of a scenario file that are not tables, the sweep, the bus, its limits and
-/// the faults.
+/// Facts that all loops of a run share: the keys of a scenario file that are not tables, the sweep, the bus, its limits,
+/// the disturbances and the faults.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
@@ -34,6 +35,9 @@ pub struct Run {
     /// Length of the run from the first SYNC after Operation Enabled.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub duration_seconds: f64,
+    /// Disturbances of the plant.
+    #[serde(default)]
+    pub disturbance: Disturbance,
     /// Limits on the bus and on the timing of the nodes.
     #[serde(default)]
     pub expect: Expect,

@@ -60,11 +60,13 @@ pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
     names.collect()
 }
 
-/// Checks whether a table of a loop has a key.
+/// Checks whether a table of a loop or of the run has a key.
 pub(crate) fn is_key(table: &str, key: &str) -> bool {
-    let property = &TRIAL["properties"][table];
-    let schema = resolve(&TRIAL, property);
-    schema["properties"].get(key).is_some()
+    let has = |schema: &Value| {
+        let table = resolve(schema, &schema["properties"][table]);
+        table["properties"].get(key).is_some()
+    };
+    [&*TRIAL, &*RUN].into_iter().any(has)
 }
 
 /// Returns the JSON Schema of scenario files, as committed in `scenarios/schema.json`.

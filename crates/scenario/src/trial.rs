@@ -8,7 +8,6 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::controller::Controller;
-use crate::disturbance::Disturbance;
 use crate::expect::Expect;
 use crate::fault::{Fault, Faults, Group};
 use crate::identifiers::Identifiers;
@@ -32,9 +31,6 @@ pub struct Trial {
     /// The position set-point; may be absent with `open_loop` only.
     #[serde(default)]
     pub reference: Reference,
-    /// Disturbances of the plant.
-    #[serde(default)]
-    pub disturbance: Disturbance,
     /// Limits that a run must keep to pass.
     #[serde(default)]
     pub expect: Expect,
@@ -87,23 +83,25 @@ impl Trial {
     /// Returns the faults that it would have if its drive were the one that it follows, and had all plants of the loop.
     pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
         let (wiring, id) = (&self.wiring, self.wiring.nodes.followed.id);
-        let plants = wiring.touched.iter().chain([&wiring.plant]);
         let faults = self.run.faults.iter();
-        faults.filter(move |fault| plants.clone().any(|plant| fault.is_in_loop(id, plant)))
+        faults.filter(move |fault| {
+            let mut plants = wiring.touched().chain([&wiring.plant]);
+            plants.any(|plant| fault.is_in_loop(id, plant))
+        })
     }
 
     /// Returns the faults by which its position may deviate: those of its nodes and plants, of other drives of these plants, and of
     /// no drive.
     pub fn position_faults(&self) -> impl Iterator<Item = &Fault> {
         let (wiring, nodes) = (&self.wiring, &self.wiring.nodes);
-        let is_touched = |plant: &str| wiring.touched.contains(plant);
+        let is_touched = |plant: &str| wiring.touches(plant);
         let is_near = move |node: &Node| {
             let is_led = |one: &LoopFacts| one.led_by.is_some_and(|by| by.first == nodes.drive.id);
             let is_it = |one: &LoopFacts| {
                 one.drive == node.name && (is_led(one) || is_touched(&one.emulated))
             };
             let is_own = [nodes.drive.id, nodes.followed.id].contains(&node.id);
-            node.part != Part::Drive || is_own || wiring.loops.iter().any(is_it)
+            node.part != Part::Drive || is_own || wiring.shared.loops.iter().any(is_it)
         };
         let faults = self.run.faults.iter();
         faults.filter(move |fault| {

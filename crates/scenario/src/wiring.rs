@@ -1,6 +1,7 @@
 //! The wiring of a loop's drive to its plant, from the rig file.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -73,6 +74,31 @@ pub struct LoopFacts {
     pub current: CurrentRange,
     /// Law of another loop that leads its drive.
     pub led_by: Option<LedBy>,
+    /// Plants that it moves or measures.
+    pub touched: BTreeSet<String>,
+}
+
+/// Facts of a rig that its loops share.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SharedWiring {
+    /// All loops of the rig, in the order of their names.
+    pub loops: Vec<LoopFacts>,
+    /// All io nodes of the rig, in the order of their names.
+    pub io: Vec<IoWiring>,
+}
+
+impl SharedWiring {
+    /// Returns the port on which an output of an io node acts.
+    pub(crate) fn port(&self, node: &str, output: &str) -> Option<&String> {
+        let io = self.io.iter().find(|io| io.node.name == node)?;
+        io.outputs.get(output)
+    }
+
+    /// Returns the io nodes that act on some of these plants.
+    pub fn io_on(&self, has_plant: impl Fn(&str) -> bool) -> impl Iterator<Item = &IoWiring> {
+        let acts = move |io: &&IoWiring| io.plants().any(&has_plant);
+        self.io.iter().filter(acts)
+    }
 }
 
 /// Wiring of the drive of a loop, from the rig file; that of the shipped rig by default.
@@ -86,16 +112,10 @@ pub struct Wiring {
     pub input: String,
     /// Output that its sensor reads, of the same plant or another one; the first one if empty.
     pub output: String,
-    /// Plants that its loop moves or measures; empty without a rig file.
-    pub touched: BTreeSet<String>,
-    /// Outputs of io nodes that act on these plants, each behind the name of its node.
-    pub disturbing: BTreeSet<[String; 2]>,
     /// Signal of its sensor.
     pub sensor: Measured,
     /// Signal that its loop follows: of its sensor, or of the sensor of another drive.
     pub feedback: Measured,
-    /// Io nodes that act on the plants that are emulated together.
-    pub io: Vec<IoWiring>,
     /// Outputs that it publishes, each as `PLANT.PORT`; its own outputs if absent.
     pub record: Option<Vec<String>>,
     /// Inputs of the same plant that other drives drive.
@@ -112,8 +132,8 @@ pub struct Wiring {
     pub identifiers: Identifiers,
     /// Name of its loop; empty without a rig file.
     pub loop_name: String,
-    /// All loops of the rig, this one too, in the order of their names.
-    pub loops: Vec<LoopFacts>,
+    /// Facts that all loops of the rig share.
+    pub shared: Arc<SharedWiring>,
 }
 
 /// Law that leads the drive of another loop.
@@ -129,24 +149,63 @@ impl Wiring {
     /// Returns the number of its loop among those of the rig, from 0.
     pub fn loop_number(&self) -> u8 {
         let is_its = |one: &LoopFacts| one.name == self.loop_name;
-        let number = self.loops.iter().position(is_its).unwrap_or_default();
+        let number = self
+            .shared
+            .loops
+            .iter()
+            .position(is_its)
+            .unwrap_or_default();
         u8::try_from(number).unwrap_or(u8::MAX)
     }
 
-    /// Returns the io nodes whose commands are recorded in its loop, and those with outputs that disturb it.
-    pub fn io_nodes(&self) -> impl Iterator<Item = &Node> {
-        let disturbing = self.io.iter().filter(|io| !io.here.is_empty());
-        let others = disturbing.map(|io| &io.node);
-        let io = &self.nodes.io;
-        io.iter().chain(others.filter(|node| !io.contains(node)))
+    /// Returns the facts of its loop that the others know; `None` without a rig file.
+    fn own(&self) -> Option<&LoopFacts> {
+        let mut loops = self.shared.loops.iter();
+        loops.find(|one| one.name == self.loop_name)
     }
 
-    /// Checks whether a signal of a node is one of its loop: outputs of an io node are those of the loops that they disturb.
+    /// Returns the plants that its loop moves or measures.
+    pub(crate) fn touched(&self) -> impl Iterator<Item = &String> {
+        self.own().into_iter().flat_map(|own| &own.touched)
+    }
+
+    /// Checks whether its loop moves or measures a plant.
+    pub(crate) fn touches(&self, plant: &str) -> bool {
+        self.touched().any(|touched| touched == plant)
+    }
+
+    /// Checks whether the output of an io node on a port acts on its loop.
+    pub(crate) fn is_disturbed_at(&self, port: &str) -> bool {
+        plant_of_port(port).is_some_and(|plant| self.touches(plant))
+    }
+
+    /// Checks whether the output of an io node on a port is a signal of its loop: it acts there, or on no loop.
+    pub(crate) fn has_output(&self, port: &str) -> bool {
+        let plant = plant_of_port(port).unwrap_or_default();
+        let mut loops = self.shared.loops.iter();
+        self.touches(plant) || !loops.any(|one| one.touched.contains(plant))
+    }
+
+    /// Returns the io nodes with outputs that are signals of its loop.
+    pub fn io_nodes(&self) -> impl Iterator<Item = &Node> {
+        let is_here = |io: &&IoWiring| io.outputs.values().any(|port| self.has_output(port));
+        let io = self.shared.io.iter().filter(is_here);
+        io.map(|io| &io.node)
+    }
+
+    /// Returns controller, drive and io nodes of its loop, in this order.
+    pub fn all_nodes(&self) -> impl Iterator<Item = &Node> {
+        self.nodes.both().into_iter().chain(self.io_nodes())
+    }
+
+    /// Checks whether a signal of a node of its loop is one of the loop: outputs of an io node are those of the loops on which they
+    /// act.
     pub fn has_signal(&self, node: Option<&Node>, signal: &str) -> bool {
-        let io = self.io.iter().find(|io| Some(&io.node) == node);
-        io.is_none_or(|io| {
-            let is_output = io.outputs.contains_key(signal) || kind_of_output(signal).is_some();
-            io.here.contains(signal) || !is_output && self.nodes.io.contains(&io.node)
+        let mut io = self.shared.io.iter();
+        let io = io.find(|io| Some(&io.node) == node);
+        io.is_none_or(|io| match io.outputs.get(signal) {
+            Some(port) => self.has_output(port),
+            None => kind_of_output(signal).is_none(),
         })
     }
 
@@ -157,7 +216,7 @@ impl Wiring {
 
     /// Returns the name of its loop among several; empty for an only loop.
     pub fn loop_among_several(&self) -> &str {
-        match self.loops.len() {
+        match self.shared.loops.len() {
             0 | 1 => "",
             _ => &self.loop_name,
         }
@@ -169,7 +228,7 @@ impl Wiring {
             Some(by) if by.first == self.nodes.drive.id => Some(by.place),
             _ => (one.name == self.loop_name).then_some(0),
         };
-        let led = self.loops.iter();
+        let led = self.shared.loops.iter();
         let mut led = Vec::from_iter(led.filter(|one| place(one).is_some()).cloned());
         led.sort_by_key(place);
         led
@@ -177,16 +236,14 @@ impl Wiring {
 
     /// Returns the range of commands to the amplifier of its drive.
     pub fn current(&self) -> CurrentRange {
-        let mut loops = self.loops.iter();
-        let own = loops.find(|one| one.name == self.loop_name);
-        own.map(|one| one.current).unwrap_or_default()
+        self.own().map(|one| one.current).unwrap_or_default()
     }
 
     /// Returns the ranges of commands to the amplifiers of the drives that its law leads, from its own on; with `None` those of
     /// all loops.
     pub fn currents(&self, drives: Option<usize>) -> Vec<CurrentRange> {
         let Some(drives) = drives else {
-            return self.loops.iter().map(|one| one.current).collect();
+            return self.shared.loops.iter().map(|one| one.current).collect();
         };
         let led = self.led_loops().into_iter();
         let mut currents = Vec::from_iter(led.map(|one| one.current));
@@ -285,11 +342,14 @@ pub struct IoWiring {
     pub node: Node,
     /// Inputs on which its outputs act, by the names of the outputs.
     pub outputs: BTreeMap<String, String>,
-    /// Outputs that are disturbances of the loop, and its columns.
-    pub here: BTreeSet<String>,
 }
 
 impl IoWiring {
+    /// Returns the plants on which its outputs act.
+    pub fn plants(&self) -> impl Iterator<Item = &str> {
+        self.outputs.values().filter_map(|port| plant_of_port(port))
+    }
+
     /// Returns the outputs in the order of their places, without those that fit no port. Fan and load have the first two, whether
     /// one of them is wired or both.
     pub fn outputs(&self, ports: &Ports) -> Vec<IoOutput> {

@@ -13,6 +13,7 @@ use plan::{ControlLoop, Plan};
 use scenario::disturbance::{Change, value_at};
 use scenario::fault::Faults;
 use scenario::node::Part;
+use scenario::wiring::IoOutput;
 
 use crate::error::WorldError;
 use crate::supervisor::Supervisor;
@@ -49,10 +50,9 @@ impl BenchNode {
     /// If there is no loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let mut frames = Vec::new();
-        let loops = plan.loops.iter();
         // On a bus without an io node its identifier may belong to another node.
-        for (one, io) in loops.flat_map(|one| one.io_on_bus().map(move |io| (one, io))) {
-            frames.extend(disturbances(plan, one, io)?);
+        for (io, outputs) in plan.io_on_bus() {
+            frames.extend(disturbances(plan, io, outputs)?);
         }
         frames.extend(stop_orders(&plan.shared.run.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
@@ -163,14 +163,13 @@ fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
     })
 }
 
-/// Returns the RPDOs of an io node of a loop. A change that disturbs several loops, which each of them has, is one.
+/// Returns the RPDOs of an io node with these outputs.
 fn disturbances(
     plan: &Plan,
-    one: &ControlLoop,
     io: &scenario::node::Node,
+    outputs: &[IoOutput],
 ) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let loops = plan.loops.iter();
-    let mut changes = Vec::from_iter(loops.flat_map(|one| one.trial.disturbance.changes()));
+    let mut changes = plan.shared.run.disturbance.changes();
     changes.retain(|change| change.node == io.name);
     let edges = |change: &Change| [change.window.from_seconds, change.window.until_seconds];
     let mut times = Vec::from_iter(changes.iter().flat_map(edges));
@@ -179,8 +178,8 @@ fn disturbances(
     if times.is_empty() {
         return Ok(Vec::new());
     }
-    let (database, message) = (&one.database, message_name(&io.name, RPDO1));
-    let outputs = one.io_outputs(io).iter().map(|output| {
+    let (database, message) = (plan.database(), message_name(&io.name, RPDO1));
+    let outputs = outputs.iter().map(|output| {
         let signal = database.signal_of(&message, &output.port.name)?;
         Ok((&output.port, signal))
     });

@@ -15,7 +15,12 @@ const ROWS_MAX: f64 = 100_000.0;
 /// Returns the part of a node.
 pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
     let all = plan.loops.iter();
-    let loops = all.filter(|one| one.nodes.all().any(|other| other.id == node.id));
+    let loops = all.filter(|one| {
+        one.trial
+            .wiring
+            .all_nodes()
+            .any(|other| other.id == node.id)
+    });
     json!({
         "version": VERSION,
         "node": {"name": node.name, "node_id": node.id, "kind": node.part.word()},
@@ -34,7 +39,7 @@ fn loop_part(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
     let mut told = json!({
         "name": one.name(),
         "drive": {"name": drive.name, "node_id": drive.id},
-        "io": Vec::from_iter(one.nodes.io.iter().map(|io| json!({"name": io.name, "node_id": io.id}))),
+        "io": Vec::from_iter(wiring.io_nodes().map(|io| json!({"name": io.name, "node_id": io.id}))),
         "signal": wiring.feedback.measurand.name(names::POSITION),
         "range": wiring.feedback.range(),
         "command_range": [current.min, current.max],

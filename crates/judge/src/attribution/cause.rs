@@ -106,7 +106,8 @@ impl Lasting {
 
 /// Returns the name of a node in the rig.
 pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: Part) -> &'a str {
-    let node = evidence.control_loop.nodes.of(node);
+    let mut nodes = evidence.control_loop.nodes.both().into_iter();
+    let node = nodes.find(|one| one.part == node);
     node.map_or("", |node| &node.name)
 }
 

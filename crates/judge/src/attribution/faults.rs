@@ -62,7 +62,7 @@ impl<'a> ScenarioFaults<'a> {
             let plant = &*other.emulated;
             one.is_ours(Part::Drive) && !plant.is_empty() && plants.contains_key(plant)
         };
-        let emulated_with = one.trial.wiring.loops.iter().filter(shared);
+        let emulated_with = one.trial.wiring.shared.loops.iter().filter(shared);
         Self {
             emulated_with: emulated_with.map(|other| &*other.drive).collect(),
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),

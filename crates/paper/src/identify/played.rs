@@ -1,7 +1,7 @@
 //! Scenarios that play an identified plant.
 
 use plan::ControlLoop;
-use scenario::node::LoopNodes;
+use scenario::node::Part;
 use scenario::plant::Sma;
 use scenario::{CurrentRange, Trial};
 use toml::{Table, Value};
@@ -10,6 +10,8 @@ use toml::{Table, Value};
 const RIG: &str = "sma_actuator";
 pub(super) const PLANT: &str = "wire";
 const LOOP: &str = "position";
+/// Io node of that rig.
+const IO: &str = "disturbance";
 
 /// Returns the text of a scenario of one loop with this plant, on the rig that ships.
 ///
@@ -55,15 +57,12 @@ pub fn text_on_shipped_rig(
 
 /// Returns the names of the loop and its nodes, each with the corresponding name of the rig that ships.
 fn names(control_loop: &ControlLoop) -> Vec<(&str, String)> {
-    let nodes = &control_loop.nodes;
-    let shipped = LoopNodes::default();
-    let named = nodes
-        .all()
-        .filter_map(|node| Some((node.name.as_str(), shipped.of(node.part)?.name.clone())));
-    let loop_name = (
-        control_loop.trial.wiring.loop_name.as_str(),
-        LOOP.to_owned(),
-    );
+    let wiring = &control_loop.trial.wiring;
+    let named = wiring.all_nodes().map(|node| {
+        let shipped = Some(node.part.word()).filter(|_| node.part != Part::Io);
+        (node.name.as_str(), shipped.unwrap_or(IO).to_owned())
+    });
+    let loop_name = (wiring.loop_name.as_str(), LOOP.to_owned());
     [loop_name].into_iter().chain(named).collect()
 }
 

@@ -110,11 +110,10 @@ impl Plan {
         // Files that are not text are in the folder of the scenario that is varied.
         let beside = self.shared.beside.for_case();
         let objections = |trial: &Trial| {
-            let frames = self.frames_shared_with(trial);
-            frames.map_or_else(
-                || catalogue.objections(trial),
-                |frames| output_objection(frames, trial).into_iter().collect(),
-            )
+            if self.has_frames_of(trial) {
+                return Vec::new();
+            }
+            catalogue.objections(trial)
         };
         let asked = Asked {
             reading: Reading::Case,
@@ -128,8 +127,11 @@ impl Plan {
         // A real drive keeps values of its node.
         let has_real = self.loops.iter().any(|one| one.real_drive.is_some());
         let is_alike = !has_real && scenario.shared.run.bus == self.shared.run.bus;
-        if !is_alike || trials.any(|trial| self.frames_shared_with(trial).is_none()) {
+        if !is_alike || !trials.all(|trial| self.has_frames_of(trial)) {
             return planned(&scenario, catalogue);
+        }
+        if let Some(objection) = output_objection(self, &scenario.shared.run.disturbance) {
+            return Err(scenario.objected(objection));
         }
         let (shared, loops) = (scenario.shared, self.loops.clone());
         let mut plan = Self { shared, loops };
@@ -141,12 +143,13 @@ impl Plan {
         Ok(if is_same { plan } else { plan.composed() })
     }
 
-    /// Returns the frames of a loop, if they have the same meaning in a varied trial of that loop. Plants and laws from outside may
+    /// Checks whether the frames of a loop have the same meaning in a varied trial of that loop. Plants and laws from outside may
     /// have other ports with each parameter.
-    fn frames_shared_with(&self, trial: &Trial) -> Option<&Frames> {
-        let mut loops = self.loops.iter();
-        let one = loops.find(|one| one.trial.wiring == trial.wiring)?;
-        let before = &one.trial;
+    fn has_frames_of(&self, trial: &Trial) -> bool {
+        let mut loops = self.loops.iter().map(|one| &one.trial);
+        let Some(before) = loops.find(|one| one.wiring == trial.wiring) else {
+            return false;
+        };
         let plants = [before, trial].map(|one| {
             let beside = one.plants_beside.values();
             [&one.plant]
@@ -155,8 +158,7 @@ impl Plan {
                 .map(|plant| &plant.custom)
         });
         let [one_s, other_s] = plants;
-        let is_same = one_s.eq(other_s) && before.controller.custom == trial.controller.custom;
-        is_same.then_some(&*one.frames)
+        one_s.eq(other_s) && before.controller.custom == trial.controller.custom
     }
 }
 
@@ -212,7 +214,8 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
     };
     let plan = named(scenario, alone)?;
     let mut loops = plan.loops.iter();
-    match loops.find_map(|one| two_columns(&one.frames)) {
+    let objection = loops.find_map(|one| two_columns(&one.frames));
+    match objection.or_else(|| output_objection(&plan, &plan.shared.run.disturbance)) {
         Some(objection) => Err(objection),
         None => checked(plan.composed()),
     }

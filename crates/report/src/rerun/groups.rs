@@ -193,7 +193,7 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     if scenario.plant.actuator().is_some() {
         groups.insert(HYSTERESIS);
     }
-    if !scenario.disturbance.changes().is_empty() {
+    if !scenario.disturbances().is_empty() {
         groups.insert(DISTURBANCE);
     }
     let law = &scenario.controller;

@@ -79,7 +79,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(trial),
         };
-        let changes = trial.disturbance.changes().into_iter();
+        let changes = trial.disturbances().into_iter();
         let drawing = Drawing::new(trial, pause_seconds);
         if let Some(drawing) = &drawing {
             drawing.draw(&mut output)?;
@@ -140,7 +140,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             .map(|(set_point, position)| set_point - position)
             .collect();
         let trial = &self.control_loop.trial;
-        let changes = trial.disturbance.changes();
+        let changes = trial.disturbances();
         let factors = asked(timeline, &changes, FAN_OUTPUT, 1.0);
         let grams = asked(timeline, &changes, LOAD_OUTPUT, 0.0);
         let error_name = timeline.measurand.name("error_{unit}");

@@ -8,7 +8,7 @@ use super::contours::read_contours;
 use super::expect::{is_shared, keep_part};
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
-use super::sections::{CONTROLLER, EXPECT, SHARED, Selector};
+use super::sections::{CONTROLLER, DISTURBANCE, EXPECT, SHARED, Selector};
 use super::{
     Factor, KIND, Objection, Reading, build, check_custom, in_unit, nodes, without_problems,
 };
@@ -164,6 +164,7 @@ fn resolve(
     let selector = Selector {
         scenario: document,
         rig: &rig,
+        shared: rig.shared(),
     };
     // A misspelt table is one problem; the keys that are then missing are not further ones.
     let unknown = selector.unknown_keys();
@@ -235,7 +236,8 @@ impl Resolver<'_> {
         let has_limits = scenario.keys(EXPECT).into_iter().any(is_shared);
         let expect = has_limits.then_some(EXPECT);
         let read = |tables: Option<&str>| {
-            let keys = SHARED.into_iter().chain(expect).chain(tables);
+            let keys = SHARED.into_iter().chain([DISTURBANCE]);
+            let keys = keys.chain(expect).chain(tables);
             let mut header = scenario.only(&Vec::from_iter(keys));
             header.rewrite(|root| {
                 if let Some(expect) = root.get_mut(EXPECT) {
@@ -253,6 +255,7 @@ impl Resolver<'_> {
             Ok((mut run, found)) => {
                 self.check.add(found);
                 (run.bus, run.faults) = (rig.bus.clone(), faults);
+                run.disturbance.name_nodes(rig);
                 // A length that is not positive is one problem; that events come after the end of the run is not a further one.
                 if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
                     run.duration_seconds = f64::INFINITY;

@@ -4,12 +4,13 @@
 
 use std::mem;
 use std::ops::Range;
+use std::sync::Arc;
 
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
 use super::expect;
-use super::{Factors, Naming, only_one};
+use super::{Factors, Naming};
 use crate::custom::leads_all;
 use crate::document::Document;
 use crate::error::Problem;
@@ -17,7 +18,7 @@ use crate::fault::Faults;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
-use crate::wiring::{LedBy, Wiring};
+use crate::wiring::{LedBy, SharedWiring, Wiring};
 
 /// Key of the law of all loops.
 pub(crate) const ALL: &str = "all";
@@ -40,7 +41,7 @@ const TABLES: [&str; 9] = [
     "node",
     "controller",
     "reference",
-    "disturbance",
+    DISTURBANCE,
     "fault",
     "sweep",
 ];
@@ -49,7 +50,7 @@ const RIG_KEYS: [&str; 2] = ["defaults", "loop"];
 pub(super) const EXPECT: &str = "expect";
 pub(crate) const CONTROLLER: &str = "controller";
 const REFERENCE: &str = "reference";
-const DISTURBANCE: &str = "disturbance";
+pub(super) const DISTURBANCE: &str = "disturbance";
 /// Table of a drive that a program or the law of another drive leads.
 const NO_LAW: &str = "{ open_loop = {} }";
 /// Key that names a node.
@@ -59,6 +60,7 @@ const NODE: &str = "node";
 pub(super) struct Selector<'a, 'text> {
     pub(super) scenario: &'a Document<'text>,
     pub(super) rig: &'a Rig,
+    pub(super) shared: Arc<SharedWiring>,
 }
 
 /// The part of a scenario for one loop.
@@ -117,15 +119,13 @@ impl<'text> Selector<'_, 'text> {
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
         let (place, law) = self.law(name)?;
         tables.insert(Spanned::new(place, CONTROLLER.into()), law);
-        let sections = [REFERENCE, DISTURBANCE].into_iter();
-        for section in sections.filter(|_| !self.is_led(name)) {
-            if let Some(value) = self.scenario.root().get(section) {
-                let mut kept = value.clone();
-                self.keep(section, kept.get_mut(), name);
-                tables.insert(key(section), kept);
-            }
+        let reference = self.scenario.root().get(REFERENCE);
+        if let Some(value) = reference.filter(|_| !self.is_led(name)) {
+            let mut kept = value.clone();
+            self.keep(kept.get_mut(), name);
+            tables.insert(key(REFERENCE), kept);
         }
-        let wiring = self.rig.wiring_of(self.rig.drive_of_loop(name));
+        let wiring = (self.rig).wiring_in(&self.shared, self.rig.drive_of_loop(name));
         if let Some(expect) = self.expect(name, &wiring, faults) {
             tables.insert(key(EXPECT), expect);
         }
@@ -148,7 +148,8 @@ impl<'text> Selector<'_, 'text> {
     fn with_loop_s_own(&self, problem: Problem, name: &str) -> Problem {
         let measured = |name: &str| {
             let drive = self.rig.drive_of_loop(name);
-            self.rig.wiring_of(drive).feedback.measurand
+            let wiring = self.rig.wiring_in(&self.shared, drive);
+            wiring.feedback.measurand
         };
         let mut others = self.rig.loops.keys();
         let is_like_all = !others.any(|other| measured(other) != measured(name));
@@ -217,54 +218,31 @@ impl<'text> Selector<'_, 'text> {
     }
 
     /// Keeps the entries of the arrays, such as `reference.step`, that are for this loop.
-    fn keep(&self, section: &str, value: &mut DeValue<'text>, name: &str) {
+    fn keep(&self, value: &mut DeValue<'text>, name: &str) {
         let DeValue::Table(kinds) = value else {
             return;
         };
-        for (kind, entries) in kinds.iter_mut() {
+        for (_, entries) in kinds.iter_mut() {
             if let DeValue::Array(entries) = entries.get_mut() {
                 let all = mem::replace(entries, DeArray::new()).into_iter();
-                let kept =
-                    all.filter_map(|entry| self.kept(entry, name, [section, kind.get_ref()]));
-                *entries = kept.collect();
+                *entries = all.filter_map(|entry| self.kept(entry, name)).collect();
             }
         }
     }
 
-    /// Returns an entry without the name of its loop or its node, if it is for this loop.
+    /// Returns an entry without the name of its loop, if it is for this loop.
     fn kept(
         &self,
         mut entry: Spanned<DeValue<'text>>,
         name: &str,
-        [section, kind]: [&str; 2],
     ) -> Option<Spanned<DeValue<'text>>> {
-        let span = entry.span();
         let DeValue::Table(table) = entry.get_mut() else {
             return Some(entry);
         };
-        if section == REFERENCE {
-            return match table.remove("loop") {
-                Some(wanted) => (wanted.get_ref().as_str() == Some(name)).then_some(entry),
-                None => self.rig.has_only_loop().then_some(entry),
-            };
+        match table.remove("loop") {
+            Some(wanted) => (wanted.get_ref().as_str() == Some(name)).then_some(entry),
+            None => self.rig.has_only_loop().then_some(entry),
         }
-        let output = output_name(kind, table).to_owned();
-        if !table.contains_key(NODE) {
-            let io = only_one(self.rig.io_with(&output)).unwrap_or_default();
-            let node = DeValue::String(io.to_owned().into());
-            let key = Spanned::new(span.clone(), NODE.into());
-            table.insert(key, Spanned::new(span, node));
-        }
-        let node = table.get(NODE).and_then(|node| node.get_ref().as_str());
-        let disturbed = self.rig.drives_disturbed(node.unwrap_or_default(), &output);
-        // The first loop reports a node without such an output.
-        let mut leading = self.rig.loops.keys().filter(|name| !self.is_led(name));
-        let is_its = if disturbed.is_empty() {
-            leading.next().is_some_and(|first| first == name)
-        } else {
-            disturbed.contains(self.rig.drive_of_loop(name))
-        };
-        is_its.then_some(entry)
     }
 
     /// Finds loops and nodes that the scenario names and the rig does not have; only loops with a law have a set-point.

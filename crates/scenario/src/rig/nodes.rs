@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,9 @@ use crate::metrics::METRICS;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{I2t, PlantModel};
 use crate::port::{Command, Measurand, Unit, plant_of_port, unit_in};
-use crate::wiring::{IoWiring, LedBy, LoopFacts, Measured, Plausible, TRAVEL_MILLIMETRES, Wiring};
+use crate::wiring::{
+    IoWiring, LedBy, LoopFacts, Measured, Plausible, SharedWiring, TRAVEL_MILLIMETRES, Wiring,
+};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
@@ -175,81 +178,34 @@ impl Rig {
         moved.is_some_and(|(plant, io)| io.plants().contains(plant))
     }
 
-    /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
-    /// the io node acts. If no drive moves these, it is the first one with which they are emulated.
-    pub fn drive_of_io(&self, io: &str) -> Option<&str> {
-        let plants = self.node.get(io)?.plants();
-        self.first_drive(|drive| self.acts_on(io, drive))
-            .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
-    }
-
-    /// Returns the drives whose loops an output of an io node disturbs, since they move or measure the plant on which it acts: the
-    /// first of each loop, and those that it leads besides if the plant is theirs alone. A plant that no loop has disturbs none;
-    /// then it is the loop of the drive of the io node.
-    pub(crate) fn drives_disturbed(&self, io: &str, output: &str) -> BTreeSet<&str> {
-        let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
-        let port = outputs.and_then(|outputs| outputs.port(output));
-        let plant = port.and_then(plant_of_port).unwrap_or_default();
-        let has_plant = |drive: &&str| self.plants_at([*drive]).contains(plant);
-        let is_disturbed = |one: &&RigLoop| self.plants_touched(one).contains(plant);
-        let mut disturbed = BTreeSet::new();
-        for first in self
-            .leading()
-            .filter(is_disturbed)
-            .filter_map(RigLoop::first)
-        {
-            disturbed.insert(first);
-            if !has_plant(&first) {
-                disturbed.extend(self.led_beside(first).filter(has_plant));
-            }
-        }
-        if disturbed.is_empty() {
-            let own = self.drive_of_io(io);
-            let led = self
-                .leading()
-                .find(|one| one.drives().any(|drive| Some(drive) == own));
-            let follows = || self.leading().find(|one| Some(one.followed()) == own);
-            disturbed.extend(led.or_else(follows).and_then(RigLoop::first));
-        }
-        disturbed
-    }
-
-    /// Returns the drives beside the first one of a loop: further ones, and one that is only followed.
-    fn led_beside(&self, first: &str) -> impl Iterator<Item = &str> {
-        let id = self.node.get(first).map(|node| node.node_id);
-        let is_led = move |one: &&RigLoop| one.led_by.is_some_and(|by| Some(by.first) == id);
-        self.loops
-            .values()
-            .filter(is_led)
-            .filter_map(RigLoop::first)
-    }
-
     /// Returns the plants that a loop moves or measures.
     fn plants_touched(&self, one: &RigLoop) -> BTreeSet<&str> {
-        let mut plants = self.plants_at(one.drives());
-        let followed = self.node.get(one.followed());
-        plants.extend(followed.and_then(|node| plant_of_port(node.sensor_port()?)));
-        plants
-    }
-
-    /// Returns the plants that these drives move or measure.
-    fn plants_at<'a>(&self, drives: impl IntoIterator<Item = &'a str>) -> BTreeSet<&str> {
-        let nodes = drives.into_iter().filter_map(|name| self.node.get(name));
+        let nodes = one.drives().filter_map(|name| self.node.get(name));
         let ports = nodes.flat_map(|node| [node.amplifier_port(), node.sensor_port()]);
-        ports
-            .flatten()
-            .filter_map(|port| plant_of_port(port))
-            .collect()
+        let followed = self.node.get(one.followed());
+        let all = ports.chain(followed.map(RigNode::sensor_port));
+        all.flatten().filter_map(plant_of_port).collect()
     }
 
-    fn first_drive(&self, is_it: impl Fn(&str) -> bool) -> Option<&str> {
-        let those = self.of_kind(Part::Drive).filter(|(name, _)| is_it(name));
-        let first = those.min_by_key(|(_, node)| node.node_id);
-        first.map(|(name, _)| name)
+    /// Returns what its loops share.
+    pub(crate) fn shared(&self) -> Arc<SharedWiring> {
+        let io = self.of_kind(Part::Io).map(|(name, node)| IoWiring {
+            node: Node::new(name, node.node_id, Part::Io),
+            outputs: node.outputs.clone().unwrap_or_default().0,
+        });
+        Arc::new(SharedWiring {
+            loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
+            io: io.collect(),
+        })
     }
 
     /// Returns the wiring of a drive.
     pub fn wiring_of(&self, drive: &str) -> Wiring {
+        self.wiring_in(&self.shared(), drive)
+    }
+
+    /// Returns the wiring of a drive of a rig whose loops share these facts.
+    pub(crate) fn wiring_in(&self, shared: &Arc<SharedWiring>, drive: &str) -> Wiring {
         let Some(node) = self.node.get(drive) else {
             return Wiring::default();
         };
@@ -263,21 +219,11 @@ impl Rig {
         });
         let others = Vec::from_iter(others.map(|(_, node)| node));
         let inputs = others.iter().filter_map(|other| other.amplifier_port());
-        let emulated = self.emulated_with(drive);
         let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
         let (loop_name, rig_loop) = self.loop_of(drive).unzip();
         let followed = rig_loop.map_or(drive, RigLoop::followed);
-        let touched = rig_loop.map_or(self.plants_at([drive]), |one| self.plants_touched(one));
-        let outputs = self.of_kind(Part::Io).flat_map(|(io, node)| {
-            let all = node.outputs.iter().flat_map(|outputs| &outputs.0);
-            all.map(move |(output, port)| ([io, output], port))
-        });
-        let acts = |port: &str| plant_of_port(port).is_some_and(|plant| touched.contains(plant));
-        let disturbing = outputs.filter(|(_, port)| acts(port));
         let followed_node = self.node.get(followed).unwrap_or(node);
         let controller = self.controller().map(named);
-        let io = self.of_kind(Part::Io);
-        let recorded_io = io.filter(|(name, _)| self.drive_of_io(name) == Some(drive));
         let recorded = node.record.as_ref();
         let command = node.command_quantity();
         Wiring {
@@ -285,21 +231,15 @@ impl Rig {
                 controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
                 drive: named((drive, node)),
                 followed: named((followed, followed_node)),
-                io: recorded_io.map(named).collect(),
             },
             plant: plant.to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
-            disturbing: disturbing
-                .map(|(names, _)| names.map(str::to_owned))
-                .collect(),
-            touched: touched.into_iter().map(str::to_owned).collect(),
             sensor: node.measured(),
             feedback: Measured {
                 measurand: followed_node.measurand().commanding(command),
                 ..followed_node.measured()
             },
-            io: self.io_on(&emulated, drive),
             record: recorded.map(|ports| ports.iter().map(in_full).collect()),
             beside: inputs.map(str::to_owned).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
@@ -308,7 +248,7 @@ impl Rig {
             led_by: rig_loop.and_then(|one| one.led_by),
             identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
             loop_name: loop_name.cloned().unwrap_or_default(),
-            loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
+            shared: Arc::clone(shared),
         }
     }
 
@@ -330,6 +270,11 @@ impl Rig {
             measurand: self.measurand_of(one.followed()).commanding(command),
             current: amplifier.range(),
             led_by: one.led_by,
+            touched: self
+                .plants_touched(one)
+                .into_iter()
+                .map(str::to_owned)
+                .collect(),
             drive: drive.to_owned(),
             followed: one.followed().to_owned(),
             is_commanded: self
@@ -399,6 +344,9 @@ impl Rig {
         rig.node.retain(|name, node| {
             let is_io = io.contains(&name.as_str());
             node.external |= is_io;
+            if let Some(outputs) = &mut node.outputs {
+                outputs.0.retain(|_, port| plant_of_port(port) == plant);
+            }
             is_io || name == drive || node.kind == Part::Controller
         });
         if let Some(node) = rig.node.get_mut(drive) {
@@ -462,21 +410,6 @@ impl Rig {
             outputs.is_some_and(|outputs| outputs.port(output).is_some())
         });
         with.map(|(name, _)| name.as_str())
-    }
-
-    /// Returns the io nodes that act on some of these plants.
-    fn io_on(&self, plants: &BTreeSet<&str>, drive: &str) -> Vec<IoWiring> {
-        let is_here = |io: &str, output: &str| self.drives_disturbed(io, output).contains(drive);
-        let nodes = self.node.iter().filter_map(|(name, node)| {
-            let outputs = node.outputs.as_ref()?;
-            let here = outputs.0.keys().filter(|output| is_here(name, output));
-            (!plants.is_disjoint(&node.plants())).then(|| IoWiring {
-                node: Node::new(name, node.node_id, Part::Io),
-                outputs: outputs.0.clone(),
-                here: here.cloned().collect(),
-            })
-        });
-        nodes.collect()
     }
 }
 

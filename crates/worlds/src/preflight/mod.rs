@@ -20,7 +20,7 @@ use can::Filter;
 use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
-use scenario::node::Part;
+use scenario::node::{Node, Part};
 use scenario::rig::RealDrive;
 
 use crate::bus_choice::RunBus;
@@ -218,7 +218,7 @@ impl Session<'_> {
         one: &ControlLoop,
     ) -> Result<Result<Vec<Check>, BrokenOff>, WorldError> {
         let nodes = iter::once(&one.nodes.drive)
-            .chain(one.io_on_bus())
+            .chain(io_of(self.plan, one))
             .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
         let watch = self.watch;
         let bus = self.connection.join(&[Filter::ALL])?;
@@ -287,6 +287,12 @@ impl Session<'_> {
     }
 }
 
+/// Returns the io nodes on the bus that act on the plant of a drive.
+fn io_of<'a>(plan: &'a Plan, one: &'a ControlLoop) -> impl Iterator<Item = &'a Node> {
+    let io = plan.io_on_bus().map(|(io, _)| io);
+    io.filter(|io| plan.shared.rig.acts_on(&io.name, &one.nodes.drive.name))
+}
+
 /// Returns the plan of the session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
 fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, WorldError> {
     let preflight = &drive.real.preflight;
@@ -307,7 +313,7 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let io = one.io_on_bus().map(|io| io.name.as_str());
+    let io = io_of(plan, one).map(|io| io.name.as_str());
     let rig = plan
         .shared
         .rig
