@@ -181,7 +181,7 @@ impl AnyLaw {
         Self {
             wires: LawWires::for_all_loops(&ports, &wiring.led_loops()),
             ports,
-            drives: Some(1 + wiring.also_leads),
+            drives: Some(wiring.drives_commanded()),
             player: None,
             process: Some(law),
         }

@@ -169,10 +169,10 @@ fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, Co
 
 /// Returns the indices of the loops of a leader's further drives, in their order.
 fn further_drives(plans: &[LoopPlan<'_>], leader: &LoopPlan<'_>) -> Vec<usize> {
-    let own_id = leader.drive.node_id.get();
+    let leading = &leader.view.wiring.loop_name;
     let led = plans.iter().enumerate().filter_map(|(place, plan)| {
-        let by = plan.view.wiring.led_by?;
-        (by.first == own_id).then_some((by.place, place))
+        let by = plan.view.wiring.led_by.as_ref()?;
+        (by.loop_name == *leading).then_some((by.place, place))
     });
     let mut led = Vec::from_iter(led);
     led.sort_unstable();

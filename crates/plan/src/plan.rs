@@ -9,6 +9,7 @@ use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
 use scenario::fault::{Actor, Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
+use scenario::port::Measurand;
 use scenario::wiring::{IoOutput, IoWiring, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
@@ -417,7 +418,10 @@ impl ControlLoop {
     /// # Errors
     /// The database has no such signal.
     pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(&self.nodes.followed, &self.trial.wiring.feedback)
+        self.measured_by(
+            &self.nodes.followed.name,
+            &self.trial.wiring.feedback.measurand,
+        )
     }
 
     /// Returns the position that its own drive measures.
@@ -425,13 +429,24 @@ impl ControlLoop {
     /// # Errors
     /// The database has no such signal.
     pub fn drive_position(&self) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(&self.nodes.drive, &self.trial.wiring.sensor)
+        self.measured_by(&self.nodes.drive.name, &self.trial.wiring.sensor.measurand)
     }
 
-    fn measured_by(&self, drive: &Node, by: &Measured) -> Result<SignalHandle, SignalMissing> {
-        let message = names::message(&drive.name, names::TPDO1);
-        let measured = by.measurand.name(names::POSITION);
-        self.database.signal_of(&message, &measured)
+    /// Returns the position from which its command follows: that of the loop whose law commands its drive.
+    ///
+    /// # Errors
+    /// The database has no such signal.
+    pub fn commanding_position(&self) -> Result<SignalHandle, SignalMissing> {
+        let leader = self.trial.wiring.leader();
+        leader.map_or_else(
+            || self.position(),
+            |one| self.measured_by(&one.followed, &one.measurand),
+        )
+    }
+
+    fn measured_by(&self, drive: &str, by: &Measurand) -> Result<SignalHandle, SignalMissing> {
+        let message = names::message(drive, names::TPDO1);
+        self.database.signal_of(&message, &by.name(names::POSITION))
     }
 
     /// Returns the current that its controller commands.

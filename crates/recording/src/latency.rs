@@ -177,9 +177,9 @@ pub enum CycleStage {
         /// Time since the SYNC.
         after_sync: Duration,
     },
-    /// The controller sent the command that follows from the position.
+    /// The controller sent the command that follows from a position.
     Command {
-        /// Time since the position of the cycle.
+        /// Time since the position in this cycle that its law follows.
         after_position: Duration,
         /// Time since the SYNC.
         after_sync: Duration,
@@ -190,9 +190,13 @@ pub enum CycleStage {
 pub struct CycleReader {
     clock: ScenarioClock,
     position_id: u32,
+    /// Position that the law of the drive follows: for a further drive that of another one.
+    followed_id: u32,
     command_id: u32,
     sync: Option<Duration>,
-    position: Option<Duration>,
+    has_position: bool,
+    followed: Option<Duration>,
+    has_command: bool,
 }
 
 impl CycleReader {
@@ -202,9 +206,12 @@ impl CycleReader {
         Ok(Self {
             clock: one.scenario_clock()?,
             position_id: one.position()?.raw_id(),
+            followed_id: one.commanding_position()?.raw_id(),
             command_id: one.target_current()?.raw_id(),
             sync: None,
-            position: None,
+            has_position: false,
+            followed: None,
+            has_command: false,
         })
     }
 
@@ -221,25 +228,23 @@ impl CycleReader {
         let since = |before: Duration| stamped.time.saturating_sub(before);
         let id = stamped.frame.raw_id();
         if id == u32::from(SYNC_COB_ID) {
-            self.sync = Some(stamped.time);
-            self.position = None;
-            Some(CycleStage::Sync)
-        } else if id == self.position_id && self.position.is_none() {
-            let sync = self.sync?;
-            self.position = Some(stamped.time);
-            Some(CycleStage::Position {
-                after_sync: since(sync),
-            })
-        } else if id == self.command_id {
-            let position = self.position.take()?;
-            let sync = self.sync.take()?;
-            Some(CycleStage::Command {
-                after_position: since(position),
-                after_sync: since(sync),
-            })
-        } else {
-            None
+            (self.sync, self.followed) = (Some(stamped.time), None);
+            (self.has_position, self.has_command) = (false, false);
+            return Some(CycleStage::Sync);
         }
+        let after_sync = since(self.sync?);
+        if id == self.followed_id && self.followed.is_none() {
+            self.followed = Some(stamped.time);
+        }
+        if id == self.position_id && !std::mem::replace(&mut self.has_position, true) {
+            return Some(CycleStage::Position { after_sync });
+        }
+        let followed = self.followed.filter(|_| id == self.command_id)?;
+        let is_first = !std::mem::replace(&mut self.has_command, true);
+        is_first.then(|| CycleStage::Command {
+            after_position: since(followed),
+            after_sync,
+        })
     }
 }
 
@@ -254,7 +259,8 @@ mod tests {
     use can::CanFrame;
     use plan::Plan;
     use plan::catalogue::Catalogue;
-    use scenario::Trial;
+    use scenario::{Beside, Trial};
+    use std::path::Path;
 
     fn plan() -> Plan {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
@@ -290,6 +296,34 @@ mod tests {
         assert_eq!(sync_to_position.max, 250.0);
         assert_eq!(position_to_command.median, 250.0);
         assert_eq!(round_trip.max, 400.0);
+    }
+
+    /// The command to a further drive follows from the position of the first one, and may come before its own.
+    #[test]
+    fn the_command_to_a_further_drive_is_timed_from_the_position_that_its_law_follows() {
+        let text = "schema = 1\nrig = \"sma_pair\"\nname = \"t\"\nduration_seconds = 1.0\n\
+            [controller.pid_pair]\n[[reference.hold]]\nat_seconds = 0.0\nposition_degrees = 5.0\n";
+        let (beside, read) = (Beside::new(Path::new("t.toml")), |_: &str| unreachable!());
+        let plan = Plan::parse(&beside, text.to_owned(), read, &Catalogue::shipped()).unwrap();
+        let drive = |one: &&ControlLoop| one.nodes.drive.name == "extensor";
+        let extensor = plan.loops.iter().find(drive).unwrap();
+        let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
+        let frames = [
+            (0, 0x190),
+            (0, 0x192),
+            (1000, 0x080),
+            (1200, 0x190),
+            (1450, 0x212),
+            (1600, 0x192),
+            (1700, 0x212),
+            (2000, 0x080),
+            (2100, 0x192),
+            (2200, 0x212),
+        ]
+        .map(|(micros, id)| stamped(micros, id, &enabled));
+        let latencies = latencies(frames, extensor).unwrap();
+        let found = latencies.map(|histogram| (histogram.len(), histogram.max()));
+        assert_eq!(found, [(2, 600), (1, 250), (1, 450)]);
     }
 
     #[test]

@@ -160,7 +160,7 @@ fn led_drives(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
         1 => "one drive".to_owned(),
         count => format!("{count} drives"),
     };
-    let count = 1 + wiring.also_leads;
+    let count = wiring.drives_commanded();
     (led != count).then(|| {
         let message = format!("the law `{law}` leads {}", drives(led));
         let label = format!("the loop has {}", drives(count));
@@ -190,11 +190,9 @@ fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Proble
     let wiring = &trial.wiring;
     trial.controller.pid_pair.as_ref()?;
     let first = wiring.feedback.measurand.command;
-    let led = wiring.shared.loops.iter().filter(|one| {
-        one.led_by
-            .is_some_and(|by| by.first == wiring.nodes.drive.id)
-    });
-    let other = led
+    let loops = wiring.shared.loops.iter();
+    let other = loops
+        .filter(|one| one.is_led_by(&wiring.loop_name))
         .map(|one| one.measurand.command)
         .find(|command| *command != first)?;
     let label = format!(

@@ -378,7 +378,7 @@ mod tests {
 
     fn loops() -> Vec<LoopFacts> {
         let led_by = LedBy {
-            first: 0x10,
+            loop_name: "angle".to_owned(),
             place: 1,
         };
         let one = |name: &str, drive: &str, unit, is_led: bool| LoopFacts {
@@ -389,7 +389,7 @@ mod tests {
             emulated: String::new(),
             measurand: Measurand::position(unit),
             current: CurrentRange::default(),
-            led_by: is_led.then_some(led_by),
+            led_by: is_led.then(|| led_by.clone()),
             touched: BTreeSet::new(),
         };
         vec![

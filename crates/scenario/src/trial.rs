@@ -96,9 +96,9 @@ impl Trial {
         let (wiring, nodes) = (&self.wiring, &self.wiring.nodes);
         let is_touched = |plant: &str| wiring.touches(plant);
         let is_near = move |node: &Node| {
-            let is_led = |one: &LoopFacts| one.led_by.is_some_and(|by| by.first == nodes.drive.id);
             let is_it = |one: &LoopFacts| {
-                one.drive == node.name && (is_led(one) || is_touched(&one.emulated))
+                let is_led = one.is_led_by(&wiring.loop_name);
+                one.drive == node.name && (is_led || is_touched(&one.emulated))
             };
             let is_own = [nodes.drive.id, nodes.followed.id].contains(&node.id);
             node.part != Part::Drive || is_own || wiring.shared.loops.iter().any(is_it)

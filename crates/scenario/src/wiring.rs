@@ -78,6 +78,14 @@ pub struct LoopFacts {
     pub touched: BTreeSet<String>,
 }
 
+impl LoopFacts {
+    /// Checks whether the law of a loop leads its drive beside that of the loop.
+    pub(crate) fn is_led_by(&self, loop_name: &str) -> bool {
+        let by = self.led_by.as_ref();
+        by.is_some_and(|by| by.loop_name == loop_name)
+    }
+}
+
 /// Facts of a rig that its loops share.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SharedWiring {
@@ -124,8 +132,6 @@ pub struct Wiring {
     pub is_second: bool,
     /// Limits of plausible positions; a limit that is absent is not watched.
     pub plausible: Plausible,
-    /// Number of drives that its law leads beside it.
-    pub also_leads: usize,
     /// Law that leads the drive, if it is that of another drive.
     pub led_by: Option<LedBy>,
     /// Identifiers of its frames other than those that CiA 301 gives it.
@@ -137,10 +143,10 @@ pub struct Wiring {
 }
 
 /// Law that leads the drive of another loop.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Debug, Eq, PartialEq)]
 pub struct LedBy {
-    /// Node-ID of the first drive of the loop.
-    pub first: u8,
+    /// Name of the loop.
+    pub loop_name: String,
     /// Place among the drives of the loop, from 1 on: the first one, at 0, leads.
     pub place: usize,
 }
@@ -224,14 +230,29 @@ impl Wiring {
 
     /// Returns its loop, followed by those of the further drives that its law leads, in their order.
     pub fn led_loops(&self) -> Vec<LoopFacts> {
-        let place = |one: &LoopFacts| match one.led_by {
-            Some(by) if by.first == self.nodes.drive.id => Some(by.place),
+        let place = |one: &LoopFacts| match &one.led_by {
+            Some(by) if by.loop_name == self.loop_name => Some(by.place),
             _ => (one.name == self.loop_name).then_some(0),
         };
         let led = self.shared.loops.iter();
         let mut led = Vec::from_iter(led.filter(|one| place(one).is_some()).cloned());
         led.sort_by_key(place);
         led
+    }
+
+    /// Returns the number of drives that its law commands.
+    pub fn drives_commanded(&self) -> usize {
+        let led = self.led_loops();
+        let commanded = led.iter().filter(|one| one.is_commanded);
+        commanded.count().max(1)
+    }
+
+    /// Returns the loop whose law commands its drive, if that is another one.
+    pub fn leader(&self) -> Option<&LoopFacts> {
+        let by = self.led_by.as_ref()?;
+        self.own().filter(|own| own.is_commanded)?;
+        let mut loops = self.shared.loops.iter();
+        loops.find(|one| one.name == by.loop_name)
     }
 
     /// Returns the range of commands to the amplifier of its drive.

@@ -18,7 +18,7 @@ use crate::fault::Faults;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
-use crate::wiring::{LedBy, SharedWiring, Wiring};
+use crate::wiring::{SharedWiring, Wiring};
 
 /// Key of the law of all loops.
 pub(crate) const ALL: &str = "all";
@@ -106,12 +106,8 @@ impl<'text> Selector<'_, 'text> {
 
     /// Checks whether a loop represents a drive that the law of another loop leads.
     pub(super) fn is_led(&self, name: &str) -> bool {
-        self.led_by(name).is_some()
-    }
-
-    /// Returns the law of another loop that leads the drive which this loop represents.
-    fn led_by(&self, name: &str) -> Option<LedBy> {
-        self.rig.loops.get(name)?.led_by
+        let one = self.rig.loops.get(name);
+        one.is_some_and(|one| one.led_by.is_some())
     }
 
     fn loop_tables(&self, name: &str, faults: &Faults) -> Result<LoopTables<'text>, Problem> {

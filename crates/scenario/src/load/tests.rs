@@ -782,12 +782,12 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
         "the second drive is played under its own name"
     );
     let (leader, led) = (&angle.wiring, &extensor.wiring);
-    assert_eq!((leader.also_leads, leader.led_by), (1, None));
+    assert_eq!((leader.drives_commanded(), &leader.led_by), (2, &None));
     let by = crate::wiring::LedBy {
-        first: 0x10,
+        loop_name: "angle".to_owned(),
         place: 1,
     };
-    assert_eq!((led.also_leads, led.led_by), (0, Some(by)));
+    assert_eq!((led.drives_commanded(), &led.led_by), (1, &Some(by)));
     assert!(led.is_second && !leader.is_second);
     assert!(angle.controller.pid_pair.is_some());
     assert!(extensor.controller.open_loop.is_some());

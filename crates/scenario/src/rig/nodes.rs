@@ -136,16 +136,16 @@ impl Rig {
             drives.any(|led| led == drive)
         };
         let mut only_followed = BTreeSet::new();
-        for one in self.loops.values() {
-            let first = one.first().and_then(|first| self.node.get(first));
-            let Some(first) = first else { continue };
+        for (name, one) in &self.loops {
             let followed = one.followed();
             let is_new = !is_led(followed) && only_followed.insert(followed);
             // A drive that is only followed comes after all drives that the law commands.
             let drives = one.drives().chain(is_new.then_some(followed));
             for (place, drive) in drives.enumerate().skip(1) {
-                let first = first.node_id;
-                let led_by = Some(LedBy { first, place });
+                let led_by = Some(LedBy {
+                    loop_name: name.clone(),
+                    place,
+                });
                 let alone = self.one_drive_loop(drive);
                 led.push((drive.to_owned(), RigLoop { led_by, ..alone }));
             }
@@ -244,8 +244,7 @@ impl Rig {
             beside: inputs.map(str::to_owned).collect(),
             is_second: others.iter().any(|other| other.node_id < node.node_id),
             plausible: node.plausible.unwrap_or_default(),
-            also_leads: rig_loop.map_or(0, |one| one.outputs.len().saturating_sub(1)),
-            led_by: rig_loop.and_then(|one| one.led_by),
+            led_by: rig_loop.and_then(|one| one.led_by.clone()),
             identifiers: rig_loop.map(|one| one.identifiers).unwrap_or_default(),
             loop_name: loop_name.cloned().unwrap_or_default(),
             shared: Arc::clone(shared),
@@ -269,7 +268,7 @@ impl Rig {
             name: name.clone(),
             measurand: self.measurand_of(one.followed()).commanding(command),
             current: amplifier.range(),
-            led_by: one.led_by,
+            led_by: one.led_by.clone(),
             touched: self
                 .plants_touched(one)
                 .into_iter()
