@@ -14,7 +14,7 @@ use scenario::expect::Emergency;
 use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
 use crate::node_names::NodeNames;
-use crate::occurrences::{Notes, Occurrence, in_order};
+use crate::occurrences::{Notes, Occurrence};
 
 /// Silence after which an error of the bus makes a new event.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
@@ -117,11 +117,10 @@ pub(crate) struct EventReader {
     events: Notes<Event>,
     /// Time of the last sighting of each error.
     bus_errors: BTreeMap<String, Duration>,
-    given_until_seconds: f64,
 }
 
 impl EventReader {
-    /// Makes the reader of one loop.
+    /// Makes the reader of the nodes with these names.
     pub(crate) fn new(database: &Database, node_names: NodeNames) -> Self {
         let signals = event_signals(database, &node_names)
             .into_iter()
@@ -131,13 +130,7 @@ impl EventReader {
             node_names,
             events: Notes::default(),
             bus_errors: BTreeMap::new(),
-            given_until_seconds: f64::NEG_INFINITY,
         }
-    }
-
-    /// Takes the events that the reader of another loop on the same bus has read: all loops see the same.
-    pub(crate) fn take_over(&mut self, other: &Self) {
-        self.events = other.events.clone();
     }
 
     /// Takes each frame of the bus.
@@ -205,32 +198,14 @@ impl EventReader {
             .add(time.as_secs_f64(), Event::new(level, &text));
     }
 
-    /// Takes the events since the last call, with those of the scenario before `until_seconds`, in the order of time. As long as
-    /// scenario time 0 is unknown there are none, unless `until_seconds` is infinite.
-    pub(crate) fn take_until(
-        &mut self,
-        until_seconds: f64,
-        trial: &Trial,
-        zero: Option<Duration>,
-    ) -> Events {
-        if zero.is_none() && until_seconds.is_finite() {
-            return Events::default();
-        }
-        let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let all = planned(trial, self.node_names.loop_name());
-        let planned = all.into_iter().filter(|event| {
-            from_seconds <= event.time_seconds && event.time_seconds < until_seconds
-        });
-        // If the scenario never began, times are those of the recording.
-        let on_bus = self
-            .events
-            .take_since(zero.unwrap_or_default().as_secs_f64());
-        in_order(on_bus.into_iter().chain(planned))
+    /// Takes the events since the last call, with their times since scenario time 0.
+    pub(crate) fn take(&mut self, zero: Duration) -> Events {
+        self.events.take_since(zero.as_secs_f64())
     }
 }
 
 /// Returns the steps, disturbances and faults of a loop, in no order; `loop_name` is its name, where there are several.
-fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
+pub(crate) fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
     let mut events = Events::new();
     let mut add = |at_seconds, level, text: &str| {
         events.push(Occurrence::new(at_seconds, Event::new(level, text)));
@@ -308,9 +283,9 @@ fn name_or_bench(node: u8, node_names: &NodeNames) -> &str {
 
 /// Describes the addressee of a command, if there are several drives.
 fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
-    match (node_names.loop_name(), frame.data()) {
-        (Some(_), [_, 0, ..]) => " to all nodes".to_owned(),
-        (Some(_), [_, node, ..]) => match node_names.name(*node) {
+    match (node_names.has_several_loops, frame.data()) {
+        (true, [_, 0, ..]) => " to all nodes".to_owned(),
+        (true, [_, node, ..]) => match node_names.name(*node) {
             Some(name) => format!(" to {name}"),
             None => format!(" to node {node}"),
         },
@@ -330,6 +305,7 @@ mod tests {
 
     use super::*;
     use crate::node_names::tests::two_loops;
+    use crate::occurrences::in_order;
 
     #[test]
     fn no_event_steers_a_terminal() {
@@ -339,7 +315,7 @@ mod tests {
 
     #[test]
     fn among_several_loops_an_event_names_its_node() {
-        let node_names = two_loops("y");
+        let node_names = two_loops();
         let to = |node| addressee(&CanFrame::new(0, &[1, node]), &node_names);
         assert_eq!(
             [0x13, 0, 0x14].map(to),
@@ -358,8 +334,7 @@ mod tests {
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
             [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped(), node_names);
-        let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
+        let events = in_order(planned(&trial, Some("y")));
         let texts = Vec::from_iter(events.iter().map(|event| event.what.text.as_str()));
         assert_eq!(
             texts,
@@ -378,7 +353,7 @@ mod tests {
         let bus = Composer::new("controller", 1);
         let bus = bus.with_drive(("left", 0x12), None);
         let bus = bus.with_drive(("right", 0x13), None).finish();
-        let mut reader = EventReader::new(&bus, two_loops("y"));
+        let mut reader = EventReader::new(&bus, two_loops());
         for node in [0x12, 0x13] {
             let frame = CanFrame::new(0x081, &[0, 0x10, 1, node, 6, 0, 0, 0]);
             reader.on_frame(&Stamped::new(Duration::ZERO, frame));
@@ -400,8 +375,7 @@ mod tests {
             [[disturbance.load]]\nat_seconds = 13.0\nadded_grams = 10.0\n\
             [[disturbance.load]]\nat_seconds = 25.0\nadded_grams = -5.0\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped(), NodeNames::default());
-        let taken = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
+        let taken = in_order(planned(&trial, None));
         let events = taken.iter();
         let texts = events.map(|event| format!("{} {}", event.time_seconds, event.text));
         assert_eq!(
@@ -425,8 +399,7 @@ mod tests {
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped(), NodeNames::default());
-        let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
+        let events = in_order(planned(&trial, None));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));
         let expected = [
             (1.0, Level::Info),

@@ -8,4 +8,4 @@ mod reader;
 
 pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline, all_events, signals};
 pub use platform::series::{Series, SeriesWriter};
-pub use reader::{TimelineReader, decode};
+pub use reader::{RunReader, decode};

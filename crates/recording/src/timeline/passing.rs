@@ -4,13 +4,12 @@ use std::time::Duration;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use plan::ControlLoop;
+use plan::Plan;
 
 use crate::log::STEP_MAX;
 use crate::log::Stamped;
 
-/// Reader that looks at every frame once, even if several loops read them.
-#[derive(Clone)]
+/// Reader that looks at every frame once, whatever the number of loops.
 pub(super) struct Passing {
     pub(super) clock: ScenarioClock,
     /// Whether time ran backwards by more than a clock is ever stepped in a run.
@@ -28,9 +27,9 @@ pub(super) struct Passing {
 }
 
 /// Number of the bits of all frames from the first SYNC to the end of the judged time, and the times of the SYNCs.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(super) struct Traffic {
-    pub(super) judged_end: Duration,
+    judged_end: Duration,
     first_sync: Option<Duration>,
     latest_sync: Option<Duration>,
     latest: Duration,
@@ -39,15 +38,15 @@ pub(super) struct Traffic {
 }
 
 impl Passing {
-    pub(super) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+    pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         Ok(Self {
-            clock: one.scenario_clock()?,
+            clock: plan.scenario_clock()?,
             is_order_lost: false,
             first_frame: None,
             last_frame: Duration::ZERO,
             highest: Duration::ZERO,
             latest: Duration::ZERO,
-            end: Duration::from_secs_f64(one.trial.run.duration_seconds),
+            end: plan.duration(),
         })
     }
 
@@ -71,9 +70,11 @@ impl Passing {
 }
 
 impl Traffic {
-    pub(super) fn new(one: &ControlLoop) -> Self {
+    pub(super) fn new(plan: &Plan) -> Self {
+        // The bus is judged for as long as one of the loops.
+        let ends = plan.loops.iter().map(|one| one.trial.judged_end_seconds());
         Self {
-            judged_end: Duration::from_secs_f64(one.trial.judged_end_seconds()),
+            judged_end: Duration::from_secs_f64(ends.fold(0.0, f64::max)),
             ..Self::default()
         }
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, names};
-use plan::{ControlLoop, Plan, Shared};
+use plan::{ControlLoop, Plan};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
 use scenario::{Trial, cycle_start_seconds, nearest_cycle};
 
@@ -14,74 +14,125 @@ use super::commands::CommandReader;
 use super::decoded::{Column, Timeline};
 use super::passing::{Passing, Traffic};
 use crate::drive_reports::DriveReportReader;
-use crate::events::EventReader;
+use crate::events::{Event, EventReader, planned};
 use crate::frames::Frames;
 use crate::identifiers::ByIdentifier;
 use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::node_names::NodeNames;
-use crate::occurrences::in_order;
+use crate::occurrences::{Occurrence, in_order};
 use crate::sources::SourceReader;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
-/// Decodes frames until the scenario's end: a timeline for each loop of the plan. Most frames are of one loop only.
+/// Decodes frames until the scenario's end: a timeline for each loop of the plan.
 ///
 /// # Errors
 /// If the database lacks a signal that the bench needs.
 pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissing> {
-    let loops = plan.loops.iter();
-    // All of them together have as much in memory as one.
-    let kept_max = KEPT_MAX / plan.loops.len();
-    let mut readers = loops
-        .map(|one| TimelineReader::new(&plan.shared, one, kept_max))
-        .collect::<Result<Vec<_>, _>>()?;
-    read_with(&mut readers, frames);
-    let timelines = readers.iter_mut().zip(&plan.loops);
-    timelines
-        .map(|(reader, one)| reader.take_rest(&one.trial))
-        .collect()
+    let mut reader = RunReader::new(plan)?;
+    frames.iter().for_each(|stamped| reader.on_frame(&stamped));
+    reader.take_rest()
 }
 
-/// Gives each frame to its readers. The common properties and the events of all frames are read once.
-fn read_with(readers: &mut [TimelineReader], frames: &Frames) {
-    let read_by = ByIdentifier::of_readers(readers.iter().map(TimelineReader::raw_ids));
-    // The bus is judged for as long as one of the loops.
-    let judged_ends = readers.iter().map(|reader| reader.traffic.judged_end);
-    readers[0].traffic.judged_end = judged_ends.max().unwrap_or_default();
-    for stamped in frames.iter() {
-        let time = readers[0].passing.on_frame(&stamped);
-        readers[0].traffic.on_frame(&stamped, time);
-        readers[0].events.on_frame(&stamped);
-        let id = stamped.frame.raw_id();
-        if let Some(places) = read_by.get(id) {
-            for place in places {
-                readers[*place].on_read_frame(id, &stamped, time);
-            }
-        }
-    }
-    if let [first, others @ ..] = readers {
-        for other in others {
-            other.passing = first.passing.clone();
-            other.traffic = first.traffic.clone();
-            other.events.take_over(&first.events);
-        }
-    }
-}
-
-/// Decoder of the frames of a run as they come.
-pub struct TimelineReader {
-    loop_name: String,
+/// Decoder of the frames of a run as they come. What belongs to no single loop is read once.
+pub struct RunReader<'a> {
+    plan: &'a Plan,
     passing: Passing,
     traffic: Traffic,
+    events: EventReader,
+    loops: Vec<LoopReader>,
+    /// Indices of the loops that read an identifier: most frames are of one loop only.
+    read_by: ByIdentifier<Vec<usize>>,
+}
+
+impl<'a> RunReader<'a> {
+    /// Makes a reader, which keeps a bounded number of rows in memory.
+    ///
+    /// # Errors
+    /// If the database lacks a signal that the bench needs.
+    pub fn new(plan: &'a Plan) -> Result<Self, SignalMissing> {
+        // All loops together have as much in memory as one.
+        let kept_max = KEPT_MAX / plan.loops.len();
+        let loops = plan.loops.iter();
+        let readers = loops.map(|one| LoopReader::new(one, kept_max));
+        let loops = readers.collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            passing: Passing::new(plan)?,
+            traffic: Traffic::new(plan),
+            events: EventReader::new(plan.database(), NodeNames::new(plan)),
+            read_by: ByIdentifier::of_readers(loops.iter().map(LoopReader::raw_ids)),
+            loops,
+            plan,
+        })
+    }
+
+    /// Takes every frame of the bus in order.
+    pub fn on_frame(&mut self, stamped: &Stamped) {
+        let time = self.passing.on_frame(stamped);
+        self.traffic.on_frame(stamped, time);
+        self.events.on_frame(stamped);
+        let id = stamped.frame.raw_id();
+        for place in self.read_by.get(id).into_iter().flatten() {
+            self.loops[*place].on_frame(id, stamped, time);
+        }
+    }
+
+    /// Takes for each loop the cycles that no later frame can change, and the events so far, each once.
+    ///
+    /// # Errors
+    /// If the database lacks a signal that the bench needs.
+    pub fn take_piece(&mut self) -> Result<Vec<Timeline>, SignalMissing> {
+        let (passing, traffic) = (&self.passing, &self.traffic);
+        // The times of events are not known before the scenario began.
+        let on_bus = passing.clock.zero().map(|zero| self.events.take(zero));
+        let loops = self.loops.iter_mut().zip(&self.plan.loops);
+        let pieces = loops.map(|(reader, one)| {
+            let closed = reader.cycle.len().saturating_sub(1);
+            let mut piece = reader.take_rows(closed, &one.trial, passing, traffic)?;
+            if let Some(on_bus) = &on_bus {
+                let planned = reader.planned_until(piece.end_seconds(), &one.trial);
+                piece.events = in_order(on_bus.iter().cloned().chain(planned));
+            }
+            Ok(piece)
+        });
+        pieces.collect()
+    }
+
+    /// Takes everything that was not taken yet. If the scenario never began, times are those of the recording.
+    ///
+    /// # Errors
+    /// If the database lacks a signal that the bench needs.
+    pub fn take_rest(&mut self) -> Result<Vec<Timeline>, SignalMissing> {
+        let (passing, traffic) = (&self.passing, &self.traffic);
+        let on_bus = self.events.take(passing.clock.zero().unwrap_or_default());
+        let loops = self.loops.iter_mut().zip(&self.plan.loops);
+        let rests = loops.map(|(reader, one)| {
+            let rest = reader.take_rest(&one.trial, passing, traffic)?;
+            let events = on_bus.iter().cloned().chain(rest.events);
+            Ok(Timeline {
+                events: in_order(events),
+                ..rest
+            })
+        });
+        rests.collect()
+    }
+}
+
+/// Decoder of the frames of a loop.
+struct LoopReader {
+    loop_name: String,
     period: Duration,
     /// Time after a SYNC from which a frame does not belong to its cycle.
     late_after: Duration,
     /// Scenario time after which a frame does not belong to the latest cycle.
     late_from: Duration,
+    /// End of the scenario.
+    end: Duration,
     end_cycle: u64,
-    events: EventReader,
+    /// Time until which the events of the scenario were given.
+    given_until_seconds: f64,
     losses: LossReader,
     truth: TruthReader,
     io_nodes: IoReader,
@@ -97,24 +148,23 @@ pub struct TimelineReader {
     is_over: bool,
 }
 
-impl TimelineReader {
+impl LoopReader {
     /// Makes a reader that keeps at most `kept_max` rows in memory.
     ///
     /// # Errors
     /// If the database lacks a signal that the bench needs.
-    pub fn new(shared: &Shared, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
+    fn new(one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         let period = one.trial.run.bus.sync_period();
         let late_after = period + period / 2;
-        let passing = Passing::new(one)?;
+        let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
         Ok(Self {
             loop_name: one.name().to_owned(),
-            end_cycle: nearest_cycle(passing.end, period),
-            passing,
-            traffic: Traffic::new(one),
+            end,
+            end_cycle: nearest_cycle(end, period),
+            given_until_seconds: f64::NEG_INFINITY,
             period,
             late_after,
             late_from: late_after,
-            events: EventReader::new(&one.database, NodeNames::new(shared, one)),
             losses: LossReader::new(one),
             commands: CommandReader::new(one, period, kept_max)?,
             truth: TruthReader::new(one)?,
@@ -142,16 +192,8 @@ impl TimelineReader {
             .chain([SYNC_COB_ID.into(), self.drive_reports.raw_id])
     }
 
-    /// Takes every frame of the bus in order.
-    pub fn on_frame(&mut self, stamped: &Stamped) {
-        let time = self.passing.on_frame(stamped);
-        self.traffic.on_frame(stamped, time);
-        self.events.on_frame(stamped);
-        self.on_read_frame(stamped.frame.raw_id(), stamped, time);
-    }
-
     /// Takes a frame of a message that is read in each cycle, or watched.
-    fn on_read_frame(&mut self, id: u32, stamped: &Stamped, time: Option<Duration>) {
+    fn on_frame(&mut self, id: u32, stamped: &Stamped, time: Option<Duration>) {
         let frame = &stamped.frame;
         self.sources.on_frame(stamped.time, time, frame);
         // A node that was heard before the scenario is missed from its start on.
@@ -167,7 +209,7 @@ impl TimelineReader {
         // After the end of the latest cycle and before the SYNC of another.
         let is_late = time.is_some_and(|time| time > self.late_from);
         // Frames after the last cycle, with which the nodes stop, are no part of it.
-        if time.is_none_or(|time| time < self.passing.end) && !self.is_over {
+        if time.is_none_or(|time| time < self.end) && !self.is_over {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
                 self.commands.on_frame(frame, time, is_late);
@@ -175,13 +217,12 @@ impl TimelineReader {
         }
         if let Some(time) = time.filter(|_| is_sync) {
             self.late_from = time.saturating_add(self.late_after);
-            if time < self.passing.end {
+            if time < self.end {
                 self.syncs_seconds.push(time.as_secs_f64());
             }
             self.begin_cycle(nearest_cycle(time, self.period));
         }
-        if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.passing.end)
-        {
+        if let Some(time) = time.filter(|time| !self.traces.is_empty() && *time < self.end) {
             let (cycle, period) = (&self.cycle, self.period);
             let cycle_seconds = || {
                 let latest = cycle.last().filter(|_| is_sync || !is_late)?;
@@ -198,41 +239,39 @@ impl TimelineReader {
         // If the duration is no multiple of the period, a cycle may begin that is not the scenario's.
         let begin = u32::try_from(number).unwrap_or(u32::MAX);
         let begin = self.period.saturating_mul(begin);
-        self.is_over |= number >= self.end_cycle && begin < self.passing.end;
+        self.is_over |= number >= self.end_cycle && begin < self.end;
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
             self.commands.begin_cycle(number);
         }
     }
 
-    /// Takes the cycles that no later frame can change, and the events so far, each once.
-    ///
-    /// # Errors
-    /// If the database lacks a signal that the bench needs.
-    pub fn take_piece(&mut self, trial: &Trial) -> Result<Timeline, SignalMissing> {
-        let closed = self.cycle.len().saturating_sub(1);
-        let mut piece = self.take_rows(closed, trial)?;
-        let zero = self.passing.clock.zero();
-        piece.events = self.events.take_until(piece.end_seconds(), trial, zero);
-        Ok(piece)
+    /// Takes the events of the scenario that were not taken yet, up to a time, in no order.
+    fn planned_until(&mut self, until_seconds: f64, trial: &Trial) -> Vec<Occurrence<Event>> {
+        let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
+        let loop_name = Some(&*self.loop_name).filter(|name| !name.is_empty());
+        let mut planned = planned(trial, loop_name);
+        planned.retain(|event| (from_seconds..until_seconds).contains(&event.time_seconds));
+        planned
     }
 
-    /// Takes everything that was not taken yet.
-    ///
-    /// # Errors
-    /// If the database lacks a signal that the bench needs.
-    pub fn take_rest(&mut self, trial: &Trial) -> Result<Timeline, SignalMissing> {
-        let mut rest = self.take_rows(self.cycle.len(), trial)?;
-        let zero = self.passing.clock.zero();
-        let events = self.events.take_until(f64::INFINITY, trial, zero);
-        let latest = self.passing.latest;
+    /// Takes everything that was not taken yet, with the events of the loop alone.
+    fn take_rest(
+        &mut self,
+        trial: &Trial,
+        passing: &Passing,
+        traffic: &Traffic,
+    ) -> Result<Timeline, SignalMissing> {
+        let mut rest = self.take_rows(self.cycle.len(), trial, passing, traffic)?;
+        let events = self.planned_until(f64::INFINITY, trial);
+        let (zero, latest) = (passing.clock.zero(), passing.latest);
         let (uncommanded, late_commands, silences) = self.commands.take_all(latest);
         rest.uncommanded = uncommanded;
         rest.late_commands = late_commands;
         rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
         let mut losses = self.losses.take_all(latest);
         let lost = losses.events.take_since(0.0);
-        rest.events = in_order(events.into_iter().chain(lost).chain(silences));
+        rest.events = events.into_iter().chain(lost).chain(silences).collect();
         rest.lost_heartbeats = losses.heartbeats;
         rest.temperature_silence = losses.temperature_silence;
         rest.truth = self.truth.take_all(zero);
@@ -242,19 +281,23 @@ impl TimelineReader {
     }
 
     /// Takes the first rows as a timeline of their own, without events.
-    fn take_rows(&mut self, rows: usize, trial: &Trial) -> Result<Timeline, SignalMissing> {
+    fn take_rows(
+        &mut self,
+        rows: usize,
+        trial: &Trial,
+        passing: &Passing,
+        traffic: &Traffic,
+    ) -> Result<Timeline, SignalMissing> {
         let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
         let time_seconds: Series<f64> = starts
             .map(|cycle| cycle_start_seconds(cycle, self.period))
             .collect();
-        let zero = self.passing.clock.zero();
-        let origin = zero.unwrap_or(self.passing.first_frame.unwrap_or_default());
-        let last_frame = self.passing.last_frame;
-        let since_zero = last_frame.saturating_sub(zero.unwrap_or_default());
+        let zero = passing.clock.zero();
+        let origin = zero.unwrap_or(passing.first_frame.unwrap_or_default());
+        let since_zero = (passing.last_frame).saturating_sub(zero.unwrap_or_default());
         let mut sources = self.sources.sources().clone();
-        sources.is_order_lost = self.passing.is_order_lost;
-        let traffic = &self.traffic;
+        sources.is_order_lost = passing.is_order_lost;
         let wiring = &trial.wiring;
         let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
         let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
@@ -481,7 +524,7 @@ mod tests {
             let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
             let plan = Plan::new(trial, &Catalogue::shipped());
             let one = plan.only_loop().unwrap();
-            let (trial, database) = (&one.trial, &*one.database);
+            let database = &*one.database;
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),
@@ -493,7 +536,7 @@ mod tests {
             let mut enabled = database.builder("drive_tpdo1").unwrap();
             enabled.set(&expected[2].handle, 55.0);
             let sync = CanFrame::new(SYNC_COB_ID, &[]);
-            let mut reader = TimelineReader::new(&plan.shared, one, KEPT_MAX).unwrap();
+            let mut reader = RunReader::new(&plan).unwrap();
             let mut pieces = Vec::new();
             let mut micros = 0;
             for (kind, byte, length) in [(8, 0, 0), (0, 0, 0)].into_iter().chain(steps) {
@@ -503,7 +546,7 @@ mod tests {
                     2..5 => sent(ids[0]),
                     5 | 6 => sent(ids[1]),
                     7 => {
-                        pieces.push(reader.take_piece(trial).unwrap());
+                        pieces.extend(reader.take_piece().unwrap());
                         continue;
                     }
                     _ => enabled.frame(),
@@ -515,7 +558,7 @@ mod tests {
                 expected.iter_mut().for_each(|signal| signal.on_frame(&frame));
                 reader.on_frame(&Stamped::new(Duration::from_micros(micros), frame));
             }
-            pieces.push(reader.take_rest(trial).unwrap());
+            pieces.extend(reader.take_rest().unwrap());
             for (path, signal) in paths.iter().zip(&expected) {
                 let (_, name) = path.split_once('.').unwrap();
                 let rows = pieces.iter().flat_map(|piece| &piece.column(name).unwrap().values);

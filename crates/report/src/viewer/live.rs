@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use platform::clock::sleep;
 use platform::scheduling;
-use platform::series::KEPT_MAX;
 use re_sdk::log::ChunkBatcherConfig;
 use re_sdk::sink::SinkFlushError;
 use re_sdk::{RecordingStream, RecordingStreamBuilder};
@@ -18,7 +17,7 @@ use judge::verdict::Verdict;
 use plan::Plan;
 use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
-use recording::timeline::TimelineReader;
+use recording::timeline::RunReader;
 
 /// Time between two pieces that are sent.
 const PIECE_PERIOD: Duration = Duration::from_millis(100);
@@ -87,29 +86,27 @@ fn follow(
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let mut shown = Vec::new();
     for (output, control_loop) in outputs.iter_mut().zip(&plan.loops) {
-        let reader = TimelineReader::new(&plan.shared, control_loop, KEPT_MAX)?;
-        let recording = Recording::begin(output, control_loop, Known::SoFar)?;
-        shown.push((reader, recording));
+        shown.push(Recording::begin(output, control_loop, Known::SoFar)?);
     }
+    let mut reader = RunReader::new(plan)?;
     rerun::expect_all(&mut stream.clone(), plan)?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
         let is_behind = frames.slots() > PIECE_FRAMES_MAX;
         let new = frames.slots().min(PIECE_FRAMES_MAX);
         for stamped in frames.read_chunk(new).into_iter().flatten() {
-            for (reader, recording) in &mut shown {
-                reader.on_frame(&stamped);
+            reader.on_frame(&stamped);
+            for recording in &mut shown {
                 recording.observe(&stamped);
             }
         }
-        for ((reader, recording), control_loop) in shown.iter_mut().zip(&plan.loops) {
-            let trial = &control_loop.trial;
-            let piece = if is_last {
-                reader.take_rest(trial)?
-            } else {
-                reader.take_piece(trial)?
-            };
-            recording.log(&piece)?;
+        let pieces = if is_last {
+            reader.take_rest()?
+        } else {
+            reader.take_piece()?
+        };
+        for (recording, piece) in shown.iter_mut().zip(&pieces) {
+            recording.log(piece)?;
         }
         flush(&stream)?;
         if is_last {
@@ -120,7 +117,7 @@ fn follow(
         }
     }
     let mut end_seconds = 0.0_f64;
-    for (_, recording) in shown {
+    for recording in shown {
         let (_, end) = recording.end()?;
         end_seconds = end_seconds.max(end);
     }
