@@ -10,7 +10,7 @@ use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
 use scenario::fault::{Actor, Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::port::Measurand;
-use scenario::wiring::{IoOutput, IoWiring, Measured};
+use scenario::wiring::{IoOutput, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
@@ -130,12 +130,8 @@ impl Plan {
     /// Returns the nodes of all loops, and the io nodes; a controller of several loops comes once for each.
     pub fn nodes(&self) -> impl Iterator<Item = &Node> {
         let of_loops = self.loops.iter().flat_map(|one| one.nodes.both());
-        of_loops.chain(self.io().map(|io| &io.node))
-    }
-
-    /// Returns the io nodes.
-    fn io(&self) -> impl Iterator<Item = &IoWiring> {
-        self.loops[0].trial.wiring.shared.io.iter()
+        let io = &self.loops[0].trial.wiring.shared.io;
+        of_loops.chain(io.iter().map(|io| &io.node))
     }
 
     /// Returns the io nodes, each with its outputs; none for a recording.

@@ -2,7 +2,7 @@
 //! and only the signals whose bits changed are decoded.
 
 use can::CanFrame;
-use dbc::SignalHandle;
+use dbc::{SignalHandle, SignalMissing};
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -21,6 +21,15 @@ impl Columns {
                 .map(|one| MessageColumns::new(one, kept_max))
                 .collect(),
         )
+    }
+
+    /// Returns the index of the column of a signal in a timeline, whose first column is the set-point.
+    pub(super) fn place(&self, name: &str) -> Result<usize, SignalMissing> {
+        let mut signals = self.0.iter().flat_map(|message| &message.signals);
+        let place = signals.position(|signal| signal.name == name);
+        place
+            .map(|place| place + 1)
+            .ok_or_else(|| SignalMissing::new(name))
     }
 
     /// Returns the identifiers of the messages.

@@ -33,7 +33,7 @@ use crate::truth::TruthReader;
 pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissing> {
     let mut reader = RunReader::new(plan)?;
     frames.iter().for_each(|stamped| reader.on_frame(&stamped));
-    reader.take_rest()
+    Ok(reader.take_rest())
 }
 
 /// Decoder of the frames of a run as they come. What belongs to no single loop is read once.
@@ -80,41 +80,32 @@ impl<'a> RunReader<'a> {
     }
 
     /// Takes for each loop the cycles that no later frame can change, and the events so far, each once.
-    ///
-    /// # Errors
-    /// If the database lacks a signal that the bench needs.
-    pub fn take_piece(&mut self) -> Result<Vec<Timeline>, SignalMissing> {
+    pub fn take_piece(&mut self) -> Vec<Timeline> {
         let (passing, traffic) = (&self.passing, &self.traffic);
         // The times of events are not known before the scenario began.
         let on_bus = passing.clock.zero().map(|zero| self.events.take(zero));
         let loops = self.loops.iter_mut().zip(&self.plan.loops);
         let pieces = loops.map(|(reader, one)| {
             let closed = reader.cycle.len().saturating_sub(1);
-            let mut piece = reader.take_rows(closed, &one.trial, passing, traffic)?;
+            let mut piece = reader.take_rows(closed, &one.trial, passing, traffic);
             if let Some(on_bus) = &on_bus {
                 let planned = reader.planned_until(piece.end_seconds(), &one.trial);
                 piece.events = in_order(on_bus.iter().cloned().chain(planned));
             }
-            Ok(piece)
+            piece
         });
         pieces.collect()
     }
 
     /// Takes everything that was not taken yet. If the scenario never began, times are those of the recording.
-    ///
-    /// # Errors
-    /// If the database lacks a signal that the bench needs.
-    pub fn take_rest(&mut self) -> Result<Vec<Timeline>, SignalMissing> {
+    pub fn take_rest(&mut self) -> Vec<Timeline> {
         let (passing, traffic) = (&self.passing, &self.traffic);
         let on_bus = self.events.take(passing.clock.zero().unwrap_or_default());
         let loops = self.loops.iter_mut().zip(&self.plan.loops);
         let rests = loops.map(|(reader, one)| {
-            let rest = reader.take_rest(&one.trial, passing, traffic)?;
-            let events = on_bus.iter().cloned().chain(rest.events);
-            Ok(Timeline {
-                events: in_order(events),
-                ..rest
-            })
+            let mut rest = reader.take_rest(&one.trial, passing, traffic);
+            rest.events = in_order(on_bus.iter().cloned().chain(rest.events));
+            rest
         });
         rests.collect()
     }
@@ -140,6 +131,10 @@ struct LoopReader {
     traces: TraceReader,
     sources: SourceReader,
     columns: Columns,
+    /// Indices of columns, as in a timeline.
+    position: usize,
+    measured_position: usize,
+    current: Option<usize>,
     commands: CommandReader,
     cycle: SeriesWriter<u64>,
     syncs_seconds: SeriesWriter<f64>,
@@ -157,6 +152,9 @@ impl LoopReader {
         let period = one.trial.run.bus.sync_period();
         let late_after = period + period / 2;
         let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
+        let (wiring, columns) = (&one.trial.wiring, Columns::new(one, kept_max));
+        let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
+        let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
         Ok(Self {
             loop_name: one.name().to_owned(),
             end,
@@ -172,7 +170,10 @@ impl LoopReader {
             drive_reports: DriveReportReader::new(one),
             traces: TraceReader::new(one),
             sources: SourceReader::new(one),
-            columns: Columns::new(one, kept_max),
+            position: columns.place(&measurand.name(names::POSITION))?,
+            measured_position: columns.place(&measured_position)?,
+            current: columns.place(&sensor.name(names::CURRENT)).ok(),
+            columns,
             cycle: SeriesWriter::keeping(kept_max),
             syncs_seconds: SeriesWriter::keeping(kept_max),
             cycles_due: 0,
@@ -256,13 +257,8 @@ impl LoopReader {
     }
 
     /// Takes everything that was not taken yet, with the events of the loop alone.
-    fn take_rest(
-        &mut self,
-        trial: &Trial,
-        passing: &Passing,
-        traffic: &Traffic,
-    ) -> Result<Timeline, SignalMissing> {
-        let mut rest = self.take_rows(self.cycle.len(), trial, passing, traffic)?;
+    fn take_rest(&mut self, trial: &Trial, passing: &Passing, traffic: &Traffic) -> Timeline {
+        let mut rest = self.take_rows(self.cycle.len(), trial, passing, traffic);
         let events = self.planned_until(f64::INFINITY, trial);
         let (zero, latest) = (passing.clock.zero(), passing.latest);
         let (uncommanded, late_commands, silences) = self.commands.take_all(latest);
@@ -277,7 +273,7 @@ impl LoopReader {
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
         rest.drive_reports = std::mem::take(&mut self.drive_reports.reports);
-        Ok(rest)
+        rest
     }
 
     /// Takes the first rows as a timeline of their own, without events.
@@ -287,7 +283,7 @@ impl LoopReader {
         trial: &Trial,
         passing: &Passing,
         traffic: &Traffic,
-    ) -> Result<Timeline, SignalMissing> {
+    ) -> Timeline {
         let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
         let time_seconds: Series<f64> = starts
@@ -298,9 +294,7 @@ impl LoopReader {
         let since_zero = (passing.last_frame).saturating_sub(zero.unwrap_or_default());
         let mut sources = self.sources.sources().clone();
         sources.is_order_lost = passing.is_order_lost;
-        let wiring = &trial.wiring;
-        let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
-        let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
+        let measurand = &trial.wiring.feedback.measurand;
         let set_point = Column {
             name: measurand.name(names::SET_POINT),
             unit: measurand.unit.symbol().to_owned(),
@@ -309,16 +303,16 @@ impl LoopReader {
         };
         let on_bus = self.columns.take_rows(rows);
         let columns = Vec::from_iter([set_point].into_iter().chain(on_bus));
-        Ok(Timeline {
+        Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds: self.period.as_secs_f64(),
             measurand: measurand.clone(),
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,
-            position: place(&columns, &measurand.name(names::POSITION))?,
-            measured_position: place(&columns, &measured_position)?,
-            current: place(&columns, &sensor.name(names::CURRENT)).ok(),
+            position: self.position,
+            measured_position: self.measured_position,
+            current: self.current,
             columns,
             is_disturbed: self.io_nodes.is_disturbed(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
@@ -328,14 +322,8 @@ impl LoopReader {
             bus_load_percent: traffic.load_percent(trial.run.bus.bitrate_kilobits_per_second),
             sync_interval_milliseconds_max: traffic.sync_interval_milliseconds_max(),
             ..Timeline::default()
-        })
+        }
     }
-}
-
-/// Returns the index of the column of a signal.
-fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
-    let place = columns.iter().position(|column| column.name == name);
-    place.ok_or_else(|| SignalMissing::new(name))
 }
 
 fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
@@ -546,7 +534,7 @@ mod tests {
                     2..5 => sent(ids[0]),
                     5 | 6 => sent(ids[1]),
                     7 => {
-                        pieces.extend(reader.take_piece().unwrap());
+                        pieces.extend(reader.take_piece());
                         continue;
                     }
                     _ => enabled.frame(),
@@ -558,7 +546,7 @@ mod tests {
                 expected.iter_mut().for_each(|signal| signal.on_frame(&frame));
                 reader.on_frame(&Stamped::new(Duration::from_micros(micros), frame));
             }
-            pieces.extend(reader.take_rest().unwrap());
+            pieces.extend(reader.take_rest());
             for (path, signal) in paths.iter().zip(&expected) {
                 let (_, name) = path.split_once('.').unwrap();
                 let rows = pieces.iter().flat_map(|piece| &piece.column(name).unwrap().values);

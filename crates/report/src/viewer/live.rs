@@ -101,9 +101,9 @@ fn follow(
             }
         }
         let pieces = if is_last {
-            reader.take_rest()?
+            reader.take_rest()
         } else {
-            reader.take_piece()?
+            reader.take_piece()
         };
         for (recording, piece) in shown.iter_mut().zip(&pieces) {
             recording.log(piece)?;
