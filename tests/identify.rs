@@ -131,7 +131,7 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
             .contains("</svg>")
     );
     let again = scenario::Trial::load(&result.join("scenario.toml")).unwrap();
-    assert_eq!(again.plant.actuator(), Some(plant));
+    assert_eq!(again.plant().actuator(), Some(plant));
 }
 
 #[test]
@@ -255,7 +255,12 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
         "{summary}"
     );
     // With the right law the same recording identifies the plant.
-    let known = measurements[0].control_loop.trial.plant.actuator().unwrap();
+    let known = measurements[0]
+        .control_loop
+        .trial
+        .plant()
+        .actuator()
+        .unwrap();
     let right = Fit::new(&measurements, parameter::parse_list(SIX).unwrap(), known).coarse();
     let found = search_from(&right, &start);
     assert_on_target(&right, &found.statistics.values(), 0.05);

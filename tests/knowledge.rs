@@ -98,9 +98,12 @@ fn plant(folder: &Path, text: &str) -> Table {
     // The command range of the drive is known to the controller.
     let amplifier_numbers = numbers(&[], amplifier.resolution_bits());
     drive.extend(part("amplifier", amplifier_numbers));
-    let plants = match &scenario.plant.dc_motor {
+    let plants = match &scenario.plant().dc_motor {
         Some(motor) => part("motor", Value::try_from(motor).unwrap()),
-        None => part("wire", Value::try_from(scenario.plant.actuator()).unwrap()),
+        None => part(
+            "wire",
+            Value::try_from(scenario.plant().actuator()).unwrap(),
+        ),
     };
     let mut tables = part("plant", plants.into());
     tables.extend(part("node", part("drive", drive.into()).into()));

@@ -112,7 +112,7 @@ pub fn joint_emulator(
     loops: &[&Trial],
     database: &Database,
 ) -> Result<PlantEmulator, InvalidEmulator> {
-    let models = loops.first().into_iter().flat_map(|first| first.plants());
+    let models = loops.first().into_iter().flat_map(|first| &first.plants);
     let plants = models.map(|(name, model)| Ok((name.to_owned(), plant(model)?)));
     let made = plants.collect::<Result<_, InvalidEmulator>>()?;
     PlantEmulator::of(made, loops, database)
@@ -144,7 +144,7 @@ mod tests {
 
     /// Returns the frames of the drive that moves a plant.
     fn database(trial: &Trial) -> Database {
-        let ports = Ports::joined([(&*trial.wiring.plant, ports(&trial.plant).unwrap())]);
+        let ports = Ports::joined([(&*trial.wiring.plant, ports(trial.plant()).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| {
             let coding = Coding::of_output(port.steps_per_unit, port.range);
@@ -202,10 +202,10 @@ mod tests {
             rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\n",
         );
         assert!(matches!(
-            check(&wrong.plant),
+            check(wrong.plant()),
             Err(InvalidEmulator::Plant(_))
         ));
         let right = scenario("dc_motor", "");
-        assert_eq!(ports(&wrong.plant), ports(&right.plant));
+        assert_eq!(ports(wrong.plant()), ports(right.plant()));
     }
 }

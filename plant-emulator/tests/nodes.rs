@@ -485,7 +485,7 @@ fn an_impossible_plant_is_refused_by_name() {
     let mut scenario = manager::scenario();
     let mut plant = Sma::default();
     plant.phase.austenite_finish_celsius = 50.0;
-    scenario.plant = PlantModel::from_sma(plant);
+    scenario.set_plant(PlantModel::from_sma(plant));
     let error = catalogue::emulator(&scenario).unwrap_err();
     assert_eq!(
         error.to_string(),

@@ -81,8 +81,9 @@ impl Catalogue {
         let ports = self.ports(trial).unwrap_or_default();
         let recorded = wiring.recorded(&ports).unwrap_or_default().into_iter();
         let signals = recorded.map(|(_, port)| signal_of(port, wiring.recorded_name(port)));
-        let plants = trial.plants();
-        let io = wiring.shared.io_on(|plant| plants.contains_key(plant));
+        let io = wiring
+            .shared
+            .io_on(|plant| trial.plants.contains_key(plant));
         let published = Published {
             signals: match self.find_ports {
                 Some(_) => signals.collect(),
@@ -100,8 +101,8 @@ impl Catalogue {
 
     /// Returns the ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` if they are not known here.
     pub fn ports(&self, trial: &Trial) -> Option<Ports> {
-        let plants = trial.plants().into_iter();
-        let ports = plants.map(|(name, plant)| Some((name, self.plant_ports(plant)?)));
+        let plants = trial.plants.iter();
+        let ports = plants.map(|(name, plant)| Some((&**name, self.plant_ports(plant)?)));
         Some(Ports::joined(ports.collect::<Option<Vec<_>>>()?))
     }
 
@@ -115,9 +116,9 @@ impl Catalogue {
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
         let frames = self.frames(trial);
         let is_wrong_fmu =
-            |plant: &&PlantModel| plant.fmu.is_some() && (self.plant_objection)(plant).is_some();
+            |plant: &PlantModel| plant.fmu.is_some() && (self.plant_objection)(plant).is_some();
         // A wrong FMU is a problem of the rig file, and hides its signals.
-        if !trial.wiring.input.is_empty() && trial.plants().values().any(is_wrong_fmu) {
+        if !trial.wiring.input.is_empty() && trial.plants.values().any(is_wrong_fmu) {
             return Vec::new();
         }
         let law = (self.law_objection)(trial);
@@ -126,7 +127,7 @@ impl Catalogue {
             Some(_) => Vec::new(),
             None => SignalNames::objections(trial, &frames),
         };
-        objections.extend((self.plant_objection)(&trial.plant));
+        objections.extend((self.plant_objection)(trial.plant()));
         objections.extend(law);
         objections.extend(ambiguous_term(&frames, trial));
         objections

@@ -37,7 +37,7 @@ fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Op
     }
     rig.plant_of(drive)?;
     let sweep = scenario.shared.sweep.as_ref();
-    let found = one.plants().into_iter().find_map(|(name, plant)| {
+    let found = one.plants.iter().find_map(|(name, plant)| {
         let unsound = catalogue.objection_to_plant(name, plant, sweep);
         unsound.or_else(|| plant_objection(name, &catalogue.plant_ports(plant)?))
     });
@@ -120,7 +120,7 @@ impl Wired<'_> {
     fn check(&self) -> Result<(), Objection> {
         self.amplifier()?;
         self.sensor()?;
-        let (wiring, plants) = (&self.trial.wiring, self.trial.plants());
+        let Trial { wiring, plants, .. } = self.trial;
         for io in wiring.shared.io_on(|plant| plants.contains_key(plant)) {
             let mut outputs = io.outputs.iter();
             outputs.try_for_each(|(output, port)| self.output(&io.node.name, output, port))?;
@@ -277,6 +277,7 @@ mod tests {
             },
             ..Wiring::default()
         };
+        scenario.set_plant(scenario.plant().clone());
         change(&mut scenario.wiring);
         let joined = Ports::joined([("joint", ports.clone())]);
         let wired = Wired {

@@ -35,7 +35,7 @@ pub fn identity(plan: &Plan) -> Result<Identity, Failure> {
         None => (name.to_owned(), hexadecimal(Sha256::digest(text))),
     };
     let trials = plan.loops.iter().map(|one| &one.trial);
-    let plants = trials.flat_map(|one| [&one.plant].into_iter().chain(one.plants_beside.values()));
+    let plants = trials.flat_map(|one| [one.plant()].into_iter().chain(one.plants.values()));
     Ok(Identity {
         program: program().map_err(unknown)?.to_owned(),
         plant: listed(plants.map(PlantModel::name)),

@@ -593,7 +593,7 @@ fn a_wire_without_a_memory_may_be_warm_and_no_controller_knows_which_has_one() {
         let text = format!("{}[plant.wire]\n{text}", with(CLOSED));
         let trial = Trial::parse(&text, "wire.toml", no_tables)
             .unwrap_or_else(|error| panic!("{}", render(&error)));
-        assert!(trial.plant.actuator().is_some());
+        assert!(trial.plant().actuator().is_some());
         trial.controller_view()
     };
     let paper = wire("heat = { ambient_celsius = 60.0, cooling_element_celsius = 60.0 }\n");

@@ -37,12 +37,10 @@ pub struct Trial {
     /// Facts of the whole run.
     #[serde(skip)]
     pub run: Arc<Run>,
-    /// Plant that its drive moves; the controller never sees its parameters.
+    /// Plants that are emulated together, by name: the one that its drive moves, and those that nodes connect with it. The
+    /// controller never sees their parameters.
     #[serde(skip)]
-    pub plant: PlantModel,
-    /// Other plants that are emulated together with it, by name: those that nodes connect with it.
-    #[serde(skip)]
-    pub plants_beside: BTreeMap<String, PlantModel>,
+    pub plants: BTreeMap<String, PlantModel>,
     /// Sensor of its drive.
     #[serde(skip)]
     pub sensor: Sensor,
@@ -60,17 +58,22 @@ impl Trial {
         Arc::make_mut(&mut self.run)
     }
 
-    /// Returns the plants that are emulated together by name, its own among them.
-    pub fn plants(&self) -> BTreeMap<&str, &PlantModel> {
-        let beside = self.plants_beside.iter();
-        let others = beside.map(|(name, plant)| (name.as_str(), plant));
-        let own = (self.wiring.plant.as_str(), &self.plant);
-        others.chain([own]).collect()
+    /// Returns the plant that its drive moves.
+    ///
+    /// # Panics
+    /// Another plant was put into its wiring.
+    pub fn plant(&self) -> &PlantModel {
+        &self.plants[&self.wiring.plant]
+    }
+
+    /// Makes its drive move another plant.
+    pub fn set_plant(&mut self, plant: PlantModel) {
+        self.plants.insert(self.wiring.plant.clone(), plant);
     }
 
     /// Checks whether one of the plants that are emulated together is an FMU.
     pub fn has_fmu(&self) -> bool {
-        self.plants().values().any(|plant| plant.fmu.is_some())
+        self.plants.values().any(|plant| plant.fmu.is_some())
     }
 
     /// Returns the faults of its loop: those of its drive and plant, and those of no drive.

@@ -109,9 +109,9 @@ fn a_table_from_outside_is_read_with_its_defaults() {
     let plant =
         "[plant.pendulum]\nlength_metres = 2\npivot = { is_dry = true }\nplace = [1, 2.5]\n";
     let scenario = parsed(RELAY, plant).unwrap();
-    assert_eq!(scenario.plant.name(), "pendulum");
+    assert_eq!(scenario.plant().name(), "pendulum");
     assert_eq!(scenario.controller.law_name(), "relay");
-    let custom = scenario.plant.custom.as_ref().unwrap();
+    let custom = scenario.plant().custom.as_ref().unwrap();
     let expected = Pendulum {
         length_metres: 2.0,
         pivot: Pivot { is_dry: true },
@@ -215,13 +215,13 @@ fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
         [[fault.plant.dropped_load]]\nfrom_seconds = 1.0\n\
         [sweep]\n[[sweep.list]]\nkey = \"plant.p.thrust_newtons\"\nvalues = [1.0, 2.0]\n";
     let scenario = recorded(fuzzy, rocket).unwrap();
-    assert_eq!(scenario.plant.name(), "rocket");
+    assert_eq!(scenario.plant().name(), "rocket");
     assert_eq!(scenario.controller.law_name(), "fuzzy");
     // A law that the bench has may have been another one when the scenario was played.
     let scenario = recorded(RELAY, "[plant.pendulum]\nmass_kilograms = 1.0\n").unwrap();
-    assert_eq!(scenario.plant.name(), "pendulum");
+    assert_eq!(scenario.plant().name(), "pendulum");
     let scenario = recorded("[controller.pid]\n", "").unwrap();
-    assert_eq!(scenario.plant.name(), scenario::plant::SMA_ACTUATOR);
+    assert_eq!(scenario.plant().name(), scenario::plant::SMA_ACTUATOR);
 }
 
 #[test]

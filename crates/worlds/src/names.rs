@@ -25,7 +25,7 @@ pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> V
 /// the participant emulates.
 pub fn emulator_name(one: &ControlLoop) -> &str {
     match one.loop_name() {
-        Some(_) => one.trial.plants().into_keys().next().unwrap_or_default(),
+        Some(_) => one.trial.plants.keys().next().map_or("", String::as_str),
         None => PLANT_EMULATOR,
     }
 }

@@ -337,7 +337,7 @@ mod tests {
         assert_eq!(scenario.reference.hold[0].position, 15.0);
         assert_eq!(scenario.sensor.resolution_bits(), 10);
         assert_eq!(
-            scenario.plant.load_kilograms().unwrap(),
+            scenario.plant().load_kilograms().unwrap(),
             cases.values(11)[2]
         );
         assert!(case.plan().unwrap().shared.sweep.is_none());

@@ -178,7 +178,7 @@ mod tests {
             .trial
             .clone();
         let hold = &scenario.reference.hold[0];
-        let load = scenario.plant.load_kilograms().unwrap();
+        let load = scenario.plant().load_kilograms().unwrap();
         [hold.position, load]
     }
 

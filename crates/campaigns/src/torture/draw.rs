@@ -19,7 +19,7 @@ pub(super) struct Nodes<'a>(pub(super) &'a Plan);
 
 /// Returns whether a kind of fault has a meaning for a loop's plant.
 fn has(one: &ControlLoop, kind: &Kind) -> bool {
-    kind.group != Group::Plant || one.trial.plant.faults().contains(&kind.name)
+    kind.group != Group::Plant || one.trial.plant().faults().contains(&kind.name)
 }
 
 impl Nodes<'_> {

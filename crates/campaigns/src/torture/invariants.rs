@@ -104,7 +104,7 @@ fn truth_is_complete(timeline: &Timeline) -> Option<BrokenInvariant> {
 
 /// Checks the temperature of an SMA actuator; the bound of another plant is unknown.
 fn not_too_hot(trial: &Trial, timeline: &Timeline) -> Option<BrokenInvariant> {
-    trial.plant.actuator()?;
+    trial.plant().actuator()?;
     let is_hot = |truth: &PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
     let hot = timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);

@@ -57,7 +57,7 @@ impl<'a> ScenarioFaults<'a> {
         let reports = events
             .filter(|event| event.emergency.as_ref().is_some_and(is_report))
             .map(|event| event.time_seconds);
-        let plants = one.trial.plants();
+        let plants = &one.trial.plants;
         let shared = |other: &&LoopFacts| {
             let plant = &*other.emulated;
             one.is_ours(Part::Drive) && !plant.is_empty() && plants.contains_key(plant)

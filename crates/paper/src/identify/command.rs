@@ -155,7 +155,7 @@ fn known(
 ) -> Result<(Sma, Vec<String>), Failure> {
     let scenario = measurements
         .first()
-        .and_then(|measurement| measurement.control_loop.trial.plant.actuator())
+        .and_then(|measurement| measurement.control_loop.trial.plant().actuator())
         .unwrap_or_default();
     let remark = differences(&scenario);
     let (plant, from) = match args.known.to_str() {

@@ -118,7 +118,7 @@ impl IdentificationData {
                 "it is of {count} loops; identification explains one wire behind one drive, so play a scenario of one loop and take its recording"
             ));
         };
-        let plant = &only.trial.plant;
+        let plant = only.trial.plant();
         if plant.actuator().is_none() {
             let name = plant.name();
             return Err(format!(

@@ -72,7 +72,7 @@ pub(super) fn only(plan: &Plan) -> &Trial {
 /// Returns a plant that is no law's model: the first of [`plants`].
 pub(super) fn twin() -> PlantModel {
     let plan = plants().case(1).plan().expect("a test plays every plant");
-    only(&plan).plant.clone()
+    only(&plan).plant().clone()
 }
 
 fn parse(name: &str, text: &str) -> Trial {

@@ -107,7 +107,7 @@ fn cooled_by(convection: f64, conduction: Option<f64>) -> Trial {
     if conduction.is_some() || convection != CONVECTIONS[0] {
         trial.expect = Expect::default();
     }
-    trial.plant = PlantModel::from_sma(wire);
+    trial.set_plant(PlantModel::from_sma(wire));
     trial
 }
 

@@ -222,11 +222,9 @@ impl PlannedRun {
     pub fn with_twin(base: &Trial, keep: Keep) -> Vec<Self> {
         let mut runs = Self::for_laws(base, keep);
         let law = ComparedLaw::SlidingMode;
-        let twin = Trial {
-            plant: bases::twin(),
-            expect: Expect::default(),
-            ..law.plays(base)
-        };
+        let mut twin = law.plays(base);
+        twin.set_plant(bases::twin());
+        twin.expect = Expect::default();
         runs.push(Self::new(law.on_twin(), twin, keep));
         runs
     }
@@ -306,7 +304,7 @@ impl Kept {
             Some(law) => &law.nominal_model,
             None => &controller.sliding_mode_paper.as_ref()?.nominal_model,
         };
-        let plant = self.scenario.plant.actuator()?;
+        let plant = self.scenario.plant().actuator()?;
         Some(if is_equal(model, &plant) {
             Model::EqualsThePlant
         } else {

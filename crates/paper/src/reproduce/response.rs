@@ -156,14 +156,13 @@ fn bandwidth(is_reduced: bool) -> Experiment {
         })
     };
     let twin = bases::twin();
-    let on_twin = sweep(ComparedLaw::SlidingMode).map(|run| PlannedRun {
-        label: ComparedLaw::SlidingMode.on_twin(),
-        colour: Colour::True,
-        scenario: Trial {
-            plant: twin.clone(),
-            ..run.scenario
-        },
-        ..run
+    let on_twin = sweep(ComparedLaw::SlidingMode).map(|mut run| {
+        run.scenario.set_plant(twin.clone());
+        PlannedRun {
+            label: ComparedLaw::SlidingMode.on_twin(),
+            colour: Colour::True,
+            ..run
+        }
     });
     Experiment {
         id: "bandwidth",
@@ -304,10 +303,10 @@ fn fan() -> Experiment {
     runs.extend(OPEN_LOOP.map(|(label, kinetics, colour)| {
         let mut trial = open.clone();
         if kinetics != Kinetics::default() {
-            trial.plant = PlantModel::from_sma(Sma {
+            trial.set_plant(PlantModel::from_sma(Sma {
                 kinetics,
                 ..Sma::default()
-            });
+            }));
             trial.expect = Expect::default();
         }
         PlannedRun::new(label, trial, window(&open)).coloured(colour)

@@ -238,8 +238,8 @@ mod tests {
             (sensor.range(), resolution, sensor.noise_rms())
         };
         assert!(unknown_plants(PLANTS).all(|trial| sensor(&trial) == sensor(&nominal)));
-        let nominal = nominal.plant.actuator().unwrap();
-        let plants = || unknown_plants(PLANTS).map(|trial| trial.plant.actuator().unwrap());
+        let nominal = nominal.plant().actuator().unwrap();
+        let plants = || unknown_plants(PLANTS).map(|trial| trial.plant().actuator().unwrap());
         let share = |low: f64, high: f64, of: &dyn Fn(&Sma) -> f64| {
             let values = || plants().map(|plant| of(&plant) / of(&nominal) - 1.0);
             let mean = values().sum::<f64>() / 200.0;

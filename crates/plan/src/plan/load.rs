@@ -150,15 +150,8 @@ impl Plan {
         let Some(before) = loops.find(|one| one.wiring == trial.wiring) else {
             return false;
         };
-        let plants = [before, trial].map(|one| {
-            let beside = one.plants_beside.values();
-            [&one.plant]
-                .into_iter()
-                .chain(beside)
-                .map(|plant| &plant.custom)
-        });
-        let [one_s, other_s] = plants;
-        one_s.eq(other_s) && before.controller.custom == trial.controller.custom
+        let [ours, others] = [before, trial].map(|one| one.plants.values().map(|one| &one.custom));
+        ours.eq(others) && before.controller.custom == trial.controller.custom
     }
 }
 
@@ -177,7 +170,7 @@ fn planned(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, ScenarioE
 /// Finds a value that an FMU does not take.
 fn wrong_start_value(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
     let with_fmus = scenario.loops.iter().filter(|one| one.has_fmu());
-    let mut plants = with_fmus.flat_map(Trial::plants);
+    let mut plants = with_fmus.flat_map(|one| &one.plants);
     let found = plants.find_map(|(name, plant)| catalogue.objection_to_plant(name, plant, None));
     // A file that no longer exists is not the fault of a value.
     found.filter(|objection| objection.path.contains(".fmu.start."))

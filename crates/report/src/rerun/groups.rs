@@ -5,7 +5,6 @@ use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
 use dbc::Database;
-use scenario::Trial;
 use scenario::port::Measurand;
 
 use crate::{shown_unit, title};
@@ -113,23 +112,18 @@ pub(super) struct CustomView<'a> {
 
 /// Returns the signals of a scenario's plant and law that need separate views.
 pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
-    let Trial {
-        plant,
-        controller,
-        wiring,
-        ..
-    } = &control_loop.trial;
-    let measurand = &wiring.feedback.measurand;
+    let trial = &control_loop.trial;
+    let measurand = &trial.wiring.feedback.measurand;
     let is_measured = |style: Style<'_>| style.group == measurand.signal;
     let has_view = |name: &str| known(name, measurand).is_some_and(|style| !is_measured(style));
     let signals = control_loop
         .plant_signals()
         // A position that the loop does not follow is no second line next to the loop's own.
-        .filter(|it| plant.custom.is_some() || !has_view(&it.name))
+        .filter(|it| trial.plant().custom.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
     let terms = control_loop
         .terms()
-        .filter(|_| controller.is_from_outside())
+        .filter(|_| trial.controller.is_from_outside())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
     // A signal with the name of a shipped one is drawn with it.
@@ -190,7 +184,7 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     let measurand = &scenario.wiring.feedback.measurand;
     groups.extend(signals.map(|signal| style(&signal.name, measurand, &[], &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
-    if scenario.plant.actuator().is_some() {
+    if scenario.plant().actuator().is_some() {
         groups.insert(HYSTERESIS);
     }
     if !scenario.disturbances().is_empty() {
@@ -216,6 +210,7 @@ pub(super) fn held() -> SeriesLines {
 #[cfg(test)]
 mod tests {
     use plan::Plan;
+    use scenario::Trial;
 
     use super::*;
     use plan::catalogue::Catalogue;

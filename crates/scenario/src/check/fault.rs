@@ -79,7 +79,7 @@ pub(crate) fn faults_of_loops(
         }
     }
     // Only the bench that played a plant from outside knows which faults have a meaning for it.
-    let is_known = |one: &&Trial| one.plant.custom.is_none() || reading != Reading::Recorded;
+    let is_known = |one: &&Trial| one.plant().custom.is_none() || reading != Reading::Recorded;
     for fault in faults.in_group(Group::Plant) {
         let one = loop_at(fault);
         if one.is_none() && reading != Reading::Recorded {
@@ -89,7 +89,7 @@ pub(crate) fn faults_of_loops(
         let Some(one) = one.filter(is_known) else {
             continue;
         };
-        let (name, known) = (one.plant.name(), one.plant.faults());
+        let (name, known) = (one.plant().name(), one.plant().faults());
         if known.contains(&fault.kind.name) {
             continue;
         }

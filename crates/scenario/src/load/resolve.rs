@@ -307,10 +307,9 @@ impl Resolver<'_> {
         };
         let drive = &wiring.nodes.drive.name;
         trial.run = Arc::clone(run);
-        trial.plants_beside = rig.models_with(drive, path);
+        trial.plants = rig.models_with(drive, path);
         // A drive that moves no plant has the actuator of the paper.
-        let own = trial.plants_beside.remove(&wiring.plant);
-        trial.plant = own.unwrap_or_default();
+        trial.plants.entry(wiring.plant.clone()).or_default();
         (trial.sensor, trial.amplifier) = rig.parts_of(drive);
         trial.wiring = wiring;
         if reading != Reading::Recorded {

@@ -116,7 +116,7 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
         assert!(one.controller.pid.is_some());
         assert_eq!(one.reference.hold.len(), 1);
     }
-    let load = |one: &Trial| one.plant.load_kilograms();
+    let load = |one: &Trial| one.plant().load_kilograms();
     assert_eq!((load(x), load(y)), (Some(0.3), Some(0.5)));
     assert_eq!(x.sensor.resolution_bits(), 16);
     assert_eq!(y.sensor.resolution_bits(), 12);
@@ -646,7 +646,7 @@ fn a_scenario_gives_other_values_to_its_rig() {
     assert_eq!(scenario.run.bus.sync_period_milliseconds, 2.0);
     assert_eq!(loops.shared.rig.bus.sync_period_milliseconds, 2.0);
     assert_eq!(
-        scenario.plant.sma.as_ref().unwrap().heat.ambient_celsius,
+        scenario.plant().sma.as_ref().unwrap().heat.ambient_celsius,
         30.0
     );
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);

@@ -102,7 +102,7 @@ fn values_take_the_places_of_those_of_the_rig() {
         assert_eq!(bus.bitrate_kilobits_per_second, 500);
         assert!((bus.sync_period_milliseconds - 4.0).abs() < 1e-12);
     }
-    let motor = axis.plant.dc_motor.as_ref().unwrap();
+    let motor = axis.plant().dc_motor.as_ref().unwrap();
     assert!((motor.gear_ratio - 20.0).abs() < 1e-12);
     assert!((motor.load_kilograms - 0.4).abs() < 1e-12);
     let sensor = &axis.sensor;
