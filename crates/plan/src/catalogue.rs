@@ -351,12 +351,6 @@ impl Frames {
 }
 
 impl Published {
-    /// Returns the outputs of an io node; none for a recording.
-    pub(crate) fn outputs_of(&self, node: &Node) -> &[IoOutput] {
-        let io = self.io.iter().find(|(io, _)| io == node);
-        io.map_or(&[], |(_, outputs)| outputs)
-    }
-
     /// Adds the frames of the drive and the law of a loop. A real drive has frames of its own; an emulated one
     /// publishes the truth about its plant.
     pub(crate) fn compose(

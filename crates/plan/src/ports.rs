@@ -277,7 +277,7 @@ mod tests {
             },
             ..Wiring::default()
         };
-        scenario.set_plant(scenario.plant().clone());
+        scenario.set_plant(scenario::plant::PlantModel::default());
         change(&mut scenario.wiring);
         let joined = Ports::joined([("joint", ports.clone())]);
         let wired = Wired {

@@ -135,8 +135,8 @@ fn objects_of_nodes(
     let mut loops = vec![Default::default(); usize::from(wiring.loop_number())];
     loops.push((published.terms.clone(), wiring.identifiers.terms));
     let io = wiring.io_nodes().map(|io| {
-        let outputs = published.outputs_of(io).iter();
-        let outputs = outputs.map(IoOutput::in_sheet);
+        let all = published.io.iter().filter(|(other, _)| other == io);
+        let outputs = all.flat_map(|(_, outputs)| outputs.iter().map(IoOutput::in_sheet));
         (io.id, node_objects::io(io.id, outputs, controller.id))
     });
     let others = [

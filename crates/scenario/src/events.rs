@@ -5,6 +5,7 @@ use crate::port::Unit;
 use crate::reference::Chirp;
 use crate::trial::Trial;
 pub use crate::window::Window;
+use crate::wiring::IoWiring;
 
 /// Recovery band in millimetres, unless the scenario has another one.
 const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
@@ -124,9 +125,13 @@ impl Trial {
     /// Returns the changes of outputs on these ports, in the order of time.
     fn changes(&self, is_meant: impl Fn(&str) -> bool) -> Vec<Change> {
         let mut changes = self.run.disturbance.changes();
-        let shared = &self.wiring.shared;
+        let io = &self.wiring.shared.io;
         changes.retain(|one| {
-            let port = shared.port(&one.node, &one.output);
+            let is_its = |io: &&IoWiring| io.node.name == one.node;
+            let port = io
+                .iter()
+                .find(is_its)
+                .and_then(|io| io.outputs.get(&one.output));
             port.is_some_and(|port| is_meant(port))
         });
         let start = |one: &Change| one.window.from_seconds;

@@ -96,12 +96,6 @@ pub struct SharedWiring {
 }
 
 impl SharedWiring {
-    /// Returns the port on which an output of an io node acts.
-    pub(crate) fn port(&self, node: &str, output: &str) -> Option<&String> {
-        let io = self.io.iter().find(|io| io.node.name == node)?;
-        io.outputs.get(output)
-    }
-
     /// Returns the io nodes that act on some of these plants.
     pub fn io_on(&self, has_plant: impl Fn(&str) -> bool) -> impl Iterator<Item = &IoWiring> {
         let acts = move |io: &&IoWiring| io.plants().any(&has_plant);

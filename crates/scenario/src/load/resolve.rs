@@ -307,7 +307,7 @@ impl Resolver<'_> {
         };
         let drive = &wiring.nodes.drive.name;
         trial.run = Arc::clone(run);
-        trial.plants = rig.models_with(drive, path);
+        trial.plants = rig.emulated_with(drive, path);
         // A drive that moves no plant has the actuator of the paper.
         trial.plants.entry(wiring.plant.clone()).or_default();
         (trial.sensor, trial.amplifier) = rig.parts_of(drive);

@@ -66,16 +66,9 @@ impl Rig {
     }
 
     /// Returns the plants that are emulated together with the one that a drive moves, and that plant, by name, with their files in
-    /// the folder of the rig file.
-    pub(crate) fn models_with(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
-        let all = self.emulated_with(drive).into_iter();
-        let models = all.map(|name| (name.to_owned(), self.plant[name].beside(rig)));
-        models.collect()
-    }
-
-    /// Returns the plants that are emulated together with the one that a drive moves, and that plant: all plants that nodes
-    /// connect. Plants that are connected with no drive go with those of the first drive.
-    fn emulated_with(&self, drive: &str) -> BTreeSet<&str> {
+    /// the folder of the rig file: all plants that nodes connect. Plants that are connected with no drive go with those of the
+    /// first drive.
+    pub(crate) fn emulated_with(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
         let mut groups: Vec<BTreeSet<&str>> = Vec::new();
         let nodes = self.node.values().map(RigNode::plants);
         let plants = self.plant.keys();
@@ -100,7 +93,10 @@ impl Rig {
             .zip(first)
             .is_some_and(|(own, first)| own.contains(first));
         let is_its = |group: &BTreeSet<&str>| is_own(group) || is_first && !is_moved(group);
-        groups.into_iter().filter(is_its).flatten().collect()
+        let names = groups.into_iter().filter(is_its).flatten();
+        names
+            .map(|name| (name.to_owned(), self.plant[name].beside(rig)))
+            .collect()
     }
 
     /// Returns the sensor and the amplifier of a drive.
