@@ -4,11 +4,11 @@
 use std::fs::File;
 use std::path::Path;
 
+use dbc::{Command, Measurand, Unit, conversion, known_units, unit_in};
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
 use scenario::fault::{Form, Group, KINDS, Key, Kind, Need, Time};
 use scenario::metrics::{Form as Limit, METRICS, Metric, Needs, Subject};
-use scenario::port::{Command, Measurand, Unit, conversion, known_units, unit_in};
 
 /// Stream of numbers (splitmix64), the same on every machine.
 pub(crate) struct Draw(pub(crate) u64);

@@ -6,10 +6,10 @@ use std::process::{Command, Stdio};
 
 use controller::law::{CurrentRange, Cycle, Law, LoopReads};
 use controller::laws::pid::Pid;
+use dbc::Measurand;
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
 use rustix::process::{Pid as Process, Signal, kill_process};
-use scenario::port::Measurand;
 use scenario::reference::SetPoint;
 use serde_json::json;
 

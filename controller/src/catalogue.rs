@@ -3,10 +3,11 @@
 
 use std::sync::OnceLock;
 
+use dbc::names::is_name;
 use dbc::{Signal, layout};
 use scenario::Objection;
 use scenario::controller::{Controller, is_built_in};
-use scenario::custom::{CustomTable, Section, defaults, is_name};
+use scenario::custom::{CustomTable, Section, defaults};
 use scenario::law_ports::WrongPort;
 use scenario::registration::{InvalidRegistration, register};
 use scenario::wiring::{LoopFacts, Measured, Wiring};
@@ -164,7 +165,7 @@ mod tests {
     use crate::law::{CurrentRange, Cycle, Port, one_loop};
     use crate::laws::pid::Pid;
     use crate::terms::described;
-    use scenario::port::Ports;
+    use dbc::Ports;
     use scenario::{Identifiers, controller};
 
     #[test]

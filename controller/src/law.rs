@@ -3,11 +3,11 @@
 use std::fmt;
 use std::time::Duration;
 
+pub use dbc::CurrentRange;
 use dbc::Signal;
-pub use scenario::CurrentRange;
+pub use dbc::{Port, Ports, Width};
 use scenario::custom::Parameters;
 use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output};
-pub use scenario::port::{Port, Ports, Width};
 use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
 use scenario::wiring::{Measured, Wiring};

@@ -10,7 +10,7 @@
 //!
 //! The limits of a position are data of the drive's node; see [`Plausible`].
 
-use scenario::CurrentRange;
+use dbc::CurrentRange;
 use scenario::wiring::{Plausible, Wiring};
 
 use crate::cause::Cause;
@@ -171,7 +171,7 @@ mod tests {
     use scenario::wiring::Measured;
 
     use super::*;
-    use scenario::port::{Measurand, Unit};
+    use dbc::{Measurand, Unit};
     use scenario::rig::nodes::Rig;
     use scenario::rig::shipped;
 

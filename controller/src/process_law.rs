@@ -4,12 +4,12 @@
 use std::fmt;
 use std::time::Duration;
 
+use dbc::{CurrentRange, Port, Ports};
+use scenario::Objection;
 use scenario::controller::Controller;
 use scenario::law_ports::{self, WrongPort};
-use scenario::port::{Port, Ports};
 use scenario::process_law::ProcessLaw;
 use scenario::wiring::{LoopFacts, Wiring};
-use scenario::{CurrentRange, Objection};
 
 use crate::law::Cycle;
 
@@ -179,7 +179,7 @@ mod tests {
     use std::collections::{BTreeMap, BTreeSet};
     use std::sync::Arc;
 
-    use scenario::port::{Command, Measurand, Unit};
+    use dbc::{Command, Measurand, Unit};
     use scenario::process_law::{FmuLaw, Program};
     use scenario::wiring::SharedWiring;
 

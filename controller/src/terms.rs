@@ -2,8 +2,7 @@
 
 use canopen::object_dictionary::{DataType, Handle};
 use canopen::{ObjectDictionary, add_half};
-use dbc::{Coding, Kind, Range, Signal, first_term, layout};
-use scenario::port::{Port, Width};
+use dbc::{Coding, Kind, Port, Range, Signal, Width, first_term, layout};
 use scenario::wiring::Measured;
 
 use crate::error::ControllerError;
@@ -121,7 +120,7 @@ impl TermObjects {
 
 #[cfg(test)]
 mod tests {
-    use scenario::port::{Measurand, Unit};
+    use dbc::{Measurand, Unit};
 
     use super::*;
 

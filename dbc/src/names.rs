@@ -84,6 +84,12 @@ pub const ADDED_LOAD: &str = "added_load_grams";
 /// Temperature of the SMA actuator's wire.
 pub const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
 
+/// Rule of [`is_name`], in words.
+pub const NAME_RULE: &str = "up to 64 small letters, digits and underscores, a letter first";
+/// Pattern of [`is_name`].
+pub const NAME_PATTERN: &str = "^[a-z][a-z0-9_]{0,63}$";
+const NAME_CHARACTERS_MAX: usize = 64;
+
 /// Names of the shipped DBC that follow from the quantities of its loop.
 const SHIPPED: [(&str, &str); 5] = [
     ("position_millimetres", POSITION),
@@ -92,6 +98,14 @@ const SHIPPED: [(&str, &str); 5] = [
     ("target_current_amperes", TARGET_CURRENT),
     ("plant_current_amperes", PLANT_CURRENT),
 ];
+
+/// Checks whether a text can be the name of a signal, a node or a table: small letters, digits and underscores, a letter first.
+pub fn is_name(text: &str) -> bool {
+    let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
+    text.len() <= NAME_CHARACTERS_MAX
+        && text.starts_with(|first: char| first.is_ascii_lowercase())
+        && text.bytes().all(is_part)
+}
 
 /// Returns the pattern of a name of the shipped DBC; `None` if the name is the same in each loop.
 pub fn pattern(shipped: &str) -> Option<&'static str> {

@@ -1,6 +1,7 @@
 //! The current amplifier of the plant.
 
-use scenario::{CurrentRange, rig::nodes};
+use dbc::CurrentRange;
+use scenario::rig::nodes;
 
 use crate::objects::{SIGNED_16, rounded_16};
 

@@ -3,10 +3,10 @@
 use std::any::Any;
 use std::{fmt, io};
 
+pub use dbc::{Port, Ports};
 use scenario::custom::Parameters;
 pub use scenario::custom::WrongParameter;
 pub use scenario::fault::Faults;
-pub use scenario::port::{Port, Ports};
 
 /// A plant. It is made from parameters, and then exchanges values at named ports.
 ///

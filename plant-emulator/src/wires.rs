@@ -2,8 +2,7 @@
 
 use dbc::names::TRUE_POSITION;
 use dbc::node_objects::PLANT_OBJECTS;
-use dbc::{Coding, Kind, Signal};
-use scenario::port::{Port, Ports, conversion};
+use dbc::{Coding, Kind, Port, Ports, Signal, conversion};
 use scenario::wiring::{TRUE_STEPS_PER_UNIT, Wiring};
 
 use crate::InvalidEmulator;
@@ -114,7 +113,7 @@ mod tests {
     use scenario::wiring::Measured;
 
     use super::*;
-    use scenario::port::{Measurand, Unit};
+    use dbc::{Measurand, Unit};
 
     #[test]
     fn a_port_that_is_not_there_and_a_unit_that_does_not_fit_are_refused() {

@@ -3,12 +3,11 @@
 use std::time::Duration;
 
 use can::{CanFrame, Node, Progress};
-use dbc::Database;
+use dbc::{Database, Measurand, Unit};
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{InvalidEmulator, PlantEmulator};
 use scenario::Trial;
 use scenario::node::LoopNodes;
-use scenario::port::{Measurand, Unit};
 use scenario::wiring::{Measured, Wiring};
 
 /// An arm whose angle integrates the sum of two currents; after a time it becomes another value.

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
+use dbc::{Port, Ports};
 use fmu::export::Role;
 use fmu::table::{Wiring, wiring};
 use fmu::{Archive, Configuration, FmuError, StartValue};
@@ -15,7 +16,6 @@ use platform::keeper;
 use runner::console::{failed, print};
 use runner::exit::{Exit, Failure};
 use scenario::plant::Fmu;
-use scenario::port::{Port, Ports};
 use worlds::fmu_worker::{self, RemoteFmu};
 
 /// Plays an FMU, and prints its outputs as CSV

@@ -12,7 +12,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use scenario::custom::{Section, is_name};
+use dbc::names::is_name;
+use scenario::custom::Section;
 
 use controller::ControllerArgs;
 use name::{camel, require_crate_name};

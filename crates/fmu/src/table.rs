@@ -1,7 +1,7 @@
 //! `[plant.NAME.fmu]` of a rig file: fits its table to an FMU.
 
+use dbc::{Port, Ports, symbol_of};
 use scenario::plant::{Fmu, FmuPort};
-use scenario::port::{Port, Ports, symbol_of};
 use toml::Value;
 
 use crate::description::{Causality, CoSimulation, Description, Kind, Variable};

@@ -7,15 +7,17 @@ use dbc::names::{
     self, CURRENT, PLANT_CURRENT, POSITION, RPDO1, SDO2_ANSWER, SDO2_REQUEST, TARGET_CURRENT,
     TPDO1, TPDO2, TPDO3, TRUE_POSITION, TRUTH, message,
 };
-use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal};
+use dbc::{
+    Coding, Composer, CurrentRange, Database, Kind, Measurand, Message, Port, Ports, Range, Signal,
+    local_name,
+};
 use scenario::disturbance::Disturbance;
 use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
-use scenario::port::{Measurand, Port, Ports, local_name};
 use scenario::rig::nodes::kind_of_output;
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, Measured, Wiring};
-use scenario::{CurrentRange, Identifiers, Objection, Trial};
+use scenario::{Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
 use crate::plan::Plan;

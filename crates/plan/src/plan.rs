@@ -4,12 +4,10 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
+use dbc::{Composer, Database, Measurand, Message, Signal, SignalHandle, SignalMissing, names};
 use scenario::fault::{Actor, Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
-use scenario::port::Measurand;
 use scenario::wiring::{IoOutput, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use dbc::node_objects::PLANT_OBJECTS;
-use scenario::port::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
+use dbc::{Port, Ports, Unit, conversion, local_name, plant_of_port, unit_in};
 use scenario::rig::nodes::{FAN_OUTPUT, kind_of_output};
 use scenario::{Objection, Scenario, Trial, meant_or_known, nearest};
 
@@ -243,8 +243,8 @@ mod tests {
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
+    use dbc::Measurand;
     use scenario::node::{Node, Part};
-    use scenario::port::Measurand;
 
     use super::*;
     use scenario::wiring::{IoWiring, Measured, SharedWiring, Wiring};

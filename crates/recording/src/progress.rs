@@ -3,9 +3,8 @@
 use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use dbc::{SignalHandle, SignalMissing};
+use dbc::{Measurand, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
-use scenario::port::Measurand;
 use scenario::reference::Trajectory;
 
 use crate::log::Stamped;

@@ -9,10 +9,10 @@ use super::Run;
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
+use dbc::Measurand;
 use judge::verdict::{Metric, Outcome};
 use recording::timeline::Timeline;
 use scenario::metrics::{METRICS, without_loop};
-use scenario::port::Measurand;
 use scenario::reference::Reference;
 
 /// Largest number of runs whose positions share a plot; more cannot be distinguished.

@@ -67,8 +67,8 @@ fn preflight_text(step: &PreflightEvent) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dbc::{Measurand, Unit};
     use recording::progress::LoopProgress;
-    use scenario::port::{Measurand, Unit};
 
     #[test]
     fn a_position_is_in_the_unit_of_its_loop() {

@@ -18,13 +18,13 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
 use crate::nearest::meant_or_known;
-use crate::port::{Command, Measurand, UNIT, conversion, plant_of_port};
 use crate::reference::Reference;
 use crate::rig::nodes::{LOAD_OUTPUT, Outputs, Rig, kind_of_output};
 use crate::run::Run;
 use crate::structure::out_of_range;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
+use dbc::{Command, Measurand, UNIT, conversion, plant_of_port};
 
 pub(crate) use files::NamedFiles;
 pub(crate) use sweep::check as sweep;

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::expect::{ExpectedRow, Limit, Requirements};
-use crate::port::{Measurand, Unit};
+use dbc::{Measurand, Unit};
 
 /// Keys of a contour's limits.
 pub(crate) const LIMITS: [&str; 2] = ["contour_error_{unit}_max", "contour_error_{unit}_rms"];

@@ -15,12 +15,6 @@ use toml::de::{DeValue, ValueDeserializer};
 
 use crate::null::TakeNullAway;
 
-/// Longest name.
-const NAME_CHARACTERS_MAX: usize = 64;
-/// Rule of [`is_name`], in words and as a pattern.
-pub(crate) const NAME_RULE: &str = "up to 64 small letters, digits and underscores, a letter first";
-pub(crate) const NAME_PATTERN: &str = "^[a-z][a-z0-9_]{0,63}$";
-
 /// Parameters of a plant or a law, into which a scenario's table is read and by which it is described. The schema gives types and
 /// ranges, `serde(default)` the defaults; `serde(deny_unknown_fields)` refuses other keys.
 pub trait Parameters: DeserializeOwned + JsonSchema + 'static {}
@@ -212,14 +206,6 @@ fn check_minima(table: &toml::Table, schema: &Value) -> Result<(), WrongParamete
         let name = name.clone();
         Err(WrongParameter { name, what })
     })
-}
-
-/// Checks whether a text can be the name of a table: small letters, digits and underscores, a letter first.
-pub fn is_name(text: &str) -> bool {
-    let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
-    text.len() <= NAME_CHARACTERS_MAX
-        && text.starts_with(|first: char| first.is_ascii_lowercase())
-        && text.bytes().all(is_part)
 }
 
 /// Returns the tables of a section that come from outside.

@@ -4,9 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::load::only_one;
-use crate::port::{symbol_of, unit_in};
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::window::Window;
+use dbc::{symbol_of, unit_in};
 
 /// Disturbances of the plant; each is commanded over the bus to an io node.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]

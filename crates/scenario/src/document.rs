@@ -6,9 +6,9 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::current::CurrentRange;
 use crate::error::{Problem, Source};
 use crate::wiring::Measured;
+use dbc::CurrentRange;
 
 /// Largest number of syntax errors that are shown; more follow from the first one, or the file is no TOML.
 const SYNTAX_ERRORS_MAX: usize = 3;

@@ -1,11 +1,11 @@
 //! The part of a scenario that the metrics use: steps, periods and disturbances, with their windows in scenario time.
 
 use crate::disturbance::Change;
-use crate::port::Unit;
 use crate::reference::Chirp;
 use crate::trial::Trial;
 pub use crate::window::Window;
 use crate::wiring::IoWiring;
+use dbc::Unit;
 
 /// Recovery band in millimetres, unless the scenario has another one.
 const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;

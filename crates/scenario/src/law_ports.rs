@@ -3,10 +3,10 @@
 //! amplifier of the drive gives; for a law of one loop that quantity is a current, too. Every other output is a term of the law,
 //! which is recorded.
 
-use crate::custom::is_name;
 use crate::nearest::meant_or_known;
-use crate::port::{Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopFacts;
+use dbc::names::is_name;
+use dbc::{Measurand, Port, Ports, Unit, conversion};
 
 const AMPERES: &str = "amperes";
 /// Beginnings of the names of a law's ports.
@@ -373,8 +373,8 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::current::CurrentRange;
     use crate::wiring::LedBy;
+    use dbc::CurrentRange;
 
     fn loops() -> Vec<LoopFacts> {
         let led_by = LedBy {

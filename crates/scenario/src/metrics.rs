@@ -351,7 +351,7 @@ pub fn answer(name: &str, value: f64) -> Option<bool> {
 mod tests {
     use super::*;
     use crate::expect::Expect;
-    use crate::port::{Measurand, known_units};
+    use dbc::{Measurand, known_units};
 
     fn given(metric: &Metric) -> String {
         // A pattern is a separate name for TOML.

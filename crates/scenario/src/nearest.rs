@@ -1,6 +1,6 @@
 //! Suggestions for unknown names.
 
-use crate::port::conversion;
+use dbc::conversion;
 
 /// Smallest similarity (Jaro-Winkler) of a name that is suggested.
 const SIMILARITY_MIN: f64 = 0.8;

@@ -7,7 +7,7 @@ use thiserror::Error;
 use toml::{Table, Value};
 
 use crate::load::{ALL, CONTROLLER};
-use crate::port::is_same_gain;
+use dbc::is_same_gain;
 
 /// Largest number of parts in a key. Longer keys lead nowhere, and many thousand parts are deeper than the stack.
 const KEY_PARTS_MAX: usize = 100;

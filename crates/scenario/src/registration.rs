@@ -1,9 +1,10 @@
 //! Registers plants and laws from outside, once and before anything is read.
 
 use crate::controller;
-use crate::custom::{CustomTable, Section, is_name};
+use crate::custom::{CustomTable, Section};
 use crate::fault::{Group, Kind};
 use crate::plant;
+use dbc::names::is_name;
 
 /// Reason why a plant or a law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]

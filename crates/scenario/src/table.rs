@@ -5,10 +5,10 @@ use std::io;
 use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 
-use crate::current::CurrentRange;
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 use crate::wiring::Wiring;
+use dbc::CurrentRange;
 
 /// Required header of a set-point; its second name has the unit of its loop.
 const HEADER: [&str; 2] = ["time_seconds", "{signal}_{unit}"];

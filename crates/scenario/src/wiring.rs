@@ -6,13 +6,13 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node};
-use crate::port::{
-    Measurand, Port, Ports, conversion, local_name, plant_of_port, steps_for, symbol_of, unit_in,
-};
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
+use dbc::{
+    CurrentRange, Measurand, Port, Ports, conversion, local_name, plant_of_port, steps_for,
+    symbol_of, unit_in,
+};
 
 /// Largest number of outputs of an io node, which its RPDO1 holds.
 pub const IO_OUTPUTS_MAX: usize = 4;
@@ -529,7 +529,7 @@ pub struct Stall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::port::Unit;
+    use dbc::Unit;
 
     fn joint() -> Ports {
         let input = |name| Port::input(name, [0.0, 1.0]);

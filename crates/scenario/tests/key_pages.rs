@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
-use scenario::port::{known_units, singular};
+use dbc::{known_units, singular};
 use serde_json::{Map, Value};
 
 /// Largest number of references to a table that is repeated below each of them; other tables appear once, after all others.

@@ -1,8 +1,7 @@
 //! Part of a plan that a program may know: its node, the bus, and for each loop the frames, the limits and the set-point. The
 //! plant, the disturbances, the faults and the limits of the verdict are not in it.
 
-use dbc::names;
-use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle};
+use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle, names};
 use plan::{ControlLoop, Plan};
 use scenario::node::{Node, Part};
 use serde_json::{Value, json};

@@ -66,8 +66,8 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dbc::Unit;
     use plan::loaded_drive::LoadedDrive;
-    use scenario::port::Unit;
     use scenario::rig::{Limits, RealDrive};
 
     fn supervisor() -> Supervisor {

@@ -4,10 +4,10 @@ use std::str::FromStr;
 
 use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
+use dbc::{Measurand, UNIT, symbol_of};
 use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
-use scenario::port::{Measurand, UNIT, symbol_of};
 
 /// Relative tolerance of a metric, if that is more than the tolerance of its unit.
 const METRIC_SHARE: f64 = 0.05;
@@ -183,7 +183,7 @@ impl Tolerances<'_> {
 
 #[cfg(test)]
 mod tests {
-    use scenario::port::Unit;
+    use dbc::Unit;
 
     use super::*;
 

@@ -1,9 +1,10 @@
 //! Scenarios that play an identified plant.
 
+use dbc::CurrentRange;
 use plan::ControlLoop;
+use scenario::Trial;
 use scenario::node::Part;
 use scenario::plant::Sma;
-use scenario::{CurrentRange, Trial};
 use toml::{Table, Value};
 
 /// The shipped rig, which emulates the plant whatever rig it was identified on; then its plant and its loop.

@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Duration;
 
+use dbc::Measurand;
 use plan::loop_prefix;
 use platform::series::Series;
 use scenario::cycle_start_seconds;
-use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
 use crate::events::Events;

@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
+use dbc::Unit;
 use re_sdk_types::archetypes::{Boxes2D, LineStrips2D, Points2D};
 use re_sdk_types::components::{Color, Radius};
 use scenario::Trial;
-use scenario::port::Unit;
 
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};

@@ -4,8 +4,7 @@ use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
-use dbc::Database;
-use scenario::port::Measurand;
+use dbc::{Database, Measurand};
 
 use crate::{shown_unit, title};
 use plan::ControlLoop;
@@ -213,9 +212,9 @@ mod tests {
     use scenario::Trial;
 
     use super::*;
+    use dbc::{Port, Ports};
     use plan::catalogue::Catalogue;
     use scenario::plant::PlantModel;
-    use scenario::port::{Port, Ports};
 
     #[test]
     fn what_no_shipped_plant_has_gets_a_view_of_its_own() {

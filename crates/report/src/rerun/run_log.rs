@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 use std::iter::repeat_n;
 
+use dbc::Measurand;
 use re_sdk::EntityPath;
 use re_sdk::log::TimeColumn;
 use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
 use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
 use scenario::disturbance::{Change, value_at};
-use scenario::port::Measurand;
 use scenario::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 
 use super::ReportError;

@@ -7,7 +7,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
 use crate::nearest::nearest;
-use crate::port::Measurand;
+use dbc::Measurand;
 
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;

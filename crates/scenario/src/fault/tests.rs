@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::Trial;
-use crate::port::Measurand;
+use dbc::Measurand;
 
 fn parse(tables: &str) -> Result<Trial, Vec<String>> {
     let text = format!(

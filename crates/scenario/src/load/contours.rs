@@ -12,10 +12,10 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, without_problems};
 use crate::nearest::meant_or_known;
-use crate::port::{Measurand, Unit};
 use crate::rig::nodes::Rig;
 use crate::schema;
 use crate::trial::Trial;
+use dbc::{Measurand, Unit};
 
 /// Reads `[[expect.contour]]`.
 pub(super) fn read_contours(

@@ -13,7 +13,7 @@ use toml::de::{DeTable, DeValue};
 use super::kind;
 use super::{Reading, build, check_custom, without_problems};
 use crate::check::{self, Check};
-use crate::custom::{Section, is_name};
+use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::node::Part;
@@ -22,6 +22,7 @@ use crate::rig::{RealDrive, object_address};
 use crate::schema;
 use crate::table;
 use crate::{meant_or_known, nearest};
+use dbc::names::is_name;
 
 /// Kind of the file in messages.
 pub(super) const KIND: &str = "rig file";

@@ -5,10 +5,8 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
 use crate::error::{Problem, Source};
-use crate::port::{
-    Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units, singular,
-};
 use crate::schema::resolve;
+use dbc::{Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units, singular};
 
 /// Gains that are by another unit than the loop's.
 pub(crate) type Factors = Vec<Factor>;

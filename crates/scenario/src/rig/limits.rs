@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::Limits;
 use super::drive::Feedback;
-use crate::port::Unit;
+use dbc::Unit;
 
 /// Shortest window of a speed, or two cycles if that is longer: a step of a converter is no speed.
 const SPEED_WINDOW: Duration = Duration::from_millis(20);

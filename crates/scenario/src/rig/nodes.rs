@@ -9,17 +9,16 @@ use serde::{Deserialize, Serialize};
 
 use super::{CommandObject, CurrentObject, Limits, PositionObject, Preflight, RealDrive, Timeouts};
 use crate::bus::Bus;
-use crate::current::CurrentRange;
-use crate::custom::NAME_PATTERN;
 use crate::identifiers::Identifiers;
 use crate::load::only_one;
 use crate::metrics::METRICS;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{I2t, PlantModel};
-use crate::port::{Command, Measurand, Unit, plant_of_port, unit_in};
 use crate::wiring::{
     IoWiring, LedBy, LoopFacts, Measured, Plausible, SharedWiring, TRAVEL_MILLIMETRES, Wiring,
 };
+use dbc::names::NAME_PATTERN;
+use dbc::{Command, CurrentRange, Measurand, Unit, plant_of_port, unit_in};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;

@@ -9,8 +9,8 @@ use crate::document::Quantities;
 use crate::fault;
 use crate::node::Part;
 use crate::plant::PlantModel;
-use crate::port::{Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units};
 use crate::rig::nodes::Rig;
+use dbc::{Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units};
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
 const LOOP_ENTRIES: &str = "Reference";

@@ -8,8 +8,8 @@ use canopen::NmtCommand;
 use canopen::NmtState;
 use canopen::cia402::Command;
 use canopen::nmt::ERROR_CONTROL_ID;
+use dbc::Unit;
 use dbc::scenario_clock::ScenarioClock;
-use scenario::port::Unit;
 use scenario::rig::drive::{Feedback, Scaled};
 
 use super::checklist::Check;

@@ -1,8 +1,8 @@
 //! Checks the currents of amplifiers, and which amplifiers may have a protection or are external.
 
 use crate::check::Check;
-use crate::current::COUNTS_MAX;
-use crate::port::Command;
+use dbc::Command;
+use dbc::current::COUNTS_MAX;
 
 impl Check<'_> {
     /// Checks that 16 bits hold the currents, in thousandths of the rated one.

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use crate::check::Check;
-use crate::custom::{NAME_RULE, is_name};
 use crate::rig::nodes::RigLoop;
 use crate::schema;
+use dbc::names::{NAME_RULE, is_name};
 
 /// Names that a loop cannot have: they mean something else in the place of a loop's name.
 const NOT_A_LOOP: [&str; 2] = ["all", "contour"];

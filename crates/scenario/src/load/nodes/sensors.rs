@@ -1,10 +1,10 @@
 //! Checks the sensors, and the plausibility of their positions.
 
 use crate::check::Check;
-use crate::custom::is_name;
 use crate::error::Problem;
-use crate::port::{Measurand, Unit};
 use crate::rig::nodes::{RigNode, Sensor};
+use dbc::names::is_name;
+use dbc::{Measurand, Unit};
 
 /// Largest number of converter steps in a count of the position: 16 bits over 60 mm are steps of 0.9 micrometres.
 const STEPS_OF_A_COUNT: f64 = 2.0;

@@ -1,9 +1,9 @@
 //! Finds rigs that the format can describe and this bench cannot serve.
 
 use crate::check::Check;
-use crate::custom::{NAME_RULE, is_name};
 use crate::node::Part;
 use crate::wiring::IO_OUTPUTS_MAX;
+use dbc::names::{NAME_RULE, is_name};
 
 impl Check<'_> {
     /// Finds io nodes without outputs, with more than fit in their frame, or with an output that has no valid name.

@@ -5,7 +5,7 @@ use canopen::add_half;
 /// Counts of the rated current: CiA 402 counts currents in thousandths of it (0x6071, 0x6078).
 const COUNTS: f64 = 1000.0;
 /// Largest number of counts that 16 bits hold.
-pub(crate) const COUNTS_MAX: f64 = 32_767.0;
+pub const COUNTS_MAX: f64 = 32_767.0;
 
 /// Range of commands to an amplifier, in amperes: from `min` to `max`, in thousandths of `rated`.
 #[derive(Clone, Copy, Debug, PartialEq)]
