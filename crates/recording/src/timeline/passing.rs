@@ -23,7 +23,8 @@ pub(super) struct Passing {
     /// Scenario time of the last frame before the scenario's end.
     pub(super) latest: Duration,
     /// End of the scenario.
-    pub(super) end: Duration,
+    end: Duration,
+    pub(super) traffic: Traffic,
 }
 
 /// Number of the bits of all frames from the first SYNC to the end of the judged time, and the times of the SYNCs.
@@ -47,6 +48,7 @@ impl Passing {
             highest: Duration::ZERO,
             latest: Duration::ZERO,
             end: plan.duration(),
+            traffic: Traffic::new(plan),
         })
     }
 
@@ -65,12 +67,13 @@ impl Passing {
         if let Some(time) = time.filter(|time| *time <= self.end) {
             self.latest = time;
         }
+        self.traffic.on_frame(stamped, time);
         time
     }
 }
 
 impl Traffic {
-    pub(super) fn new(plan: &Plan) -> Self {
+    fn new(plan: &Plan) -> Self {
         // The bus is judged for as long as one of the loops.
         let ends = plan.loops.iter().map(|one| one.trial.judged_end_seconds());
         Self {
@@ -81,7 +84,7 @@ impl Traffic {
 
     /// Takes each frame of the bus with its scenario time.
     #[inline]
-    pub(super) fn on_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
+    fn on_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
         if time.is_some_and(|time| time >= self.judged_end) {
             return;
         }

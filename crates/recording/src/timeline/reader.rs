@@ -12,7 +12,7 @@ use scenario::{Trial, cycle_start_seconds, nearest_cycle};
 use super::columns::Columns;
 use super::commands::CommandReader;
 use super::decoded::{Column, Timeline};
-use super::passing::{Passing, Traffic};
+use super::passing::Passing;
 use crate::drive_reports::DriveReportReader;
 use crate::events::{Event, EventReader, planned};
 use crate::frames::Frames;
@@ -40,7 +40,6 @@ pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissi
 pub struct RunReader<'a> {
     plan: &'a Plan,
     passing: Passing,
-    traffic: Traffic,
     events: EventReader,
     loops: Vec<LoopReader>,
     /// Indices of the loops that read an identifier: most frames are of one loop only.
@@ -60,7 +59,6 @@ impl<'a> RunReader<'a> {
         let loops = readers.collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             passing: Passing::new(plan)?,
-            traffic: Traffic::new(plan),
             events: EventReader::new(plan.database(), NodeNames::new(plan)),
             read_by: ByIdentifier::of_readers(loops.iter().map(LoopReader::raw_ids)),
             loops,
@@ -71,7 +69,6 @@ impl<'a> RunReader<'a> {
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
         let time = self.passing.on_frame(stamped);
-        self.traffic.on_frame(stamped, time);
         self.events.on_frame(stamped);
         let id = stamped.frame.raw_id();
         for place in self.read_by.get(id).into_iter().flatten() {
@@ -81,13 +78,13 @@ impl<'a> RunReader<'a> {
 
     /// Takes for each loop the cycles that no later frame can change, and the events so far, each once.
     pub fn take_piece(&mut self) -> Vec<Timeline> {
-        let (passing, traffic) = (&self.passing, &self.traffic);
+        let passing = &self.passing;
         // The times of events are not known before the scenario began.
         let on_bus = passing.clock.zero().map(|zero| self.events.take(zero));
         let loops = self.loops.iter_mut().zip(&self.plan.loops);
         let pieces = loops.map(|(reader, one)| {
             let closed = reader.cycle.len().saturating_sub(1);
-            let mut piece = reader.take_rows(closed, &one.trial, passing, traffic);
+            let mut piece = reader.take_rows(closed, &one.trial, passing);
             if let Some(on_bus) = &on_bus {
                 let planned = reader.planned_until(piece.end_seconds(), &one.trial);
                 piece.events = in_order(on_bus.iter().cloned().chain(planned));
@@ -99,11 +96,11 @@ impl<'a> RunReader<'a> {
 
     /// Takes everything that was not taken yet. If the scenario never began, times are those of the recording.
     pub fn take_rest(&mut self) -> Vec<Timeline> {
-        let (passing, traffic) = (&self.passing, &self.traffic);
+        let passing = &self.passing;
         let on_bus = self.events.take(passing.clock.zero().unwrap_or_default());
         let loops = self.loops.iter_mut().zip(&self.plan.loops);
         let rests = loops.map(|(reader, one)| {
-            let mut rest = reader.take_rest(&one.trial, passing, traffic);
+            let mut rest = reader.take_rest(&one.trial, passing);
             rest.events = in_order(on_bus.iter().cloned().chain(rest.events));
             rest
         });
@@ -257,8 +254,8 @@ impl LoopReader {
     }
 
     /// Takes everything that was not taken yet, with the events of the loop alone.
-    fn take_rest(&mut self, trial: &Trial, passing: &Passing, traffic: &Traffic) -> Timeline {
-        let mut rest = self.take_rows(self.cycle.len(), trial, passing, traffic);
+    fn take_rest(&mut self, trial: &Trial, passing: &Passing) -> Timeline {
+        let mut rest = self.take_rows(self.cycle.len(), trial, passing);
         let events = self.planned_until(f64::INFINITY, trial);
         let (zero, latest) = (passing.clock.zero(), passing.latest);
         let (uncommanded, late_commands, silences) = self.commands.take_all(latest);
@@ -277,13 +274,7 @@ impl LoopReader {
     }
 
     /// Takes the first rows as a timeline of their own, without events.
-    fn take_rows(
-        &mut self,
-        rows: usize,
-        trial: &Trial,
-        passing: &Passing,
-        traffic: &Traffic,
-    ) -> Timeline {
+    fn take_rows(&mut self, rows: usize, trial: &Trial, passing: &Passing) -> Timeline {
         let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
         let time_seconds: Series<f64> = starts
@@ -319,8 +310,10 @@ impl LoopReader {
             origin_seconds: origin.as_secs_f64(),
             last_frame_seconds: since_zero.as_secs_f64(),
             sources,
-            bus_load_percent: traffic.load_percent(trial.run.bus.bitrate_kilobits_per_second),
-            sync_interval_milliseconds_max: traffic.sync_interval_milliseconds_max(),
+            bus_load_percent: passing
+                .traffic
+                .load_percent(trial.run.bus.bitrate_kilobits_per_second),
+            sync_interval_milliseconds_max: passing.traffic.sync_interval_milliseconds_max(),
             ..Timeline::default()
         }
     }
