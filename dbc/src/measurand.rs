@@ -1,4 +1,4 @@
-//! What a loop measures and commands, and the names that follow from it.
+//! The signals that a loop measures and commands, and the names that follow from them.
 
 use crate::port::Port;
 use crate::unit::{Unit, conversion, find, known_units, singular};

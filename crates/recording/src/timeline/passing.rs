@@ -67,7 +67,6 @@ impl Passing {
         if let Some(time) = time.filter(|time| *time <= self.end) {
             self.latest = time;
         }
-        self.traffic.on_frame(stamped, time);
         time
     }
 }
@@ -84,7 +83,7 @@ impl Traffic {
 
     /// Takes each frame of the bus with its scenario time.
     #[inline]
-    fn on_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
+    pub(super) fn on_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
         if time.is_some_and(|time| time >= self.judged_end) {
             return;
         }

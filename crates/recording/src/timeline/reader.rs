@@ -32,7 +32,9 @@ use crate::truth::TruthReader;
 /// If the database lacks a signal that the bench needs.
 pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissing> {
     let mut reader = RunReader::new(plan)?;
-    frames.iter().for_each(|stamped| reader.on_frame(&stamped));
+    for stamped in frames.iter() {
+        reader.on_frame(&stamped);
+    }
     Ok(reader.take_rest())
 }
 
@@ -67,8 +69,10 @@ impl<'a> RunReader<'a> {
     }
 
     /// Takes every frame of the bus in order.
+    #[inline]
     pub fn on_frame(&mut self, stamped: &Stamped) {
         let time = self.passing.on_frame(stamped);
+        self.passing.traffic.on_frame(stamped, time);
         self.events.on_frame(stamped);
         let id = stamped.frame.raw_id();
         for place in self.read_by.get(id).into_iter().flatten() {
