@@ -54,10 +54,10 @@ pub fn controller_node_of_loops<'a>(
     loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a DriveLayout)>)>,
     start: StartPlayer<'_>,
 ) -> Result<ControllerNode, ControllerError> {
-    let plans = loops
-        .into_iter()
-        .map(|(view, real)| LoopPlan::new(view, real));
-    let plans = plans.collect::<Result<Vec<_>, _>>()?;
+    let mut plans = Vec::new();
+    for (view, real_drive) in loops {
+        plans.push(LoopPlan::new(view, real_drive)?);
+    }
     let io = plans[0].view.wiring.shared.io.iter();
     let io_nodes = io.map(|io| node_id(io.node.id)).collect::<Result<_, _>>()?;
     Leader::leading(plans, io_nodes, start)

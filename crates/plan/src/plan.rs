@@ -84,8 +84,8 @@ impl Plan {
             let drives = Vec::from_iter(loops.filter(has_it).map(|one| &one.nodes.drive));
             let acts = |drive: &Node| plan.shared.rig.acts_on(&io.name, &drive.name);
             let own = drives.iter().min_by_key(|drive| (!acts(drive), drive.id));
-            let mut emulated = drives.iter().filter(|drive| !plan.is_external(drive));
-            let emulated = emulated.find(|drive| own == Some(*drive) || acts(drive));
+            let mut ours = drives.iter().filter(|drive| !plan.is_external(drive));
+            let emulated = ours.find(|drive| own == Some(*drive) || acts(drive));
             let mut nodes = [io].into_iter().chain(own.copied());
             let real = nodes.find(|node| plan.is_external(node));
             if let (Some(real), Some(emulated)) = (real, emulated) {

@@ -14,8 +14,8 @@ pub(crate) struct NodeNames {
 impl NodeNames {
     pub(crate) fn new(plan: &Plan) -> Self {
         let here = plan.nodes().map(|node| (node.id, node.name.clone()));
-        let all = plan.shared.rig.node.iter();
-        let all = all.map(|(name, node)| (node.node_id, name.clone()));
+        let rig = plan.shared.rig.node.iter();
+        let all = rig.map(|(name, node)| (node.node_id, name.clone()));
         Self {
             has_several_loops: plan.loops.len() > 1,
             nodes: each_once(here.chain(all)),

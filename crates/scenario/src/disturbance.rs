@@ -110,14 +110,11 @@ impl Change {
 impl Disturbance {
     /// Names the node of each entry without one: the only one that has the output.
     pub(crate) fn name_nodes(&mut self, rig: &Rig) {
-        let fans = self.fan.iter_mut();
-        let loads = self.load.iter_mut();
-        let outputs = self.output.iter_mut();
-        let nodes = fans
-            .map(|fan| (&mut fan.node, FAN_OUTPUT))
-            .chain(loads.map(|load| (&mut load.node, LOAD_OUTPUT)))
-            .chain(outputs.map(|output| (&mut output.node, &*output.name)));
-        for (node, output) in nodes.filter(|(node, _)| node.is_empty()) {
+        let fans = self.fan.iter_mut().map(|it| (&mut it.node, FAN_OUTPUT));
+        let loads = self.load.iter_mut().map(|it| (&mut it.node, LOAD_OUTPUT));
+        let outputs = self.output.iter_mut().map(|it| (&mut it.node, &*it.name));
+        let all = fans.chain(loads).chain(outputs);
+        for (node, output) in all.filter(|(node, _)| node.is_empty()) {
             let only = only_one(rig.io_with(output));
             only.unwrap_or_default().clone_into(node);
         }

@@ -201,8 +201,8 @@ impl Wiring {
     /// Checks whether a signal of a node of its loop is one of the loop: outputs of an io node are those of the loops on which they
     /// act.
     pub fn has_signal(&self, node: Option<&Node>, signal: &str) -> bool {
-        let mut io = self.shared.io.iter();
-        let io = io.find(|io| Some(&io.node) == node);
+        let mut nodes = self.shared.io.iter();
+        let io = nodes.find(|io| Some(&io.node) == node);
         io.is_none_or(|io| match io.outputs.get(signal) {
             Some(port) => self.has_output(port),
             None => kind_of_output(signal).is_none(),

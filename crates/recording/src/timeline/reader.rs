@@ -38,7 +38,7 @@ pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissi
     Ok(reader.take_rest())
 }
 
-/// Decoder of the frames of a run as they come. What belongs to no single loop is read once.
+/// Decoder of the frames of a run as they come. The clock, the traffic and the events of the bus are read once for all loops.
 pub struct RunReader<'a> {
     plan: &'a Plan,
     passing: Passing,

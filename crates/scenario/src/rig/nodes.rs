@@ -93,9 +93,8 @@ impl Rig {
             .is_some_and(|(own, first)| own.contains(first));
         let is_its = |group: &BTreeSet<&str>| is_own(group) || is_first && !is_moved(group);
         let names = groups.into_iter().filter(is_its).flatten();
-        names
-            .map(|name| (name.to_owned(), self.plant[name].beside(rig)))
-            .collect()
+        let model = |name: &str| (name.to_owned(), self.plant[name].beside(rig));
+        names.map(model).collect()
     }
 
     /// Returns the sensor and the amplifier of a drive.
