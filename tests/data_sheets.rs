@@ -2,6 +2,7 @@
 //! the keys of the file, and the values that its comments list.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
@@ -528,7 +529,27 @@ fn comments_list_values() {
 /// The sheet of each node of a rig promises what the node has: the signals of its plants, the terms of its laws, its io outputs.
 #[test]
 fn the_nodes_of_a_rig_are_as_their_sheets_say() {
+    // The loops of the two io nodes are in another order than these, and in an emulator each.
+    let folder = tempfile::tempdir().unwrap();
+    let fans = folder.path().join("fans.toml");
+    let mut rig = "schema = 1\nname = \"fans\"\n[defaults.drive]\namplifier = { rated = 1.0, min = -1.0, max = 1.0 }\n\
+        sensor = { unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }\n\
+        [node.controller]\nkind = \"controller\"\nnode_id = 1\n".to_owned();
+    for (place, (drive, fan)) in [("a", "zfan"), ("b", "yfan")].into_iter().enumerate() {
+        rig += &format!(
+            "[plant.m{drive}.dc_motor]\n[node.{drive}]\nkind = \"drive\"\nnode_id = {}\namplifier.port = \"m{drive}.current_amperes\"\n\
+             sensor.port = \"m{drive}.position_metres\"\n[node.{fan}]\nkind = \"io\"\nnode_id = {}\n\
+             outputs = {{ convection_factor = \"m{drive}.convection_factor\" }}\n[loop.{drive}]\nfeedback = \"{drive}.position\"\n\
+             outputs = [\"{drive}.current\"]\n",
+            0x10 + place,
+            0x30 + place
+        );
+    }
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let idle = "schema = 1\nrig = \"rig.toml\"\nname = \"fans\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
+    fs::write(&fans, idle).unwrap();
     for scenario in [
+        fans.to_str().unwrap(),
         "scenarios/step.toml",
         "docs/examples/lift.toml",
         "docs/examples/feed_and_press.toml",
@@ -541,8 +562,11 @@ fn the_nodes_of_a_rig_are_as_their_sheets_say() {
             let played: Box<dyn Node> = if node.part == Part::Controller {
                 Box::new(make_controller(&views, &LawPlace::of(&plan)).unwrap())
             } else {
-                let has_it =
-                    |one: &&ControlLoop| one.trial.wiring.all_nodes().any(|own| own.id == node.id);
+                let has_it = |one: &&ControlLoop| {
+                    let has_plant = |plant: &str| one.trial.plants.contains_key(plant);
+                    let mut io = one.trial.wiring.shared.io_on(has_plant);
+                    one.nodes.drive.id == node.id || io.any(|io| io.node.id == node.id)
+                };
                 let name = emulator_name(plan.loops.iter().find(has_it).unwrap());
                 plant_emulator(&plan, name).unwrap()
             };

@@ -1338,6 +1338,40 @@ fn an_output_at_an_idle_plant_is_a_column_of_each_loop() {
     assert_eq!(rows.count(), 2, "{listed}");
 }
 
+/// The fan at the plant of the other drive is one of the loop that follows that drive, in `check`, in the run and in its replay.
+#[test]
+fn an_output_at_a_plant_that_is_emulated_elsewhere_is_a_signal_as_any_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let fan = "[node.xfan]\nkind = \"io\"\nnode_id = 49\noutputs = { convection_factor = \"mb.convection_factor\" }\n";
+    let rig =
+        motors_and_an_idle_one("ma", "mb", "a").replace("[plant.ma.dc_motor]\n[plant", "[plant");
+    fs::write(folder.path().join("rig.toml"), format!("{rig}{fan}")).unwrap();
+    let path = folder.path().join("rest.toml");
+    let rest = "schema = 1\nrig = \"rig.toml\"\nname = \"rest\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n\
+        [[disturbance.fan]]\nnode = \"gust\"\nfrom_seconds = 0.2\nuntil_seconds = 0.4\nconvection_factor = 3.0\n";
+    let demand = |name: &str| {
+        let signal = format!("[[expect.b.signal]]\nname = \"{name}\"\nreaches = {{ min = 3.0 }}\n");
+        fs::write(&path, format!("{rest}{signal}")).unwrap();
+        output(program(&["check"]).arg(&path))
+    };
+    let (code, _, stderr) = demand("convection_factor");
+    assert!(
+        code == Some(3) && stderr.contains("the name of 2 signals"),
+        "{stderr}"
+    );
+    let (code, _, stderr) = demand("gust.convection_factor");
+    assert_eq!(code, Some(0), "{stderr}");
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let run = only_run(&runs);
+    assert!(!column(&run, "b.gust.convection_factor").is_empty());
+    let (code, stdout, stderr) = output(program(&["replay"]).arg(&run));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let events = fs::read_to_string(run.join("report.html")).unwrap();
+    assert_eq!(events.matches("gust: fan, convection × 3").count(), 1);
+}
+
 /// A true position counts in the cycles in which it is published, not in those up to the next one.
 #[test]
 fn true_metrics_do_not_depend_on_how_often_the_truth_is_published() {

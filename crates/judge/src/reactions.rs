@@ -277,7 +277,7 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
         && !io_node_drives_current(evidence)
 }
 
-/// Returns whether the last command to an io node lets a current flow through a plant of the loop.
+/// Returns whether the last command to an io node lets a current flow through a plant of the loop, or of no loop.
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     let one = evidence.control_loop;
     let io = one.trial.wiring.io_nodes();

@@ -16,7 +16,7 @@ use scenario::node::{Node, Part};
 use scenario::plant::PlantModel;
 use scenario::rig::nodes::kind_of_output;
 use scenario::sweep::Sweep;
-use scenario::wiring::{IoOutput, Measured, Wiring};
+use scenario::wiring::{IoOutput, IoWiring, Measured, Wiring};
 use scenario::{Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
@@ -97,7 +97,14 @@ impl Catalogue {
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
         let composer = published.compose(composer, wiring, None, true);
-        let composer = with_io(composer, &published.io);
+        let mut composer = with_io(composer, &published.io);
+        // Of io nodes at plants that are emulated elsewhere, the names are known here.
+        let is_here = |io: &&IoWiring| published.io.iter().any(|(node, _)| *node == io.node);
+        for io in wiring.shared.io.iter().filter(|io| !is_here(io)) {
+            let ports = io.outputs.keys().map(|name| Port::input(name, [0.0, 1.0]));
+            let signals = Vec::from_iter(ports.map(|port| signal_of(&port, port.name.clone())));
+            composer = composer.with_io((&io.node.name, io.node.id), &signals);
+        }
         Frames::new(published, Arc::new(composer.finish()), wiring)
     }
 

@@ -135,7 +135,9 @@ impl Plan {
     /// Returns the io nodes, each with its outputs; none for a recording.
     pub fn io_outputs(&self) -> impl Iterator<Item = &(Node, Vec<IoOutput>)> {
         let all = self.loops.iter().flat_map(|one| &one.frames.published.io);
-        each_once(all).into_iter()
+        let mut all = each_once(all);
+        all.sort_by_key(|(io, _)| &io.name);
+        all.into_iter()
     }
 
     /// Returns the io nodes that are on the bus, each with its outputs: real ones, and those that an emulator plays with a drive.

@@ -8,7 +8,6 @@ use can::error_frames::{self, ErrorMessage};
 use dbc::{Database, Signal, SignalHandle, names};
 use platform::terminal::printable;
 use scenario::Trial;
-use scenario::disturbance::Change;
 use scenario::expect::Emergency;
 
 use crate::identifiers::ByIdentifier;
@@ -216,7 +215,10 @@ pub(crate) fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
         let text = format!("{prefix}step to {} {unit}", step.position);
         add(step.at_seconds, Level::Info, &text);
     }
-    for Change { window, text, .. } in trial.disturbances() {
+    for change in trial.disturbances() {
+        let (window, text) = (change.window, change.text);
+        // Each loop on which it acts has it.
+        let prefix = loop_name.map_or_else(String::new, |_| format!("{}: ", change.node));
         add(window.from_seconds, Level::Info, &format!("{prefix}{text}"));
         if window.until_seconds > window.from_seconds {
             let of = text.split([',', ' ']).next().unwrap_or_default();

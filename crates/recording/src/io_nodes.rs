@@ -20,7 +20,7 @@ impl IoReader {
             seen: BTreeMap::new(),
             is_one_missing: false,
         };
-        for change in one.trial.disturbances() {
+        for change in one.trial.judged_disturbances() {
             for service in [names::HEARTBEAT, names::RPDO1] {
                 match one.database.message(&names::message(&change.node, service)) {
                     Some(message) => drop(reader.seen.insert(message.raw_id, false)),

@@ -79,12 +79,9 @@ impl ProgressReader {
     /// # Errors
     /// If the database lacks the position of a loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
+        let loops = plan.loops.iter().map(LoopReader::new);
         Ok(Self {
-            loops: plan
-                .loops
-                .iter()
-                .map(LoopReader::new)
-                .collect::<Result<_, _>>()?,
+            loops: loops.collect::<Result<_, _>>()?,
             period: plan.sync_period(),
         })
     }

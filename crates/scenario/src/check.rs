@@ -13,7 +13,7 @@ mod tables;
 mod tests;
 
 use crate::controller::drives_led_by;
-use crate::disturbance::{Change, Disturbance};
+use crate::disturbance::{Change, Disturbance, Fan};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
@@ -32,8 +32,7 @@ pub(crate) use tables::read_tables;
 
 use fault::faults;
 pub(crate) use fault::faults_of_loops;
-use limits::limits;
-pub(crate) use limits::reactions;
+pub(crate) use limits::{limits, reactions};
 use pieces::{entries, order, pieces};
 pub(crate) use plant::{cooling, temperatures};
 
@@ -89,7 +88,6 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     }
     travel(check, trial);
     chirps(check, &trial.reference);
-    limits(check, trial);
     signals::check(check, trial);
     let expects = [&trial.expect, &trial.run.expect];
     requirements::check(check, expects, &trial.wiring.feedback.measurand);
@@ -270,7 +268,9 @@ fn unused_outputs(check: &mut Check<'_>, disturbance: &Disturbance) {
     let rig = check.rig;
     let has = |change: &Change| {
         let mut nodes = rig.io_with(&change.output);
-        nodes.any(|name| change.node.is_empty() || name == change.node)
+        // An unknown node is another problem.
+        let is_known = rig.node.contains_key(&change.node);
+        nodes.any(|name| !is_known || name == change.node)
     };
     let outputs = rig.node.values().flat_map(|node| &node.outputs);
     let others = outputs.flat_map(Outputs::others);
@@ -294,16 +294,23 @@ fn unused_outputs(check: &mut Check<'_>, disturbance: &Disturbance) {
 
 fn disturbances(check: &mut Check<'_>, run: &Run) {
     let table = "disturbance";
-    let pieces = entries(check.document, table);
+    let (mut pieces, changes) = (entries(check.document, table), run.disturbance.changes());
+    // An entry of no node is a problem already.
+    pieces.retain_mut(|piece| {
+        let change = changes.iter().find(|change| change.path == piece.path);
+        piece.target[0] = change.map(|change| &*change.node);
+        change.is_none_or(|change| check.rig.node.contains_key(&change.node))
+    });
     order(check, table, &pieces, run.duration_seconds);
-    for (index, pair) in run.disturbance.fan.windows(2).enumerate() {
-        let (first, second) = (&pair[0], &pair[1]);
-        let is_same = first.node == second.node;
-        if is_same
-            && first.from_seconds < second.from_seconds
-            && second.from_seconds < first.until_seconds
-        {
-            let path = format!("disturbance.fan.{}.from_seconds", index + 1);
+    let fans = &run.disturbance.fan;
+    for (index, fan) in fans.iter().enumerate() {
+        let mut before = fans[..index].iter().rev();
+        let first = before.find(|other| other.node == fan.node);
+        let is_on = |first: &&Fan| {
+            first.from_seconds < fan.from_seconds && fan.from_seconds < first.until_seconds
+        };
+        if let Some(first) = first.filter(is_on) {
+            let path = format!("disturbance.fan.{index}.from_seconds");
             let label = format!("the one before blows until {} s", first.until_seconds);
             check.at(&path, "two fans blow at a time", label);
         }

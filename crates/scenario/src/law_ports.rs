@@ -150,13 +150,10 @@ impl LawWires {
     ) -> Result<Self, WrongPort> {
         each_once(&ports.inputs)?;
         each_once(&ports.outputs)?;
+        let outputs = ports.outputs.iter().map(writing);
         Ok(Self {
             inputs: ports.inputs.iter().map(reading).collect::<Result<_, _>>()?,
-            outputs: ports
-                .outputs
-                .iter()
-                .map(writing)
-                .collect::<Result<_, _>>()?,
+            outputs: outputs.collect::<Result<_, _>>()?,
         })
     }
 }

@@ -149,12 +149,8 @@ impl Wiring {
     /// Returns the number of its loop among those of the rig, from 0.
     pub fn loop_number(&self) -> u8 {
         let is_its = |one: &LoopFacts| one.name == self.loop_name;
-        let number = self
-            .shared
-            .loops
-            .iter()
-            .position(is_its)
-            .unwrap_or_default();
+        let mut loops = self.shared.loops.iter();
+        let number = loops.position(is_its).unwrap_or_default();
         u8::try_from(number).unwrap_or(u8::MAX)
     }
 

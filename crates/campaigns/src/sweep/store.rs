@@ -376,11 +376,8 @@ impl Rows {
 
     /// Rows in the order of their cases, each checked again.
     pub(crate) fn iter(&self) -> Result<impl Iterator<Item = Result<SweepRow, Failure>>, Failure> {
-        let files = self
-            .files
-            .iter()
-            .map(|file| opened(&file.path))
-            .collect::<Result<Vec<File>, _>>()?;
+        let opened = self.files.iter().map(|file| opened(&file.path));
+        let files = opened.collect::<Result<Vec<File>, _>>()?;
         Ok(self.rows.iter().map(move |(case, place)| {
             let mut line = vec![0; place.length];
             let path = &self.files[place.file].path;

@@ -35,11 +35,7 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
             "- `{}`: {}, {:.1} s, {} positions\n",
             measurement.path.display(),
             measurement.control_loop.trial.run.name,
-            measurement
-                .times_seconds
-                .last()
-                .copied()
-                .unwrap_or_default(),
+            measurement.times_seconds.last().unwrap_or(&0.0),
             measurement.positions_metres.len()
         );
     }

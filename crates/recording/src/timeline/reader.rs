@@ -35,7 +35,7 @@ pub fn decode(frames: &Frames, plan: &Plan) -> Result<Vec<Timeline>, SignalMissi
     for stamped in frames.iter() {
         reader.on_frame(&stamped);
     }
-    Ok(reader.take_rest())
+    Ok(reader.take(true))
 }
 
 /// Decoder of the frames of a run as they come. The clock, the traffic and the events of the bus are read once for all loops.
@@ -80,35 +80,25 @@ impl<'a> RunReader<'a> {
         }
     }
 
-    /// Takes for each loop the cycles that no later frame can change, and the events so far, each once.
-    pub fn take_piece(&mut self) -> Vec<Timeline> {
+    /// Takes for each loop the cycles that no later frame can change, and the events so far, each once; after the last frame all
+    /// that was not taken yet. If the scenario never began, times are those of the recording.
+    pub fn take(&mut self, is_last: bool) -> Vec<Timeline> {
         let passing = &self.passing;
-        // The times of events are not known before the scenario began.
-        let on_bus = passing.clock.zero().map(|zero| self.events.take(zero));
+        // Before the scenario began, the times of events are not known.
+        let zero = passing.clock.zero().or(is_last.then_some(Duration::ZERO));
+        let on_bus = zero.map(|zero| self.events.take(zero));
         let loops = self.loops.iter_mut().zip(&self.plan.loops);
-        let pieces = loops.map(|(reader, one)| {
-            let closed = reader.cycle.len().saturating_sub(1);
-            let mut piece = reader.take_rows(closed, &one.trial, passing);
-            if let Some(on_bus) = &on_bus {
-                let planned = reader.planned_until(piece.end_seconds(), &one.trial);
-                piece.events = in_order(on_bus.iter().cloned().chain(planned));
-            }
-            piece
+        let timelines = loops.map(|(reader, one)| {
+            let mut taken = if is_last {
+                reader.take_rest(&one.trial, passing)
+            } else {
+                reader.take_piece(&one.trial, passing)
+            };
+            let events = on_bus.iter().flatten().cloned();
+            taken.events = in_order(events.chain(taken.events));
+            taken
         });
-        pieces.collect()
-    }
-
-    /// Takes everything that was not taken yet. If the scenario never began, times are those of the recording.
-    pub fn take_rest(&mut self) -> Vec<Timeline> {
-        let passing = &self.passing;
-        let on_bus = self.events.take(passing.clock.zero().unwrap_or_default());
-        let loops = self.loops.iter_mut().zip(&self.plan.loops);
-        let rests = loops.map(|(reader, one)| {
-            let mut rest = reader.take_rest(&one.trial, passing);
-            rest.events = in_order(on_bus.iter().cloned().chain(rest.events));
-            rest
-        });
-        rests.collect()
+        timelines.collect()
     }
 }
 
@@ -255,6 +245,15 @@ impl LoopReader {
         let mut planned = planned(trial, loop_name);
         planned.retain(|event| (from_seconds..until_seconds).contains(&event.time_seconds));
         planned
+    }
+
+    /// Takes the cycles that no later frame can change, with the events of the loop alone.
+    fn take_piece(&mut self, trial: &Trial, passing: &Passing) -> Timeline {
+        let mut piece = self.take_rows(self.cycle.len().saturating_sub(1), trial, passing);
+        if passing.clock.zero().is_some() {
+            piece.events = self.planned_until(piece.end_seconds(), trial);
+        }
+        piece
     }
 
     /// Takes everything that was not taken yet, with the events of the loop alone.
@@ -531,7 +530,7 @@ mod tests {
                     2..5 => sent(ids[0]),
                     5 | 6 => sent(ids[1]),
                     7 => {
-                        pieces.extend(reader.take_piece());
+                        pieces.extend(reader.take(false));
                         continue;
                     }
                     _ => enabled.frame(),
@@ -543,7 +542,7 @@ mod tests {
                 expected.iter_mut().for_each(|signal| signal.on_frame(&frame));
                 reader.on_frame(&Stamped::new(Duration::from_micros(micros), frame));
             }
-            pieces.extend(reader.take_rest());
+            pieces.extend(reader.take(true));
             for (path, signal) in paths.iter().zip(&expected) {
                 let (_, name) = path.split_once('.').unwrap();
                 let rows = pieces.iter().flat_map(|piece| &piece.column(name).unwrap().values);

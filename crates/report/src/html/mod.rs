@@ -75,12 +75,8 @@ fn metrics(run: &Run<'_>) -> Markup {
     }
     let mut rest = Vec::from_iter(&verdict.metrics);
     let mut groups = Vec::new();
-    for one in run
-        .plan
-        .loops
-        .iter()
-        .filter(|one| one.loop_name().is_some())
-    {
+    let loops = run.plan.loops.iter();
+    for one in loops.filter(|one| one.loop_name().is_some()) {
         let prefix = one.prefix();
         let of_loop = rest.extract_if(.., |metric| metric.name.starts_with(&prefix));
         groups.push((format!("Loop {}", one.name()), Vec::from_iter(of_loop)));

@@ -182,7 +182,7 @@ fn sudden(trial: &Trial) -> Vec<Stretch> {
         let title = format!("Step to {} {symbol} at {from} s", step.to);
         (title, from, until)
     });
-    let disturbances = trial.disturbances().into_iter().map(|disturbance| {
+    let disturbances = trial.judged_disturbances().into_iter().map(|disturbance| {
         let title = format!("Disturbance: {}", disturbance.text);
         let until = disturbance.window.until_seconds + AFTER_DISTURBANCE_SECONDS;
         (title, disturbance.window.from_seconds, until)
@@ -214,7 +214,7 @@ fn settling_band(step: &JudgedStep) -> Patch {
 fn patches(control_loop: &ControlLoop) -> Vec<Patch> {
     let duration_seconds = control_loop.trial.run.duration_seconds;
     // A load stays until the next one; the patch marks the change.
-    let disturbances = control_loop.trial.disturbances().into_iter();
+    let disturbances = control_loop.trial.judged_disturbances().into_iter();
     let spans = disturbances.map(|disturbance| {
         let window = disturbance.window;
         ("span", window.from_seconds, window.until_seconds)

@@ -100,13 +100,8 @@ fn follow(
                 recording.observe(&stamped);
             }
         }
-        let pieces = if is_last {
-            reader.take_rest()
-        } else {
-            reader.take_piece()
-        };
-        for (recording, piece) in shown.iter_mut().zip(&pieces) {
-            recording.log(piece)?;
+        for (recording, piece) in shown.iter_mut().zip(reader.take(is_last)) {
+            recording.log(&piece)?;
         }
         flush(&stream)?;
         if is_last {

@@ -44,12 +44,8 @@ impl NamedFiles<'_, '_> {
                 self.required(&format!("{path}.file"), file, what);
             }
         }
-        for (parameter, _) in law
-            .setup
-            .parameters
-            .iter()
-            .filter(|(_, value)| !is_finite(value))
-        {
+        let parameters = law.setup.parameters.iter();
+        for (parameter, _) in parameters.filter(|(_, value)| !is_finite(value)) {
             let path = format!("{path}.parameters.{parameter}");
             let message = format!("the parameter `{parameter}` cannot be handed on");
             let label = "numbers that are finite, truths, texts, and lists and tables of them";

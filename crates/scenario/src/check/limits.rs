@@ -9,7 +9,7 @@ use crate::nearest::meant_or_known;
 use crate::trial::Trial;
 
 /// Checks that each limit can be met, and that the scenario has what its metric needs.
-pub(super) fn limits(check: &mut Check<'_>, trial: &Trial) {
+pub(crate) fn limits(check: &mut Check<'_>, trial: &Trial) {
     let document = check.document;
     check.add(end_problem(document, trial));
     let two_sided = |(metric, _): &(&Metric, Limit)| metric.form == Form::TwoSided;

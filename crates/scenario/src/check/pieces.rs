@@ -10,7 +10,7 @@ use crate::structure::number;
 pub(super) struct Piece<'a> {
     pub(super) kind: &'a str,
     /// Node and output on which it acts, where it names them.
-    target: [Option<&'a str>; 2],
+    pub(super) target: [Option<&'a str>; 2],
     pub(super) path: String,
     pub(super) start_key: &'static str,
     pub(super) start_seconds: f64,

@@ -155,6 +155,7 @@ fn resolve(
         asked,
         run: None,
         has_all_faults: false,
+        has_all_disturbances: true,
     };
     let sheets = resolver.read_sheets();
     resolver.find_files(&programs);
@@ -220,8 +221,9 @@ struct Resolver<'a> {
     asked: &'a Asked<'a>,
     /// Facts of the run; `None` if they cannot be read.
     run: Option<Arc<Run>>,
-    /// Whether all faults could be read.
+    /// Whether all faults could be read, and all disturbances.
     has_all_faults: bool,
+    has_all_disturbances: bool,
 }
 
 impl Resolver<'_> {
@@ -235,9 +237,9 @@ impl Resolver<'_> {
         let sweep = is_swept.then_some(SWEEP);
         let has_limits = scenario.keys(EXPECT).into_iter().any(is_shared);
         let expect = has_limits.then_some(EXPECT);
-        let read = |tables: Option<&str>| {
-            let keys = SHARED.into_iter().chain([DISTURBANCE]);
-            let keys = keys.chain(expect).chain(tables);
+        let read = |tables: [Option<&str>; 2]| {
+            let tables = tables.into_iter().flatten();
+            let keys = SHARED.into_iter().chain(expect).chain(tables);
             let mut header = scenario.only(&Vec::from_iter(keys));
             header.rewrite(|root| {
                 if let Some(expect) = root.get_mut(EXPECT) {
@@ -246,25 +248,31 @@ impl Resolver<'_> {
             });
             build::<Run>(&header, "the scenario", &schema::RUN)
         };
-        // A sweep that cannot be read hides no problem of the loops.
-        let built = read(sweep).or_else(|found| match read(None) {
-            Ok((run, _)) => Ok((run, found)),
-            Err(_) => Err(found),
+        // A sweep or a disturbance that cannot be read hides no problem of the loops.
+        let table = Some(DISTURBANCE);
+        let attempts = [[sweep, table], [None, table], [sweep, None], [None, None]];
+        let mut found = None;
+        let built = attempts.into_iter().find_map(|tables| {
+            let (run, problems) = match read(tables) {
+                Ok((run, problems)) => (Some(run), problems),
+                Err(problems) => (None, problems),
+            };
+            found.get_or_insert(problems);
+            Some((run?, tables))
         });
-        match built {
-            Ok((mut run, found)) => {
-                self.check.add(found);
-                (run.bus, run.faults) = (rig.bus.clone(), faults);
-                run.disturbance.name_nodes(rig);
-                // A length that is not positive is one problem; that events come after the end of the run is not a further one.
-                if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
-                    run.duration_seconds = f64::INFINITY;
-                }
-                check::run(&mut self.check, &run);
-                self.run = Some(Arc::new(run));
-            }
-            Err(found) => self.check.add(found),
+        self.check.add(found.unwrap_or_default());
+        let Some((mut run, [_, disturbance])) = built else {
+            return;
+        };
+        self.has_all_disturbances = disturbance.is_some();
+        (run.bus, run.faults) = (rig.bus.clone(), faults);
+        run.disturbance.name_nodes(rig);
+        // A length that is not positive is one problem; that events come after the end of the run is not a further one.
+        if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
+            run.duration_seconds = f64::INFINITY;
         }
+        check::run(&mut self.check, &run);
+        self.run = Some(Arc::new(run));
     }
 
     /// Reads the trial of each loop, without loops that cannot be read.
@@ -319,6 +327,9 @@ impl Resolver<'_> {
         trial.controller.scale(factors);
         let mut check = Check::new(document, rig, problems);
         check::trial(&mut check, &trial);
+        if self.has_all_disturbances {
+            check::limits(&mut check, &trial);
+        }
         if self.has_all_faults {
             check::reactions(&mut check, &trial);
         }

@@ -848,6 +848,51 @@ fn a_disturbance_of_a_plant_without_a_loop_is_not_judged() {
     }
 }
 
+/// Returns what is said of these disturbances, beside a fault after the end of the run.
+fn said_of(disturbances: &str) -> String {
+    let io = |name: &str, id: u8, plant: &str| {
+        format!(
+            "[node.{name}]\nkind = \"io\"\nnode_id = {id}\noutputs = {{ convection_factor = \"{plant}.convection_factor\" }}\n"
+        )
+    };
+    let [east, west] = [io("east", 0x18, "spare"), io("west", 0x19, "joint")];
+    let rig = format!("{JOINT_RIG}[plant.spare.dc_motor]\n{east}{west}");
+    let fault = "[[fault.sensor.stuck]]\nnode = \"flexor\"\nfrom_seconds = 999.0\n";
+    load_text(&format!("{JOINT}{disturbances}{fault}"), &rig).unwrap_err()
+}
+
+#[test]
+fn disturbances_of_one_node_are_checked_whatever_comes_between_them() {
+    let fan = |node: &str, from: f64| {
+        format!(
+            "[[disturbance.fan]]\nnode = \"{node}\"\nfrom_seconds = {from:?}\nuntil_seconds = {:?}\nconvection_factor = 3.0\n",
+            from + 1.0
+        )
+    };
+    let all = [fan("west", 1.0), fan("east", 1.2), fan("west", 1.5)].concat();
+    let said = said_of(&all);
+    assert!(said.contains("two fans blow at a time"), "{said}");
+    assert!(said.contains("starts after the end of the run"), "{said}");
+    let all = [fan("west", 1.0), fan("east", 1.2), fan("west", 2.0)].concat();
+    assert!(!said_of(&all).contains("two fans"));
+    // An unknown node is one problem.
+    let said = said_of(&fan("north", 1.0));
+    assert!(
+        said.contains("no node `north`") && !said.contains("no io node"),
+        "{said}"
+    );
+    // A wrong entry hides no other problem, and causes none.
+    let wrong = fan("west", 1.0).replace("convection_factor", "convection");
+    let said = said_of(&format!(
+        "{wrong}[expect]\nrecovery_time_seconds = {{ max = 1.0 }}\n"
+    ));
+    assert!(said.contains("starts after the end of the run"), "{said}");
+    assert!(
+        said.contains("`convection`") && !said.contains("needs a [[disturbance"),
+        "{said}"
+    );
+}
+
 #[test]
 fn a_disturbance_of_a_node_without_outputs_is_refused_in_a_rig_of_several_loops() {
     let disturbance = "[[disturbance.load]]\nnode = \"x\"\nat_seconds = 1.0\nadded_grams = 2.0\n";

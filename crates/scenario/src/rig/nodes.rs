@@ -173,12 +173,13 @@ impl Rig {
     }
 
     /// Returns the plants that a loop moves or measures.
-    fn plants_touched(&self, one: &RigLoop) -> BTreeSet<&str> {
+    fn plants_touched(&self, one: &RigLoop) -> BTreeSet<String> {
         let nodes = one.drives().filter_map(|name| self.node.get(name));
         let ports = nodes.flat_map(|node| [node.amplifier_port(), node.sensor_port()]);
         let followed = self.node.get(one.followed());
         let all = ports.chain(followed.map(RigNode::sensor_port));
-        all.flatten().filter_map(plant_of_port).collect()
+        let plants = all.flatten().filter_map(plant_of_port);
+        plants.map(str::to_owned).collect()
     }
 
     /// Returns what its loops share.
@@ -263,11 +264,7 @@ impl Rig {
             measurand: self.measurand_of(one.followed()).commanding(command),
             current: amplifier.range(),
             led_by: one.led_by.clone(),
-            touched: self
-                .plants_touched(one)
-                .into_iter()
-                .map(str::to_owned)
-                .collect(),
+            touched: self.plants_touched(one),
             drive: drive.to_owned(),
             followed: one.followed().to_owned(),
             is_commanded: self

@@ -287,10 +287,10 @@ impl Session<'_> {
     }
 }
 
-/// Returns the io nodes on the bus that act on the plant of a drive.
+/// Returns the io nodes on the bus with outputs that are signals of a loop.
 fn io_of<'a>(plan: &'a Plan, one: &'a ControlLoop) -> impl Iterator<Item = &'a Node> {
     let io = plan.io_on_bus().map(|(io, _)| io);
-    io.filter(|io| plan.shared.rig.acts_on(&io.name, &one.nodes.drive.name))
+    io.filter(|io| one.trial.wiring.io_nodes().any(|own| own == *io))
 }
 
 /// Returns the plan of the session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
@@ -313,7 +313,8 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let io = io_of(plan, one).map(|io| io.name.as_str());
+    let acts = |io: &&Node| plan.shared.rig.acts_on(&io.name, &one.nodes.drive.name);
+    let io = io_of(plan, one).filter(acts).map(|io| io.name.as_str());
     let rig = plan
         .shared
         .rig
