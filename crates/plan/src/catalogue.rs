@@ -170,7 +170,7 @@ pub(crate) fn output_objection(plan: &Plan, disturbance: &Disturbance) -> Option
         is_wrong.then(|| {
             let path = format!("{}.value", change.path);
             let message = format!("`{}` cannot be {value} {}", port.name, port.symbol);
-            Objection::new(path, message, format!("must be {min} to {max}"))
+            Objection::new(path, message.trim_end(), format!("must be {min} to {max}"))
         })
     })
 }
@@ -195,13 +195,16 @@ pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
     let name = ambiguous_name(&frames.database, wiring)?;
     let drive = &wiring.nodes.drive.name;
     // The name of a fan or a load is that of its disturbance.
-    let is_free =
-        |output: &IoOutput| output.port.name == name && kind_of_output(&output.port.name).is_none();
-    let mut nodes = published.io.iter();
+    let is_free = kind_of_output(&name).is_none();
+    let has_it = |io: &&IoWiring| {
+        let port = io.outputs.get(&name).filter(|_| is_free);
+        port.is_some_and(|port| wiring.has_output(port))
+    };
+    let mut nodes = wiring.shared.io.iter();
     let is_it = |(_, port): &(usize, &String)| local_name(port) == name || **port == name;
     let recorded = wiring.record.iter().flatten().enumerate();
-    let (path, label) = if let Some((io, _)) = nodes.find(|(_, all)| all.iter().any(&is_free)) {
-        let path = format!("node.{}.outputs.{name}", io.name);
+    let (path, label) = if let Some(io) = nodes.find(has_it) {
+        let path = format!("node.{}.outputs.{name}", io.node.name);
         (path, "one is an output of this node: give it another name")
     } else if let Some((place, _)) = recorded.filter(is_it).last() {
         let label = "the loop has a signal of this name already: leave it out";

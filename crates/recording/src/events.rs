@@ -217,8 +217,10 @@ pub(crate) fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
     }
     for change in trial.disturbances() {
         let (window, text) = (change.window, change.text);
-        // Each loop on which it acts has it.
-        let prefix = loop_name.map_or_else(String::new, |_| format!("{}: ", change.node));
+        // Each loop of which it is a signal has it.
+        let is_named = loop_name.is_some() || trial.wiring.io_nodes().count() > 1;
+        let node = Some(format!("{}: ", change.node)).filter(|_| is_named);
+        let prefix = node.unwrap_or_default();
         add(window.from_seconds, Level::Info, &format!("{prefix}{text}"));
         if window.until_seconds > window.from_seconds {
             let of = text.split([',', ' ']).next().unwrap_or_default();

@@ -269,8 +269,8 @@ fn unused_outputs(check: &mut Check<'_>, disturbance: &Disturbance) {
     let has = |change: &Change| {
         let mut nodes = rig.io_with(&change.output);
         // An unknown node is another problem.
-        let is_known = rig.node.contains_key(&change.node);
-        nodes.any(|name| !is_known || name == change.node)
+        let is_known = change.node.is_empty() || rig.node.contains_key(&change.node);
+        !is_known || nodes.any(|name| change.node.is_empty() || name == change.node)
     };
     let outputs = rig.node.values().flat_map(|node| &node.outputs);
     let others = outputs.flat_map(Outputs::others);
@@ -298,14 +298,16 @@ fn disturbances(check: &mut Check<'_>, run: &Run) {
     // An entry of no node is a problem already.
     pieces.retain_mut(|piece| {
         let change = changes.iter().find(|change| change.path == piece.path);
-        piece.target[0] = change.map(|change| &*change.node);
-        change.is_none_or(|change| check.rig.node.contains_key(&change.node))
+        piece.target[0] = change.map_or(piece.target[0], |change| Some(&change.node));
+        let node = piece.target[0];
+        node.is_some_and(|node| check.rig.node.contains_key(node))
     });
     order(check, table, &pieces, run.duration_seconds);
     let fans = &run.disturbance.fan;
     for (index, fan) in fans.iter().enumerate() {
         let mut before = fans[..index].iter().rev();
-        let first = before.find(|other| other.node == fan.node);
+        let is_known = check.rig.node.contains_key(&fan.node);
+        let first = before.find(|other| is_known && other.node == fan.node);
         let is_on = |first: &&Fan| {
             first.from_seconds < fan.from_seconds && fan.from_seconds < first.until_seconds
         };

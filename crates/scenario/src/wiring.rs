@@ -176,7 +176,7 @@ impl Wiring {
     }
 
     /// Checks whether the output of an io node on a port is a signal of its loop: it acts there, or on no loop.
-    pub(crate) fn has_output(&self, port: &str) -> bool {
+    pub fn has_output(&self, port: &str) -> bool {
         let plant = plant_of_port(port).unwrap_or_default();
         let mut loops = self.shared.loops.iter();
         self.touches(plant) || !loops.any(|one| one.touched.contains(plant))

@@ -8,15 +8,17 @@ use crate::metrics::{Form, Metric, Needs};
 use crate::nearest::meant_or_known;
 use crate::trial::Trial;
 
-/// Checks that each limit can be met, and that the scenario has what its metric needs.
-pub(crate) fn limits(check: &mut Check<'_>, trial: &Trial) {
+/// Checks that each limit can be met, and that the scenario has what its metric needs. Without all disturbances it does not know
+/// which ones act on the loop.
+pub(crate) fn limits(check: &mut Check<'_>, trial: &Trial, has_all_disturbances: bool) {
     let document = check.document;
     check.add(end_problem(document, trial));
     let two_sided = |(metric, _): &(&Metric, Limit)| metric.form == Form::TwoSided;
     for (metric, limit) in trial.expect.limits().filter(two_sided) {
         let (name, path) = (metric.name, format!("expect.{}", metric.name));
         check.add(limit_problem(document, &path, name, limit).or_else(|| {
-            let missing = missing_for(metric, trial)?;
+            let is_known = has_all_disturbances || metric.needs != Needs::Disturbance;
+            let missing = missing_for(metric, trial).filter(|_| is_known)?;
             let message = cannot_be_judged(name, trial);
             Some(document.problem(&path, message, format!("needs {missing}")))
         }));

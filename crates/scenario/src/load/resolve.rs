@@ -248,7 +248,7 @@ impl Resolver<'_> {
             });
             build::<Run>(&header, "the scenario", &schema::RUN)
         };
-        // A sweep or a disturbance that cannot be read hides no problem of the loops.
+        // A sweep or a disturbance that cannot be read hides no problem of the loops, only those of the other disturbances.
         let table = Some(DISTURBANCE);
         let attempts = [[sweep, table], [None, table], [sweep, None], [None, None]];
         let mut found = None;
@@ -327,9 +327,7 @@ impl Resolver<'_> {
         trial.controller.scale(factors);
         let mut check = Check::new(document, rig, problems);
         check::trial(&mut check, &trial);
-        if self.has_all_disturbances {
-            check::limits(&mut check, &trial);
-        }
+        check::limits(&mut check, &trial, self.has_all_disturbances);
         if self.has_all_faults {
             check::reactions(&mut check, &trial);
         }

@@ -881,11 +881,17 @@ fn disturbances_of_one_node_are_checked_whatever_comes_between_them() {
         said.contains("no node `north`") && !said.contains("no io node"),
         "{said}"
     );
+    let said = said_of(&[fan("north", 1.0), fan("north", 1.2)].concat());
+    assert!(!said.contains("two fans"), "{said}");
     // A wrong entry hides no other problem, and causes none.
+    let wrong = fan("west", 3.0).replace("convection_factor", "convection");
+    let said = said_of(&[fan("west", 1.0), fan("east", 0.5), wrong].concat());
+    assert!(!said.contains("out of order"), "{said}");
     let wrong = fan("west", 1.0).replace("convection_factor", "convection");
-    let said = said_of(&format!(
-        "{wrong}[expect]\nrecovery_time_seconds = {{ max = 1.0 }}\n"
-    ));
+    let limits =
+        "recovery_time_seconds = { max = 1.0 }\novershoot_percent = { min = 2.0, max = 1.0 }\n";
+    let said = said_of(&format!("{wrong}[expect]\n{limits}"));
+    assert!(said.contains("no value meets the limit"), "{said}");
     assert!(said.contains("starts after the end of the run"), "{said}");
     assert!(
         said.contains("`convection`") && !said.contains("needs a [[disturbance"),
