@@ -890,7 +890,7 @@ fn disturbances_of_one_node_are_checked_whatever_comes_between_them() {
     let wrong = fan("west", 1.0).replace("convection_factor", "convection");
     let limits =
         "recovery_time_seconds = { max = 1.0 }\novershoot_percent = { min = 2.0, max = 1.0 }\n";
-    let said = said_of(&format!("{wrong}[expect]\n{limits}"));
+    let said = said_of(&format!("{limits}{wrong}"));
     assert!(said.contains("no value meets the limit"), "{said}");
     assert!(said.contains("starts after the end of the run"), "{said}");
     assert!(
