@@ -1,5 +1,6 @@
 //! The plants and laws that a bench knows, and the frames of each pair of them.
 
+use std::borrow::Borrow;
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
@@ -97,13 +98,12 @@ impl Catalogue {
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
         let composer = published.compose(composer, wiring, None, true);
-        let mut composer = with_io(composer, &published.io);
+        let mut composer = with_outputs(composer, &published.io);
         // Of io nodes at plants that are emulated elsewhere, the names are known here.
         let is_here = |io: &&IoWiring| published.io.iter().any(|(node, _)| *node == io.node);
         for io in wiring.shared.io.iter().filter(|io| !is_here(io)) {
             let ports = io.outputs.keys().map(|name| Port::input(name, [0.0, 1.0]));
-            let signals = Vec::from_iter(ports.map(|port| signal_of(&port, port.name.clone())));
-            composer = composer.with_io((&io.node.name, io.node.id), &signals);
+            composer = with_io(composer, &io.node, ports);
         }
         Frames::new(published, Arc::new(composer.finish()), wiring)
     }
@@ -161,8 +161,9 @@ impl Catalogue {
 
 /// Finds a disturbance with a value that its output cannot have.
 pub(crate) fn output_objection(plan: &Plan, disturbance: &Disturbance) -> Option<Objection> {
+    let io = Vec::from_iter(plan.io_outputs());
     disturbance.changes().iter().find_map(|change| {
-        let (_, outputs) = plan.io_outputs().find(|(io, _)| io.name == change.node)?;
+        let (_, outputs) = io.iter().find(|(io, _)| io.name == change.node)?;
         let mut ports = outputs.iter().map(|one| &one.port);
         let port = ports.find(|port| port.name == change.output)?;
         let (value, [min, max]) = (change.value, port.range);
@@ -406,16 +407,24 @@ impl Published {
     }
 }
 
-/// Adds the frames of io nodes.
-pub(crate) fn with_io<'a>(
+/// Adds the frames of io nodes with their outputs.
+pub(crate) fn with_outputs<'a>(
     composer: Composer,
     io: impl IntoIterator<Item = &'a (Node, Vec<IoOutput>)>,
 ) -> Composer {
     io.into_iter().fold(composer, |composer, (io, outputs)| {
-        let ports = outputs.iter().map(|output| &output.port);
-        let signals = ports.map(|port| signal_of(port, port.name.clone()));
-        composer.with_io((&io.name, io.id), &Vec::from_iter(signals))
+        with_io(composer, io, outputs.iter().map(|output| &output.port))
     })
+}
+
+/// Adds the frames of an io node with these ports.
+fn with_io(
+    composer: Composer,
+    io: &Node,
+    ports: impl Iterator<Item = impl Borrow<Port>>,
+) -> Composer {
+    let signals = ports.map(|port| signal_of(port.borrow(), port.borrow().name.clone()));
+    composer.with_io((&io.name, io.id), &Vec::from_iter(signals))
 }
 
 /// Adds the frames of the drive that a loop follows if it belongs to another loop: the measured and the true value there.

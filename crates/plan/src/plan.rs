@@ -13,7 +13,7 @@ use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
     Catalogue, ColumnMessage, Frames, Published, columns, followed, messages_of, name_in_loop,
-    with_io,
+    with_outputs,
 };
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -315,7 +315,7 @@ fn compose(plan: &Plan) -> Database {
         let published = &one.frames.published;
         published.compose(composer, wiring, real, one.is_ours(Part::Drive))
     });
-    let composer = with_io(composer, plan.io_outputs());
+    let composer = with_outputs(composer, plan.io_outputs());
     let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
     let composer = followers.fold(composer, |composer, one| {
@@ -360,8 +360,7 @@ impl ControlLoop {
 
     /// Checks whether canrig plays the node with a part in the loop; else it is external.
     pub fn is_ours(&self, part: Part) -> bool {
-        let mut nodes = self.nodes.both().into_iter();
-        let node = nodes.find(|node| node.part == part);
+        let node = self.nodes.of(part);
         node.is_none_or(|node| !self.external.contains(&node.id))
     }
 

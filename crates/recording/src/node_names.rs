@@ -3,7 +3,7 @@
 use plan::{Plan, each_once};
 
 /// Names of the nodes on a bus.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(crate) struct NodeNames {
     /// Whether the plan has several loops.
     pub(crate) has_several_loops: bool,

@@ -38,7 +38,7 @@ pub(crate) fn in_order<T>(
 }
 
 /// Collector of occurrences in any order.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Notes<T> {
     occurrences: Vec<Occurrence<T>>,
     kinds: BTreeSet<Arc<T>>,

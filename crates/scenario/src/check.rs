@@ -12,6 +12,8 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
+
 use crate::controller::drives_led_by;
 use crate::disturbance::{Change, Disturbance, Fan};
 use crate::document::Document;
@@ -295,23 +297,24 @@ fn unused_outputs(check: &mut Check<'_>, disturbance: &Disturbance) {
 fn disturbances(check: &mut Check<'_>, run: &Run) {
     let table = "disturbance";
     let (mut pieces, changes) = (entries(check.document, table), run.disturbance.changes());
+    let named = changes.iter().map(|change| (&*change.path, &*change.node));
+    let nodes = BTreeMap::from_iter(named);
     // An entry of no node is a problem already.
     pieces.retain_mut(|piece| {
-        let change = changes.iter().find(|change| change.path == piece.path);
-        piece.target[0] = change.map_or(piece.target[0], |change| Some(&change.node));
-        let node = piece.target[0];
+        let node = nodes.get(&*piece.path).copied().or(piece.target[0]);
+        piece.target[0] = node;
         node.is_some_and(|node| check.rig.node.contains_key(node))
     });
     order(check, table, &pieces, run.duration_seconds);
-    let fans = &run.disturbance.fan;
-    for (index, fan) in fans.iter().enumerate() {
-        let mut before = fans[..index].iter().rev();
-        let is_known = check.rig.node.contains_key(&fan.node);
-        let first = before.find(|other| is_known && other.node == fan.node);
+    let mut latest: BTreeMap<_, &Fan> = BTreeMap::new();
+    for (index, fan) in run.disturbance.fan.iter().enumerate() {
+        let before = latest.insert(&fan.node, fan);
         let is_on = |first: &&Fan| {
-            first.from_seconds < fan.from_seconds && fan.from_seconds < first.until_seconds
+            let starts = first.from_seconds < fan.from_seconds;
+            starts && fan.from_seconds < first.until_seconds
         };
-        if let Some(first) = first.filter(is_on) {
+        let is_known = check.rig.node.contains_key(&fan.node);
+        if let Some(first) = before.filter(is_on).filter(|_| is_known) {
             let path = format!("disturbance.fan.{index}.from_seconds");
             let label = format!("the one before blows until {} s", first.until_seconds);
             check.at(&path, "two fans blow at a time", label);

@@ -84,6 +84,11 @@ impl LoopNodes {
     pub fn both(&self) -> [&Node; 2] {
         [&self.controller, &self.drive]
     }
+
+    /// Returns the one of them with a part in the loop.
+    pub fn of(&self, part: Part) -> Option<&Node> {
+        self.both().into_iter().find(|node| node.part == part)
+    }
 }
 
 /// Nodes of the shipped rig.

@@ -106,8 +106,7 @@ impl Lasting {
 
 /// Returns the name of a node in the rig.
 pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: Part) -> &'a str {
-    let mut nodes = evidence.control_loop.nodes.both().into_iter();
-    let node = nodes.find(|one| one.part == node);
+    let node = evidence.control_loop.nodes.of(node);
     node.map_or("", |node| &node.name)
 }
 

@@ -18,7 +18,7 @@ use crate::fault::Faults;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, output_of_kind};
 use crate::schema;
-use crate::wiring::{SharedWiring, Wiring};
+use crate::wiring::{LoopFacts, SharedWiring, Wiring};
 
 /// Key of the law of all loops.
 pub(crate) const ALL: &str = "all";
@@ -142,13 +142,10 @@ impl<'text> Selector<'_, 'text> {
 
     /// Says where a key belongs that is in a table for all loops and is not that of this loop, whose quantity is another one.
     fn with_loop_s_own(&self, problem: Problem, name: &str) -> Problem {
-        let measured = |name: &str| {
-            let drive = self.rig.drive_of_loop(name);
-            let wiring = self.rig.wiring_in(&self.shared, drive);
-            wiring.feedback.measurand
-        };
-        let mut others = self.rig.loops.keys();
-        let is_like_all = !others.any(|other| measured(other) != measured(name));
+        let mut loops = self.shared.loops.iter();
+        let own = loops.clone().find(|one| one.name == name);
+        let is_own = |one: &LoopFacts| own.is_some_and(|own| own.measurand == one.measurand);
+        let is_like_all = loops.all(is_own);
         let place = problem.place_and_label().0.filter(|_| !is_like_all);
         let section = [CONTROLLER, EXPECT].into_iter().find(|section| {
             let for_all = self.scenario.spanned(&format!("{section}.{ALL}"));
