@@ -15,7 +15,7 @@ mod tests;
 use std::collections::BTreeMap;
 
 use crate::controller::drives_led_by;
-use crate::disturbance::{Change, Disturbance, Fan};
+use crate::disturbance::{Change, Disturbance};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
@@ -306,15 +306,13 @@ fn disturbances(check: &mut Check<'_>, run: &Run) {
         node.is_some_and(|node| check.rig.node.contains_key(node))
     });
     order(check, table, &pieces, run.duration_seconds);
-    let mut latest: BTreeMap<_, &Fan> = BTreeMap::new();
+    let mut latest = BTreeMap::new();
     for (index, fan) in run.disturbance.fan.iter().enumerate() {
-        let before = latest.insert(&fan.node, fan);
-        let is_on = |first: &&Fan| {
-            let starts = first.from_seconds < fan.from_seconds;
-            starts && fan.from_seconds < first.until_seconds
-        };
-        let is_known = check.rig.node.contains_key(&fan.node);
-        if let Some(first) = before.filter(is_on).filter(|_| is_known) {
+        if let Some(first) = latest.insert(&fan.node, fan)
+            && check.rig.node.contains_key(&fan.node)
+            && first.from_seconds < fan.from_seconds
+            && fan.from_seconds < first.until_seconds
+        {
             let path = format!("disturbance.fan.{index}.from_seconds");
             let label = format!("the one before blows until {} s", first.until_seconds);
             check.at(&path, "two fans blow at a time", label);

@@ -27,9 +27,7 @@ impl Columns {
     pub(super) fn place(&self, name: &str) -> Result<usize, SignalMissing> {
         let mut signals = self.0.iter().flat_map(|message| &message.signals);
         let place = signals.position(|signal| signal.name == name);
-        place
-            .map(|place| place + 1)
-            .ok_or_else(|| SignalMissing::new(name))
+        Ok(1 + place.ok_or_else(|| SignalMissing::new(name))?)
     }
 
     /// Returns the identifiers of the messages.
