@@ -32,6 +32,7 @@ mod net;
 mod preflight;
 mod processes;
 mod programs;
+mod readme;
 mod real_time;
 mod replay;
 mod report;
