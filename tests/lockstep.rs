@@ -289,6 +289,7 @@ fn in_folder(parent: &Path) -> runner::run::RunPlace<'_> {
         is_long: false,
         overrides: &[],
         is_strict: false,
+        tries: None,
     }
 }
 

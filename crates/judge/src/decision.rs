@@ -26,7 +26,7 @@ use crate::loops::whole;
 use crate::metric::{Metric, leave_open, not_judged};
 use crate::metrics::metrics;
 use crate::off::{DRIVE_OFF, drive_off};
-use crate::quality::{cut_short, incomplete_recording, two_sources};
+use crate::quality::{FOREIGN, cut_short, incomplete_recording, two_sources};
 use crate::verdict::{Outcome, Verdict};
 
 /// Largest number of losses in a verdict.
@@ -119,6 +119,9 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
     };
     let unrecorded = &circumstances.unrecorded;
     Verdict {
+        is_open_for_stalls: outcome == Outcome::Inconclusive
+            && is_open_for_stalls(cause.as_ref(), &metrics),
+        has_unexplained_breach: has_unexplained_breach(evidence),
         outcome,
         reason,
         cause,
@@ -128,6 +131,31 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
         metrics,
         ..Verdict::incomplete_run(plan, "")
     }
+}
+
+/// Returns whether only stalls keep an inconclusive run from being decided: they are its cause, and no limit is on a value that no
+/// node sends.
+fn is_open_for_stalls(cause: Option<&NamedCause>, metrics: &[Metric]) -> bool {
+    let is_unavailable = |row: &Metric| row.limit.is_some() && row.is_unavailable;
+    // A run without a foreign source of frames is inconclusive for a cause only if that is a stall.
+    cause.is_some_and(|cause| cause.node != FOREIGN) && !metrics.iter().any(is_unavailable)
+}
+
+/// Returns whether a node under test broke a duty in real time, and neither a stall nor a fault explains it. Under test are the nodes
+/// that canrig does not play, and the controller whose law is a process.
+fn has_unexplained_breach(evidence: &Evidence<'_>) -> bool {
+    let host = &evidence.circumstances.host;
+    let is_virtual = host.controller.is_none() && host.plant_emulator.is_none();
+    if is_virtual && host.stalls.is_empty() {
+        return false;
+    }
+    let one = evidence.control_loop;
+    let is_law_tested = one.trial.controller.process_law().is_some();
+    let is_under_test =
+        |duty: Duty| duty.is_of_external(one) || is_law_tested && duty.node() == Part::Controller;
+    let commands = [Commands::Missed, Commands::Late].map(|kind| kind.totals(evidence));
+    let totals = commands.iter().chain([&evidence.attribution.cycles]);
+    totals.flat_map(Totals::broken_by_nodes).any(is_under_test)
 }
 
 /// Cause of a run that broke off.

@@ -310,7 +310,10 @@ impl<'a> Evidence<'a> {
                 if is_judged {
                     Metric::new(name, Err(absence.reason), limit).at(absence.at_seconds)
                 } else {
-                    Metric::not_judged(name, absence.reason, limit)
+                    Metric {
+                        is_unavailable: matches!(absence.why, Why::Unavailable),
+                        ..Metric::not_judged(name, absence.reason, limit)
+                    }
                 }
             }
         };

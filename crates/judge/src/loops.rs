@@ -54,6 +54,12 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let first = first_cause(&loops, outcome);
     let cause = first.and_then(|(_, verdict)| verdict.cause.clone());
     let reason = joined_reason(&loops, first);
+    let mut verdicts = loops.iter().map(|(_, verdict)| verdict);
+    let is_open_for_stalls = verdicts
+        .clone()
+        .filter(|verdict| verdict.outcome == Outcome::Inconclusive)
+        .all(|verdict| verdict.is_open_for_stalls);
+    let has_unexplained_breach = verdicts.any(|verdict| verdict.has_unexplained_breach);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
     let mut contours = Vec::new();
@@ -86,6 +92,8 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         reason,
         cause,
         metrics,
+        is_open_for_stalls,
+        has_unexplained_breach,
         // The loops share the facts of the run.
         ..whole.expect("there is a loop")
     }

@@ -25,6 +25,9 @@ pub struct Metric {
     /// Requirements that the metric tests.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
+    /// Whether no node on the bus sends the value, so that no other play has it either.
+    #[serde(skip)]
+    pub is_unavailable: bool,
 }
 
 impl Metric {
@@ -43,6 +46,7 @@ impl Metric {
             limit,
             passed,
             requirements: Requirements::new(),
+            is_unavailable: false,
         }
     }
 

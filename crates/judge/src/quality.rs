@@ -9,6 +9,9 @@ use crate::attribution::cause::NamedCause;
 use crate::attribution::{FAULTY_END_SECONDS, is_recorded_to_its_end};
 use crate::evidence::Evidence;
 
+/// Node of a cause that is a foreign source of frames.
+pub(crate) const FOREIGN: &str = "foreign";
+
 /// Returns the reason why a recording that ends before its scenario leaves the outcome open.
 pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {
     let never_began = timeline.zero_seconds.is_none();
@@ -47,7 +50,7 @@ pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
     let first = found.first()?;
     let sources = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
     Some(NamedCause {
-        node: "foreign".to_owned(),
+        node: FOREIGN.to_owned(),
         duty: first.duty.to_owned(),
         at_seconds: Some(rounded(first.first_seconds)),
         description: format!("a second master: {sources}"),

@@ -727,12 +727,21 @@ fn beside_a_stall(
     stall: (u64, u64),
     position: impl Fn(f64) -> f64,
 ) -> Verdict {
-    let is_missed = |cycle| missed.contains(&cycle);
-    let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
     let plan = Plan::new(scenario(added), &Catalogue::shipped());
+    let is_missed = |cycle| missed.contains(&cycle);
+    judge_beside_a_stall(&plan, is_missed, stall, position)
+}
+
+fn judge_beside_a_stall(
+    plan: &Plan,
+    is_missed: impl Fn(u32) -> bool,
+    stall: (u64, u64),
+    position: impl Fn(f64) -> f64,
+) -> Verdict {
+    let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
     let mut frames = frames(4000, position);
     answer_positions(&mut frames);
-    let timelines = decode(&frames.into(), &plan).unwrap();
+    let timelines = decode(&frames.into(), plan).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
         Duration::from_millis(1 + stall.0),
@@ -745,7 +754,7 @@ fn beside_a_stall(
         },
         ..Circumstances::default()
     };
-    judge(&plan, &timelines, &circumstances)
+    judge(plan, &timelines, &circumstances)
 }
 
 const STEP_LIMIT: &str = "[expect]\novershoot_percent = { max = 1.0 }\n";
@@ -765,12 +774,37 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
     let reason = "not judged, since the machine stood still for 15.0 ms at 1.150 s: overshoot_percent; \
         run it again or use --clock lockstep";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
+    assert!(verdict.is_spoiled_by_stalls());
     // A limit that is met stays met.
     let met = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), step_response(1.1));
+    assert!(!met.is_spoiled_by_stalls());
     assert_eq!((met.outcome, met.reason), (Outcome::Pass, None));
     // A stall in which no cycle was missed explains no miss.
     let verdict = beside_a_stall(STEP_LIMIT, 0..0, (1150, 1165), overshooting);
     assert_eq!(verdict.outcome, Outcome::Fail);
+    assert!(!verdict.is_spoiled_by_stalls());
+}
+
+/// The external drive misses a cycle of its own, far from the stall and within the limit; or a limit is on what it does not send.
+#[test]
+fn what_another_play_might_hide_or_cannot_decide_is_not_spoiled() {
+    let judged = |limit: &str, own_miss: Option<u32>| {
+        let plan = Plan::new(scenario(limit), &Catalogue::shipped());
+        let plan = plan.recorded_external(&["drive".to_owned()]);
+        let is_missed = |cycle| (1150..1165).contains(&cycle) || Some(cycle) == own_miss;
+        let verdict = judge_beside_a_stall(&plan, is_missed, (1150, 1165), overshooting);
+        assert_eq!(
+            verdict.outcome,
+            Outcome::Inconclusive,
+            "{:?}",
+            verdict.reason
+        );
+        verdict.is_spoiled_by_stalls()
+    };
+    assert!(judged(STEP_LIMIT, None));
+    assert!(!judged(STEP_LIMIT, Some(2500)));
+    let unsent = format!("{STEP_LIMIT}temperature_celsius = {{ max = 100.0 }}\n");
+    assert!(!judged(&unsent, None));
 }
 
 /// All samples of the check are in the shadow of the stall.

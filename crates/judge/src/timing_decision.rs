@@ -90,8 +90,9 @@ fn decide(verdict: &mut Verdict, timing: &Timing, stalls: &[Stall], unavailable:
             let why: Vec<String> = distrust.chain(longest.map(ToString::to_string)).collect();
             format!("the timing cannot be judged: {}", why.join("; "))
         });
-        let reasons: Vec<String> = unavailable.into_iter().chain(late).collect();
         verdict.outcome = Outcome::Inconclusive;
+        verdict.is_open_for_stalls = unavailable.is_none() && !stalls.is_empty();
+        let reasons: Vec<String> = unavailable.into_iter().chain(late).collect();
         verdict.reason = Some(reasons.join("; "));
     }
 }

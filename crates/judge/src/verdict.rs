@@ -1,6 +1,7 @@
 //! Verdict of a run: metrics with their limits, and the outcome. `verdict.json` holds it.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use plan::Plan;
 use recording::ending::EarlyEnd;
@@ -91,6 +92,53 @@ pub struct Verdict {
     /// Timing of the run; `None` in virtual time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timing: Option<Timing>,
+    /// Plays of the scenario before this one; `None` if it was played once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tries: Option<Tries>,
+    /// Whether only stalls keep a run from being decided.
+    #[serde(skip)]
+    pub is_open_for_stalls: bool,
+    /// Whether a node under test broke a duty that neither a stall nor a fault explains.
+    #[serde(skip)]
+    pub has_unexplained_breach: bool,
+}
+
+/// Plays of a scenario, since stalls of the computer spoiled the first ones.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Tries {
+    /// Number of this play, from 1.
+    pub number: u32,
+    /// Largest number of plays.
+    pub max: u32,
+    /// Plays before this one, in their order.
+    pub earlier: Vec<SpoiledPlay>,
+}
+
+/// Play that stalls of the computer spoiled.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct SpoiledPlay {
+    /// Reason why it decides nothing.
+    pub reason: String,
+    /// Values beyond their limits.
+    pub beyond: Vec<Metric>,
+    /// Name of its run folder.
+    pub folder: String,
+}
+
+impl SpoiledPlay {
+    /// Returns the play of a verdict.
+    pub fn new(verdict: &Verdict, folder: &Path) -> Self {
+        let is_beyond = |row: &&Metric| {
+            let judged = row.value.zip(row.limit);
+            judged.is_some_and(|(value, limit)| !limit.admits(value))
+        };
+        let name = folder.file_name().unwrap_or_default();
+        Self {
+            reason: verdict.reason.clone().unwrap_or_default(),
+            beyond: verdict.metrics.iter().filter(is_beyond).cloned().collect(),
+            folder: name.to_string_lossy().into_owned(),
+        }
+    }
 }
 
 impl Verdict {
@@ -114,6 +162,14 @@ impl Verdict {
             external: plan.external_names(),
             ..Self::incomplete(&shared.run.name, shared.run.seed, reason)
         }
+    }
+
+    /// Returns whether stalls of the computer alone spoiled the run: it is inconclusive for no other reason, and every breach of a
+    /// node under test is explained. Another play may decide it. Only a verdict that was just judged knows this.
+    pub fn is_spoiled_by_stalls(&self) -> bool {
+        self.outcome == Outcome::Inconclusive
+            && self.is_open_for_stalls
+            && !self.has_unexplained_breach
     }
 
     /// Returns whether the run passed although nothing was limited.

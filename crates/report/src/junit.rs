@@ -3,7 +3,7 @@
 use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, TestSuite};
 
 use crate::terminal::answer;
-use judge::verdict::{Metric, Outcome, Verdict};
+use judge::verdict::{Metric, Outcome, SpoiledPlay, Verdict};
 use platform::terminal::printable;
 
 /// Returns the report of one or several runs.
@@ -23,11 +23,29 @@ fn suite(verdict: &Verdict) -> TestSuite {
     suite.add_property(("version", &*printable(&verdict.version)));
     suite.add_property(("seed", verdict.seed.to_string().as_str()));
     suite.add_properties(properties(&verdict.requirements));
+    let earlier = verdict.tries.iter().flat_map(|tries| &tries.earlier);
+    for (number, play) in (1..).zip(earlier) {
+        suite.add_properties(earlier_play(number, play));
+    }
     let metrics = verdict.metrics.iter();
     let limited = metrics.filter(|metric| metric.limit.is_some());
     suite.add_test_cases(limited.map(|metric| case(&class, metric, verdict.outcome)));
     suite.add_test_case(run_case(&class, verdict));
     suite
+}
+
+/// Returns the properties of a play that stalls spoiled: its outcome with the reason, its folder, and its values beyond their limits.
+fn earlier_play(number: u32, play: &SpoiledPlay) -> Vec<Property> {
+    let property = |name: &str, value: &str| {
+        let name = format!("try {number}{name}");
+        Property::new(&*printable(&name), &*printable(value))
+    };
+    let outcome = format!("{}: {}", Outcome::Inconclusive.word(), play.reason);
+    let beyond = play.beyond.iter();
+    let values = beyond.map(|row| property(&format!(": {}", row.name), &measured(row)));
+    let [outcome, folder] = [("", outcome.as_str()), (": run folder", &play.folder)]
+        .map(|(name, value)| property(name, value));
+    [outcome, folder].into_iter().chain(values).collect()
 }
 
 /// Returns the run itself as a case, so that a run without limits or without an end appears.
@@ -82,6 +100,11 @@ fn problem(kind: NonSuccessKind, message: &str) -> TestCaseStatus {
 }
 
 fn message(metric: &Metric) -> String {
+    format!("{}: {}", metric.name, measured(metric))
+}
+
+/// Returns the measured value, its time and its limit.
+fn measured(metric: &Metric) -> String {
     let shown = |value: f64| match answer(&metric.name, value) {
         Some(answer) => answer.to_owned(),
         None => value.to_string(),
@@ -95,7 +118,7 @@ fn message(metric: &Metric) -> String {
         .at_seconds
         .map(|time| format!(" at {time} s"))
         .unwrap_or_default();
-    format!("{}: {measured}{when}, limit {}", metric.name, limit(metric))
+    format!("{measured}{when}, limit {}", limit(metric))
 }
 
 /// Returns both sides of the limit, or the wanted answer.

@@ -8,7 +8,7 @@ use scenario::metrics;
 use crate::table::{Cell, Table, Text};
 use crate::viewer::INSTALL;
 use judge::timing::Timing;
-use judge::verdict::{Metric, Outcome, Verdict};
+use judge::verdict::{Metric, Outcome, Tries, Verdict};
 use recording::run_folder::file;
 
 /// Returns the text of a verdict: name, table, outcome and reason.
@@ -18,15 +18,42 @@ pub fn verdict(verdict: &Verdict) -> Text {
 
 /// Returns a verdict in one line.
 pub fn line(verdict: &Verdict) -> String {
-    let outcome = outcome_text(verdict.outcome, verdict.remark());
+    let outcome = outcome_text(verdict, verdict.remark());
     format!("{}: {outcome}", verdict.scenario)
 }
 
-fn outcome_text(outcome: Outcome, remark: Option<String>) -> String {
-    match remark {
-        Some(remark) => format!("{}: {remark}", outcome.word()),
-        None => outcome.word().to_owned(),
-    }
+fn outcome_text(verdict: &Verdict, remark: Option<String>) -> String {
+    let tries = verdict.tries.as_ref().map(tries);
+    let tries = tries.map_or_else(String::new, |tries| format!(" ({tries})"));
+    let remark = remark.map_or_else(String::new, |remark| format!(": {remark}"));
+    format!("{}{tries}{remark}", verdict.outcome.word())
+}
+
+/// Returns the outcome with the values that have limits, or those that missed their limits, in one line.
+pub fn values(verdict: &Verdict) -> String {
+    let limited = verdict.metrics.iter().filter(|row| row.limit.is_some());
+    let missed = limited.clone().filter(|row| row.passed == Some(false));
+    let values = match verdict.outcome {
+        Outcome::Fail => Vec::from_iter(missed.map(self::missed)),
+        _ => Vec::from_iter(limited.map(|row| format!("{} {}", row.name, measured(row)))),
+    };
+    let reason = verdict.remark().into_iter();
+    let outcome = verdict.outcome.word().to_owned();
+    let all = [outcome].into_iter().chain(reason).chain(values);
+    Vec::from_iter(all).join(" · ")
+}
+
+/// Describes the earlier plays: `try 2 of 3; try 1: stalls; settling_time_seconds 0.3100, limit ≤ 0.2`.
+pub(crate) fn tries(tries: &Tries) -> String {
+    let earlier = (1..).zip(&tries.earlier).map(|(number, play)| {
+        let beyond = play.beyond.iter().map(|row| {
+            let limit = limit(&row.name, row.limit);
+            format!("; {} {}, limit {limit}", row.name, measured(row))
+        });
+        format!("; try {number}: stalls{}", Vec::from_iter(beyond).concat())
+    });
+    let earlier = Vec::from_iter(earlier).concat();
+    format!("try {} of {}{earlier}", tries.number, tries.max)
 }
 
 fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
@@ -41,7 +68,7 @@ fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
     if let Some(timing) = &verdict.timing {
         add_timing(&mut text, timing);
     }
-    text.line(outcome_text(verdict.outcome, remark));
+    text.line(outcome_text(verdict, remark));
     text
 }
 

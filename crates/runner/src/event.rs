@@ -35,6 +35,8 @@ pub enum RunEvent<'a> {
         /// Result of the run.
         judged: &'a Judged,
     },
+    /// Stalls of the computer spoiled the play, and the scenario is played again.
+    Spoiled(String),
     /// A failure that ends no other scenario.
     Failed(String),
     /// All scenarios were played.

@@ -24,7 +24,9 @@ impl Listener for EventLines {
         self.print(&match event {
             // The next event implies this one.
             RunEvent::Played { .. } => return,
-            RunEvent::Note(text) => json!({"event": "note", "text": text}),
+            RunEvent::Note(text) | RunEvent::Spoiled(text) => {
+                json!({"event": "note", "text": text})
+            }
             RunEvent::Preflight(step) => json!({"event": "note", "text": preflight_text(step)}),
             RunEvent::Began { duration_seconds } => {
                 json!({"event": "began", "duration_seconds": duration_seconds})

@@ -16,10 +16,12 @@ use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
+use judge::verdict::{SpoiledPlay, Tries};
 use plan::Plan;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
+use report::ReportError;
 use report::viewer::{ViewerAddress, Viewers};
 use worlds::law_process::started_by;
 use worlds::programs::Hosting;
@@ -191,6 +193,11 @@ pub(crate) trait Testbed {
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError>;
 
+    /// Returns how often a plan is played at most while stalls of the computer spoil each play.
+    fn tries(&self, _plan: &Plan) -> u32 {
+        1
+    }
+
     /// Looks at a run that was judged.
     fn check(&mut self, _plan: &Plan, _judged: &Judged, _watch: &Watch) {}
 }
@@ -287,15 +294,70 @@ fn play_one(
     for started in started_by(plan) {
         listener.on_note(started);
     }
-    listener.on_event(&RunEvent::Began {
-        duration_seconds: shared.run.duration_seconds,
-    });
+    let max = testbed.tries(plan);
+    let mut earlier = Vec::new();
+    let mut number = 1;
+    loop {
+        let tries = (number > 1).then(|| Tries {
+            number,
+            max,
+            earlier: earlier.clone(),
+        });
+        let played = play_once(
+            args,
+            plan,
+            tries.as_ref(),
+            testbed,
+            listener,
+            watch,
+            viewers,
+        );
+        let judged = match played {
+            Ok(judged) => judged,
+            Err(error) => {
+                listener.on_event(&RunEvent::Failed(format!("`{}`: {error}", path.display())));
+                return (Exit::BenchFailed, None);
+            }
+        };
+        let is_last = number == max || watch.is_interrupted();
+        if is_last || !judged.verdict.is_spoiled_by_stalls() {
+            testbed.check(plan, &judged, watch);
+            listener.on_event(&RunEvent::Judged {
+                path,
+                judged: &judged,
+            });
+            return (judged.exit, Some(judged));
+        }
+        let (folder, reason) = (judged.folder.display(), judged.verdict.reason.as_deref());
+        listener.on_event(&RunEvent::Spoiled(format!(
+            "{}: inconclusive (try {number} of {max}): {}; run folder {folder}; playing again",
+            shared.run.name,
+            reason.unwrap_or_default(),
+        )));
+        earlier.push(SpoiledPlay::new(&judged.verdict, &judged.folder));
+        number += 1;
+    }
+}
+
+/// Plays a plan once, records and judges it.
+fn play_once(
+    args: &PlayArgs,
+    plan: &Plan,
+    tries: Option<&Tries>,
+    testbed: &mut dyn Testbed,
+    listener: &dyn Listener,
+    watch: &Watch,
+    viewers: &mut Viewers,
+) -> Result<Judged, ReportError> {
+    let duration_seconds = plan.shared.run.duration_seconds;
+    listener.on_event(&RunEvent::Began { duration_seconds });
     let (queues, shows) = viewers.show(plan, testbed.when_full());
     let place = RunPlace {
         parent: &args.output,
-        is_long: shared.run.duration_seconds > args.compress_above,
+        is_long: duration_seconds > args.compress_above,
         overrides: &args.values.all(),
         is_strict: args.strict,
+        tries,
     };
     let judged = run(plan, place, watch, queues, |folder, capture| {
         let played = testbed.play(plan, folder, capture);
@@ -304,25 +366,178 @@ fn play_one(
             listener.on_event(&RunEvent::Played { passes });
         })
     });
-    match judged {
-        Ok(judged) => {
-            testbed.check(plan, &judged, watch);
-            report_all(listener, shows.end(&judged.verdict, viewers));
-            listener.on_event(&RunEvent::Judged {
-                path,
-                judged: &judged,
-            });
-            (judged.exit, Some(judged))
-        }
-        Err(error) => {
-            listener.on_event(&RunEvent::Failed(format!("`{}`: {error}", path.display())));
-            (Exit::BenchFailed, None)
-        }
-    }
+    let judged = judged?;
+    report_all(listener, shows.end(&judged.verdict, viewers));
+    Ok(judged)
 }
 
 fn report_all(listener: &dyn Listener, reasons: Vec<String>) {
     for reason in reasons {
         listener.on_event(&RunEvent::Failed(reason));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+    use std::sync::Mutex;
+
+    use judge::verdict::{Outcome, Verdict};
+    use recording::latency::Host;
+    use recording::stalls::{Stall, What, Who};
+    use worlds::catalogue::catalogue;
+    use worlds::lockstep;
+
+    use super::*;
+
+    const HANG: &str =
+        "[[fault.node.hang]]\nfrom_seconds = 0.2\nuntil_seconds = 0.212\nnode = \"drive\"\n";
+
+    /// Testbed whose first plays have a stall of the machine: the drive hangs meanwhile.
+    struct Stalling {
+        tries: u32,
+        stalls: u32,
+        plays: u32,
+    }
+
+    impl Testbed for Stalling {
+        fn prepare(&self, plan: Plan) -> Result<Plan, String> {
+            Ok(plan)
+        }
+
+        fn when_full(&self) -> WhenFull {
+            WhenFull::Wait
+        }
+
+        fn tries(&self, _plan: &Plan) -> u32 {
+            self.tries
+        }
+
+        fn play(
+            &mut self,
+            plan: &Plan,
+            _folder: &RunFolder,
+            capture: &mut Capture<'_>,
+        ) -> Result<Played, WorldError> {
+            self.plays += 1;
+            if self.plays > self.stalls {
+                let end = lockstep::simulate(plan, &Hosting::default(), capture)?;
+                return Ok(Played::in_virtual_time(end));
+            }
+            let path = plan.shared.beside.scenario().with_extension("hang");
+            fs::write(&path, format!("{}{HANG}", plan.shared.text)).unwrap();
+            let hanging = Plan::load(&path, catalogue()).unwrap();
+            let end = lockstep::simulate(&hanging, &Hosting::default(), capture)?;
+            let zero = capture.zero().unwrap();
+            let [from, until] = [199, 213].map(|at| zero + Duration::from_millis(at));
+            let host = Host {
+                stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+                ..Host::default()
+            };
+            let host = Some(host);
+            Ok(Played { end, host })
+        }
+    }
+
+    #[derive(Default)]
+    struct Heard {
+        spoiled: Mutex<Vec<String>>,
+        judged: Mutex<Vec<Verdict>>,
+    }
+
+    impl Listener for Heard {
+        fn on_event(&self, event: &RunEvent<'_>) {
+            match event {
+                RunEvent::Spoiled(text) => self.spoiled.lock().unwrap().push(text.clone()),
+                RunEvent::Judged { judged, .. } => {
+                    self.judged.lock().unwrap().push(judged.verdict.clone());
+                }
+                RunEvent::Failed(reason) => panic!("{reason}"),
+                _ => {}
+            }
+        }
+    }
+
+    /// Plays a warm hold with a limit. Returns the verdict that counts, the notes on spoiled plays, and the number of plays.
+    fn played(folder: &Path, limit: &str, tries: u32, stalls: u32) -> (Verdict, Vec<String>, u32) {
+        let path = folder.join("hold.toml");
+        let text = format!(
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"hold\"\nduration_seconds = 0.5\n[expect]\n{limit}\n\
+             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n"
+        );
+        fs::write(&path, text).unwrap();
+        let args = PlayArgs {
+            scenarios: vec![path],
+            output: folder.join("runs"),
+            json: false,
+            events: false,
+            quiet: true,
+            strict: false,
+            compress_above: 600.0,
+            values: ValueArgs::default(),
+            viewer: ViewerArgs::default(),
+        };
+        let mut testbed = Stalling {
+            tries,
+            stalls,
+            plays: 0,
+        };
+        let heard = Heard::default();
+        let _ = play_all(&args, &mut testbed, &heard).unwrap();
+        let verdict = heard.judged.into_inner().unwrap().remove(0);
+        (verdict, heard.spoiled.into_inner().unwrap(), testbed.plays)
+    }
+
+    const LIMIT: &str = "missed_cycles_percent = { max = 1.0 }";
+
+    #[test]
+    fn a_play_that_stalls_spoiled_is_repeated_and_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let (verdict, spoiled, plays) = played(folder.path(), LIMIT, 3, 1);
+        assert_eq!((verdict.outcome, plays), (Outcome::Pass, 2));
+        assert!(spoiled[0].contains("(try 1 of 3)"), "{spoiled:?}");
+        assert_eq!(spoiled.len(), 1);
+        let line = report::terminal::line(&verdict);
+        assert!(
+            line.starts_with("hold: pass (try 2 of 3; try 1: stalls; missed_cycles_percent "),
+            "{line}"
+        );
+        assert!(line.ends_with(", limit ≤ 1)"), "{line}");
+        let tries = verdict.tries.unwrap();
+        let [earlier] = &tries.earlier[..] else {
+            panic!("{tries:?}");
+        };
+        assert!(earlier.reason.contains("stood still"), "{earlier:?}");
+        let runs = folder.path().join("runs");
+        assert!(runs.join(&earlier.folder).join("verdict.json").exists());
+        // The play that counts is the second one, in the folder with a number.
+        let last = runs.join(format!("{}-2", earlier.folder));
+        let read = |name: &str| fs::read_to_string(last.join(name)).unwrap();
+        let stored = Verdict::from_json(&read("verdict.json")).unwrap();
+        assert_eq!(stored.tries, Some(tries));
+        let junit = read("junit.xml");
+        let property = r#"<property name="try 1" value="inconclusive: "#;
+        assert!(junit.contains(property), "{junit}");
+        assert!(
+            junit.contains(r#"name="try 1: missed_cycles_percent""#),
+            "{junit}"
+        );
+        assert!(read("report.html").contains("Try 2 of 3; try 1: stalls"));
+    }
+
+    #[test]
+    fn a_play_is_repeated_only_so_often_and_never_if_it_failed() {
+        let folder = tempfile::tempdir().unwrap();
+        let repeated = |limit, tries, stalls| {
+            let (verdict, spoiled, plays) = played(folder.path(), limit, tries, stalls);
+            assert_eq!(u32::try_from(spoiled.len()).unwrap(), plays - 1);
+            (verdict.outcome, plays)
+        };
+        assert_eq!(repeated(LIMIT, 3, 9), (Outcome::Inconclusive, 3));
+        assert_eq!(repeated(LIMIT, 1, 9), (Outcome::Inconclusive, 1));
+        assert_eq!(repeated(LIMIT, 3, 0), (Outcome::Pass, 1));
+        let missed = format!("{LIMIT}\ncurrent_amperes_rms = {{ max = 0.0 }}");
+        assert_eq!(repeated(&missed, 3, 0), (Outcome::Fail, 1));
     }
 }

@@ -153,6 +153,7 @@ impl Recorded {
         };
         let mut verdict = Verdict {
             identity: stored.and_then(|stored| stored.identity.clone()),
+            tries: stored.and_then(|stored| stored.tries.clone()),
             ..judge::judge(&self.plan, timelines, &circumstances)
         };
         let is_incomplete = |stored: &&Verdict| stored.outcome == Outcome::Incomplete;

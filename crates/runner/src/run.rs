@@ -11,7 +11,7 @@ use crate::play_record::PlayRecord;
 use exports::parquet;
 use judge::Circumstances;
 use judge::timing::Timing;
-use judge::verdict::{Identity, Verdict};
+use judge::verdict::{Identity, Tries, Verdict};
 use plan::{Plan, Shared};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
@@ -43,6 +43,8 @@ pub struct RunPlace<'a> {
     pub overrides: &'a [Override],
     /// Whether a run fails if it passes although nothing was limited.
     pub is_strict: bool,
+    /// Plays before this one, which stalls spoiled.
+    pub tries: Option<&'a Tries>,
 }
 
 /// Result of a run.
@@ -82,6 +84,7 @@ pub fn run(
     let timelines = timeline::decode(&frames, plan)?;
     let mut verdict = Verdict {
         identity: Some(identity),
+        tries: place.tries.cloned(),
         ..verdict(&ended, &timelines, plan, &unrecorded)
     };
     if let Ok(Played {

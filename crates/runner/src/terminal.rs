@@ -87,6 +87,10 @@ impl Listener for Terminal {
                 self.progress().take();
                 self.report(path, judged);
             }
+            RunEvent::Spoiled(text) => {
+                self.progress().take();
+                self.note(text);
+            }
             RunEvent::Failed(reason) => {
                 self.progress().take();
                 print_problem(reason);

@@ -135,6 +135,7 @@ fn keep(case: &TortureCase<'_>, output: &Path) -> Result<PathBuf, String> {
         is_long: false,
         overrides: &[],
         is_strict: false,
+        tries: None,
     };
     let mut folder = output.to_owned();
     let judged = caught(|| {

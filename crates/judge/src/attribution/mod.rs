@@ -373,6 +373,11 @@ impl Totals {
             .collect()
     }
 
+    /// Returns the duties that nodes broke without a stall or a fault as the cause.
+    pub(crate) fn broken_by_nodes(&self) -> impl Iterator<Item = Duty> {
+        self.by_nodes.keys().copied()
+    }
+
     /// Returns the breaches that last to the last cycle or beyond it.
     fn lasting(&self, cycles: u64) -> Option<Stay> {
         self.latest.filter(|stay| stay.last_cycle + 1 >= cycles)

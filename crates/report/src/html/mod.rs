@@ -114,6 +114,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     html! {
         h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }
+        @if let Some(tries) = &verdict.tries { p.unsure { (page::sentence(&terminal::tries(tries))) } }
         @if let Some(missed) = missed(verdict) { p.fail { (missed) } }
         @if let Some(reason) = &verdict.reason { p { (page::sentence(reason)) } }
         @else if verdict.judged_nothing() { p { "Nothing was limited, so nothing was judged." } }

@@ -28,6 +28,11 @@ use worlds::{
 /// Error of `--dry-run` without an external drive.
 const NOTHING_TO_CHECK: &str = "--dry-run checks a drive that canrig does not emulate: name it with --external, or its rig file with --rig";
 
+/// Default of `--tries`.
+const TRIES: u32 = 3;
+/// Duration up to which a scenario is played again.
+const REPEATED_SECONDS_MAX: f64 = 60.0;
+
 /// Arguments of `run`.
 #[derive(Args, Debug)]
 pub struct RunArgs {
@@ -42,6 +47,9 @@ pub struct RunArgs {
     pub clock: ClockChoice,
     #[command(flatten)]
     pub guests: GuestArgs,
+    /// Most plays of a scenario of up to 60 s in real time while stalls of this computer spoil it [default: 3, with --strict 1]
+    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub tries: Option<u32>,
     /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
     #[arg(long)]
     pub dry_run: bool,
@@ -236,6 +244,20 @@ impl Testbed for RunTestbed<'_> {
             }
         }
         Ok(plan)
+    }
+
+    /// Returns the number of `--tries` for a run in real time that is not long. A node that is not canrig's is not led again without
+    /// its user, and virtual time knows no stalls.
+    fn tries(&self, plan: &Plan) -> u32 {
+        let default = if self.args.play.strict { 1 } else { TRIES };
+        let is_repeated = self.args.clock == ClockChoice::RealTime
+            && plan.expected_names().is_empty()
+            && plan.shared.run.duration_seconds <= REPEATED_SECONDS_MAX;
+        if is_repeated {
+            self.args.tries.unwrap_or(default)
+        } else {
+            1
+        }
     }
 
     fn when_full(&self) -> WhenFull {
