@@ -14,6 +14,7 @@ mod command_line;
 mod counting_allocator;
 mod coverage;
 mod data_sheets;
+mod demo;
 mod drawn;
 mod external;
 mod faults;

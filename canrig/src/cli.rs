@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::{CommandFactory, Parser, Subcommand};
 use platform::{keeper, private_bus, process};
 
+use crate::demo::{DemoArgs, demo};
 use crate::doctor::{DoctorArgs, doctor};
 use crate::eds::{EdsArgs, eds};
 use crate::fmu::{FmuArgs, fmu};
@@ -39,7 +40,10 @@ use worlds::law_worker;
 
 /// Visible commands by group, in the order of the help.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Play", &["run", "simulate", "check", "examples", "doctor"]),
+    (
+        "Play",
+        &["demo", "run", "simulate", "check", "examples", "doctor"],
+    ),
     (
         "Look",
         &[
@@ -112,6 +116,8 @@ pub(crate) struct Cli {
 /// Subcommand.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// Play a step, a fault and a law from a file, and say what to type next
+    Demo(DemoArgs),
     /// Play scenarios with controller and plant as processes on a CAN bus, and judge them
     Run(RunArgs),
     /// Play scenarios in one process, in virtual time, and judge them
@@ -224,6 +230,7 @@ pub(crate) fn command_line() -> clap::Command {
 /// Executes the subcommand.
 pub(crate) fn execute(command: Command) -> Result<Exit, Failure> {
     match command {
+        Command::Demo(args) => demo(&args),
         Command::Run(args) => run(&args),
         Command::Simulate(args) => simulate(&args),
         Command::Report(args) => report(&args),

@@ -12,6 +12,7 @@
 
 pub mod bench;
 mod cli;
+mod demo;
 mod doctor;
 mod eds;
 mod fmu;
