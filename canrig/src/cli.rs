@@ -154,7 +154,7 @@ pub(crate) enum Command {
     Examples(ExamplesArgs),
     /// List the signals of the bus, of a scenario or of a run
     Signals(SignalsArgs),
-    /// Write a plant, a control law, a rig or a controller of your own
+    /// Write a plant, a law, a rig, a scenario, a controller or a repository of your own
     New(NewArgs),
     /// Check whether this machine has what a test bench needs
     Doctor(DoctorArgs),

@@ -1,23 +1,26 @@
-//! `canrig new`: writes the crate of a plant or a law, a rig file, or a controller in another language. A crate
+//! `canrig new`: writes the crate of a plant or a law, a rig file, a scenario, a controller in another language, or the files
+//! of a repository that tests with canrig. A crate
 //! compiles, has tests and plays a scenario without a change.
 //!
 //! The crates in `plant/` and `law/` are the skeletons; `my_plant` and `my_law` are renamed in the copies.
 
 mod controller;
 mod name;
+mod project;
 mod rig;
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ::scenario::custom::Section;
 use clap::{Args, Subcommand};
 use dbc::names::is_name;
-use scenario::custom::Section;
 
 use controller::ControllerArgs;
 use name::{camel, require_crate_name};
 use platform::unfinished::Unfinished;
+use project::ProjectArgs;
 use rig::RigArgs;
 use runner::console::print;
 use runner::exit::{Exit, Failure};
@@ -51,6 +54,8 @@ pub(crate) enum What {
     Law(LawArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
+    /// Add a rig, a scenario, a test and a workflow to a repository
+    Project(ProjectArgs),
     /// Write a controller in C or Python, with a scenario and a test
     Controller(ControllerArgs),
 }
@@ -161,6 +166,7 @@ pub(crate) fn new(args: &NewArgs) -> Result<Exit, Failure> {
         What::Law(LawArgs { loops: 1, of }) => written(&LAW, of)?,
         What::Law(LawArgs { of, .. }) => written(&LAW_OF_LOOPS, of)?,
         What::Rig(args) => rig::written(args)?,
+        What::Project(args) => return project::write(args),
         What::Controller(args) => controller::written(args)?,
     });
     Ok(Exit::Pass)
@@ -231,7 +237,7 @@ fn write_files(
 /// Returns the absolute path of the checkout to depend on.
 fn checkout(named: Option<&Path>) -> Result<PathBuf, Failure> {
     let is_canrig = |path: &Path| {
-        let manifest = scenario::read_text(&path.join("canrig/Cargo.toml"), MANIFEST_BYTES_MAX);
+        let manifest = ::scenario::read_text(&path.join("canrig/Cargo.toml"), MANIFEST_BYTES_MAX);
         manifest.is_ok_and(|text| text.contains("name = \"canrig\""))
     };
     let path = named.unwrap_or(Path::new(BUILT_FROM));
