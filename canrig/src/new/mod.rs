@@ -8,6 +8,7 @@ mod controller;
 mod name;
 mod project;
 mod rig;
+mod scenario;
 
 use std::fs;
 use std::io;
@@ -17,6 +18,7 @@ use ::scenario::custom::Section;
 use clap::{Args, Subcommand};
 use dbc::names::is_name;
 
+use self::scenario::ScenarioArgs;
 use controller::ControllerArgs;
 use name::{camel, require_crate_name};
 use platform::unfinished::Unfinished;
@@ -54,6 +56,8 @@ pub(crate) enum What {
     Law(LawArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
+    /// Write a scenario with a step for a rig, with limits around what a play of it measures
+    Scenario(ScenarioArgs),
     /// Add a rig, a scenario, a test and a workflow to a repository
     Project(ProjectArgs),
     /// Write a controller in C or Python, with a scenario and a test
@@ -166,6 +170,7 @@ pub(crate) fn new(args: &NewArgs) -> Result<Exit, Failure> {
         What::Law(LawArgs { loops: 1, of }) => written(&LAW, of)?,
         What::Law(LawArgs { of, .. }) => written(&LAW_OF_LOOPS, of)?,
         What::Rig(args) => rig::written(args)?,
+        What::Scenario(args) => scenario::written(args)?,
         What::Project(args) => return project::write(args),
         What::Controller(args) => controller::written(args)?,
     });
