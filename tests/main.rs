@@ -49,5 +49,6 @@ mod tools;
 #[cfg(feature = "rerun")]
 mod viewer;
 
+mod watch;
 #[global_allocator]
 static ALLOCATOR: counting_allocator::CountingAllocator = counting_allocator::CountingAllocator;

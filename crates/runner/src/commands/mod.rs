@@ -9,3 +9,4 @@ pub mod report;
 pub mod run;
 pub mod signals;
 pub mod simulate;
+mod watch;

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 
+use super::watch::watch;
 use crate::event::{Listener, RunEvent};
 use crate::exit::{Exit, Failure};
 use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all};
@@ -26,30 +27,40 @@ pub struct SimulateArgs {
     /// Play each scenario twice, and name the first frame in which the two plays differ
     #[arg(long)]
     pub twice: bool,
+    /// Play the scenario again whenever it, its rig, a table or its program changes, with a line for each play
+    #[arg(long, conflicts_with_all = ["twice", "json", "events", "quiet"])]
+    pub watch: bool,
 }
 
 /// Plays the scenarios and returns the worst exit of all.
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
+    if args.watch {
+        return watch(args);
+    }
     let listener = args.play.listener();
     listener.on_note("bus: modelled · clock: lock-step, in one process".to_owned());
-    let mut testbed = OneProcess {
-        args,
-        listener: &*listener,
-        exit: Exit::Pass,
-    };
+    let mut testbed = OneProcess::new(args, &*listener);
     let exit = play_all(&args.play, &mut testbed, &*listener)?;
     Ok(exit.max(testbed.exit))
 }
 
 /// Testbed with all of canrig's nodes in this process, on a modelled bus.
-struct OneProcess<'a> {
+pub(super) struct OneProcess<'a> {
     args: &'a SimulateArgs,
     listener: &'a dyn Listener,
     /// Worst result of playing a scenario twice.
     exit: Exit,
 }
 
-impl OneProcess<'_> {
+impl<'a> OneProcess<'a> {
+    pub(super) fn new(args: &'a SimulateArgs, listener: &'a dyn Listener) -> Self {
+        Self {
+            args,
+            listener,
+            exit: Exit::Pass,
+        }
+    }
+
     /// Plays the plan once more; describes the first frame that differs, `None` if all are the same.
     fn difference(
         &self,
@@ -195,12 +206,9 @@ mod tests {
                 play,
                 guests,
                 twice: false,
+                watch: false,
             };
-            let mut testbed = OneProcess {
-                args: &args,
-                listener: &Nobody,
-                exit: Exit::Pass,
-            };
+            let mut testbed = OneProcess::new(&args, &Nobody);
             play_all(&args.play, &mut testbed, &Nobody).unwrap()
         };
         assert_eq!(exit([&met, &met]), Exit::Pass);
