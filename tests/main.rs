@@ -35,6 +35,7 @@ mod processes;
 mod programs;
 mod readme;
 mod real_time;
+mod recipes;
 mod replay;
 mod report;
 mod reports;
@@ -48,7 +49,7 @@ mod sweep;
 mod tools;
 #[cfg(feature = "rerun")]
 mod viewer;
-
 mod watch;
+
 #[global_allocator]
 static ALLOCATOR: counting_allocator::CountingAllocator = counting_allocator::CountingAllocator;
