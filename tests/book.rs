@@ -16,11 +16,12 @@ use crate::fmus::motor;
 use crate::support::{canrig, output, root};
 
 /// Pages outside the book.
-const PAGES: [&str; 4] = [
+const PAGES: [&str; 5] = [
     "README.md",
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
+    "RELEASE.md",
 ];
 /// Prefixes of paths in a page.
 const FOLDERS: [&str; 13] = [
