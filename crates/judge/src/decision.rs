@@ -23,7 +23,7 @@ use crate::duties::{
 };
 use crate::evidence::Evidence;
 use crate::loops::whole;
-use crate::metric::{Metric, leave_open, not_judged};
+use crate::metric::{Metric, Unstored, leave_open, not_judged};
 use crate::metrics::metrics;
 use crate::off::{DRIVE_OFF, drive_off};
 use crate::quality::{FOREIGN, cut_short, incomplete_recording, two_sources};
@@ -119,9 +119,10 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
     };
     let unrecorded = &circumstances.unrecorded;
     Verdict {
-        is_open_for_stalls: outcome == Outcome::Inconclusive
-            && is_open_for_stalls(cause.as_ref(), &metrics),
-        has_unexplained_breach: has_unexplained_breach(evidence),
+        is_open_for_stalls: Unstored(
+            outcome == Outcome::Inconclusive && is_open_for_stalls(cause.as_ref(), &metrics),
+        ),
+        has_unexplained_breach: Unstored(has_unexplained_breach(evidence)),
         outcome,
         reason,
         cause,
@@ -136,7 +137,7 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
 /// Returns whether only stalls keep an inconclusive run from being decided: they are its cause, and no limit is on a value that no
 /// node sends.
 fn is_open_for_stalls(cause: Option<&NamedCause>, metrics: &[Metric]) -> bool {
-    let is_unavailable = |row: &Metric| row.limit.is_some() && row.is_unavailable;
+    let is_unavailable = |row: &Metric| row.limit.is_some() && row.is_unavailable.0;
     // A run without a foreign source of frames is inconclusive for a cause only if that is a stall.
     cause.is_some_and(|cause| cause.node != FOREIGN) && !metrics.iter().any(is_unavailable)
 }

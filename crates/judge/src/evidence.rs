@@ -17,7 +17,7 @@ use scenario::node::Part;
 use crate::attribution::stalls::{Spans, Stretch, longest, shadows};
 use crate::attribution::{Attribution, Commands};
 use crate::circumstances::Circumstances;
-use crate::metric::Metric;
+use crate::metric::{Metric, Unstored};
 use crate::quality::reaches;
 
 /// One of several loops, with its timeline.
@@ -311,7 +311,7 @@ impl<'a> Evidence<'a> {
                     Metric::new(name, Err(absence.reason), limit).at(absence.at_seconds)
                 } else {
                     Metric {
-                        is_unavailable: matches!(absence.why, Why::Unavailable),
+                        is_unavailable: Unstored(matches!(absence.why, Why::Unavailable)),
                         ..Metric::not_judged(name, absence.reason, limit)
                     }
                 }

@@ -5,7 +5,7 @@ use scenario::contour::Contour;
 use scenario::expect::{ExpectedRow, Limit};
 use scenario::metrics::is_bus_metric;
 
-use crate::metric::Metric;
+use crate::metric::{Metric, Unstored};
 use crate::verdict::{Outcome, Verdict};
 
 /// Returns the rows of a verdict that have limits, in their order, each once. Rows of several loops begin with the loop's name. Those
@@ -58,8 +58,8 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let is_open_for_stalls = verdicts
         .clone()
         .filter(|verdict| verdict.outcome == Outcome::Inconclusive)
-        .all(|verdict| verdict.is_open_for_stalls);
-    let has_unexplained_breach = verdicts.any(|verdict| verdict.has_unexplained_breach);
+        .all(|verdict| verdict.is_open_for_stalls.0);
+    let has_unexplained_breach = verdicts.any(|verdict| verdict.has_unexplained_breach.0);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
     let mut contours = Vec::new();
@@ -92,8 +92,8 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         reason,
         cause,
         metrics,
-        is_open_for_stalls,
-        has_unexplained_breach,
+        is_open_for_stalls: Unstored(is_open_for_stalls),
+        has_unexplained_breach: Unstored(has_unexplained_breach),
         // The loops share the facts of the run.
         ..whole.expect("there is a loop")
     }

@@ -5,7 +5,7 @@ use scenario::expect::Expect;
 use scenario::metrics::{Metric as Row, without_loop};
 
 use crate::duties::MISSED_COMMANDS;
-use crate::metric::{Metric, leave_open, not_judged};
+use crate::metric::{Metric, Unstored, leave_open, not_judged};
 use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
 
@@ -91,7 +91,7 @@ fn decide(verdict: &mut Verdict, timing: &Timing, stalls: &[Stall], unavailable:
             format!("the timing cannot be judged: {}", why.join("; "))
         });
         verdict.outcome = Outcome::Inconclusive;
-        verdict.is_open_for_stalls = unavailable.is_none() && !stalls.is_empty();
+        verdict.is_open_for_stalls = Unstored(unavailable.is_none() && !stalls.is_empty());
         let reasons: Vec<String> = unavailable.into_iter().chain(late).collect();
         verdict.reason = Some(reasons.join("; "));
     }

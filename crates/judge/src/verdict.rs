@@ -9,7 +9,7 @@ use scenario::expect::Requirements;
 use serde::{Deserialize, Serialize};
 
 pub use crate::attribution::cause::NamedCause;
-pub use crate::metric::Metric;
+pub use crate::metric::{Metric, Unstored};
 use crate::timing::Timing;
 
 /// Outcome of a run, in the order of gravity: a failure counts more than an open result.
@@ -97,10 +97,10 @@ pub struct Verdict {
     pub tries: Option<Tries>,
     /// Whether only stalls keep a run from being decided.
     #[serde(skip)]
-    pub is_open_for_stalls: bool,
+    pub is_open_for_stalls: Unstored,
     /// Whether a node under test broke a duty that neither a stall nor a fault explains.
     #[serde(skip)]
-    pub has_unexplained_breach: bool,
+    pub has_unexplained_breach: Unstored,
 }
 
 /// Plays of a scenario, since stalls of the computer spoiled the first ones.
@@ -168,8 +168,8 @@ impl Verdict {
     /// node under test is explained. Another play may decide it. Only a verdict that was just judged knows this.
     pub fn is_spoiled_by_stalls(&self) -> bool {
         self.outcome == Outcome::Inconclusive
-            && self.is_open_for_stalls
-            && !self.has_unexplained_breach
+            && self.is_open_for_stalls.0
+            && !self.has_unexplained_breach.0
     }
 
     /// Returns whether the run passed although nothing was limited.
@@ -246,6 +246,15 @@ mod tests {
             Metric::not_judged("temperature_celsius", "not available".to_owned(), limit),
         ];
         verdict.metrics[0].requirements = vec!["REQ-2".to_owned()];
+        verdict.tries = Some(Tries {
+            number: 2,
+            max: 3,
+            earlier: vec![SpoiledPlay::new(&verdict, Path::new("runs/step"))],
+        });
+        // These are not stored, and a replay compares the rest.
+        verdict.is_open_for_stalls = Unstored(true);
+        verdict.has_unexplained_breach = Unstored(true);
+        verdict.metrics[2].is_unavailable = Unstored(true);
         assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);
         assert!(Verdict::from_json("{}").is_err());
     }
