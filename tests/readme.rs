@@ -21,7 +21,8 @@ fn table(text: &str) -> Vec<&str> {
     lines.collect()
 }
 
-/// The numbers are those of lock-step, which are the same on every machine. The moving picture shows the same run.
+/// The numbers are those of lock-step, which are the same on every machine. The moving picture
+/// shows the same run.
 #[test]
 fn the_command_prints_the_numbers_of_the_readme() {
     let readme = readme();

@@ -15,15 +15,14 @@ fn blocks<'a>(page: &'a str, language: &'a str) -> impl Iterator<Item = &'a str>
     blocks.filter_map(move |block| block.strip_prefix(language)?.strip_prefix('\n'))
 }
 
-/// Writes the files of a page, whose first line names them, and runs its commands, each with the exit code that it names.
+/// Writes the files of a page, whose first line names them, and runs its commands, each with the
+/// exit code that it names.
 fn play(page: &str, folder: &Path) {
     for text in blocks(page, "toml") {
         let name = text.lines().next().unwrap().strip_prefix("# ").unwrap();
         fs::write(folder.join(name), text).unwrap();
-        assert!(
-            page.contains(&format!("Save this as\n`{name}`"))
-                || page.contains(&format!("Save this as `{name}`"))
-        );
+        let words = Vec::from_iter(page.split_whitespace()).join(" ");
+        assert!(words.contains(&format!("Save this as `{name}`:")), "{name}");
     }
     let program = Path::new(env!("CARGO_BIN_EXE_canrig")).parent().unwrap();
     let path = format!("{}:{}", program.display(), env!("PATH"));

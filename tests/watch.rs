@@ -63,7 +63,8 @@ fn a_watched_scenario_has_a_line_for_each_play_and_one_run_folder() {
     let page = fs::read_to_string(output.join("watch.html")).unwrap();
     assert_eq!(page.matches("http-equiv=\"refresh\"").count(), 1);
     assert!(page.contains("DC motor: 25 mm step"));
-    // Beside the page there is the run folder of the last play, or that of the play before if the end came between.
+    // Beside the page there is the run folder of the last play, or that of the play before if the
+    // end came between.
     let folders = runs(&output).into_iter().filter(|path| path.is_dir());
     assert!((1..=2).contains(&folders.count()));
 }

@@ -1,4 +1,5 @@
-//! `canrig demo`: plays a step, a fault and a law from a file in lock-step, with nothing but the program.
+//! `canrig demo`: plays a step, a fault and a law from a file in lock-step, with nothing but the
+//! program.
 
 use std::fs;
 use std::io;
@@ -60,8 +61,8 @@ const C: Part = Part {
         ("canrig_law.h", include_str!("../../include/canrig_law.h")),
     ],
 };
-/// Texts in the files of the repository, and what takes their place here: the modules of the wheel lie beside the law, and
-/// schemas do not.
+/// Texts in the files of the repository, and what takes their place here: the modules of the wheel
+/// lie beside the law, and schemas do not.
 const RENAMED: [(&str, &str); 5] = [
     ("#:schema ./schema.json\n", ""),
     ("import canrig.law\n", "import canrig_law\n"),
@@ -152,7 +153,8 @@ fn require_empty(folder: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Returns the part whose law this machine can start; `None` without Python and without a C compiler.
+/// Returns the part whose law this machine can start; `None` without Python and without a C
+/// compiler.
 fn law() -> Option<&'static Part> {
     let succeeds = |program: &str, arguments: &[&str]| {
         let mut command = Command::new(program);

@@ -53,11 +53,18 @@ class Runner:
 
     def run(self, name, **inputs):
         """Runs a step; returns its exit code and its output."""
-        values = {f"${{{{ inputs.{name} }}}}": value for name, value in {**self.inputs, **inputs}.items()}
-        environment = {name: values.get(value, value) for name, value in self.steps[name]["env"].items()}
+        values = {
+            f"${{{{ inputs.{name} }}}}": value for name, value in {**self.inputs, **inputs}.items()
+        }
+        environment = {
+            name: values.get(value, value) for name, value in self.steps[name]["env"].items()
+        }
         ended = subprocess.run(
             ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", self.steps[name]["run"]],
-            cwd=self.checkout, env={**self.environment, **environment}, capture_output=True, text=True,
+            cwd=self.checkout,
+            env={**self.environment, **environment},
+            capture_output=True,
+            text=True,
         )
         return ended.returncode, ended.stdout + ended.stderr
 
@@ -73,7 +80,10 @@ def test_missed_limits_are_annotated_at_their_keys(runner):
     code, text = runner.run("play scenarios")
     assert code == 1, text
     lines = SCENARIO.splitlines()
-    for key, name in [("settling_time_seconds", "settling_time_seconds"), ("stays", "current_amperes stays")]:
+    for key, name in [
+        ("settling_time_seconds", "settling_time_seconds"),
+        ("stays", "current_amperes stays"),
+    ]:
         number = next(number for number, line in enumerate(lines, 1) if line.startswith(key))
         assert f"::error file=scenarios/step.toml,line={number}::{name}" in text, text
     assert text.count("::error ") == 2, text
@@ -93,7 +103,9 @@ def test_what_passes_has_no_annotation_and_several_paths_are_played(runner):
 
 
 def test_an_invalid_scenario_is_an_annotation(runner):
-    (runner.checkout / "scenarios" / "wrong.toml").write_text(SCENARIO.replace("duration_seconds", "duration_second"))
+    (runner.checkout / "scenarios" / "wrong.toml").write_text(
+        SCENARIO.replace("duration_seconds", "duration_second")
+    )
     code, text = runner.run("play scenarios")
     assert code == 3, text
     assert "::error" in text and "duration_second" in text

@@ -1,5 +1,5 @@
-//! `canrig new`: writes the crate of a plant or a law, a rig file, a scenario, a controller in another language, or the files
-//! of a repository that tests with canrig. A crate
+//! `canrig new`: writes the crate of a plant or a law, a rig file, a scenario, a controller in
+//! another language, or the files of a repository that tests with canrig. A crate
 //! compiles, has tests and plays a scenario without a change.
 //!
 //! The crates in `plant/` and `law/` are the skeletons; `my_plant` and `my_law` are renamed in the copies.

@@ -61,8 +61,10 @@ pub(super) fn write(args: &ProjectArgs) -> Result<Exit, Failure> {
         (workflow, text),
     ];
     let mut exit = Exit::Pass;
+    let is_here = args.folder == Path::new(".");
+    let folder = if is_here { Path::new("") } else { &args.folder };
     for (name, text) in files {
-        let path = args.folder.join(name);
+        let path = folder.join(name);
         let place = path.display();
         if path.symlink_metadata().is_ok() {
             print_problem(format!("{place} is there already, and stays as it is"));
@@ -72,9 +74,9 @@ pub(super) fn write(args: &ProjectArgs) -> Result<Exit, Failure> {
             print(&format!("wrote {place}"));
         }
     }
-    let go = match args.folder.as_path() {
-        here if here == Path::new(".") => String::new(),
-        folder => format!("  cd {}\n", folder.display()),
+    let go = match is_here {
+        true => String::new(),
+        false => format!("  cd {}\n", folder.display()),
     };
     print(&format!(
         "Play the scenario, then all tests (they need the wheel):\n{go}  canrig simulate scenarios/step.toml\n  \

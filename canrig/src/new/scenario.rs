@@ -1,4 +1,5 @@
-//! `canrig new scenario`: writes a scenario with a step for a rig, and limits around what a play of it measures.
+//! `canrig new scenario`: writes a scenario with a step for a rig, and limits around what a play of
+//! it measures.
 
 use std::path::{Path, PathBuf};
 
@@ -23,8 +24,9 @@ const RIG_BYTES_MAX: u64 = plan::FILE_BYTES_MAX;
 /// Places of hold and step in the range of the sensor.
 const HOLD: f64 = 0.25;
 const STEP: f64 = 0.5;
-/// Proportional gain, as a part of the amplifier's range over that of the sensor, and the other gains as multiples of it. These are
-/// the ratios of the gains that canrig's PID has by itself, which were tuned for the shape-memory-alloy wire.
+/// Proportional gain, as a part of the amplifier's range over that of the sensor, and the other
+/// gains as multiples of it. These are the ratios of the gains that canrig's PID has by itself,
+/// which were tuned for the shape-memory-alloy wire.
 const PROPORTIONAL: f64 = 1.37;
 const INTEGRAL_PER_SECOND: f64 = 1.66;
 const DERIVATIVE_SECONDS: f64 = 0.157;
@@ -251,7 +253,8 @@ fn limits(plan: &Plan, verdict: &Verdict) -> String {
     text
 }
 
-/// Returns the limit of a metric with what it measures, or the reason why there is none; `None` if the verdict does not have it.
+/// Returns the limit of a metric with what it measures, or the reason why there is none; `None` if
+/// the verdict does not have it.
 fn row(measurand: &Measurand, prefix: &str, metric: &Metric, verdict: &Verdict) -> Option<String> {
     let [name, text] = [metric.name, metric.text].map(|pattern| measurand.name(pattern));
     let full_name = format!("{prefix}{name}");
@@ -286,7 +289,8 @@ mod tests {
     use super::*;
     use crate::new::rig;
 
-    /// Writes a scenario for a rig beside the rig's file, and returns its text and the verdict of a play.
+    /// Writes a scenario for a rig beside the rig's file, and returns its text and the verdict of a
+    /// play.
     fn played(folder: &Path, name: &str, rig: &str) -> (String, Verdict) {
         let args = ScenarioArgs {
             name: name.to_owned(),

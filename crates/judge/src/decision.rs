@@ -134,16 +134,17 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
     }
 }
 
-/// Returns whether only stalls keep an inconclusive run from being decided: they are its cause, and no limit is on a value that no
-/// node sends.
+/// Returns whether only stalls keep an inconclusive run from being decided: they are its cause, and
+/// no limit is on a value that no node sends.
 fn is_open_for_stalls(cause: Option<&NamedCause>, metrics: &[Metric]) -> bool {
     let is_unavailable = |row: &Metric| row.limit.is_some() && row.is_unavailable.0;
     // A run without a foreign source of frames is inconclusive for a cause only if that is a stall.
     cause.is_some_and(|cause| cause.node != FOREIGN) && !metrics.iter().any(is_unavailable)
 }
 
-/// Returns whether a node under test broke a duty in real time, and neither a stall nor a fault explains it. Under test are the nodes
-/// that canrig does not play, and the controller whose law is a process.
+/// Returns whether a node under test broke a duty in real time, and neither a stall nor a fault
+/// explains it. Under test are the nodes that canrig does not play, and the controller whose law is
+/// a process.
 fn has_unexplained_breach(evidence: &Evidence<'_>) -> bool {
     let host = &evidence.circumstances.host;
     let is_virtual = host.controller.is_none() && host.plant_emulator.is_none();

@@ -3,7 +3,8 @@
 use scenario::expect::{Limit, Requirements, rounded};
 use serde::{Deserialize, Serialize};
 
-/// Fact of a run that was just judged. A stored verdict does not have it, so it makes no difference between the two.
+/// Fact of a run that was just judged. A stored verdict does not have it, so it makes no difference
+/// between the two.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Unstored(pub bool);
 

@@ -785,7 +785,8 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
     assert!(!verdict.is_spoiled_by_stalls());
 }
 
-/// The external drive misses a cycle of its own, far from the stall and within the limit; or a limit is on what it does not send.
+/// The external drive misses a cycle of its own, far from the stall and within the limit; or a
+/// limit is on what it does not send.
 #[test]
 fn what_another_play_might_hide_or_cannot_decide_is_not_spoiled() {
     let judged = |limit: &str, own_miss: Option<u32>| {

@@ -164,8 +164,9 @@ impl Verdict {
         }
     }
 
-    /// Returns whether stalls of the computer alone spoiled the run: it is inconclusive for no other reason, and every breach of a
-    /// node under test is explained. Another play may decide it. Only a verdict that was just judged knows this.
+    /// Returns whether stalls of the computer alone spoiled the run: it is inconclusive for no
+    /// other reason, and every breach of a node under test is explained. Another play may decide
+    /// it. Only a verdict that was just judged knows this.
     pub fn is_spoiled_by_stalls(&self) -> bool {
         self.outcome == Outcome::Inconclusive
             && self.is_open_for_stalls.0

@@ -34,7 +34,8 @@ fn suite(verdict: &Verdict) -> TestSuite {
     suite
 }
 
-/// Returns the properties of a play that stalls spoiled: its outcome with the reason, its folder, and its values beyond their limits.
+/// Returns the properties of a play that stalls spoiled: its outcome with the reason, its folder,
+/// and its values beyond their limits.
 fn earlier_play(number: u32, play: &SpoiledPlay) -> Vec<Property> {
     let property = |name: &str, value: &str| {
         let name = format!("try {number}{name}");

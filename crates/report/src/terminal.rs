@@ -29,7 +29,8 @@ fn outcome_text(verdict: &Verdict, remark: Option<String>) -> String {
     format!("{}{tries}{remark}", verdict.outcome.word())
 }
 
-/// Returns the outcome with the values that have limits, or those that missed their limits, in one line.
+/// Returns the outcome with the values that have limits, or those that missed their limits, in one
+/// line.
 pub fn values(verdict: &Verdict) -> String {
     let limited = verdict.metrics.iter().filter(|row| row.limit.is_some());
     let missed = limited.clone().filter(|row| row.passed == Some(false));
@@ -43,7 +44,8 @@ pub fn values(verdict: &Verdict) -> String {
     Vec::from_iter(all).join(" · ")
 }
 
-/// Describes the earlier plays: `try 2 of 3; try 1: stalls; settling_time_seconds 0.3100, limit ≤ 0.2`.
+/// Describes the earlier plays: `try 2 of 3; try 1: stalls; settling_time_seconds 0.3100, limit ≤
+/// 0.2`.
 pub(crate) fn tries(tries: &Tries) -> String {
     let earlier = (1..).zip(&tries.earlier).map(|(number, play)| {
         let beyond = play.beyond.iter().map(|row| {

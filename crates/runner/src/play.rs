@@ -459,7 +459,8 @@ mod tests {
         }
     }
 
-    /// Plays a warm hold with a limit. Returns the verdict that counts, the notes on spoiled plays, and the number of plays.
+    /// Plays a warm hold with a limit. Returns the verdict that counts, the notes on spoiled plays,
+    /// and the number of plays.
     fn played(folder: &Path, limit: &str, tries: u32, stalls: u32) -> (Verdict, Vec<String>, u32) {
         let path = folder.join("hold.toml");
         let text = format!(

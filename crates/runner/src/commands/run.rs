@@ -47,7 +47,8 @@ pub struct RunArgs {
     pub clock: ClockChoice,
     #[command(flatten)]
     pub guests: GuestArgs,
-    /// Most plays of a scenario of up to 60 s in real time while stalls of this computer spoil it [default: 3, with --strict 1]
+    /// Most plays of a scenario of up to 60 s in real time while stalls of this computer spoil it
+    /// [default: 3, with --strict 1]
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub tries: Option<u32>,
     /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
@@ -246,8 +247,8 @@ impl Testbed for RunTestbed<'_> {
         Ok(plan)
     }
 
-    /// Returns the number of `--tries` for a run in real time that is not long. A node that is not canrig's is not led again without
-    /// its user, and virtual time knows no stalls.
+    /// Returns the number of `--tries` for a run in real time that is not long. A node that is not
+    /// canrig's is not led again without its user, and virtual time knows no stalls.
     fn tries(&self, plan: &Plan) -> u32 {
         let default = if self.args.play.strict { 1 } else { TRIES };
         let is_repeated = self.args.clock == ClockChoice::RealTime

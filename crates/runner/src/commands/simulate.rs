@@ -27,7 +27,8 @@ pub struct SimulateArgs {
     /// Play each scenario twice, and name the first frame in which the two plays differ
     #[arg(long)]
     pub twice: bool,
-    /// Play the scenario again whenever it, its rig, a table or its program changes, with a line for each play
+    /// Play the scenario again whenever it, its rig, a table or its program changes, with a line
+    /// for each play
     #[arg(long, conflicts_with_all = ["twice", "json", "events", "quiet"])]
     pub watch: bool,
 }

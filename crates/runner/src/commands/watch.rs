@@ -27,7 +27,8 @@ use crate::scenarios::{is_scenario, load, scenario_files};
 const POLL: Duration = Duration::from_millis(200);
 /// Name of the page of the last play, in the folder of `--output`.
 const PAGE: &str = "watch.html";
-/// Begin of the head of a page, and the element that makes a browser load the page again every two seconds.
+/// Begin of the head of a page, and the element that makes a browser load the page again every two
+/// seconds.
 const HEAD: &str = "<head>";
 const RELOAD: &str = "<meta http-equiv=\"refresh\" content=\"2\">";
 
@@ -122,7 +123,8 @@ impl Stamp {
 struct Watched(BTreeMap<PathBuf, Option<Stamp>>);
 
 impl Watched {
-    /// Takes the states of the files as they are now. If the scenario is not valid, the files are those that it named before.
+    /// Takes the states of the files as they are now. If the scenario is not valid, the files are
+    /// those that it named before.
     fn look(&mut self, scenario: &Path, values: &ValueArgs) {
         self.0.insert(scenario.to_owned(), None);
         self.renew();
@@ -151,7 +153,8 @@ impl Watched {
         has_changed
     }
 
-    /// Waits until a file has changed, and no file changes any more. Returns whether that came before the user's request to stop.
+    /// Waits until a file has changed, and no file changes any more. Returns whether that came
+    /// before the user's request to stop.
     fn wait_for_change(&mut self, stopped: &Receiver<()>) -> bool {
         let mut has_changed = false;
         loop {
