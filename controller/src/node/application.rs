@@ -152,6 +152,11 @@ impl Application for Leader {
         match loss {
             CommunicationLoss::Heartbeat(node) if self.leads() => {
                 let drive = self.drives().find(|drive| drive.node_id() == node);
+                let now = services.now();
+                if drive.is_some_and(|drive| drive.may_restart() && has_restarted(drive, now)) {
+                    // Its boot-up message follows.
+                    return;
+                }
                 let text = drive.map(|drive| loss_message(drive, services.now()));
                 if let Some(text) = text {
                     self.fail(services, Some(node), (Cause::DriveNotOperational, text));
@@ -265,7 +270,11 @@ impl Leader {
     fn on_sign_of_life(&mut self, services: &mut Services, place: usize, has_booted: bool) {
         let drive = &mut self.loops[place].drive;
         match drive.phase {
-            DrivePhase::Enabling { .. } => {}
+            DrivePhase::Enabling { .. } if !(has_booted && drive.may_restart()) => {}
+            DrivePhase::Enabling { .. } => {
+                drive.restart();
+                self.configure(services, place);
+            }
             _ if has_booted => self.configure(services, place),
             DrivePhase::Searching { .. } => drive.reset(services),
             _ => {}
@@ -273,11 +282,22 @@ impl Leader {
     }
 }
 
+/// Returns the time for which a drive has been silent, and its limit, in milliseconds.
+fn silence(drive: &LedDrive, now: Duration) -> [u128; 2] {
+    let silent = now.saturating_sub(drive.last_heard).as_millis();
+    [silent, u128::from(drive.watch & 0xFFFF)]
+}
+
+/// Returns whether a drive whose heartbeat is lost has booted, since it was not silent for long.
+fn has_restarted(drive: &LedDrive, now: Duration) -> bool {
+    let [silent, limit] = silence(drive, now);
+    silent < limit
+}
+
 /// Returns the error text for a missing heartbeat of a drive.
 fn loss_message(drive: &LedDrive, now: Duration) -> String {
     let node = drive.node_id();
-    let silent = now.saturating_sub(drive.last_heard).as_millis();
-    let limit = u128::from(drive.watch & 0xFFFF);
+    let [silent, limit] = silence(drive, now);
     if silent < limit {
         format!("the drive (node {node}) restarted while it was led")
     } else {

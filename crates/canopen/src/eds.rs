@@ -21,6 +21,7 @@ mod value;
 use ini::{Item, Section, Sections};
 use notes::quoted;
 pub use notes::{Note, Notes};
+pub use standard::data_type as standard_type;
 pub use text::text;
 use value::Reading;
 pub use value::octets;

@@ -3,7 +3,7 @@
 use crate::object_dictionary::DataType;
 
 /// Returns the type of a standard object; `None` if it is not known here.
-pub(super) fn data_type(index: u16, sub_index: u8) -> Option<DataType> {
+pub fn data_type(index: u16, sub_index: u8) -> Option<DataType> {
     let data_type = match (index, sub_index) {
         (0x1000 | 0x1002 | 0x1005..=0x1007 | 0x1012 | 0x1014, 0) => DataType::Unsigned32,
         (0x1001, 0) => DataType::Unsigned8,
