@@ -116,9 +116,12 @@ impl Application for Leader {
             return;
         };
         let must_be_operational = self.is_ready() || matches!(self.phase, Phase::Running(_));
+        let has_booted = self.phase == Phase::BringUp && state == NmtState::Initialising;
         let drive = &mut self.loops[place].drive;
         drive.last_heard = services.now();
-        if must_be_operational && state != NmtState::Operational {
+        if has_booted && drive.may_restart() {
+            self.on_sign_of_life(services, place, true);
+        } else if must_be_operational && state != NmtState::Operational {
             let text =
                 format!("the drive (node {node_id}) left NMT state Operational: it is {state:?}");
             self.fail(services, Some(node_id), (Cause::DriveNotOperational, text));
@@ -153,7 +156,9 @@ impl Application for Leader {
             CommunicationLoss::Heartbeat(node) if self.leads() => {
                 let drive = self.drives().find(|drive| drive.node_id() == node);
                 let now = services.now();
-                if drive.is_some_and(|drive| drive.may_restart() && has_restarted(drive, now)) {
+                let is_before = self.phase == Phase::BringUp;
+                let may_boot = |drive: &LedDrive| drive.may_restart() && has_restarted(drive, now);
+                if is_before && drive.is_some_and(may_boot) {
                     // Its boot-up message follows.
                     return;
                 }

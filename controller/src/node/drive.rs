@@ -19,7 +19,7 @@ use crate::plausibility::Plausibility;
 /// Time in which the drive must reach Operation enabled after its start.
 pub const ENABLE_TIME: Duration = Duration::from_secs(2);
 
-/// Most boots of a drive after its start, before it is enabled.
+/// Most boots of a drive after its start, before scenario time 0.
 const RESTARTS_MAX: u8 = 3;
 
 /// A drive of the controller.
@@ -30,7 +30,7 @@ pub(super) struct LedDrive {
     pub(super) phase: DrivePhase,
     /// Time by which it must be configured; from its start on, by which it must be enabled.
     pub(super) until: Duration,
-    /// Number of times that it booted after its start, before it was enabled.
+    /// Number of times that it booted after its start, before scenario time 0.
     restarts: u8,
     /// Entry of 0x1016 that watches its heartbeat, written after its configuration.
     pub(super) watch: u32,
@@ -96,10 +96,9 @@ impl LedDrive {
         !self.is_configured() && !self.is_enabled()
     }
 
-    /// Returns whether the drive may still boot again: it was started and is not enabled. Some drives boot twice.
+    /// Returns whether the drive, which was started, may boot again before scenario time 0. Some drives boot twice.
     pub(super) fn may_restart(&self) -> bool {
-        let is_waiting = self.phase == DrivePhase::Enabling { is_enabled: false };
-        is_waiting && self.restarts < RESTARTS_MAX
+        self.is_enabling() && self.restarts < RESTARTS_MAX
     }
 
     /// Takes a boot of a drive that was started: it must be configured once more.
