@@ -8,6 +8,7 @@
 mod allocation;
 mod attribution;
 mod book;
+mod bought_sheets;
 mod checks;
 mod command_line;
 #[path = "../crates/platform/tests/support/counting_allocator.rs"]

@@ -1,5 +1,7 @@
 //! The tools to debug nodes, on the embedded bus: next to a running `canrig run`, and on buses of their own.
 
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -11,7 +13,7 @@ use platform::recorder::Recorder;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::real_time::{Started, in_real_time, wait_for};
-use crate::support::{canrig, output, scenario, unhurried_scenario};
+use crate::support::{canrig, only_run, output, scenario, short_scenario, unhurried_scenario};
 
 /// Returns a tool that finds embedded buses in `runtime` only.
 fn tool(runtime: &Path, arguments: &[&str]) -> Command {
@@ -322,6 +324,9 @@ fn each_node_has_an_eds() {
             pace
         );
     }
+    let name = fs::read_to_string(sheets.join("x.eds")).unwrap();
+    assert!(name.contains("\nDefaultValue=two axes x\n"), "{name}");
+    assert!(!name.contains("SMA wire"), "{name}");
     let (code, _, stderr) = write();
     assert!(
         code == Some(4) && stderr.contains("is there already; remove it"),
@@ -505,4 +510,33 @@ fn a_silent_bus_has_no_node() {
             "no node: no heartbeat in 0.2 s and no answer to SDO\n"
         );
     });
+}
+
+/// A recording does not have the plants on which the objects of an io node depend.
+#[test]
+fn a_run_has_the_same_eds_files_as_its_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let sheets = |from: &str, to: &str| {
+        let to = folder.path().join(to);
+        let arguments = ["eds", from, "--to", to.to_str().unwrap()];
+        let (code, _, stderr) = output(&mut tool(folder.path(), &arguments));
+        assert_eq!(code, Some(0), "{stderr}");
+        let files = fs::read_dir(to).unwrap().map(|file| file.unwrap());
+        let text =
+            |file: fs::DirEntry| (file.file_name(), fs::read_to_string(file.path()).unwrap());
+        BTreeMap::from_iter(files.map(text))
+    };
+    let scenario = short_scenario(folder.path(), 0.1);
+    let runs = folder.path().join("runs");
+    let (code, said, stderr) = output(canrig(&runs, "simulate").arg(&scenario));
+    assert!(matches!(code, Some(0 | 1)), "{said}{stderr}");
+    let run = only_run(&runs);
+    let of_run = sheets(run.to_str().unwrap(), "of_run");
+    let of_rig = sheets(scenario.to_str().unwrap(), "of_rig");
+    assert!(
+        of_run.contains_key(OsStr::new("disturbance.eds")),
+        "{:?}",
+        of_run.keys()
+    );
+    assert_eq!(of_run, of_rig);
 }

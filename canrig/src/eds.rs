@@ -3,10 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use plan::named_nodes::node_sheets;
 use runner::console::print;
 use runner::exit::{Exit, Failure};
-use runner::named::named_plan;
+use runner::named::named_sheets;
 use runner::output::write_new;
 
 /// Arguments of `eds`.
@@ -22,7 +21,7 @@ pub(crate) struct EdsArgs {
 
 /// Writes the EDS of each node, and prints the names of the files.
 pub(crate) fn eds(args: &EdsArgs) -> Result<Exit, Failure> {
-    for (node, eds) in node_sheets(&named_plan(&args.rig)?) {
+    for (node, eds) in named_sheets(&args.rig)? {
         let path = args.to.join(format!("{}.eds", node.name));
         write_new(&path, &eds)?;
         let id = node.id;

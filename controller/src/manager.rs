@@ -5,6 +5,7 @@
 
 use std::time::Duration;
 
+use canopen::eds::{self, IDENTITY};
 use canopen::nmt::NodeId;
 use canopen::sdo::little_endian_u32;
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
@@ -22,6 +23,8 @@ const NO_REMOTE_FRAMES: u32 = 0x4000_0000;
 enum Action {
     /// Read; any other value ends the bring-up.
     Require,
+    /// Read, so that the recording has it; the EDS has no value to compare.
+    Show,
     /// Write.
     Write,
     /// Read; a value that differs in the bits of the mask enables the following [`Action::Correct`].
@@ -75,6 +78,8 @@ impl Program<'_> {
     fn push(&mut self, action: Action, index: u16, sub_index: u8, value: u32) {
         let entry = self.drive.dictionary.get(index, sub_index);
         let size = entry.and_then(|entry| entry.data_type.size_bytes());
+        // A sheet may leave out an object of the standard that the drive has.
+        let size = size.or_else(|| eds::standard_type(index, sub_index)?.size_bytes());
         self.steps.push(Step {
             action,
             index,
@@ -143,9 +148,11 @@ impl BringUp {
         let mode = u32::from(drive.mode_of_operation.cast_unsigned());
         let steps = Vec::new();
         let mut program = Program { drive, steps };
-        for (index, sub_index) in [(0x1000, 0), (0x1018, 1), (0x1018, 2)] {
-            if let Some(value) = drive.dictionary.unsigned(index, sub_index) {
-                program.push(Action::Require, index, sub_index, value);
+        for (index, sub_index) in IDENTITY {
+            match drive.dictionary.unsigned(index, sub_index) {
+                Some(0) => program.push(Action::Show, index, sub_index, 0),
+                Some(value) => program.push(Action::Require, index, sub_index, value),
+                None => {}
             }
         }
         let controller_lost = u32::from(timeouts.controller_lost_milliseconds);
@@ -252,6 +259,7 @@ impl BringUp {
                 self.differs |= found.is_none_or(|found| (found ^ step.value) & mask != 0);
                 Ok(())
             }
+            (Action::Show, Err(error)) if matches!(error.failure, SdoFailure::Aborted(_)) => Ok(()),
             // An unreadable object is written; a refusal of the write tells more.
             (Action::Compare { .. }, Err(error))
                 if matches!(error.failure, SdoFailure::Aborted(_)) =>

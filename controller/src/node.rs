@@ -96,6 +96,9 @@ impl Leader {
             &Vec::from_iter(drives),
             &Vec::from_iter(io_ids),
         );
+        let nodes = &view.wiring.nodes;
+        let name = view.wiring.shared.device_name(&nodes.controller.name);
+        let dictionary = node_objects::with_device_name(dictionary, name);
         let leading = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;
             LeadingLaw::new(law, places, wiring, &dictionary)

@@ -207,7 +207,7 @@ mod tests {
                 loop_name: "x".to_owned(),
                 shared: Arc::new(SharedWiring {
                     loops: vec![one],
-                    io: Vec::new(),
+                    ..SharedWiring::default()
                 }),
                 ..Wiring::default()
             };

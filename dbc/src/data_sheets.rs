@@ -6,7 +6,7 @@ use canopen::ObjectDictionary;
 use canopen::object_dictionary::{Access, DataType, Entry};
 
 use crate::database::Message;
-use crate::node_objects::shipped_objects;
+use crate::node_objects::{DEVICE_NAME, shipped_objects};
 
 /// The controller, node 0x01 (`controller.eds`).
 pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
@@ -43,16 +43,23 @@ pub fn sheet<'a>(
         comments: comments(messages),
     };
     let mut text = String::with_capacity(shipped.len());
+    let device_name =
+        device_name(objects).filter(|name| Some(name) != device_name(&before).as_ref());
     let of_file = sections.take_while(|(name, _)| !LISTS.contains(name));
     for line in of_file.flat_map(|(_, section)| section.lines().chain([""])) {
         let number = PDOS.iter().find(|(_, key)| line.starts_with(key));
+        let product = ["ProductName=", "OrderCode="];
+        let product = product.into_iter().find(|key| line.starts_with(key));
         text += &match number {
             _ if line.starts_with("FileName=") => format!("FileName={name}.eds"),
             Some((range, key)) => format!(
                 "{key}={}",
                 indices(objects, |one| range.contains(&one)).len()
             ),
-            None => line.to_owned(),
+            None => match product.zip(device_name.as_ref()) {
+                Some((key, name)) => format!("{key}{name}"),
+                None => line.to_owned(),
+            },
         };
         text.push('\n');
     }
@@ -69,6 +76,13 @@ pub fn sheet<'a>(
     }
     // The standard's spelling (CiA 306-1, DCF).
     text + &format!("[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
+}
+
+/// Returns the name of the device of these objects.
+fn device_name(objects: &ObjectDictionary) -> Option<String> {
+    let (index, sub_index) = DEVICE_NAME;
+    let name = objects.get(index, sub_index)?.default.clone();
+    String::from_utf8(name).ok()
 }
 
 /// Returns the indices of objects that fulfil a condition, in their order.
@@ -188,13 +202,16 @@ impl Writer<'_> {
         // A node publishes the first value of a plant or a law, which no sheet knows.
         if is_known || entry.access != Access::ReadOnly {
             let value = entry.decode_integer(&entry.default);
+            let is_text = entry.data_type == DataType::VisibleString;
             let notation = known.and_then(|section| section.split_once("DefaultValue="));
             let is_hexadecimal = match notation {
                 Some((_, notation)) => notation.starts_with("0x") || notation.starts_with('$'),
                 None => entry.data_type == DataType::Unsigned32,
             };
             let digits = 2 * entry.data_type.size_bytes().unwrap_or_default();
-            text += &if is_hexadecimal {
+            text += &if is_text {
+                format!("DefaultValue={}\n", String::from_utf8_lossy(&entry.default))
+            } else if is_hexadecimal {
                 format!("DefaultValue=0x{value:0digits$X}\n")
             } else {
                 format!("DefaultValue={value}\n")

@@ -15,6 +15,8 @@ use crate::dictionary;
 use crate::law::{first_term, layout};
 use crate::names::{ADDED_LOAD, CONVECTION_FACTOR, TERMS_MAX};
 
+/// Manufacturer device name (CiA 301).
+pub(crate) const DEVICE_NAME: (u16, u8) = (0x1008, 0);
 /// Consumer heartbeat time (CiA 301).
 pub const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 /// Entry of the controller's 0x1016 that watches the first io node; those of further ones come behind those of all drives.
@@ -259,6 +261,18 @@ pub fn io<'a>(
         let mapped = i64::from(OUTPUTS) << 16 | i64::from(number) << 8 | OUTPUT_BITS;
         let value = if number > count { 0 } else { mapped };
         objects.preset(&Preset::new(OUTPUT_MAPPING, number, value));
+    }
+    objects
+}
+
+/// Gives the device of these objects a name; without one it keeps that of the shipped data sheet.
+#[must_use]
+pub fn with_device_name(mut objects: ObjectDictionary, name: Option<String>) -> ObjectDictionary {
+    let (index, sub_index) = DEVICE_NAME;
+    if let (Some(name), Some(entry)) = (name, objects.get(index, sub_index)) {
+        let mut entry = entry.clone();
+        entry.set_default(name.into_bytes());
+        objects.insert(entry);
     }
     objects
 }

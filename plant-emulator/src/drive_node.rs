@@ -167,6 +167,8 @@ impl Parts {
             position: &wires.true_position,
         };
         let objects = node_objects::drive(node_id.get(), Some(truth), presets);
+        let name = wiring.shared.device_name(&wiring.nodes.drive.name);
+        let objects = node_objects::with_device_name(objects, name);
         Ok(Self {
             node_id,
             trial: trial.clone(),

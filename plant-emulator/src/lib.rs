@@ -136,7 +136,12 @@ impl PlantEmulator {
                     node_ids.push(io.node.id);
                     let outputs = io.outputs(&ports);
                     modules.push(Module {
-                        device: disturbance(io.node.id, &outputs, manager)?,
+                        device: disturbance(
+                            io.node.id,
+                            &outputs,
+                            manager,
+                            trial.wiring.shared.device_name(&io.node.name),
+                        )?,
                         outputs,
                     });
                 }
@@ -334,10 +339,12 @@ fn disturbance(
     number: u8,
     outputs: &[IoOutput],
     manager: u8,
+    name: Option<String>,
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
     let in_sheet = outputs.iter().map(IoOutput::in_sheet);
     let objects = dbc::node_objects::io(number, in_sheet, manager);
+    let objects = dbc::node_objects::with_device_name(objects, name);
     let module = DisturbanceModule::new(&objects)?;
     Ok(Device::new(node_id, objects, module)?)
 }

@@ -178,4 +178,9 @@ def test_databases(bench, run):
     # The number is not relied on; what follows is that there is no bus.
     many = re.sub(r"SubNumber=.*", "SubNumber=0xFFFFFFFF", good)
     eds("4 billion sub-objects", "no embedded bus", many, FAILED)
+    # Slips are read over, and the notes on them do not grow with their number.
+    eds("100 000 lines of garbage", "no embedded bus", good + "garbage\n" * 100_000, FAILED)
+    eds("a name of 500 kB", "no embedded bus", good.replace("=Device type", "=" + "x" * 500_000), FAILED)
+    eds("100 000 sections", "no embedded bus", good + "[1000]\n" * 100_000, FAILED)
+    eds("nothing but garbage", "describes no object", "garbage\n" * 100_000)
     eds("a default that fits no type", "hostile.eds", good.replace("DefaultValue=", "DefaultValue=0xFFFFFFFFFFFFFFFFFF\n;", 1))

@@ -22,7 +22,7 @@ use platform::stop::StopSignal;
 use plan::data_sheet::DataSheet;
 use plan::named_nodes::NamedNodes;
 use runner::exit::{Exit, Failure};
-use runner::named::named_plan;
+use runner::named::named_nodes;
 use runner::number;
 use scenario::TIME_SECONDS_MAX;
 use worlds::guest::{Guest, GuestError};
@@ -67,7 +67,7 @@ impl NamesArgs {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
         };
-        Ok(NamedNodes::of(&named_plan(path)?))
+        named_nodes(path)
     }
 }
 

@@ -166,10 +166,20 @@ impl RollCall {
             let expected = with_id.first();
             return expected.map_or_else(String::new, |sheet| format!("{}?", sheet.name));
         };
-        let mut sheets = with_id.into_iter().chain(others);
         let found = match (identity.device_type, identity.identity) {
             (Some(device_type), [Some(vendor), Some(product), ..]) => {
-                sheets.find(|sheet| sheet.describes(device_type, vendor, product))
+                let identity = [device_type, vendor, product];
+                let sheets = with_id.into_iter().chain(others);
+                let agreeing = sheets.filter_map(|sheet| {
+                    sheet
+                        .agreement(identity)
+                        .map(|agreement| (agreement, sheet))
+                });
+                // Of equals the first: a sheet that says more is the better one.
+                agreeing
+                    .rev()
+                    .max_by_key(|(agreement, _)| *agreement)
+                    .map(|(_, sheet)| sheet)
             }
             _ => None,
         };

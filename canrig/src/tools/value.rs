@@ -28,9 +28,13 @@ pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
     };
     let data_type = entry.data_type;
     let size = data_type.size_bytes();
-    if size.is_some_and(|size| size != bytes.len()) {
-        let (shown, name) = (show_bytes(bytes), type_name(data_type));
-        return format!("{shown} (not of type {name})");
+    if let Some(size) = size.filter(|size| *size != bytes.len()) {
+        let (shown, name, has) = (show_bytes(bytes), type_name(data_type), bytes.len());
+        return if has < size {
+            format!("{shown} (a short answer: {has} bytes, {name} has {size})")
+        } else {
+            format!("{shown} (not of type {name})")
+        };
     }
     match data_type {
         DataType::Boolean => (bytes != [0]).to_string(),
@@ -312,7 +316,7 @@ mod tests {
         assert_eq!(shown(0x1008, b"SMA").0, "\"SMA\"");
         assert_eq!(
             shown(0x1000, b"SMA").0,
-            "53 4D 41 (3 bytes) (not of type UNSIGNED32)"
+            "53 4D 41 (3 bytes) (a short answer: 3 bytes, UNSIGNED32 has 4)"
         );
     }
 

@@ -116,9 +116,12 @@ impl Application for Leader {
             return;
         };
         let must_be_operational = self.is_ready() || matches!(self.phase, Phase::Running(_));
+        let has_booted = self.phase == Phase::BringUp && state == NmtState::Initialising;
         let drive = &mut self.loops[place].drive;
         drive.last_heard = services.now();
-        if must_be_operational && state != NmtState::Operational {
+        if has_booted && drive.may_restart() {
+            self.on_sign_of_life(services, place, true);
+        } else if must_be_operational && state != NmtState::Operational {
             let text =
                 format!("the drive (node {node_id}) left NMT state Operational: it is {state:?}");
             self.fail(services, Some(node_id), (Cause::DriveNotOperational, text));
@@ -152,6 +155,13 @@ impl Application for Leader {
         match loss {
             CommunicationLoss::Heartbeat(node) if self.leads() => {
                 let drive = self.drives().find(|drive| drive.node_id() == node);
+                let now = services.now();
+                let is_before = self.phase == Phase::BringUp;
+                let may_boot = |drive: &LedDrive| drive.may_restart() && has_restarted(drive, now);
+                if is_before && drive.is_some_and(may_boot) {
+                    // Its boot-up message follows.
+                    return;
+                }
                 let text = drive.map(|drive| loss_message(drive, services.now()));
                 if let Some(text) = text {
                     self.fail(services, Some(node), (Cause::DriveNotOperational, text));
@@ -265,7 +275,11 @@ impl Leader {
     fn on_sign_of_life(&mut self, services: &mut Services, place: usize, has_booted: bool) {
         let drive = &mut self.loops[place].drive;
         match drive.phase {
-            DrivePhase::Enabling { .. } => {}
+            DrivePhase::Enabling { .. } if !(has_booted && drive.may_restart()) => {}
+            DrivePhase::Enabling { .. } => {
+                drive.restart();
+                self.configure(services, place);
+            }
             _ if has_booted => self.configure(services, place),
             DrivePhase::Searching { .. } => drive.reset(services),
             _ => {}
@@ -273,11 +287,22 @@ impl Leader {
     }
 }
 
+/// Returns the time for which a drive has been silent, and its limit, in milliseconds.
+fn silence(drive: &LedDrive, now: Duration) -> [u128; 2] {
+    let silent = now.saturating_sub(drive.last_heard).as_millis();
+    [silent, u128::from(drive.watch & 0xFFFF)]
+}
+
+/// Returns whether a drive whose heartbeat is lost has booted, since it was not silent for long.
+fn has_restarted(drive: &LedDrive, now: Duration) -> bool {
+    let [silent, limit] = silence(drive, now);
+    silent < limit
+}
+
 /// Returns the error text for a missing heartbeat of a drive.
 fn loss_message(drive: &LedDrive, now: Duration) -> String {
     let node = drive.node_id();
-    let silent = now.saturating_sub(drive.last_heard).as_millis();
-    let limit = u128::from(drive.watch & 0xFFFF);
+    let [silent, limit] = silence(drive, now);
     if silent < limit {
         format!("the drive (node {node}) restarted while it was led")
     } else {

@@ -19,6 +19,9 @@ use crate::plausibility::Plausibility;
 /// Time in which the drive must reach Operation enabled after its start.
 pub const ENABLE_TIME: Duration = Duration::from_secs(2);
 
+/// Most boots of a drive after its start, before scenario time 0.
+const RESTARTS_MAX: u8 = 3;
+
 /// A drive of the controller.
 #[derive(Debug)]
 pub(super) struct LedDrive {
@@ -27,6 +30,8 @@ pub(super) struct LedDrive {
     pub(super) phase: DrivePhase,
     /// Time by which it must be configured; from its start on, by which it must be enabled.
     pub(super) until: Duration,
+    /// Number of times that it booted after its start, before scenario time 0.
+    restarts: u8,
     /// Entry of 0x1016 that watches its heartbeat, written after its configuration.
     pub(super) watch: u32,
     /// The last controlword sent.
@@ -56,6 +61,7 @@ impl LedDrive {
                 next_question: Duration::ZERO,
             },
             until: Duration::ZERO,
+            restarts: 0,
             watch: node_id << 16 | u32::from(timeouts.drive_lost_milliseconds),
             controlword: 0,
             current_amperes: 0.0,
@@ -88,6 +94,17 @@ impl LedDrive {
     /// Returns whether the phase must end by its time.
     pub(super) fn is_awaited(&self) -> bool {
         !self.is_configured() && !self.is_enabled()
+    }
+
+    /// Returns whether the drive, which was started, may boot again before scenario time 0. Some drives boot twice.
+    pub(super) fn may_restart(&self) -> bool {
+        self.is_enabling() && self.restarts < RESTARTS_MAX
+    }
+
+    /// Takes a boot of a drive that was started: it must be configured once more.
+    pub(super) fn restart(&mut self) {
+        self.restarts += 1;
+        self.controlword = 0;
     }
 
     /// Sends RPDO1.

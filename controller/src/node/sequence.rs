@@ -107,7 +107,8 @@ impl Leader {
         match drive.bring_up.advance(services) {
             Ok(()) if drive.bring_up.is_configured() => {
                 drive.phase = DrivePhase::Configured;
-                if self.drives().all(LedDrive::is_configured) {
+                let is_ready = |drive: &LedDrive| drive.is_configured() || drive.is_enabling();
+                if self.drives().all(is_ready) {
                     self.start(services);
                 }
             }
@@ -119,9 +120,10 @@ impl Leader {
         }
     }
 
-    /// Starts the drives, this node and SYNC. From now on the drives are watched.
+    /// Starts the drives, this node and SYNC. From now on the drives are watched. A drive that booted again joins the others.
     fn start(&mut self, services: &mut Services) {
-        self.drives_mut().for_each(|drive| drive.start(services));
+        let configured = self.drives_mut().filter(|drive| drive.is_configured());
+        configured.for_each(|drive| drive.start(services));
         services.request_nmt(NmtCommand::Start);
         self.configure_self(services, u32::MAX, self.sync_period);
     }

@@ -7,7 +7,7 @@ use can::{CanFrame, Node, Progress};
 use canopen::cia402::{OptionCodes, State, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::nmt::{NmtCommand, NmtState};
-use canopen::object_dictionary::AbortCode;
+use canopen::object_dictionary::{AbortCode, Preset};
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services, eds};
@@ -464,6 +464,37 @@ fn another_device_is_not_driven() {
     bus.fails_with(
         "the node is not the drive of the EDS: Device type (0x1000:00) is 0x00020191 instead of 0x00020192",
     );
+}
+
+#[test]
+fn what_the_eds_leaves_blank_is_asked_and_not_compared() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    // The vendor in the EDS is 0.
+    let mut dictionary = eds::parse(dbc::DRIVE_EDS, DRIVE.get()).unwrap();
+    dictionary.preset(&Preset::new(0x1018, 1, 0x2FE));
+    bus.drive = Some(Device::new(DRIVE, dictionary, TestDrive::default()).unwrap());
+    bus.run_until_running();
+    let asked = CanFrame::new(0x610, &[0x40, 0x18, 0x10, 1, 0, 0, 0, 0]);
+    assert!(bus.has_sent(&asked));
+}
+
+#[test]
+fn a_drive_that_boots_twice_is_led_whenever_the_second_boot_comes() {
+    let start = NmtCommand::Start.frame(Some(DRIVE));
+    let mut was_started = false;
+    for quarters in 1..160 {
+        let mut bus = Bus::new(OPEN_LOOP);
+        bus.run_until(quarters * MILLISECOND / 4);
+        // The drive would boot at the SYNC of time 0, from which on the laws lead it.
+        if bus.is_running() || bus.controller.application().is_ready() {
+            break;
+        }
+        was_started |= bus.has_sent(&start);
+        let drive = bus.drive().services_mut();
+        drive.request_nmt(NmtCommand::ResetNode);
+        bus.run_until_running();
+    }
+    assert!(was_started);
 }
 
 #[test]

@@ -335,6 +335,46 @@ pub fn limit_torque(target: i16, torque_max: u16, current_max: u16) -> (i16, boo
     (limited, limited != target)
 }
 
+/// Returns the name of a mode of operation (CiA 402-2, 0x6060) whose command is a position or a speed; `None` for the modes of a
+/// torque and of the maker, and for none.
+pub fn mode_without_torque(mode: i8) -> Option<&'static str> {
+    Some(match mode {
+        1 => "profile position",
+        2 => "velocity",
+        3 => "profile velocity",
+        6 => "homing",
+        7 => "interpolated position",
+        8 => "cyclic synchronous position",
+        9 => "cyclic synchronous velocity",
+        5 | 12.. => "which CiA 402 reserves",
+        ..=0 | 4 | 10 | 11 => return None,
+    })
+}
+
+/// Returns the name of an object of CiA 402 that takes a position or a speed, of any axis of the drive: the objects of each further
+/// axis are 0x800 above.
+pub fn target_without_torque(index: u16) -> Option<&'static str> {
+    const AXES: std::ops::RangeInclusive<u16> = 0x6000..=0x9FFF;
+    if !AXES.contains(&index) {
+        return None;
+    }
+    Some(match (index - AXES.start()) % 0x800 {
+        0x42 => "vl target velocity",
+        0x62 => "position demand value",
+        0x6B => "velocity demand value",
+        0x7A => "target position",
+        0x7C => "home offset",
+        0x81 => "profile velocity",
+        0x82 => "end velocity",
+        0x99 => "homing speed",
+        0xB0 => "position offset",
+        0xB1 => "velocity offset",
+        0xC1 => "interpolation data record",
+        0xFF => "target velocity",
+        _ => return None,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

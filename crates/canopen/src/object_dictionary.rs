@@ -128,6 +128,16 @@ impl DataType {
         numbers.find_map(|(one, data_type)| (u32::from(one) == number).then_some(data_type))
     }
 
+    /// Returns the type with this name in CiA 301; case does not matter.
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
+        if !name.starts_with(|first: char| first.is_ascii_alphabetic()) {
+            return None;
+        }
+        let name = name.replace('_', "");
+        let mut types = NUMBERS.iter().map(|(_, data_type)| *data_type);
+        types.find(|data_type| format!("{data_type:?}").eq_ignore_ascii_case(&name))
+    }
+
     /// Returns its CiA 301 number.
     pub fn number(self) -> u16 {
         let found = NUMBERS.iter().find(|(_, data_type)| *data_type == self);
@@ -294,6 +304,8 @@ pub struct Entry {
     pub access: Access,
     /// Whether it may be mapped into a PDO.
     pub is_pdo_mappable: bool,
+    /// Whether the data sheet leaves open if it may be mapped. CiA 306-1 then says that it may not, but sheets forget it.
+    pub lacks_pdo_mapping: bool,
     /// Lowest value that may be written, if the EDS gives one, as its [`DataType::rank`].
     pub low_limit: Option<i128>,
     /// Highest value that may be written, if the EDS gives one, as its [`DataType::rank`].
@@ -321,6 +333,7 @@ impl Entry {
             data_type,
             access,
             is_pdo_mappable: false,
+            lacks_pdo_mapping: false,
             low_limit: None,
             high_limit: None,
             value: default.clone(),

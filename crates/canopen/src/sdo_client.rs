@@ -23,6 +23,9 @@ pub enum SdoFailure {
     /// The server did not answer within this time.
     #[error("no answer within {} ms", .0.as_millis())]
     TimedOut(Duration),
+    /// The server answered, but with a frame of so many bytes; CiA 301 has 8 in each.
+    #[error("a short answer: {0} bytes in the frame (CiA 301: 8)")]
+    Short(usize),
     /// Another transfer is under way.
     #[error("another transfer is under way")]
     Busy,
@@ -56,6 +59,8 @@ pub struct SdoClient {
     response_id: u16,
     timeout: Duration,
     transfer: Transfer,
+    /// Length of an answer that was no SDO frame, since the transfer was waiting for one.
+    short_bytes: Option<usize>,
     result: Option<Result<Vec<u8>, SdoError>>,
 }
 
@@ -68,6 +73,7 @@ impl SdoClient {
             response_id: DEFAULT_RESPONSE_ID + u16::from(node_id),
             timeout: DEFAULT_TIMEOUT,
             transfer: Transfer::default(),
+            short_bytes: None,
             result: None,
         }
     }
@@ -165,6 +171,9 @@ impl SdoClient {
     /// Handles a frame; frames that are no answer to this transfer are ignored.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         let Some(answer) = payload_with_id(frame, self.response_id) else {
+            if frame.standard_id() == Some(self.response_id) && self.is_busy() {
+                self.short_bytes = Some(frame.data().len());
+            }
             return;
         };
         match self.handle(&answer) {
@@ -181,7 +190,8 @@ impl SdoClient {
     /// Ends a transfer whose server has been silent for too long.
     pub fn on_tick(&mut self, now: Duration) {
         if self.transfer.is_overdue(now) {
-            let failure = SdoFailure::TimedOut(self.timeout);
+            let silent = SdoFailure::TimedOut(self.timeout);
+            let failure = self.short_bytes.map_or(silent, SdoFailure::Short);
             self.give_up(AbortCode::PROTOCOL_TIMED_OUT, failure);
         }
     }
@@ -233,6 +243,7 @@ impl SdoClient {
         self.transfer.buffer.clear();
         self.transfer.buffer.extend_from_slice(bytes);
         self.result = None;
+        self.short_bytes = None;
         self.transfer.deadline = Some(now.saturating_add(self.timeout));
         Ok(())
     }
@@ -469,6 +480,25 @@ mod tests {
         assert_eq!(client.take_result(), Some(Ok(Vec::new())));
         answer(&mut client, b"\x60\x00\x20\0\0\0\0\0");
         assert_eq!(client.take_result(), None);
+    }
+
+    #[test]
+    fn a_short_answer_is_no_silence() {
+        let mut client = upload();
+        answer(&mut client, b"\x4B\x00\x20\0\x05\0");
+        assert!(client.is_busy());
+        client.on_tick(NOW + DEFAULT_TIMEOUT);
+        sent(&mut client);
+        let failure = failure(&mut client, 0x2000);
+        assert_eq!(failure, SdoFailure::Short(6));
+        let text = "a short answer: 6 bytes in the frame (CiA 301: 8)";
+        assert_eq!(failure.to_string(), text);
+        // The next transfer does not know of it.
+        client.start_upload(NOW, (0x2000, 0)).unwrap();
+        client.on_tick(NOW + DEFAULT_TIMEOUT);
+        sent(&mut client);
+        let silent = SdoFailure::TimedOut(DEFAULT_TIMEOUT);
+        assert_eq!(self::failure(&mut client, 0x2000), silent);
     }
 
     #[test]

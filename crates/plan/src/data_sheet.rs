@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use canopen::eds::IDENTITY;
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 use scenario::rig::nodes::CONTROLLER_NODE_ID;
@@ -85,7 +86,7 @@ impl DataSheet {
     /// The file cannot be read or is not an EDS.
     pub fn load(path: &Path, node_id: u8) -> Result<Self, DataSheetError> {
         let file = path.display();
-        let text = scenario::read_text(path, FILE_BYTES_MAX)
+        let text = scenario::read_sheet(path, FILE_BYTES_MAX)
             .map_err(|error| DataSheetError(format!("`{file}` cannot be read: {error}")))?;
         let sheet = Self::parse(file.to_string(), &format!("node {node_id}"), node_id, &text)?;
         let name = path.file_name().unwrap_or(path.as_os_str());
@@ -128,12 +129,18 @@ impl DataSheet {
         startup.is_some_and(|startup| startup & 1 == 1)
     }
 
-    /// Checks whether it describes a device with this type, vendor and product.
-    pub fn describes(&self, device_type: u32, vendor: u32, product: u32) -> bool {
-        let expected = |index, sub_index| self.dictionary.unsigned(index, sub_index);
-        expected(0x1000, 0) == Some(device_type)
-            && expected(0x1018, 1) == Some(vendor)
-            && expected(0x1018, 2) == Some(product)
+    /// Returns how many of type, vendor and product of a device the sheet gives as the device does; `None` if it gives one of
+    /// them otherwise. What it leaves out, or gives as 0, is not known.
+    pub fn agreement(&self, identity: [u32; 3]) -> Option<usize> {
+        let mut agreement = 0;
+        for ((index, sub_index), found) in IDENTITY.into_iter().zip(identity) {
+            match self.dictionary.unsigned(index, sub_index).unwrap_or(0) {
+                expected if expected == found => agreement += 1,
+                0 => {}
+                _ => return None,
+            }
+        }
+        Some(agreement).filter(|agreement| *agreement > 0)
     }
 
     /// Finds the object that the user names, as `6064`, `0x6064:00` or by its name in the EDS. Case does not matter; a part of

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use canopen::eds::{self, Notes};
 use dbc::names::{self, CURRENT, HEARTBEAT, POSITION, RPDO1, TARGET_CURRENT, TPDO1};
 use dbc::{Coding, Composer, Kind, Message, Signal};
 use scenario::Trial;
@@ -21,6 +22,8 @@ pub struct LoadedDrive {
     pub eds: String,
     /// Identity and PDOs of the drive.
     pub layout: DriveLayout,
+    /// Slips of the EDS.
+    pub notes: Notes,
 }
 
 impl LoadedDrive {
@@ -29,10 +32,30 @@ impl LoadedDrive {
     /// # Errors
     /// Rig file and EDS do not fit each other.
     pub fn new(real: RealDrive, eds: Option<&String>) -> Result<Self, DriveError> {
-        let eds = eds.map_or(dbc::DRIVE_EDS, String::as_str).to_owned();
-        let dictionary = dbc::dictionary(&eds, real.node_id)?;
-        let layout = DriveLayout::new(dictionary, &real)?;
-        Ok(Self { real, eds, layout })
+        let Some(text) = eds else {
+            let dictionary = dbc::dictionary(dbc::DRIVE_EDS, real.node_id)?;
+            return Ok(Self {
+                layout: DriveLayout::new(dictionary, &real)?,
+                real,
+                eds: dbc::DRIVE_EDS.to_owned(),
+                notes: Notes::default(),
+            });
+        };
+        let sheet = eds::read(text, real.node_id)?;
+        let used = DriveLayout::used_objects(&real);
+        let mut doubts = used.into_iter().filter_map(|(index, sub_index)| {
+            let what = sheet.contradiction(index, sub_index)?;
+            Some(DriveError::contradiction((index, sub_index), what))
+        });
+        if let Some(error) = doubts.next() {
+            return Err(error);
+        }
+        Ok(Self {
+            layout: DriveLayout::new(sheet.dictionary, &real)?,
+            real,
+            eds: text.clone(),
+            notes: sheet.notes,
+        })
     }
 
     /// Adds the frames of its drive to those of a bus.

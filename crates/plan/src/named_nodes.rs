@@ -8,7 +8,7 @@ use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Message, node_ob
 use scenario::node::Node;
 use scenario::wiring::IoOutput;
 
-use crate::data_sheet::{DataSheet, rig_data_sheets};
+use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::plan::{ControlLoop, Plan};
 
 /// A node of a plan with its objects.
@@ -32,9 +32,14 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
         terms.push((one.terms().cloned().collect(), identifiers));
     }
     let node = plan.controller();
+    let shared = &plan.loops[0].trial.wiring.shared;
+    let named = |objects, node: &Node| {
+        node_objects::with_device_name(objects, shared.device_name(&node.name))
+    };
     for (io, outputs) in plan.io_outputs() {
         let outputs = outputs.iter().map(IoOutput::in_sheet);
         let objects = node_objects::io(io.id, outputs, node.id);
+        let objects = named(objects, io);
         nodes.push(NodeObjects {
             node: io,
             objects,
@@ -44,6 +49,7 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
         io_nodes.push(io.id);
     }
     let objects = node_objects::controller(node.id, &terms, &drives, &io_nodes);
+    let objects = named(objects, node);
     nodes.push(NodeObjects {
         node,
         objects,
@@ -69,6 +75,7 @@ fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
     let presets = one.trial.presets().into_iter().chain(pace);
     let truth = PlantSignals::of(plan.database(), &node.name);
     let objects = node_objects::drive(node.id, truth, presets);
+    let objects = node_objects::with_device_name(objects, wiring.shared.device_name(&node.name));
     NodeObjects {
         node,
         objects,
@@ -108,6 +115,20 @@ impl NamedNodes {
             sheets: rig_data_sheets(),
             database: Database::shipped().clone(),
         }
+    }
+
+    /// Returns the nodes of a run with the sheets that it has written of them.
+    ///
+    /// # Errors
+    /// A text is not an EDS.
+    pub fn of_run(plan: &Plan, sheets: &[(Node, String)]) -> Result<Self, DataSheetError> {
+        let parse = |(node, text): &(Node, String)| {
+            DataSheet::parse(format!("{}.eds", node.name), &node.name, node.id, text)
+        };
+        Ok(Self {
+            sheets: sheets.iter().map(parse).collect::<Result<_, _>>()?,
+            database: Database::clone(plan.database()),
+        })
     }
 
     /// Returns the nodes of a plan.

@@ -132,6 +132,29 @@ impl Plan {
         of_loops.chain(io.iter().map(|io| &io.node))
     }
 
+    /// Returns the slips in the EDS of each real drive: the first ones, and how many more there are.
+    pub fn sheet_notes(&self) -> Vec<String> {
+        const SHOWN_MAX: usize = 10;
+        let mut shown = Vec::new();
+        let mut known = BTreeSet::new();
+        let loops = self
+            .loops
+            .iter()
+            .filter(|one| known.insert(one.nodes.drive.id));
+        for (one, drive) in loops.filter_map(|one| Some((one, one.real_drive.as_ref()?))) {
+            let name = &one.nodes.drive.name;
+            let notes = drive.notes.first(SHOWN_MAX).iter();
+            shown.extend(notes.map(|note| format!("EDS of `{name}`, {note}")));
+            let more = drive.notes.count().saturating_sub(SHOWN_MAX);
+            if more > 0 {
+                shown.push(format!(
+                    "EDS of `{name}`: {more} more slips that do no harm"
+                ));
+            }
+        }
+        shown
+    }
+
     /// Returns the io nodes, each with its outputs; none for a recording.
     pub fn io_outputs(&self) -> impl Iterator<Item = &(Node, Vec<IoOutput>)> {
         let all = self.loops.iter().flat_map(|one| &one.frames.published.io);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::file::read_text;
+use crate::file::{is_sheet, read_sheet, read_text};
 use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::rig::shipped;
 
@@ -155,6 +155,9 @@ impl Beside {
         let path = folder.join(name).canonicalize()?;
         if !path.starts_with(folder.canonicalize()?) {
             return Err(io::Error::other("it lies outside the scenario's folder"));
+        }
+        if is_sheet(name) {
+            return read_sheet(&path, BYTES_MAX);
         }
         read_text(&path, BYTES_MAX)
     }

@@ -38,15 +38,38 @@ pub fn require_file(path: &Path) -> io::Result<()> {
 /// As [`open_file`]; or it is no text, or longer than `bytes_max`.
 pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
     let mut text = String::new();
-    let read = open_file(path)?
-        .take(bytes_max + 1)
-        .read_to_string(&mut text)?;
-    if read as u64 > bytes_max {
-        return Err(io::Error::other(format!(
-            "it is longer than {bytes_max} bytes"
-        )));
-    }
+    let mut file = open_file(path)?.take(bytes_max + 1);
+    let read = file.read_to_string(&mut text)?;
+    refuse_long(read, bytes_max)?;
     Ok(text)
+}
+
+/// Reads the text of an EDS, in whatever encoding its maker wrote it.
+///
+/// # Errors
+/// As [`open_file`]; or it is longer than `bytes_max`.
+pub fn read_sheet(path: &Path, bytes_max: u64) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    let mut file = open_file(path)?.take(bytes_max + 1);
+    let read = file.read_to_end(&mut bytes)?;
+    refuse_long(read, bytes_max)?;
+    Ok(canopen::eds::text(bytes))
+}
+
+/// Checks whether a file is an EDS or a DCF by its name.
+pub(crate) fn is_sheet(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    ["eds", "dcf"]
+        .iter()
+        .any(|one| extension.eq_ignore_ascii_case(one))
+}
+
+fn refuse_long(bytes: usize, bytes_max: u64) -> io::Result<()> {
+    if bytes as u64 > bytes_max {
+        let reason = format!("it is longer than {bytes_max} bytes");
+        return Err(io::Error::other(reason));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -61,7 +61,7 @@ pub const TIME_SECONDS_MAX: f64 = 604_800.0;
 pub use beside::Beside;
 pub use bus::{Bus, cycle_start_seconds, nearest_cycle};
 pub use error::{Problem, ScenarioError, without_colours};
-pub use file::{open_file, read_text, require_file};
+pub use file::{open_file, read_sheet, read_text, require_file};
 pub use fingerprint::{HASH_SUFFIX, file_hash, hash_in, hexadecimal};
 pub use identifiers::Identifiers;
 pub use load::{Asked, Objection, Reading, text_of};

@@ -14,6 +14,8 @@ use dbc::{
     symbol_of, unit_in,
 };
 
+/// Name of the rig that the shipped data sheets describe.
+const RIG_OF_SHEETS: &str = "SMA wire actuator";
 /// Largest number of outputs of an io node, which its RPDO1 holds.
 pub const IO_OUTPUTS_MAX: usize = 4;
 /// Steps of a true position (0x2103) for one unit.
@@ -89,6 +91,8 @@ impl LoopFacts {
 /// Facts of a rig that its loops share.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SharedWiring {
+    /// Name of the rig; empty without a rig file.
+    pub rig: String,
     /// All loops of the rig, in the order of their names.
     pub loops: Vec<LoopFacts>,
     /// All io nodes of the rig, in the order of their names.
@@ -96,6 +100,24 @@ pub struct SharedWiring {
 }
 
 impl SharedWiring {
+    /// Returns the name of a node as a device (0x1008): that of the rig comes first. `None` for the devices of the shipped data
+    /// sheets, which have their names there, and without a rig file.
+    pub fn device_name(&self, node: &str) -> Option<String> {
+        /// Most characters of the rig's name, so that a line of an EDS holds the whole.
+        const RIG_MAX: usize = 120;
+        if self.rig == RIG_OF_SHEETS {
+            return None;
+        }
+        // A comment of an EDS begins with a semicolon.
+        let rig = self
+            .rig
+            .chars()
+            .take(RIG_MAX)
+            .collect::<String>()
+            .replace(';', ",");
+        (!rig.trim().is_empty()).then(|| format!("{} {node}", rig.trim()))
+    }
+
     /// Returns the io nodes that act on some of these plants.
     pub fn io_on(&self, has_plant: impl Fn(&str) -> bool) -> impl Iterator<Item = &IoWiring> {
         let acts = move |io: &&IoWiring| io.plants().any(&has_plant);
@@ -526,6 +548,25 @@ pub struct Stall {
 mod tests {
     use super::*;
     use dbc::Unit;
+
+    #[test]
+    fn a_device_is_named_after_its_rig_and_node() {
+        let named = |rig: &str| {
+            let shared = SharedWiring {
+                rig: rig.to_owned(),
+                ..SharedWiring::default()
+            };
+            shared.device_name("drive")
+        };
+        let shipped = crate::rig::shipped::text("sma_actuator").unwrap();
+        let shipped = crate::rig::nodes::Rig::parse(shipped, "rig.toml").unwrap();
+        assert_eq!(named(&shipped.name), None);
+        assert_eq!(named("DC motor").as_deref(), Some("DC motor drive"));
+        assert_eq!(named("a ; b").as_deref(), Some("a , b drive"));
+        assert_eq!(named(""), None);
+        let long = named(&"ä".repeat(200)).unwrap();
+        assert_eq!(long.chars().count(), 126);
+    }
 
     fn joint() -> Ports {
         let input = |name| Port::input(name, [0.0, 1.0]);

@@ -81,6 +81,41 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
         ),
         (RIG.to_owned() + FAN, "which nobody emulates"),
         (
+            RIG.replace("= -1\n", "= 8\n"),
+            "mode 8, cyclic synchronous position, is not served yet",
+        ),
+        (
+            RIG.replace("= -1\n", "= 9\n"),
+            "mode 9, cyclic synchronous velocity, is not served yet",
+        ),
+        (RIG.replace("= -1\n", "= 1\n"), "mode 1, profile position"),
+        (RIG.replace("= -1\n", "= 3\n"), "mode 3, profile velocity"),
+        (
+            RIG.replace("= -1\n", "= 7\n"),
+            "mode 7, interpolated position",
+        ),
+        (
+            RIG.replace("= -1\n", "= 12\n"),
+            "mode 12, which CiA 402 reserves",
+        ),
+        (
+            RIG.replace("0x2200", "0x607A"),
+            "\"0x607A\" is the target position of a drive",
+        ),
+        (
+            RIG.replace("0x2200", "0x60FF"),
+            "\"0x60FF\" is the target velocity of a drive",
+        ),
+        (
+            RIG.replace("0x2200", "0x607a:00"),
+            "\"0x607a:00\" is the target position of a drive",
+        ),
+        // The second axis.
+        (
+            RIG.replace("0x2200", "0x68FF"),
+            "\"0x68FF\" is the target velocity of a drive",
+        ),
+        (
             without("[node.real.limits]")
                 .replace("external = true", "")
                 .replace("0x30", "0x13"),
@@ -91,4 +126,14 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
         assert!(refused.contains(message), "{message} in {refused}");
     }
     Rig::parse(&(RIG.to_owned() + FAN + "external = true\n"), "rig.toml").unwrap();
+    for torque in ["= 4\n", "= 10\n", "= 11\n", "= -128\n"] {
+        Rig::parse(&RIG.replace("= -1\n", torque), "rig.toml").unwrap();
+    }
+    let refused = refused(&RIG.replace("= -1\n", "= 8\n"));
+    let words = Vec::from_iter(refused.split_whitespace()).join(" ");
+    assert!(words.contains("mode_of_operation = 8"), "{refused}");
+    assert!(
+        words.contains("mode_of_operation = 10, cyclic synchronous torque"),
+        "{refused}"
+    );
 }

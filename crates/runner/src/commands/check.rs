@@ -42,9 +42,13 @@ fn checked(path: &Path, values: &ValueArgs) -> Result<(), Failure> {
     if Rig::is_meant(&text) {
         let plan = Plan::from_rig(path, &text, catalogue())?;
         print_valid(format!("rig: {}", plan.shared.rig.name));
-        for note in plan.shared.rig.notes() {
-            print(&format!("note: {note}"));
-        }
+        print_notes(
+            plan.shared
+                .rig
+                .notes()
+                .into_iter()
+                .chain(plan.sheet_notes()),
+        );
         print_text(&arithmetic(&BusBudget::new(&plan)));
         return Ok(());
     }
@@ -54,7 +58,14 @@ fn checked(path: &Path, values: &ValueArgs) -> Result<(), Failure> {
         Some(sweep) => format!("{}, {} runs in a sweep", run.name, sweep.runs()),
         None => run.name.clone(),
     });
+    print_notes(plan.sheet_notes());
     Ok(())
+}
+
+fn print_notes(notes: impl IntoIterator<Item = String>) {
+    for note in notes {
+        print(&format!("note: {note}"));
+    }
 }
 
 /// Describes the traffic in a cycle, and whether it fits.

@@ -22,6 +22,7 @@ use crate::rig::{RealDrive, object_address};
 use crate::schema;
 use crate::table;
 use crate::{meant_or_known, nearest};
+use canopen::cia402;
 use dbc::names::is_name;
 
 /// Kind of the file in messages.
@@ -346,6 +347,32 @@ impl Check<'_> {
             let message = "the drive is lost between two heartbeats";
             let label = format!("must be above the heartbeat period of {period} ms");
             object("timeouts.drive_lost_milliseconds", message, &label);
+        }
+        self.unserved_mode(&path, &real);
+    }
+
+    /// Refuses modes and objects of positions and speeds: commands are currents, and 0, which a quick stop sends, is no current
+    /// there but a place to go to.
+    fn unserved_mode(&mut self, path: &str, real: &RealDrive) {
+        let remedy = "mode_of_operation = 10, cyclic synchronous torque, with a command such as \"0x6071\" is served today; \
+            so is a mode of the maker (negative) whose command is a current";
+        let mode = real.mode_of_operation;
+        if let Some(name) = cia402::mode_without_torque(mode) {
+            let path = format!("{path}.mode_of_operation");
+            let message = format!("mode {mode}, {name}, is not served yet");
+            let label = "a current would be commanded as a position or a speed";
+            let problem = self.document.problem(&path, message, label);
+            self.add([problem.with_help(remedy)]);
+        }
+        let text = &real.command.object;
+        if let Ok((index, _)) = object_address(text)
+            && let Some(name) = cia402::target_without_torque(index)
+        {
+            let path = format!("{path}.command.object");
+            let message = format!("\"{text}\" is the {name} of a drive, which is not served yet");
+            let label = "a current would be commanded as a position or a speed";
+            let problem = self.document.problem(&path, message, label);
+            self.add([problem.with_help(remedy)]);
         }
     }
 

@@ -1,12 +1,18 @@
 //! Facts about the drive before it is on the bus: its identity and PDOs, from its EDS and the rig file.
 
 use can::CanFrame;
-use canopen::eds::EdsError;
+use canopen::eds::{EdsError, IDENTITY};
 use canopen::nmt::NodeId;
+use canopen::object_dictionary::Access;
 use canopen::{ObjectDictionary, add_half, cia402};
 
 use super::{RealDrive, object_address};
 
+/// Bit 31 of a COB-ID: the PDO does not exist.
+const INVALID: u32 = 0x8000_0000;
+/// COB-IDs of TPDO1, without remote frames, and of RPDO1 without the node-ID (CiA 301, 7.3.5).
+const TPDO1: u32 = 0x4000_0180;
+const RPDO1: u32 = 0x0200;
 /// Transmission type of a drive that samples and applies on every SYNC.
 const EVERY_SYNC: u8 = 1;
 
@@ -14,6 +20,15 @@ const EVERY_SYNC: u8 = 1;
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct DriveError(String);
+
+impl DriveError {
+    /// Makes the error of an object that the EDS describes in two ways, and that the bench needs.
+    pub fn contradiction((index, sub_index): (u16, u8), what: &str) -> Self {
+        Self(format!(
+            "the drive's EDS contradicts itself on the object 0x{index:04X}:{sub_index:02X}, which is used: {what}; leave the right one"
+        ))
+    }
+}
 
 impl From<EdsError> for DriveError {
     fn from(error: EdsError) -> Self {
@@ -50,15 +65,32 @@ pub struct Pdo {
 }
 
 impl Pdo {
-    fn read(dictionary: &ObjectDictionary, parameters: u16, mapping: u16) -> Option<Self> {
-        let count = u8::try_from(dictionary.unsigned(mapping, 0)?).ok()?;
-        let entry = |sub_index| dictionary.unsigned(mapping, sub_index);
-        let entries = (1..=count).map(entry).collect::<Option<Vec<_>>>()?;
+    /// Reads a PDO that the dictionary has; what the EDS leaves blank is as CiA 301 has it, since the controller writes what
+    /// differs. A PDO that does not exist at first is wanted from then on.
+    fn read(
+        dictionary: &ObjectDictionary,
+        [parameters, mapping]: [u16; 2],
+        predefined: u32,
+    ) -> Option<Self> {
+        dictionary.get(parameters, 1)?;
+        let unsigned = |index, sub_index| dictionary.unsigned(index, sub_index).unwrap_or(0);
+        let cob_id = Some(unsigned(parameters, 1) & !INVALID);
+        let count = u8::try_from(unsigned(mapping, 0)).unwrap_or(0);
+        let entries = (1..=count).map(|sub_index| unsigned(mapping, sub_index));
+        let mut entries = Vec::from_iter(entries);
+        // Places without an object, and with an object of half a byte, are none to put a value at.
+        if entries
+            .iter()
+            .any(|entry| entry & 0xFF == 0 || entry % 8 != 0)
+        {
+            entries.clear();
+        }
+        let transmission_type = u8::try_from(unsigned(parameters, 2));
         Some(Self {
             parameters,
             mapping,
-            cob_id: dictionary.unsigned(parameters, 1)?,
-            transmission_type: u8::try_from(dictionary.unsigned(parameters, 2)?).ok()?,
+            cob_id: cob_id.filter(|id| *id != 0).unwrap_or(predefined),
+            transmission_type: transmission_type.unwrap_or(EVERY_SYNC),
             length_bytes: bytes_of(&entries),
             entries,
         })
@@ -151,6 +183,27 @@ impl Object {
             entry: u32::from(index) << 16 | u32::from(sub_index) << 8 | bits,
             is_signed: data_type.is_signed(),
         })
+    }
+}
+
+impl Object {
+    /// Refuses an object that, by the EDS, takes no command from a PDO.
+    fn refuse_unmappable(&self, dictionary: &ObjectDictionary) -> Result<(), DriveError> {
+        let [_, _, sub_index, _] = self.entry.to_be_bytes();
+        let index = (self.entry >> 16) as u16;
+        let Some(entry) = dictionary.get(index, sub_index) else {
+            return Ok(());
+        };
+        let why = match entry.access {
+            Access::ReadOnly | Access::Constant => "it can only be read",
+            Access::ReadWriteRead => "it can only be sent by the drive",
+            _ if entry.is_pdo_mappable || entry.lacks_pdo_mapping => return Ok(()),
+            _ => "no PDO can carry it",
+        };
+        let (access, mapping) = (entry.access.word(), u8::from(entry.is_pdo_mappable));
+        Err(DriveError(format!(
+            "the drive's object 0x{index:04X}:{sub_index:02X} cannot take the command: by its EDS {why} (AccessType={access}, PDOMapping={mapping}); name another object in `command`, or correct the EDS if the drive is otherwise"
+        )))
     }
 }
 
@@ -253,6 +306,26 @@ pub struct DriveLayout {
 }
 
 impl DriveLayout {
+    /// Returns the objects on whose description a drive's layout depends, as far as the rig file names any.
+    pub fn used_objects(rig: &RealDrive) -> Vec<(u16, u8)> {
+        let named = [
+            &rig.command.object,
+            &rig.position.object,
+            &rig.current.object,
+        ];
+        let named = named
+            .into_iter()
+            .filter_map(|text| object_address(text).ok());
+        let words = [(cia402::STATUSWORD, 0), (cia402::CONTROLWORD, 0)];
+        let pdos = [(0x1800, 1), (0x1400, 1)];
+        IDENTITY
+            .into_iter()
+            .chain(words)
+            .chain(pdos)
+            .chain(named)
+            .collect()
+    }
+
     /// Makes the layout from the objects of the drive's EDS with their defaults, and the facts of the rig file.
     ///
     /// # Errors
@@ -265,9 +338,11 @@ impl DriveLayout {
                 "the drive's EDS describes no usable PDO at 0x{parameters:04X}"
             ))
         };
-        let pdo = |parameters, mapping| {
+        let pdo = |places: [u16; 2], function: u32| {
+            let [parameters, _] = places;
+            let predefined = function + u32::from(node_id.get());
             let pdo =
-                Pdo::read(&dictionary, parameters, mapping).ok_or_else(|| no_pdo(parameters))?;
+                Pdo::read(&dictionary, places, predefined).ok_or_else(|| no_pdo(parameters))?;
             // Cut to 11 bits, an identifier of 29 bits would be another one.
             canopen::pdo::identifier(pdo.cob_id).map_err(|_| {
                 DriveError(format!(
@@ -285,13 +360,14 @@ impl DriveLayout {
         let (statusword, controlword) = (word(cia402::STATUSWORD)?, word(cia402::CONTROLWORD)?);
         let position = object(&rig.position.object)?;
         let target = object(&rig.command.object)?;
+        target.refuse_unmappable(&dictionary)?;
         let current = match rig.current.object.as_str() {
             "" => None,
             measured => Some(object(measured)?),
         };
         let reported: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
-        let feedback = pdo(0x1800, 0x1A00)?.with(&reported)?;
-        let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
+        let feedback = pdo([0x1800, 0x1A00], TPDO1)?.with(&reported)?;
+        let command = pdo([0x1400, 0x1600], RPDO1)?.with(&[controlword, target])?;
         let place =
             |pdo: &Pdo, object: &Object| pdo.place(object).ok_or_else(|| no_pdo(pdo.parameters));
         let scaled = |pdo: &Pdo, object: &Object, units, offset| {

@@ -189,6 +189,7 @@ impl Rig {
             outputs: node.outputs.clone().unwrap_or_default().0,
         });
         Arc::new(SharedWiring {
+            rig: self.name.clone(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
             io: io.collect(),
         })
@@ -473,7 +474,7 @@ pub struct RigNode {
     #[schemars(length(min = 1, max = 200))]
     pub eds: Option<String>,
     /// Of an external drive: written to 0x6060 before it is enabled; 10, cyclic synchronous torque, if left out. Negative modes
-    /// are the maker's own.
+    /// are the maker's own. Modes of a position or a speed, as 8 and 9, are refused: the command is a current.
     #[schemars(range(min = -128, max = 127))]
     pub mode_of_operation: Option<i8>,
     /// Of an external drive: the object of the current command.

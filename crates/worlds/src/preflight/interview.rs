@@ -5,15 +5,18 @@
 
 use std::time::Duration;
 
+use can::CanFrame;
+use canopen::eds::IDENTITY;
+use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::object_dictionary::{AbortCode, Entry};
 use canopen::sdo::little_endian_u32;
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
-use canopen::{NmtCommand, NodeId, cia402};
+use canopen::{NmtCommand, NmtState, NodeId, cia402};
 use platform::clock::Clock;
 use scenario::rig::object_address;
 
 use super::checklist::Check;
-use super::checklist::Found::{self, Failed, Passed};
+use super::checklist::Found::{self, Failed, Open, Passed};
 use crate::guest::{Guest, GuestError};
 use plan::loaded_drive::LoadedDrive;
 use plan::presence::Presence;
@@ -30,8 +33,13 @@ const USED: [(u16, u8); 5] = [
     (0x1016, 1),
     (0x1017, 0),
 ];
-const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
-const IDENTITY: [(u16, u8); 3] = [DEVICE_TYPE, (0x1018, 1), (0x1018, 2)];
+/// Those of them that take 0 before the drive is led; 0 is no mode of some drives.
+const WRITTEN: [(u16, u8); 3] = [(cia402::CONTROLWORD, 0), (0x1016, 1), (0x1017, 0)];
+const DEVICE_TYPE: (u16, u8) = IDENTITY[0];
+/// What the objects of the identity say.
+const IDENTITY_NAMES: [&str; 3] = ["device type", "vendor", "product"];
+/// Number of times that a question is repeated to a node that booted instead of answering.
+const REPEATS_MAX: u8 = 3;
 
 pub(super) const OTHER_MANAGER: &str = "other manager";
 
@@ -95,7 +103,7 @@ impl<'a> Interview<'a> {
         let found = Vec::from_iter(nodes.iter().map(named)).join(", ");
         checks.push(Check("nodes", Passed(format!("found: {found}"))));
         let identity = self.identity()?;
-        let is_the_drive = matches!(identity, Passed(_));
+        let is_the_drive = !matches!(identity, Failed(_));
         checks.push(Check("identity", identity));
         if is_the_drive {
             checks.push(Check("objects", self.objects()?));
@@ -134,12 +142,24 @@ impl<'a> Interview<'a> {
         address: (u16, u8),
         written: Option<&[u8]>,
     ) -> Result<Answer, BrokenOff> {
-        let mut client = SdoClient::new(node.get()).with_timeout(answer_time);
-        let presence = &mut self.presence;
-        let answer = self.guest.transfer(&mut client, address, written, |frame| {
-            presence.on_frame(frame);
-        });
-        self.unless_led(answer)
+        let mut repeats = 0;
+        loop {
+            let mut client = SdoClient::new(node.get()).with_timeout(answer_time);
+            let presence = &mut self.presence;
+            let mut has_booted = false;
+            let answer = self.guest.transfer(&mut client, address, written, |frame| {
+                presence.on_frame(frame);
+                has_booted |= is_boot_up(frame, node);
+            });
+            let answer = self.unless_led(answer)?;
+            // A node that boots twice does not answer what it was asked between the two.
+            let is_lost =
+                matches!(answer, Err(error) if matches!(error.failure, SdoFailure::TimedOut(_)));
+            if !(is_lost && has_booted && repeats < REPEATS_MAX) {
+                return Ok(answer);
+            }
+            repeats += 1;
+        }
     }
 
     /// Returns a result, unless another manager was heard meanwhile.
@@ -150,17 +170,22 @@ impl<'a> Interview<'a> {
         }
     }
 
-    /// Compares the identity of the drive with its EDS, as far as that has it.
+    /// Compares the identity of the drive with its EDS, as far as that has it: what it leaves out, or gives as 0, is not known.
     fn identity(&mut self) -> Result<Found, BrokenOff> {
         let dictionary = &self.drive.layout.dictionary;
-        let mut shown = Vec::new();
-        for address in IDENTITY {
+        let (mut compared, mut blank) = (Vec::new(), Vec::new());
+        for (address, what) in IDENTITY.into_iter().zip(IDENTITY_NAMES) {
             let wanted = dictionary.unsigned(address.0, address.1);
+            let wanted = wanted.filter(|number| *number != 0);
             let Some((entry, wanted)) = dictionary.get(address.0, address.1).zip(wanted) else {
+                blank.push(what);
                 continue;
             };
             let read = match self.ask_drive(address, None)? {
                 Err(error) => return Ok(Failed(error.to_string())),
+                Ok(bytes) if has_other_length(entry, &bytes) => {
+                    return Ok(Failed(lengths(entry, &bytes)));
+                }
                 Ok(bytes) => little_endian_u32(&bytes),
             };
             let wanted = format!("0x{wanted:X}");
@@ -171,18 +196,23 @@ impl<'a> Interview<'a> {
                     "{name} is {read}, in the EDS {wanted}: another drive, or another EDS"
                 )));
             }
-            shown.push(wanted);
+            compared.push(format!("{what} {wanted}"));
         }
-        Ok(Passed(format!(
-            "as in the EDS: device type, vendor, product {}",
-            shown.join(", ")
-        )))
+        let [compared, blank] = [compared.join(", "), blank.join(", ")];
+        Ok(match (compared.as_str(), blank.as_str()) {
+            ("", blank) => Open(format!("not compared, since blank in the EDS: {blank}")),
+            (compared, "") => Passed(format!("as in the EDS: {compared}")),
+            (compared, blank) => Passed(format!(
+                "as in the EDS: {compared}; not compared, since blank there: {blank}"
+            )),
+        })
     }
 
-    /// Reads the objects that a run uses and that are readable by the EDS, and writes 0 to the writable ones: that removes a
+    /// Reads the objects that a run uses and that are readable by the EDS, and writes 0 to those that a run writes: that removes a
     /// command or switches a watch off.
     fn objects(&mut self) -> Result<Found, BrokenOff> {
         let (mut read, mut written) = (0, 0);
+        let command = object_address(&self.drive.real.command.object).unwrap_or_default();
         let dictionary = &self.drive.layout.dictionary;
         for address in used_objects(self.drive) {
             let Some(entry) = dictionary.get(address.0, address.1) else {
@@ -194,20 +224,15 @@ impl<'a> Interview<'a> {
                     Err(error) => {
                         return Ok(Failed(format!("{} cannot be read: {error}", name(entry))));
                     }
-                    Ok(bytes) if size.is_some_and(|size| size != bytes.len()) => {
-                        return Ok(Failed(format!(
-                            "{} has {} bytes, in the EDS {}",
-                            name(entry),
-                            bytes.len(),
-                            size.unwrap_or_default()
-                        )));
+                    Ok(bytes) if has_other_length(entry, &bytes) => {
+                        return Ok(Failed(lengths(entry, &bytes)));
                     }
                     Ok(_) => read += 1,
                 }
             }
-            // 0 is no mode of some drives; the object is written with its right value later.
-            let may_be_zero = entry.index != cia402::MODES_OF_OPERATION;
-            if let Some(size) = size.filter(|_| may_be_zero && entry.access.is_writable()) {
+            let may_be_zero =
+                (address == command || WRITTEN.contains(&address)) && entry.access.is_writable();
+            if let Some(size) = size.filter(|_| may_be_zero) {
                 match self.ask_drive(address, Some(&vec![0; size]))? {
                     Ok(_) => written += 1,
                     Err(error) if waits_for_operational(entry, &error) => {}
@@ -221,6 +246,32 @@ impl<'a> Interview<'a> {
             "{read} read, {written} written, as the EDS says"
         )))
     }
+}
+
+/// Returns whether a value is not as long as the EDS says.
+fn has_other_length(entry: &Entry, bytes: &[u8]) -> bool {
+    let size = entry.data_type.size_bytes();
+    size.is_some_and(|size| size != bytes.len())
+}
+
+/// Describes a value of another length.
+fn lengths(entry: &Entry, bytes: &[u8]) -> String {
+    let (has, wanted) = (
+        bytes.len(),
+        entry.data_type.size_bytes().unwrap_or_default(),
+    );
+    let short = if has < wanted { ", a short answer" } else { "" };
+    format!(
+        "{} has {has} bytes{short}, in the EDS {wanted}",
+        name(entry)
+    )
+}
+
+/// Returns whether a node says that it has booted.
+fn is_boot_up(frame: &CanFrame, node: NodeId) -> bool {
+    let identifier = ERROR_CONTROL_ID + u16::from(node.get());
+    let state = frame.data().first();
+    frame.standard_id() == Some(identifier) && state == Some(&NmtState::Initialising.number())
 }
 
 fn name(entry: &Entry) -> String {
@@ -258,7 +309,6 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use can::CanFrame;
     use canopen::ObjectDictionary;
     use canopen::object_dictionary::Preset;
     use platform::bus::{Bus, BusError};
@@ -271,6 +321,11 @@ mod tests {
         dictionary: ObjectDictionary,
         answers: VecDeque<CanFrame>,
         written: Arc<AtomicUsize>,
+        /// Number of questions that it answers before it boots once more, in the middle of the next one.
+        boots_after: Option<usize>,
+        /// Bytes of its answers and of the values in them.
+        answer_bytes: usize,
+        value_bytes: usize,
         nothing: File,
     }
 
@@ -279,18 +334,29 @@ mod tests {
             let [command, low, high, sub_index, ..] = *frame.data() else {
                 return Ok(());
             };
+            match self.boots_after.as_mut() {
+                Some(0) => {
+                    self.boots_after = None;
+                    self.answers.push_back(CanFrame::new(0x710, &[0]));
+                    return Ok(());
+                }
+                Some(left) => *left -= 1,
+                None => {}
+            }
             let mut answer = [0x60, low, high, sub_index, 0, 0, 0, 0];
             if command == 0x40 {
                 let index = u16::from_le_bytes([low, high]);
                 let handle = self.dictionary.find(index, sub_index).unwrap();
                 let value = &self.dictionary.entry(handle).default;
+                let value = &value[..value.len().min(self.value_bytes)];
                 let unused = u8::try_from(4 - value.len()).unwrap();
                 answer[0] = 0x43 | unused << 2;
                 answer[4..][..value.len()].copy_from_slice(value);
             } else {
                 self.written.fetch_add(1, Ordering::Relaxed);
             }
-            self.answers.push_back(CanFrame::new(0x590, &answer));
+            let answer = CanFrame::new(0x590, &answer[..self.answer_bytes]);
+            self.answers.push_back(answer);
             Ok(())
         }
 
@@ -315,6 +381,45 @@ mod tests {
         }
     }
 
+    /// Returns the checks of a drive whose EDS is edited, with its data sheet's values but for these, as the bus shows it, and the
+    /// number of its written objects.
+    fn checks(
+        eds: &str,
+        presets: &[Preset],
+        behave: impl Fn(&mut Answering),
+    ) -> (Vec<Check>, usize) {
+        let limits = Limits {
+            current_amperes: 1.0,
+            min: 0.0,
+            max: 60.0,
+            rate_max: 1e4,
+        };
+        let mut real = RealDrive::new(limits);
+        real.timeouts.sdo_answer_milliseconds = 50;
+        real.timeouts.bring_up_seconds = 1.0;
+        let drive = LoadedDrive::new(real, Some(&eds.to_owned())).unwrap();
+        let mut dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
+        presets.iter().for_each(|preset| dictionary.preset(preset));
+        let written = Arc::new(AtomicUsize::new(0));
+        let mut bus = Answering {
+            dictionary,
+            answers: VecDeque::new(),
+            written: Arc::clone(&written),
+            boots_after: None,
+            answer_bytes: 8,
+            value_bytes: 4,
+            nothing: File::open("/dev/null").unwrap(),
+        };
+        behave(&mut bus);
+        let guest = Guest::new(Box::new(bus), || false);
+        let interview = Interview::new(guest, &drive, 1);
+        let node = (NodeId::new(0x10).unwrap(), "drive".to_owned());
+        let Ok(checks) = interview.checks(&[node]) else {
+            panic!("nobody else is there");
+        };
+        (checks, written.load(Ordering::Relaxed))
+    }
+
     #[test]
     fn nothing_is_written_to_another_drive() {
         let checks_made = ["other manager", "nodes", "identity", "objects"];
@@ -322,28 +427,8 @@ mod tests {
             (0x0002_0192, &checks_made[..]),
             (0x0003_0192, &checks_made[..3]),
         ] {
-            let limits = Limits {
-                current_amperes: 1.0,
-                min: 0.0,
-                max: 60.0,
-                rate_max: 1e4,
-            };
-            let drive = LoadedDrive::new(RealDrive::new(limits), None).unwrap();
-            let mut answering = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
-            answering.preset(&Preset::new(0x1000, 0, device_type));
-            let written = Arc::new(AtomicUsize::new(0));
-            let bus = Answering {
-                dictionary: answering,
-                answers: VecDeque::new(),
-                written: Arc::clone(&written),
-                nothing: File::open("/dev/null").unwrap(),
-            };
-            let guest = Guest::new(Box::new(bus), || false);
-            let interview = Interview::new(guest, &drive, 1);
-            let node = (NodeId::new(0x10).unwrap(), "drive".to_owned());
-            let Ok(checks) = interview.checks(&[node]) else {
-                panic!("nobody else is there");
-            };
+            let preset = Preset::new(0x1000, 0, device_type);
+            let (checks, written) = checks(dbc::DRIVE_EDS, &[preset], |_| ());
             let names = Vec::from_iter(checks.iter().map(|Check(name, _)| *name));
             assert_eq!(names, made);
             let has_passed = matches!(checks.last(), Some(Check(_, Passed(_))));
@@ -353,7 +438,74 @@ mod tests {
                 "{:?}",
                 checks.last()
             );
-            assert_eq!(written.load(Ordering::Relaxed) > 0, has_passed);
+            assert_eq!(written > 0, has_passed);
         }
+    }
+
+    #[test]
+    fn what_the_eds_leaves_blank_is_not_compared() {
+        let others = [Preset::new(0x1018, 1, 0x2FE), Preset::new(0x1018, 2, 7)];
+        let blank = |text: &str| dbc::DRIVE_EDS.replace(text, "DefaultValue=");
+        let product = blank("DefaultValue=0x00000001");
+        let all = product.replace("DefaultValue=0x00020192", "DefaultValue=0");
+        for (eds, found) in [
+            (
+                dbc::DRIVE_EDS,
+                Failed(
+                    "0x1018:02 (Product code) is 0x7, in the EDS 0x1: another drive, or another EDS"
+                        .to_owned(),
+                ),
+            ),
+            (
+                &product,
+                Passed(
+                    "as in the EDS: device type 0x20192; not compared, since blank there: vendor, product"
+                        .to_owned(),
+                ),
+            ),
+            (
+                &all,
+                Open(
+                    "not compared, since blank in the EDS: device type, vendor, product".to_owned(),
+                ),
+            ),
+        ] {
+            let (checks, _) = checks(eds, &others, |_| ());
+            assert_eq!(checks[2], Check("identity", found));
+        }
+    }
+
+    #[test]
+    fn a_drive_that_boots_twice_is_asked_again() {
+        for questions in 0..12 {
+            let boots = |bus: &mut Answering| bus.boots_after = Some(questions);
+            let (checks, written) = checks(dbc::DRIVE_EDS, &[], boots);
+            let last = checks.last().unwrap();
+            assert!(
+                matches!(last, Check("objects", Passed(_))),
+                "{questions}: {last:?}"
+            );
+            assert_eq!(written, 4);
+        }
+    }
+
+    #[test]
+    fn a_short_answer_is_called_that() {
+        let frame = |bus: &mut Answering| bus.answer_bytes = 5;
+        let value = |bus: &mut Answering| bus.value_bytes = 2;
+        let (of_frame, _) = checks(dbc::DRIVE_EDS, &[], frame);
+        let (of_value, _) = checks(dbc::DRIVE_EDS, &[], value);
+        let says = |checks: &[Check], text: &str| {
+            let last = checks.last().unwrap();
+            assert_eq!(*last, Check("identity", Failed(text.to_owned())));
+        };
+        says(
+            &of_frame,
+            "object 0x1000:00 of node 0x10: a short answer: 5 bytes in the frame (CiA 301: 8)",
+        );
+        says(
+            &of_value,
+            "0x1000:00 (Device type) has 2 bytes, a short answer, in the EDS 4",
+        );
     }
 }
