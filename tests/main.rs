@@ -8,6 +8,7 @@
 mod allocation;
 mod attribution;
 mod book;
+mod book_commands;
 mod checks;
 mod command_line;
 #[path = "../crates/platform/tests/support/counting_allocator.rs"]
@@ -39,6 +40,7 @@ mod reports;
 mod reproduce;
 mod rigs;
 mod rooms;
+mod run_folders;
 mod schemas;
 mod second_master;
 mod support;
@@ -46,6 +48,7 @@ mod sweep;
 mod tools;
 #[cfg(feature = "rerun")]
 mod viewer;
+mod waiting;
 
 #[global_allocator]
 static ALLOCATOR: counting_allocator::CountingAllocator = counting_allocator::CountingAllocator;
