@@ -107,6 +107,8 @@ fn a_sweep_varies_how_often_set_points_are_sent() {
     let folder = tempfile::tempdir().unwrap();
     let sweep = folder.path().join("sweep.toml");
     let text = "schema = 1\nrig = \"dc_motor\"\nname = \"s\"\nduration_seconds = 0.2\n[controller.pid]\n\
+                proportional_amperes_per_metre = 64.8\nintegral_amperes_per_metre_second = 489.0\n\
+                derivative_ampere_seconds_per_metre = 3.74\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
                 [[sweep.list]]\nkey = \"bus.set_points_every_cycles\"\nvalues = [0, 1, 5]\n";
     fs::write(&sweep, text).unwrap();

@@ -46,6 +46,9 @@ name = "two moves"
 rig = "rig.toml"
 duration_seconds = 3.0
 [controller.all.pid]
+proportional_amperes_per_metre = 22.8
+integral_amperes_per_metre_second = 37.9
+derivative_ampere_seconds_per_metre = 3.59
 [plant.gantry_x]
 load_kilograms = 0.3
 [[reference.hold]]
