@@ -196,7 +196,7 @@ fn a_table_under_the_wrong_key_is_one_problem() {
         ),
         (
             "[controller.all.pid]",
-            "[controller.x.pid]\n[controller.y]",
+            "[controller.y]\n[controller.x.pid]",
             "name the law: [controller.y.pid]",
         ),
     ] {
