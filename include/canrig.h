@@ -53,8 +53,8 @@ typedef struct {
     uint32_t id, mask;
 } canrig_filter;
 
-/* The data frame with this identifier of 11 bits. */
-#define CANRIG_EXACT(identifier) {(identifier), CAN_EFF_FLAG | CAN_RTR_FLAG | CAN_SFF_MASK}
+/* The data frame with this identifier: of 11 bits, or of 29 bits with CAN_EFF_FLAG. */
+#define CANRIG_EXACT(identifier) {(identifier), CAN_EFF_FLAG | CAN_RTR_FLAG | ((identifier) & CAN_EFF_FLAG ? CAN_EFF_MASK : CAN_SFF_MASK)}
 
 /* In the flags of the options: error frames of the bus arrive, too. */
 #define CANRIG_ERRORS 2u
@@ -122,6 +122,14 @@ static inline void canrig_header_(uint8_t *at, int kind, int a, size_t count, ui
 }
 
 /* Whether nobody answers a frame. Remote frames and extended ones may always be answered. */
+/* Whether an identifier has more than 11 bits, and no CAN_EFF_FLAG: its bits would be cut. */
+static inline int canrig_is_cut_(uint32_t id) { return !(id & CAN_EFF_FLAG) && (id & CAN_EFF_MASK) > CAN_SFF_MASK; }
+
+/* Whether a filter is CANRIG_EXACT of such an identifier: it takes the frame with the bits that are left. */
+static inline int canrig_takes_another_(const canrig_filter *filter) {
+    return canrig_is_cut_(filter->id) && filter->mask == (CAN_EFF_FLAG | CAN_RTR_FLAG | CAN_SFF_MASK);
+}
+
 static inline int canrig_is_quiet_(const canrig *bus, uint32_t id) { return id <= CAN_SFF_MASK && bus->quiet[id / 8] >> id % 8 & 1; }
 
 /* Notes that nobody answers the frames that pass a filter. */
@@ -269,6 +277,10 @@ static inline int canrig_open(canrig *bus, const char *address, const canrig_opt
     if (!address) address = getenv("CANRIG_BUS");
     const char *lifeline = getenv("CANRIG_LIFELINE");
     if (!address || !options || options->filters_count >= CANRIG_FILTERS_MAX || options->silent_count > CANRIG_FILTERS_MAX) return -EINVAL;
+    for (size_t place = 0; place < options->filters_count; place++)
+        if (canrig_takes_another_(options->filters + place)) return -EINVAL;
+    for (size_t place = 0; place < options->silent_count; place++)
+        if (canrig_takes_another_(options->silent + place)) return -EINVAL;
     int error;
     if (!strncmp(address, "lockstep:", 9)) {
         bus->kind = CANRIG_LOCKSTEP_;
@@ -388,11 +400,11 @@ static inline int canrig_wait(canrig *bus, canrig_frame *frame, uint64_t until_n
     return bus->kind == CANRIG_LOCKSTEP_ ? canrig_wait_virtual_(bus, frame, until_ns) : canrig_wait_real_(bus, frame, until_ns);
 }
 
-/* Queues a frame: 0, CANRIG_FULL, or -errno. */
+/* Queues a frame: 0, CANRIG_FULL, or -errno; -EINVAL for an identifier above 11 bits without CAN_EFF_FLAG. */
 static inline int canrig_send(canrig *bus, const canrig_frame *frame) {
     if (bus->is_over) return -EPIPE;
     if (canrig_is_other_thread_(bus)) return -EPERM;
-    if (frame->length > 8 || frame->flags || frame->id & CAN_ERR_FLAG) return -EINVAL;
+    if (frame->length > 8 || frame->flags || frame->id & CAN_ERR_FLAG || canrig_is_cut_(frame->id)) return -EINVAL;
     if (bus->kind != CANRIG_LOCKSTEP_) {
         struct can_frame out;
         memset(&out, 0, sizeof out);

@@ -45,8 +45,8 @@ const PLACEHOLDERS: [&str; 6] = ["…", "*", "<", "NAME", "{", "[RUN"];
 /// library and the FMU of `laws-in-any-language.md`.
 const OWN_BLOCKS: usize = 7;
 
-struct Page {
-    path: PathBuf,
+pub(crate) struct Page {
+    pub(crate) path: PathBuf,
     text: String,
 }
 
@@ -138,12 +138,12 @@ fn in_book() -> Vec<Page> {
     paths.into_iter().map(Page::read).collect()
 }
 
-fn pages() -> Vec<Page> {
+pub(crate) fn pages() -> Vec<Page> {
     let others = PAGES.map(|name| Page::read(root().join(name)));
     others.into_iter().chain(in_book()).collect()
 }
 
-fn has_placeholder(text: &str) -> bool {
+pub(crate) fn has_placeholder(text: &str) -> bool {
     PLACEHOLDERS.iter().any(|one| text.contains(one))
 }
 
@@ -388,9 +388,9 @@ fn every_scenario_loads() {
     assert_eq!(custom, OWN_BLOCKS);
 }
 
-/// Returns the commands of canrig on a page: in shell blocks, after the prompt if the block has output, and in README's
-/// table.
-fn commands(page: &Page) -> Vec<String> {
+/// Returns the commands of canrig on a page: in shell blocks and indented ones, after the prompt if the block has output, and in
+/// README's table.
+pub(crate) fn commands(page: &Page) -> Vec<String> {
     let mut commands = Vec::new();
     for block in page.blocks() {
         let lines = block.text.lines();
@@ -402,6 +402,9 @@ fn commands(page: &Page) -> Vec<String> {
             _ => {}
         }
     }
+    let (_, prose) = page.parts();
+    let indented = prose.iter().filter_map(|line| line.strip_prefix("    "));
+    commands.extend(indented.map(str::to_owned));
     if page.path.ends_with("README.md") {
         commands.extend(page.code_spans().into_iter().map(str::to_owned));
     }
@@ -409,7 +412,7 @@ fn commands(page: &Page) -> Vec<String> {
 }
 
 /// Returns the arguments of a command of canrig; `None` for another program.
-fn arguments(command: &str) -> Option<Vec<&str>> {
+pub(crate) fn arguments(command: &str) -> Option<Vec<&str>> {
     let command = command.split(['#', '>', '|']).next()?.trim();
     let rest = command
         .strip_prefix("canrig ")

@@ -14,6 +14,9 @@ const SMA_ACTUATOR: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"wire\"\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
 const DC_MOTOR: &str = "schema = 1\nrig = \"dc_motor\"\nname = \"motor\"\nduration_seconds = 0.5\n\
      [controller.pid]\n\
+     proportional_amperes_per_metre = 22.8\n\
+     integral_amperes_per_metre_second = 37.9\n\
+     derivative_ampere_seconds_per_metre = 3.59\n\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
 /// NMT, SYNC, EMCY, the PDOs of node 1, the drive's RPDO1, the requests to both nodes, and the heartbeat.
 const OF_THE_CONTROLLER: [u16; 11] = [

@@ -390,6 +390,9 @@ fn a_controller_with_another_name_is_a_process_of_that_name() {
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
     let scenario = folder.path().join("crash.toml");
     let text = "schema = 1\nrig = \"rig.toml\"\nname = \"crash\"\nduration_seconds = 1.0\n[controller.pid]\n\
+                proportional_amperes_per_metre = 22.8\n\
+                integral_amperes_per_metre_second = 37.9\n\
+                derivative_ampere_seconds_per_metre = 3.59\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
                 [[fault.node.crash]]\nfrom_seconds = 0.5\nnode = \"hand\"\n";
     fs::write(&scenario, text).unwrap();

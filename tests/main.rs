@@ -8,6 +8,7 @@
 mod allocation;
 mod attribution;
 mod book;
+mod book_commands;
 mod bought_sheets;
 mod checks;
 mod command_line;
@@ -43,6 +44,7 @@ mod reports;
 mod reproduce;
 mod rigs;
 mod rooms;
+mod run_folders;
 mod schemas;
 mod second_master;
 mod support;
@@ -50,6 +52,7 @@ mod sweep;
 mod tools;
 #[cfg(feature = "rerun")]
 mod viewer;
+mod waiting;
 mod watch;
 
 #[global_allocator]

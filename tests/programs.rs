@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use rustix::io::Errno;
 use rustix::process::{Pid as Process, Signal, kill_process};
 
 use crate::laws::{
@@ -107,6 +108,8 @@ fn a_sweep_varies_how_often_set_points_are_sent() {
     let folder = tempfile::tempdir().unwrap();
     let sweep = folder.path().join("sweep.toml");
     let text = "schema = 1\nrig = \"dc_motor\"\nname = \"s\"\nduration_seconds = 0.2\n[controller.pid]\n\
+                proportional_amperes_per_metre = 64.8\nintegral_amperes_per_metre_second = 489.0\n\
+                derivative_ampere_seconds_per_metre = 3.74\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
                 [[sweep.list]]\nkey = \"bus.set_points_every_cycles\"\nvalues = [0, 1, 5]\n";
     fs::write(&sweep, text).unwrap();
@@ -114,6 +117,47 @@ fn a_sweep_varies_how_often_set_points_are_sent() {
     let (code, stdout, stderr) = output(canrig.arg(&sweep));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
     assert!(stdout.contains("3 runs: 3 pass"), "{stdout}");
+}
+
+/// Without the flag of 29 bits the kernel would cut 0x800 to 0x000, NMT.
+#[test]
+fn an_identifier_that_would_be_cut_is_refused_in_c() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = r#"
+#include "canrig.h"
+
+#include <stdio.h>
+
+static canrig bus;
+
+static int sends(uint32_t id) {
+    canrig_frame frame = {.id = id, .length = 1};
+    return canrig_send(&bus, &frame);
+}
+
+static int opens(canrig_filter filter) {
+    const canrig_options options = {"test", &filter, 1, &filter, 1, 0};
+    return canrig_open(&bus, "lockstep:/nowhere", &options);
+}
+
+int main(void) {
+    const canrig_filter cut = CANRIG_EXACT(0x800), standard = CANRIG_EXACT(0x7FF);
+    const canrig_filter extended = CANRIG_EXACT(CAN_EFF_FLAG | 0x800);
+    printf("%d %d %d ", opens(cut), opens(standard), opens(extended));
+    bus.is_over = 0;
+    bus.kind = CANRIG_LOCKSTEP_;
+    printf("%d %d %d %d", sends(0x800), sends(0x1FFFFFFF), sends(0x7FF), sends(CAN_EFF_FLAG | 0x800));
+    return extended.mask != (CAN_EFF_FLAG | CAN_RTR_FLAG | CAN_EFF_MASK);
+}
+"#;
+    fs::write(folder.path().join("controller.c"), source).unwrap();
+    compile(folder.path(), |header| header);
+    let (code, said, _) = output(&mut Command::new(folder.path().join("controller")));
+    let [invalid, missing] = [Errno::INVAL, Errno::NOENT].map(|error| -error.raw_os_error());
+    assert_eq!(
+        (code, said),
+        (Some(0), format!("{invalid} {missing} {missing} {invalid} {invalid} 0 0"))
+    );
 }
 
 /// Copies the files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.

@@ -1103,7 +1103,11 @@ fn what_would_be_judged_on_something_else_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("idle.toml");
     let idle = "schema = 1\nrig = \"two_axes\"\nname = \"idle\"\nduration_seconds = 1.0\n\
-        [controller.y.open_loop]\n[controller.x.pid]\n[[reference.hold]]\nloop = \"x\"\n\
+        [controller.y.open_loop]\n[controller.x.pid]\n\
+        proportional_amperes_per_metre = 22.8\n\
+        integral_amperes_per_metre_second = 37.9\n\
+        derivative_ampere_seconds_per_metre = 3.59\n\
+        [[reference.hold]]\nloop = \"x\"\n\
         at_seconds = 0.0\nposition_millimetres = 10.0\n";
     let contour = contour.replace("\"a\", \"b\"", "\"x\", \"y\"");
     fs::write(&path, format!("{idle}{contour}")).unwrap();
@@ -1287,6 +1291,9 @@ fn played_with_an_idle_one(idle: &str, measured: &str, followed: &str) -> Value 
         )
     });
     let text = "schema = 1\nrig = \"rig.toml\"\nname = \"steps\"\nduration_seconds = 2.0\n[controller.all.pid]\n\
+        proportional_amperes_per_metre = 22.8\n\
+        integral_amperes_per_metre_second = 37.9\n\
+        derivative_ampere_seconds_per_metre = 3.59\n\
         [[disturbance.fan]]\nfrom_seconds = 1.05\nuntil_seconds = 1.4\nconvection_factor = 3.0\n";
     fs::write(&path, text.to_owned() + &of_loop.concat()).unwrap();
     let runs = folder.path().join("runs");
@@ -1444,6 +1451,9 @@ fn a_signal_of_any_loop_follows_the_table_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("axes.toml");
     let scenario = "schema = 1\nrig = \"two_axes\"\nname = \"axes\"\nduration_seconds = 1.0\n[controller.all.pid]\n\
+        proportional_amperes_per_metre = 22.8\n\
+        integral_amperes_per_metre_second = 37.9\n\
+        derivative_ampere_seconds_per_metre = 3.59\n\
         [[reference.hold]]\nloop = \"x\"\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
         [[reference.hold]]\nloop = \"y\"\nat_seconds = 0.0\nposition_millimetres = 20.0\n";
     fs::write(&path, scenario).unwrap();
@@ -1470,7 +1480,11 @@ fn a_limit_of_the_bus_that_one_loop_missed_is_shown_as_missed() {
         )
     };
     let scenario = format!(
-        "schema = 1\nrig = \"two_axes\"\nname = \"stops\"\nduration_seconds = 3.0\n[controller.all.pid]\n{}{}\
+        "schema = 1\nrig = \"two_axes\"\nname = \"stops\"\nduration_seconds = 3.0\n[controller.all.pid]\n\
+         proportional_amperes_per_metre = 22.8\n\
+         integral_amperes_per_metre_second = 37.9\n\
+         derivative_ampere_seconds_per_metre = 3.59\n\
+         {}{}\
          [[fault.node.crash]]\nnode = \"controller\"\nfrom_seconds = 2.0\n\
          [expect]\nsync_interval_milliseconds_max = {{ max = 3.0 }}\n[expect.x]\njudged_until_seconds = 1.0\n",
         hold("x"),

@@ -26,7 +26,8 @@ const RIG: &str = "schema = 1\nname = \"bench\"\n[bus]\nsync_period_milliseconds
     [defaults.drive]\namplifier = { min = -1.0 }\nsensor = { resolution_bits = 16 }\ntruth_every_cycles = 10\n\
     [node.controller]\nkind = \"controller\"\nnode_id = 1\n";
 const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"bench\"\nduration_seconds = 16.0\n\
-    [controller.all.pid]\n";
+    [controller.all.pid]\nproportional_amperes_per_metre = 22.8\nintegral_amperes_per_metre_second = 37.9\n\
+    derivative_ampere_seconds_per_metre = 3.59\n";
 
 /// Returns the plan of a rig with this many DC motors, each of which follows a sine.
 fn loops(drives: u8) -> Plan {

@@ -120,6 +120,15 @@ def check(scenario: StrPath, values: Optional[Values] = None) -> None:
     _succeed(call(["check", *_overrides(values), _argument(scenario)]))
 
 
+def checked_files(paths: Sequence[StrPath]) -> List[Dict[str, Any]]:
+    """What `canrig check --json` says of these files: of each its path, its kind, and whether a run has left it."""
+    ended = call(["check", "--json", *map(_argument, paths)])
+    try:
+        return list(json.loads(ended.output))
+    except ValueError:
+        raise error_of(ended.code, ended.message) from None
+
+
 def examples() -> Dict[str, str]:
     """Returns the scenarios and rig files that ship: their descriptions by their names."""
     text = _succeed(call(["examples"])).output.decode("utf-8")

@@ -5,56 +5,48 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import re
 import tempfile
 from pathlib import Path
-from typing import Any, Callable, Iterator, Optional
+from typing import Any, Callable, Dict, Iterator, Optional, Sequence, Set
 
 import pytest
 
-from ._commands import Values, run, simulate
+from ._commands import Values, checked_files, run, simulate
 from ._errors import CanrigError
 from ._run import Run, StrPath
-
-#: What a scenario has before its first table, and the table that only scenarios have.
-_SCHEMA = re.compile(r"\s*schema\s*=")
-_CONTROLLER = re.compile(r"\s*(\[\[?\s*controller\b|controller\s*[.=])")
-_SWEEP = re.compile(r"\s*\[\[?\s*sweep\b")
-#: More of a file is not looked at, as by the program.
-_BYTES_MAX = 1 << 20
 
 
 class Collector:
     """Finds the scenarios below the paths that pytest was given."""
 
+    def __init__(self) -> None:
+        #: The scenarios of each folder that was looked at.
+        self._scenarios: Dict[Path, Set[Path]] = {}
+
     def pytest_collect_file(self, file_path: Path, parent: Any) -> Optional["ScenarioFile"]:
         if file_path.suffix != ".toml":
             return None
         # A user who names a file wants to know its mistakes.
-        if parent.session.isinitpath(file_path) or (is_scenario(file_path) and not _is_left_by_a_run(file_path)):
+        if parent.session.isinitpath(file_path) or file_path in self._scenarios_in(file_path.parent):
             return ScenarioFile.from_parent(parent, path=file_path)
         return None
 
+    def _scenarios_in(self, folder: Path) -> Set[Path]:
+        if folder not in self._scenarios:
+            try:
+                self._scenarios[folder] = scenarios(sorted(folder.glob("*.toml")))
+            except CanrigError as error:
+                raise pytest.UsageError(str(error)) from error
+        return self._scenarios[folder]
 
-def is_scenario(path: Path) -> bool:
-    """Whether a file is meant as a scenario to play, by its text alone. An invalid one is; a sweep is not.
 
-    No TOML is parsed, so that a scenario with a wrong character becomes a test that fails, not one that is missing.
+def scenarios(paths: Sequence[Path]) -> Set[Path]:
+    """The files that are meant as scenarios to play, as `canrig check` sees it.
+
+    An invalid one is, so that it becomes a test that fails, not one that is missing. A sweep is not, and what runs have left.
     """
-    try:
-        with path.open("rb") as file:
-            lines = file.read(_BYTES_MAX).decode("utf-8", "replace").splitlines()
-    except OSError:
-        return False
-    head = next((place for place, line in enumerate(lines) if line.lstrip().startswith("[")), len(lines))
-    has_schema = any(_SCHEMA.match(line) for line in lines[:head])
-    return has_schema and any(map(_CONTROLLER.match, lines)) and not any(map(_SWEEP.match, lines))
-
-
-def _is_left_by_a_run(path: Path) -> bool:
-    """Run folders and those of sweeps hold the scenarios that were played."""
-    folders = (path.parent, path.parent.parent)
-    return (path.parent / "verdict.json").exists() or any((folder / "runs.csv").exists() for folder in folders)
+    checked = checked_files(paths)
+    return {Path(file["path"]) for file in checked if file["kind"] == "scenario" and not file["is_left_by_a_play"]}
 
 
 class ScenarioFile(pytest.File):

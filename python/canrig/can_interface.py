@@ -193,7 +193,7 @@ class CanrigBus(can.BusABC, _turns.Clock):
         data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
         try:
             (self._virtual or self._real).send(msg.arbitration_id | flags, data)  # type: ignore[union-attr]
-        except (BufferError, OSError) as error:
+        except (BufferError, OSError, ValueError) as error:
             raise can.CanOperationError(f"{msg} is not sent: {error}") from error
 
     def _send_periodic_internal(

@@ -56,7 +56,7 @@ EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 #: Frames that may wait to be sent at one time.
 FRAMES_MAX = 1024
 
-_EXACT = EXTENDED | REMOTE | 0x7FF
+_STANDARD_ID, _EXTENDED_ID = 0x7FF, 0x1FFFFFFF
 _ERRORS = (0, ERROR | 0x1FFFFFFF)
 _MESSAGE_BYTES_MAX = 128 << 10
 _HEADER = struct.Struct("<BBHIQ")
@@ -129,7 +129,7 @@ class Bus:
         raise NotImplementedError
 
     def send(self, identifier: int, data: bytes = b"") -> None:
-        """Queues a frame."""
+        """Queues a frame. An identifier of 29 bits is ``EXTENDED`` and its bits; others have 11 bits."""
         raise NotImplementedError
 
     def fail(self, why: str) -> None:
@@ -162,8 +162,22 @@ def described(error: BaseException, *own: str) -> str:
     return f"{type(error).__name__}: {error}{where}"
 
 
+def _refuse_cut(identifier: int) -> None:
+    """Refuses an identifier that a frame cannot have: its bits would be cut, and the frame be another one."""
+    bits = identifier & ~(EXTENDED | REMOTE)
+    if not 0 <= bits <= (_EXTENDED_ID if identifier & EXTENDED else _STANDARD_ID):
+        size = 29 if identifier & EXTENDED else 11
+        hint = "" if size == 29 else ": a frame of 29 bits has the identifier EXTENDED | 0x{:X} (canrig.node.EXTENDED)".format(bits)
+        raise ValueError(f"the identifier 0x{bits:X} does not fit {size} bits{hint}")
+
+
 def _pairs(filters: Filters) -> List[Tuple[int, int]]:
-    return [(one, _EXACT) if isinstance(one, int) else one for one in filters]
+    return [_exact(one) if isinstance(one, int) else one for one in filters]
+
+
+def _exact(identifier: int) -> Tuple[int, int]:
+    _refuse_cut(identifier)
+    return identifier, EXTENDED | REMOTE | (_EXTENDED_ID if identifier & EXTENDED else _STANDARD_ID)
 
 
 def _standard(wanted: int, mask: int) -> Iterator[int]:
@@ -269,6 +283,7 @@ class _VirtualBus(Bus):
 
     def send(self, identifier: int, data: bytes = b"") -> None:
         self._refuse_threads()
+        _refuse_cut(identifier)
         if len(data) > 8:
             raise ValueError(f"a frame has at most 8 bytes, not {len(data)}")
         if len(self._queued) == FRAMES_MAX:
@@ -344,6 +359,7 @@ class _RealBus(Bus):
                     return Frame(self.now, identifier, data[:length])
 
     def send(self, identifier: int, data: bytes = b"") -> None:
+        _refuse_cut(identifier)
         if len(data) > 8:
             raise ValueError(f"a frame has at most 8 bytes, not {len(data)}")
         self._channel.send(_KERNEL_FRAME.pack(identifier, len(data), bytes(data)))

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import canrig
 import pytest
 
 pytest_plugins = ["pytester"]
@@ -57,6 +58,8 @@ FAKE = '''\
 #!{python}
 """Writes down how it is called, and leaves the verdict that it is asked for."""
 import json, os, pathlib, sys, time
+if sys.argv[1] == "check":
+    os.execv({real!r}, [{real!r}, *sys.argv[1:]])
 place = pathlib.Path(__file__).parent
 if sys.argv[1:] == ["--version"]:
     print("canrig " + os.environ.get("FAKE_VERSION", "9.9.9"))
@@ -81,8 +84,10 @@ class FakeProgram:
     def __init__(self, folder, monkeypatch):
         import sys
 
+        # What is collected does not depend on what plays.
+        real = str(canrig.program())
         self.path = folder / "fake canrig"
-        self.path.write_text(FAKE.format(python=sys.executable))
+        self.path.write_text(FAKE.format(python=sys.executable, real=real))
         self.path.chmod(0o755)
         monkeypatch.setenv("CANRIG_PROGRAM", str(self.path))
 

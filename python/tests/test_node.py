@@ -1,6 +1,7 @@
 """Nodes in Python: `canrig.node`."""
 
 import math
+import socket
 import struct
 
 import canrig
@@ -155,3 +156,23 @@ def test_a_bus_needs_an_address(monkeypatch):
     monkeypatch.delenv("CANRIG_BUS", raising=False)
     with pytest.raises(RuntimeError, match="no bus is named"):
         canrig.node.Bus.open()
+
+
+@pytest.mark.parametrize("identifier", [0x800, 0x1FFFFFFF, canrig.node.REMOTE | 0x800, canrig.node.EXTENDED | 0x20000000, -1])
+def test_an_identifier_that_would_be_cut_is_refused(identifier):
+    with pytest.raises(ValueError, match="does not fit"):
+        canrig.node._pairs([identifier])
+    ours, _theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    bus = object.__new__(canrig.node._RealBus)
+    bus._channel = ours
+    with pytest.raises(ValueError, match="does not fit"):
+        bus.send(identifier)
+    ours.close()
+    _theirs.close()
+
+
+def test_a_filter_of_29_bits_takes_that_identifier_alone():
+    assert canrig.node._pairs([0x7FF, canrig.node.EXTENDED | 0x12345]) == [
+        (0x7FF, canrig.node.EXTENDED | canrig.node.REMOTE | 0x7FF),
+        (canrig.node.EXTENDED | 0x12345, canrig.node.EXTENDED | canrig.node.REMOTE | 0x1FFFFFFF),
+    ]

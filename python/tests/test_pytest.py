@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import canrig
 import pytest
 from conftest import write_hold
 
+LED = 'schema = 1\nrig = "dc_motor"\nname = "led"\nduration_seconds = 1.0\n'
 RIG = 'schema = 1\nname = "a rig"\n[plant.wire.sma]\n[node.controller]\nkind = "controller"\nnode_id = 1\n'
 ON = ("--canrig", "-p", "no:cacheprovider")
 
@@ -50,6 +52,26 @@ def test_scenarios_are_items_and_nothing_else_is(pytester, scenarios, fake):
     found = [line for line in result.outlines if ".toml" in line]
     assert sorted(found) == ["scenarios/below/strict.toml::strict", "scenarios/hold.toml::hold"]
     assert fake.calls == []
+
+
+@pytest.mark.parametrize("of_scenario", [True, False])
+def test_a_scenario_whose_controller_is_a_program_is_an_item(pytester, of_scenario):
+    program = '[node.controller]\nprogram = ["true"]\n'
+    led = LED
+    if not of_scenario:
+        text = canrig_text("rigs/dc_motor")
+        (pytester.path / "rig.toml").write_text(text.replace("[node.controller]", program.strip(), 1))
+        led, program = LED.replace("dc_motor", "rig.toml"), ""
+    (pytester.path / "led.toml").write_text(led + program)
+    (pytester.path / "broken.toml").write_text(led.replace("1.0", "=") + program)
+    result = pytester.runpytest_subprocess(*ON, "--collect-only", "-q")
+    found = [line for line in result.outlines if ".toml" in line]
+    assert sorted(found) == ["broken.toml::broken", "led.toml::led"]
+
+
+def canrig_text(name):
+    """The text of a file that ships."""
+    return subprocess.run([canrig.program(), "examples", name], capture_output=True, text=True, check=True).stdout
 
 
 def test_every_scenario_that_ships_is_an_item(pytester):

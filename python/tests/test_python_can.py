@@ -258,6 +258,7 @@ def test_every_classic_frame_is_received(play):
     ("does", "said"),
     [
         ("bus.send(message(1, is_fd=True))", "CanOperationError: the bus has classic CAN, not CAN FD"),
+        ("bus.send(message(0x800, is_extended_id=False))", "the identifier 0x800 does not fit 11 bits"),
         ("bus.send(message(1, is_error_frame=True))", "CanOperationError: an error frame cannot be sent"),
         ("[bus.send(message(1)) for _ in range(2000)]", "1024 frames wait to be sent"),
         ("bus.shutdown(); bus.send(message(1))", "CanOperationError: the bus is shut down"),

@@ -193,6 +193,9 @@ mod tests {
         let judged = |expected: &str| {
             let text = format!(
                 "schema = 1\nrig = \"two_axes\"\nname = \"point\"\nduration_seconds = 1.0\n[controller.all.pid]\n\
+                 proportional_amperes_per_metre = 22.8\n\
+                 integral_amperes_per_metre_second = 37.9\n\
+                 derivative_ampere_seconds_per_metre = 3.59\n\
                  [[reference.hold]]\nloop = \"x\"\nat_seconds = 0.0\nposition_millimetres = 30.0\n\
                  [[reference.hold]]\nloop = \"y\"\nat_seconds = 0.0\nposition_millimetres = 30.0\n\
                  [[expect.contour]]\nloops = [\"x\", \"y\"]\ncontour_error_millimetres_max = {{ max = 1.0 }}\n{expected}"

@@ -97,7 +97,7 @@ impl Catalogue {
         };
         let controller = &wiring.nodes.controller;
         let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
-        let composer = published.compose(composer, wiring, None, true);
+        let composer = published.compose(composer, wiring, None, |_| true);
         let mut composer = with_outputs(composer, &published.io);
         // Of io nodes at plants that are emulated elsewhere, the names are known here.
         let is_here = |io: &&IoWiring| published.io.iter().any(|(node, _)| *node == io.node);
@@ -364,14 +364,15 @@ impl Frames {
 }
 
 impl Published {
-    /// Adds the frames of the drive and the law of a loop. A real drive has frames of its own; an emulated one
-    /// publishes the truth about its plant.
+    /// Adds the frames of the drive and the law of a loop, of which canrig plays the nodes for which `is_ours` holds. A real
+    /// drive has frames of its own; an emulated one publishes the truth about its plant. Only canrig's controller publishes the
+    /// terms of a law.
     pub(crate) fn compose(
         &self,
         composer: Composer,
         wiring: &Wiring,
         real: Option<&LoadedDrive>,
-        is_emulated: bool,
+        is_ours: impl Fn(Part) -> bool,
     ) -> Composer {
         let Wiring {
             nodes,
@@ -380,7 +381,7 @@ impl Published {
             ..
         } = wiring;
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
-        let signals = is_emulated.then_some(self.signals.as_slice());
+        let signals = is_ours(Part::Drive).then_some(self.signals.as_slice());
         let composer = match real {
             Some(real) => real.with_drive(composer, drive),
             None => composer.with_drive(drive, signals),
@@ -403,7 +404,11 @@ impl Published {
             });
         }
         let in_rig = (wiring.loop_number(), wiring.loop_among_several());
-        composer.with_terms(in_rig, terms, &self.terms)
+        if is_ours(Part::Controller) {
+            composer.with_terms(in_rig, terms, &self.terms)
+        } else {
+            composer
+        }
     }
 }
 

@@ -214,11 +214,12 @@ impl Plan {
         names
     }
 
-    /// Names the leader of the loops: the law, or the command of a program.
+    /// Names the leader of the loops: the law, the command of a program, or `external`.
     pub fn leader(&self) -> String {
-        let program = self.shared.programs.get(&self.controller().name);
-        match program {
+        let controller = self.controller();
+        match self.shared.programs.get(&controller.name) {
             Some(program) => program.command.join(" "),
+            None if self.is_external(controller) => "external".to_owned(),
             None => {
                 let laws = self.loops.iter().map(|one| &one.trial.controller);
                 listed(laws.map(|controller| controller.law_name()))
@@ -336,7 +337,7 @@ fn compose(plan: &Plan) -> Database {
     let composer = loops.iter().fold(composer, |composer, one| {
         let (real, wiring) = (one.real_drive.as_deref(), &one.trial.wiring);
         let published = &one.frames.published;
-        published.compose(composer, wiring, real, one.is_ours(Part::Drive))
+        published.compose(composer, wiring, real, |part| one.is_ours(part))
     });
     let composer = with_outputs(composer, plan.io_outputs());
     let are_sent = plan.set_points_every_cycles().is_some();

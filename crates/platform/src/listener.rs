@@ -15,7 +15,7 @@ use tempfile::TempDir;
 
 use crate::bus::seqpacket;
 use crate::clock::monotonic;
-use crate::wait::wait_ready;
+use crate::wait::wait_for_process;
 
 /// Listening socket in a folder of its own, which no other user can enter. Both are removed on drop.
 #[derive(Debug)]
@@ -57,14 +57,15 @@ impl Listener {
         self.socket.try_clone()
     }
 
-    /// Waits for a client of the same user, and refuses those of others; `None` if none comes in time.
+    /// Waits for a client of the same user, and refuses those of others; `None` if none comes in time, or before this
+    /// process is asked to end.
     ///
     /// # Errors
     /// If the system refuses.
     pub fn accept(&self, patience: Duration) -> io::Result<Option<OwnedFd>> {
         let end = monotonic().saturating_add(patience);
         let rest = || end.saturating_sub(monotonic());
-        while wait_ready(self.socket.as_fd(), PollFlags::IN, rest())? {
+        while wait_for_process(self.socket.as_fd(), PollFlags::IN, rest())? {
             let channel = accept_with(&self.socket, SocketFlags::CLOEXEC)?;
             if socket_peercred(&channel)?.uid == getuid() {
                 return Ok(Some(channel));

@@ -93,11 +93,20 @@ pub(crate) fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
 /// # Errors
 /// If the child does not exist any more.
 pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
-    let child = i32::try_from(number).ok().and_then(Pid::from_raw);
-    Ok(kill_process(
-        child.ok_or(Errno::SRCH)?,
-        suspension(is_suspended),
-    )?)
+    signal(number, suspension(is_suspended))
+}
+
+/// Sends SIGTERM to a process.
+///
+/// # Errors
+/// If the system refuses.
+pub fn terminate(number: u32) -> io::Result<()> {
+    signal(number, Signal::TERM)
+}
+
+fn signal(number: u32, signal: Signal) -> io::Result<()> {
+    let process = i32::try_from(number).ok().and_then(Pid::from_raw);
+    Ok(kill_process(process.ok_or(Errno::SRCH)?, signal)?)
 }
 
 /// Returns the signal that stops a process where it is, or resumes it.

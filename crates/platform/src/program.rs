@@ -22,7 +22,8 @@ use crate::seat::{
     Header, Kind, MESSAGE_BYTES_MAX, STOPPED, numbers, read_welcome, receive_packet, write_done,
     write_failure, write_hello, write_numbers,
 };
-use crate::wait::wait_ready;
+use crate::stop::is_requested;
+use crate::wait::{wait_for_process, wait_ready};
 
 /// Variable with the socket of a law's seat.
 pub const PORTS_VARIABLE: &str = "CANRIG_PORTS";
@@ -42,6 +43,8 @@ pub const START_PATIENCE: Duration = Duration::from_secs(60);
 pub const END_PATIENCE: Duration = STOP_PATIENCE
     .saturating_add(TERM_PATIENCE)
     .saturating_add(Duration::from_secs(10));
+/// Time for a program to end by itself once this process was asked to end.
+const PATIENCE_AFTER_REQUEST: Duration = Duration::from_secs(1);
 /// Period of the check whether a program has ended. A standstill of the machine takes one such period of a patience.
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -107,8 +110,8 @@ impl Program {
         })
     }
 
-    /// Waits for the program to connect to its seat; returns false if it ended before, or took too long. Afterwards the seat is
-    /// closed.
+    /// Waits for the program to connect to its seat; returns false if it ended before, or took too long, or this process was
+    /// asked to end. Afterwards the seat is closed.
     ///
     /// # Errors
     /// If the system refuses.
@@ -116,7 +119,7 @@ impl Program {
         let listener = self.listener.take().ok_or(Errno::NOTCONN)?;
         for _ in looks(START_PATIENCE) {
             self.channel = listener.accept(LOOK)?;
-            if self.channel.is_some() || self.look() {
+            if self.channel.is_some() || self.look() || is_requested() {
                 break;
             }
         }
@@ -145,9 +148,18 @@ impl Program {
         }
     }
 
-    /// Asks the program to end, by the end of its lifeline. It is killed if it does not end.
-    pub fn dismiss(&mut self) {
+    /// Asks the program to end, by the end of its lifeline, and waits for that; it is killed if it does not end. Returns as
+    /// [`Program::ended`].
+    pub fn dismiss(&mut self) -> Option<(String, String)> {
         self.keeper.stdin = None;
+        if is_requested() {
+            let ended = self.ended(PATIENCE_AFTER_REQUEST);
+            if ended.is_some() {
+                return ended;
+            }
+            self.kill();
+        }
+        self.ended(END_PATIENCE)
     }
 
     /// Sends a message without waiting.
@@ -167,7 +179,7 @@ impl Program {
     /// If the system refuses.
     pub fn receive(&self, message: &mut Vec<u8>, patience: Duration) -> io::Result<bool> {
         let channel = self.channel.as_ref().ok_or(Errno::NOTCONN)?;
-        let has_come = wait_ready(channel.as_fd(), PollFlags::IN, patience)?;
+        let has_come = wait_for_process(channel.as_fd(), PollFlags::IN, patience)?;
         if has_come {
             receive_packet(channel, message)?;
         }
@@ -216,8 +228,7 @@ impl Drop for Program {
         Header::of(Kind::Stop).begin(&mut stop);
         // A program that is gone need not be asked.
         let _ = self.send(&stop);
-        self.keeper.stdin = None;
-        if self.ended(END_PATIENCE).is_none() {
+        if self.dismiss().is_none() {
             let _ = self.keeper.kill();
         }
         let _ = self.keeper.wait();

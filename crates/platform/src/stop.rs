@@ -4,7 +4,7 @@
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -23,6 +23,11 @@ static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
 static AT_ONCE_CODE: AtomicI32 = AtomicI32::new(0);
 /// Event that wakes the thread of [`end_at_once_after`]; -1 before there is one.
 static AT_ONCE_EVENT: AtomicI32 = AtomicI32::new(-1);
+
+/// Whether this process was asked to end.
+static IS_REQUESTED: AtomicBool = AtomicBool::new(false);
+/// Longest time for another process to answer once this one was asked to end.
+const PATIENCE_AFTER_REQUEST: Duration = Duration::from_millis(500);
 
 /// Signals that a terminal sends to all its processes: Ctrl-C, Ctrl-\, and its end.
 pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SIGHUP];
@@ -92,6 +97,25 @@ impl StopSignal {
     pub(crate) fn fds(&self) -> [Option<BorrowedFd<'_>>; 2] {
         [self.pipe.as_ref().map(AsFd::as_fd), self.event]
     }
+}
+
+/// Notes that this process was asked to end. From now on it waits for no other process for long.
+pub fn request() {
+    IS_REQUESTED.store(true, Ordering::Relaxed);
+}
+
+/// Returns whether this process was asked to end, by [`request`] or by a signal that raises a [`StopSignal`].
+pub fn is_requested() -> bool {
+    IS_REQUESTED.load(Ordering::Relaxed)
+}
+
+/// Returns the time that is left to wait for another process, of this much; without limit if `None`.
+pub(crate) fn patience_left(patience: Option<Duration>) -> Option<Duration> {
+    if is_requested() {
+        let left = patience.unwrap_or(PATIENCE_AFTER_REQUEST);
+        return Some(left.min(PATIENCE_AFTER_REQUEST));
+    }
+    patience
 }
 
 /// Thread that works until it is told to end; the drop tells it and waits.
@@ -262,6 +286,7 @@ fn signal_event(signals: &[libc::c_int]) -> io::Result<BorrowedFd<'static>> {
 
 /// Raises the event, and sets an alarm for a process that no longer looks at it: SIGALRM ends it.
 extern "C" fn on_signal(_signal: libc::c_int) {
+    request();
     raise(SIGNAL_EVENT.load(Ordering::Relaxed));
 }
 

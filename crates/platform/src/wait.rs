@@ -6,7 +6,10 @@ use std::time::Duration;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use crate::clock;
+use crate::{clock, stop};
+
+/// Period of the check whether this process was asked to end.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// Waits until `fd` is ready or `timeout` is over; returns whether it is ready. An interrupted wait is resumed.
 pub(crate) fn wait_ready(
@@ -22,6 +25,30 @@ pub(crate) fn wait_ready(
         }
         patience = end.saturating_sub(clock::monotonic());
         if patience.is_zero() {
+            return Ok(false);
+        }
+    }
+}
+
+/// Waits for another process: as [`wait_ready`], but not for long once this process was asked to end.
+pub(crate) fn wait_for_process(
+    fd: BorrowedFd<'_>,
+    flags: PollFlags,
+    patience: Duration,
+) -> Result<bool, Errno> {
+    let end = clock::monotonic().saturating_add(patience);
+    let mut end_of_request = None;
+    loop {
+        let now = clock::monotonic();
+        let mut left = end.saturating_sub(now);
+        if let Some(patience) = stop::patience_left(None) {
+            let end = *end_of_request.get_or_insert(now + patience);
+            left = left.min(end.saturating_sub(now));
+        }
+        if wait_once(fd, flags, left.min(LOOK))? {
+            return Ok(true);
+        }
+        if left.is_zero() {
             return Ok(false);
         }
     }

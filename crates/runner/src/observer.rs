@@ -6,7 +6,7 @@ use std::sync::mpsc;
 use std::task::Poll;
 use std::time::Duration;
 
-use platform::stop::{end_in_order, heard};
+use platform::stop::{self, end_in_order, heard};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
@@ -60,7 +60,10 @@ fn observe(
             });
             tokio::select! {
                 _ = &mut ended => return Ok(()),
-                _ = raised => interrupt(),
+                _ = raised => {
+                    stop::request();
+                    interrupt();
+                }
                 _ = ticks.tick() => show(),
             }
         }

@@ -14,7 +14,7 @@ use crate::lines::EventLines;
 use crate::number;
 use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
-use crate::scenarios::{is_scenario, load, scenario_files};
+use crate::scenarios::{Use, is_to_play, load_for, scenario_files};
 use crate::terminal::Terminal;
 use judge::verdict::{SpoiledPlay, Tries};
 use plan::Plan;
@@ -111,6 +111,11 @@ fn patience(text: &str) -> Result<Patience, String> {
 }
 
 impl ValueArgs {
+    /// Returns whether nothing differs from the files.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.overrides.is_empty() && self.rig.is_none() && self.program.is_empty()
+    }
+
     /// Returns the rig file that replaces the scenario's; `None` for one that ships.
     pub(crate) fn rig_file(&self) -> Option<&Path> {
         let rig = self.rig.as_deref()?;
@@ -168,6 +173,9 @@ impl ViewerArgs {
 
 /// Place where scenarios are played, which decides which of them can be.
 pub(crate) trait Testbed {
+    /// Returns the names of the nodes that the command line makes external.
+    fn external(&self) -> &[String];
+
     /// Puts a plan on the rig of the testbed.
     ///
     /// # Errors
@@ -208,7 +216,7 @@ pub(crate) fn play_all(
     testbed: &mut dyn Testbed,
     listener: &dyn Listener,
 ) -> Result<Exit, Failure> {
-    let paths = scenario_files(&args.scenarios, is_scenario)?;
+    let paths = scenario_files(&args.scenarios, is_to_play)?;
     let (mut viewers, refused) = args.viewer.open();
     report_all(listener, refused);
     let watch = Watch::default();
@@ -251,7 +259,11 @@ pub(crate) fn prepared(
     testbed: &dyn Testbed,
     listener: &dyn Listener,
 ) -> Result<Plan, Exit> {
-    let plan = load(path, values).map_err(failed)?;
+    let wanted = Use {
+        external: testbed.external(),
+        ..Use::default()
+    };
+    let plan = load_for(path, values, &wanted).map_err(failed)?;
     testbed.prepare(plan).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("`{}`: {reason}", path.display())));
         Exit::CannotStart

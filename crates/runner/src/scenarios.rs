@@ -9,18 +9,29 @@ use scenario::node::Part;
 use scenario::overrides::{overridden, set};
 use scenario::rig::nodes::Rig;
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
-use scenario::{Beside, read_text};
+use scenario::{Beside, FileKind, read_text};
 
+use crate::console::print_error;
 use crate::exit::{Exit, Failure};
 use crate::play::ValueArgs;
-use crate::recorded::unreadable;
+use crate::recorded::{holds_many_runs, unreadable};
 use crate::shipped::{self, ShippedFile};
 use plan::FILE_BYTES_MAX;
 use plan::Plan;
+use recording::run_folder::file;
 use worlds::catalogue::catalogue;
 
 /// Largest depth of folders that are searched for scenarios.
 const FOLDER_DEPTH_MAX: u32 = 8;
+/// Files beside the scenario of a run, of which each run folder has one.
+const OF_RUN: [&str; 4] = [
+    file::VERDICT,
+    file::PLAYED,
+    file::BUS_LOG,
+    file::LONG_BUS_LOG,
+];
+/// Table of a law for all loops.
+const ALL: &str = "all";
 
 /// Reads and checks a scenario with other values, of one loop or of several: a file, or if there is none, the scenario that ships
 /// by this name.
@@ -28,6 +39,23 @@ const FOLDER_DEPTH_MAX: u32 = 8;
 /// # Errors
 /// There is no such scenario, or it is not valid.
 pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
+    load_for(path, values, &Use::default())
+}
+
+/// Use of a scenario, which decides what it must have.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Use<'a> {
+    /// Names of external nodes. A scenario that an external controller leads needs no law.
+    pub(crate) external: &'a [String],
+    /// Whether its limits may name unknown signals: a user who looks for the correct name has a wrong one in the file.
+    pub(crate) takes_any_signal: bool,
+}
+
+/// Loads as [`load`], for a use of the scenario.
+///
+/// # Errors
+/// As [`load`].
+pub(crate) fn load_for(path: &Path, values: &ValueArgs, wanted: &Use<'_>) -> Result<Plan, Failure> {
     let place = path.display();
     let refused = |why: String, help: Option<String>| {
         let reason = MietteDiagnostic::new(why);
@@ -78,12 +106,16 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
         (Some(shipped), _) if !is_of_rig(name) => shipped.beside(name),
         _ => beside.read(name),
     };
-    let text = if command.is_empty() {
-        text
-    } else {
-        led_by(text, &command, &read)
+    let text = match &command[..] {
+        [] => led_from_outside(text, wanted.external, &read),
+        command => led_by(text, command, &read),
     };
-    Ok(Plan::parse(&beside, text, read, catalogue())?)
+    let parse = if wanted.takes_any_signal {
+        Plan::parse_with_any_signals
+    } else {
+        Plan::parse
+    };
+    Ok(parse(&beside, text, read, catalogue())?)
 }
 
 /// Returns the text of a scenario whose controller is a program. Errors of scenario and rig are reported when they are loaded.
@@ -91,6 +123,33 @@ fn led_by(text: String, command: &[String], read: &dyn Fn(&str) -> io::Result<St
     let Ok(mut document) = text.parse::<toml::Table>() else {
         return text;
     };
+    let key = format!("node.{}.program", controller_name(&document, read));
+    match set(&mut document, &key, command.to_vec().into()) {
+        Ok(()) => document.to_string(),
+        Err(_) => text,
+    }
+}
+
+/// Returns the text of a scenario without a law whose controller is among the external nodes, with a law that commands nothing.
+/// Errors are reported as those of [`led_by`].
+fn led_from_outside(
+    text: String,
+    external: &[String],
+    read: &dyn Fn(&str) -> io::Result<String>,
+) -> String {
+    let document = text.parse::<toml::Table>().ok();
+    let laws = Part::Controller.word();
+    let without_law = document.filter(|document| !document.contains_key(laws));
+    match without_law {
+        Some(document) if external.contains(&controller_name(&document, read)) => {
+            format!("{text}\n[{laws}.{ALL}.open_loop]\n")
+        }
+        _ => text,
+    }
+}
+
+/// Returns the name of the controller in the rig of a scenario.
+fn controller_name(document: &toml::Table, read: &dyn Fn(&str) -> io::Result<String>) -> String {
     let rig = document.get("rig").and_then(toml::Value::as_str);
     let rig_text = rig.and_then(|rig| match shipped_rig(rig) {
         Some(text) => Some(text.to_owned()),
@@ -99,11 +158,7 @@ fn led_by(text: String, command: &[String], read: &dyn Fn(&str) -> io::Result<St
     let rig = rig_text.and_then(|text| Rig::parse(&text, "").ok());
     let of_rig = rig.as_ref().and_then(Rig::controller);
     let controller = of_rig.map_or(Part::Controller.word(), |(name, _)| name);
-    let key = format!("node.{controller}.program");
-    match set(&mut document, &key, command.to_vec().into()) {
-        Ok(()) => document.to_string(),
-        Err(_) => text,
-    }
+    controller.to_owned()
 }
 
 /// Returns the text of a rig file, or if there is none, of the one that ships by this name.
@@ -125,13 +180,32 @@ fn is_program(path: &Path) -> bool {
     ["py", "c", "sh"].iter().any(|one| extension == *one)
 }
 
-/// Returns whether a file is a scenario and not a rig file; both may be in one folder.
-pub(crate) fn is_scenario(path: &Path) -> bool {
+/// Returns the intended kind of a file. One that cannot be read is taken for a scenario, whose reader reports why.
+pub(crate) fn kind_of(path: &Path) -> FileKind {
     let text = read_text(path, FILE_BYTES_MAX);
-    !text.is_ok_and(|text| Rig::is_meant(&text))
+    text.map_or(FileKind::Scenario, |text| FileKind::of(&text))
 }
 
-/// Returns the scenario files in the arguments: files as they are, folders with every wanted file below them in order.
+/// Returns whether a file is not a rig file; both may be in one folder.
+pub(crate) fn is_to_play(path: &Path) -> bool {
+    kind_of(path) != FileKind::Rig
+}
+
+/// Returns whether a file lies in the folder of a run or of a campaign, which wrote it.
+pub(crate) fn is_left_by_a_play(path: &Path) -> bool {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    path.ancestors().skip(1).any(is_folder_of_a_play)
+}
+
+/// Returns whether a folder is that of a run or of a campaign.
+fn is_folder_of_a_play(folder: &Path) -> bool {
+    let has = |name| folder.join(name).exists();
+    let is_of_run = || OF_RUN.into_iter().any(has);
+    (has(file::SCENARIO) && is_of_run()) || holds_many_runs(folder)
+}
+
+/// Returns the scenario files in the arguments: files as they are, folders with every wanted file below them in order. What
+/// plays have left below a folder is left out, and said.
 pub(crate) fn scenario_files(
     arguments: &[PathBuf],
     is_wanted: impl Fn(&Path) -> bool,
@@ -143,8 +217,16 @@ pub(crate) fn scenario_files(
             continue;
         }
         let folder = argument.display();
-        let mut found = Vec::new();
-        find_scenarios(argument, FOLDER_DEPTH_MAX, &mut found).map_err(unreadable(argument))?;
+        let mut below = Below::default();
+        find_scenarios(argument, FOLDER_DEPTH_MAX, &mut below).map_err(unreadable(argument))?;
+        let Below { mut found, plays } = below;
+        if let Some(first) = plays.first() {
+            let (count, first) = (plays.len(), first.display());
+            let folders = if count == 1 { "folder" } else { "folders" };
+            print_error(&format!(
+                "note: `{folder}`: {count} {folders} of runs left out, the first is `{first}`"
+            ));
+        }
         // A line is printed for each file, from which some CI systems take commands.
         let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
         if let Some(path) = found.iter().find(has_control) {
@@ -162,15 +244,26 @@ pub(crate) fn scenario_files(
     Ok(files)
 }
 
-fn find_scenarios(folder: &Path, depth: u32, files: &mut Vec<PathBuf>) -> io::Result<()> {
+/// Contents of a folder.
+#[derive(Default)]
+struct Below {
+    /// Files that may be scenarios.
+    found: Vec<PathBuf>,
+    /// Folders of runs and campaigns.
+    plays: Vec<PathBuf>,
+}
+
+fn find_scenarios(folder: &Path, depth: u32, below: &mut Below) -> io::Result<()> {
     let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
     let mut paths = Vec::from_iter(entries.iter().map(fs::DirEntry::path));
     paths.sort();
     for path in paths {
-        if path.is_dir() && depth > 0 {
-            find_scenarios(&path, depth - 1, files)?;
+        if path.is_dir() && is_folder_of_a_play(&path) {
+            below.plays.push(path);
+        } else if path.is_dir() && depth > 0 {
+            find_scenarios(&path, depth - 1, below)?;
         } else if path.extension().is_some_and(|kind| kind == "toml") {
-            files.push(path);
+            below.found.push(path);
         }
     }
     Ok(())

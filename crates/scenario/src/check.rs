@@ -76,6 +76,12 @@ impl<'a> Check<'a> {
     }
 }
 
+/// Gains to start from: the quotient of the sensor's range by the error that commands the largest current, and the integral and
+/// derivative gains by the proportional one. So they are those of `scenarios/motor_step.toml`, nearly.
+const FULL_COMMANDS_IN_RANGE: f64 = 4.0;
+const START_INTEGRAL_PER_SECOND: f64 = 7.5;
+const START_DERIVATIVE_SECONDS: f64 = 0.06;
+
 /// Checks the trial of a loop.
 pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     let document = check.document;
@@ -83,7 +89,7 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     check.add(led_drives(document, &trial.wiring));
     check.add(law_of_a_wire(document, trial));
     check.add(pair_of_one_quantity(document, trial));
-    check.add(gains_in_other_unit(document, trial));
+    check.add(missing_gain(document, trial));
     check.add(co_contraction(document, trial));
     for table in ["reference", "controller.open_loop"] {
         pieces(check, table, trial.run.duration_seconds);
@@ -207,22 +213,42 @@ fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Proble
     ))
 }
 
-/// Demands the gains of `pid` in a loop whose position is no length: the default gains are those of a wire, by the metre.
-fn gains_in_other_unit(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+/// Demands the gains of `pid` in a loop that is not that of a wire's position: the default gains are that one's, by the metre.
+fn missing_gain(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     const GAINS: [&str; 3] = [
         "proportional_{gain}",
         "integral_{gain}_second",
         "derivative_{gain_seconds}",
     ];
-    let unit = &trial.wiring.feedback.measurand.unit;
-    let is_length = conversion(unit.word(), "metres").is_some();
-    trial.controller.pid.as_ref().filter(|_| !is_length)?;
+    let feedback = &trial.wiring.feedback;
+    let unit = &feedback.measurand.unit;
+    let metres = conversion(unit.word(), "metres");
+    let is_of_wire = metres.is_some() && trial.plant().actuator().is_some();
+    trial.controller.pid.as_ref().filter(|_| !is_of_wire)?;
     let path = "controller.pid";
     let is_missing = |gain: &&&str| !document.has(&format!("{path}.{gain}"));
     let gain = GAINS.iter().find(is_missing)?;
     let message = format!("`pid` lacks `{gain}`");
     let label = "without it, it is that of a wire in metres";
-    Some(document.key_problem(path, message, label))
+    let [lowest, highest] = feedback.range();
+    let range = (highest - lowest) * metres.unwrap_or(1.0);
+    let proportional = FULL_COMMANDS_IN_RANGE * trial.wiring.current().max / range;
+    let integral = proportional * START_INTEGRAL_PER_SECOND;
+    let derivative = proportional * START_DERIVATIVE_SECONDS;
+    let gains = GAINS.iter().zip([proportional, integral, derivative]);
+    let named = gains.map(|(gain, value)| {
+        let gain = feedback.measurand.name(gain);
+        format!("{gain} = {}", with_three_digits(value))
+    });
+    let help = format!("to start from: {}", Vec::from_iter(named).join(", "));
+    Some(document.key_problem(path, message, label).with_help(help))
+}
+
+/// Writes a positive number with three digits that count.
+fn with_three_digits(value: f64) -> String {
+    let digits = 2.0 - libm::floor(libm::log10(value));
+    let scale = libm::pow(10.0, digits);
+    format!("{}", libm::round(value * scale) / scale)
 }
 
 /// Checks the current of a pair at rest, given or by default, against the amplifier.

@@ -64,7 +64,7 @@ pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, read_sheet, read_text, require_file};
 pub use fingerprint::{HASH_SUFFIX, file_hash, hash_in, hexadecimal};
 pub use identifiers::Identifiers;
-pub use load::{Asked, Objection, Reading, text_of};
+pub use load::{Asked, FileKind, Objection, Reading, text_of};
 pub use nearest::{meant_or_known, nearest};
 pub use overrides::Override;
 pub use run::Run;

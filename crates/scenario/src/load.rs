@@ -23,6 +23,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 pub(crate) use files::RigText;
+pub use kind::FileKind;
 pub(crate) use kind::is_scenario;
 pub(crate) use patterns::{Factor, Factors, Naming};
 pub use resolve::Asked;

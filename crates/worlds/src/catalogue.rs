@@ -75,9 +75,14 @@ mod tests {
 
     #[test]
     fn every_column_of_the_shipped_plants_and_laws_has_another_name() {
-        for (rig, law) in [("sma_actuator", "sliding_mode"), ("dc_motor", "pid")] {
+        let gains = "proportional_amperes_per_metre = 64.8\nintegral_amperes_per_metre_second = 489.0\n\
+                     derivative_ampere_seconds_per_metre = 3.74\n";
+        for (rig, law, gains) in [
+            ("sma_actuator", "sliding_mode", ""),
+            ("dc_motor", "pid", gains),
+        ] {
             let text = format!(
-                "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n\
+                "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n{gains}\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
             let trial = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();

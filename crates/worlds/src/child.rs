@@ -177,6 +177,14 @@ impl NodeProcess {
         Ok(())
     }
 
+    /// Sends SIGTERM to a process of canrig, so that it does not wait for the process of a law.
+    pub(super) fn terminate(&self) {
+        if let Process::Own(node) = &self.process {
+            // An ended process is reported when it is stopped.
+            let _ = process::terminate(node.child.id());
+        }
+    }
+
     /// Returns the error for a process that ends within a patience, before the request to stop. A process that a fault killed has
     /// not ended early.
     pub(super) fn early_end(&mut self, patience: Duration) -> Option<WorldError> {

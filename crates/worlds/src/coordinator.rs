@@ -145,10 +145,30 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
     /// As [`Coordinator::step`].
     pub(crate) fn settle(&mut self) -> Result<(), WorldError> {
         self.horizon = self.now;
-        while self.slots.iter().any(|slot| slot.answer.reached > self.now) {
-            self.step()?;
+        while let Some(ahead) = self.furthest().filter(|reached| *reached > self.now) {
+            if self.step()?.is_none() {
+                self.now = ahead;
+            }
         }
         Ok(())
+    }
+
+    /// Continues until this time, also if no event is left before it.
+    ///
+    /// # Errors
+    /// As [`Coordinator::step`].
+    pub(crate) fn run_until(&mut self, until: Duration) -> Result<(), WorldError> {
+        self.horizon = until;
+        while self.step()?.is_some_and(|now| now < until) {}
+        if self.in_flight.is_none() {
+            self.now = self.now.max(until);
+        }
+        Ok(())
+    }
+
+    /// Returns the latest time that a participant has reached.
+    fn furthest(&self) -> Option<Duration> {
+        self.slots.iter().map(|slot| slot.answer.reached).max()
     }
 
     /// Asks a participant for its safe state.

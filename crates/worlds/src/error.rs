@@ -160,6 +160,11 @@ impl WorldError {
         matches!(self, Self::Process { doing, .. } if *doing == Doing::FromOutside)
     }
 
+    /// Returns whether the recording cannot be written.
+    pub(crate) fn is_of_recording(&self) -> bool {
+        matches!(self, Self::Write(_))
+    }
+
     /// Returns whether the run never began: a program or a plant cannot be started, or a check before the run failed.
     pub fn is_before_start(&self) -> bool {
         match self {

@@ -16,6 +16,7 @@ use platform::clock::Clock;
 use platform::port_seat::{CLOSED, NoAnswer, PortSeat};
 use platform::program::{Order, START_PATIENCE};
 use platform::seat::{Header, IS_MISSING, Kind, numbers};
+use platform::stop::is_requested;
 use scenario::node::Part;
 use scenario::process_law::{LawSetup, Plays, ProcessLaw};
 
@@ -230,7 +231,7 @@ impl LawProcess {
                 Ok(Some(body)) => take(body, writes, &self.outputs),
                 Err(NoAnswer::Ended(_)) => break,
                 Err(NoAnswer::Late) if self.is_real_time => return false,
-                Err(NoAnswer::Late) if waits < WAITS_MAX => {
+                Err(NoAnswer::Late) if waits < WAITS_MAX && !is_requested() => {
                     waits += 1;
                     continue;
                 }

@@ -48,7 +48,24 @@ pub fn simulate(
         let played = play_here(plan, laws, &mut guests, capture);
         guests.finish(played)
     });
-    played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))
+    end_of(played, plan, capture)
+}
+
+/// Returns the end of a run. The user's request to stop is the reason for every later error, since no node is waited for then.
+///
+/// # Errors
+/// If the bench failed.
+pub(crate) fn end_of(
+    played: Result<End, WorldError>,
+    plan: &Plan,
+    capture: &Capture<'_>,
+) -> Result<End, WorldError> {
+    match played {
+        Err(error) if capture.watch().is_interrupted() && !error.is_of_recording() => {
+            Ok(End::Interrupted)
+        }
+        played => played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode)),
+    }
 }
 
 fn play_here(
@@ -159,7 +176,7 @@ impl Run<'_, '_, '_> {
         let (mut flushed, mut seen) = (Duration::ZERO, 0);
         for event in 0_u64.. {
             let Some(now) = self.coordinator.step()? else {
-                return Err(NO_START);
+                return self.end_without_event(until.is_some());
             };
             match until {
                 Some(until) if now >= until => break,
@@ -192,6 +209,20 @@ impl Run<'_, '_, '_> {
         Ok(End::Completed)
     }
 
+    /// Ends a run in which no node has a frame to send or a timer left.
+    fn end_without_event(&self, has_begun: bool) -> Result<End, WorldError> {
+        match has_begun {
+            // A fault may keep the scenario from beginning.
+            false if self.plan.has_faults() => Ok(End::Completed),
+            false => Err(NO_START),
+            // The controller owes the next SYNC.
+            true => Err(WorldError::Participant {
+                name: self.plan.controller().name.clone(),
+                failure: Failure::Waits,
+            }),
+        }
+    }
+
     /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
     fn ask_drives(&mut self) -> Result<(), WorldError> {
         let coordinator = &mut self.coordinator;
@@ -199,9 +230,7 @@ impl Run<'_, '_, '_> {
             for request in requests {
                 coordinator.put(request)?;
             }
-            let until = coordinator.now + time;
-            coordinator.horizon = until;
-            while coordinator.step()?.is_some_and(|now| now < until) {}
+            coordinator.run_until(coordinator.now + time)?;
             coordinator.settle()?;
         }
         Ok(())

@@ -7,7 +7,6 @@ use platform::lockstep::{ANSWER_PATIENCE, Failure, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 
-use crate::blame::end_by_node;
 use crate::bus_choice::RunBus;
 use crate::child::{END_PATIENCE, NodeProcess, Stopped};
 use crate::error::WorldError;
@@ -69,8 +68,7 @@ pub fn in_lockstep(
         let played = play(plan, folder, &mut guests, capture, bus);
         guests.finish(played)
     });
-    let end = played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
-    Ok(Played::in_virtual_time(end))
+    lockstep::end_of(played, plan, capture).map(Played::in_virtual_time)
 }
 
 fn play(
@@ -115,6 +113,9 @@ fn play(
         let wire = wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus);
         lockstep::play_nodes(plan, &mut remotes, guests, capture, wire)
     })();
+    if capture.watch().is_interrupted() {
+        processes.all.iter().for_each(NodeProcess::terminate);
+    }
     with_end(played, &mut processes)
 }
 

@@ -214,8 +214,7 @@ impl StartedProgram {
     /// # Errors
     /// If it did not end by itself, or ended badly.
     pub(crate) fn end(&mut self, name: &str) -> Result<(), WorldError> {
-        self.program.dismiss();
-        let (how, output) = match self.program.ended(END_PATIENCE) {
+        let (how, output) = match self.program.dismiss() {
             Some((how, _)) if how == ORDERLY => return Ok(()),
             Some(ended) => ended,
             None => ("did not end".to_owned(), String::new()),

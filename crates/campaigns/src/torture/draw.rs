@@ -253,7 +253,8 @@ mod tests {
     use crate::torture::shrink::TortureCase;
 
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
-        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        proportional_amperes_per_metre = 22.8\nintegral_amperes_per_metre_second = 37.9\n\
+        derivative_ampere_seconds_per_metre = 3.59\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
     fn base(text: &str) -> Plan {
         let beside = Beside::new(Path::new("t.toml"));

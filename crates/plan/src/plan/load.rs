@@ -24,21 +24,6 @@ impl Plan {
         Self::parse_beside(&Beside::new(path), text_of(path)?, catalogue)
     }
 
-    /// Loads as [`Plan::load`], but accepts names of unknown signals in the scenario: a user who looks for the correct name has a
-    /// wrong one in the file.
-    ///
-    /// # Errors
-    /// As [`Plan::load`] for everything else.
-    pub fn load_with_any_signals(
-        path: &Path,
-        catalogue: &Catalogue,
-    ) -> Result<Self, ScenarioError> {
-        let beside = Beside::new(path);
-        let read = &mut |name: &str| beside.read(name);
-        let scenario = Scenario::parse(&beside, text_of(path)?, read, &Asked::default())?;
-        planned(&scenario, catalogue)
-    }
-
     /// Parses as [`Plan::load`], from a text; the files that it names are in its folder.
     ///
     /// # Errors
@@ -66,6 +51,20 @@ impl Plan {
             ..Asked::default()
         };
         let scenario = Scenario::parse(beside, text, &mut read_file, &asked)?;
+        planned(&scenario, catalogue)
+    }
+
+    /// Parses as [`Plan::parse`], but accepts names of unknown signals in the scenario.
+    ///
+    /// # Errors
+    /// As [`Plan::parse`] for everything else.
+    pub fn parse_with_any_signals(
+        beside: &Beside,
+        text: String,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
+        catalogue: &Catalogue,
+    ) -> Result<Self, ScenarioError> {
+        let scenario = Scenario::parse(beside, text, &mut read_file, &Asked::default())?;
         planned(&scenario, catalogue)
     }
 

@@ -38,6 +38,12 @@ pub enum Failure {
     /// The step was not possible.
     #[error("could not be stepped: {0}")]
     Step(#[from] StepError),
+    /// The process did not answer, and the user asked the run to end.
+    #[error("was not waited for any longer")]
+    Interrupted,
+    /// No node has an event left, and this one owes the next.
+    #[error("waits for ever, as all nodes do: none has a frame to send or a timer left")]
+    Waits,
     /// The channel failed.
     #[error("cannot be reached: {0}")]
     Channel(io::Error),
@@ -67,7 +73,8 @@ pub trait Participant {
     /// after `until`, unless they answer one of the node's own.
     ///
     /// # Errors
-    /// If the node's process is gone, silent for 10 s of wall time, or breaks the protocol, or if the step itself was impossible.
+    /// If the node's process is gone, silent for 10 s of wall time or when the user asks the run to end, or breaks the
+    /// protocol, or if the step itself was impossible.
     fn advance(
         &mut self,
         to: Duration,

@@ -14,6 +14,7 @@ use super::participant::{Answer, Failure, Participant};
 use super::protocol::{self, Asked, FRAMES_MAX, Hello, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
 use crate::seat::{MESSAGE_BYTES_MAX, receive_packet};
+use crate::stop::{is_requested, patience_left};
 
 /// Longest wall time for a process to answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
@@ -141,6 +142,7 @@ impl Remote {
     fn receive(&mut self) -> Result<(), Failure> {
         let mut left = self.patience;
         loop {
+            left = patience_left(left);
             match receive_packet(&self.channel, &mut self.packet) {
                 Ok(()) if self.packet.is_empty() => return Err(Failure::Ended),
                 Ok(()) => return Ok(()),
@@ -154,6 +156,7 @@ impl Remote {
 
     fn failed(&self, errno: Errno) -> Failure {
         match errno {
+            Errno::AGAIN if is_requested() => Failure::Interrupted,
             Errno::AGAIN => Failure::NoAnswer(self.patience.unwrap_or_default()),
             Errno::PIPE | Errno::CONNRESET => Failure::Ended,
             errno => Failure::Channel(errno.into()),

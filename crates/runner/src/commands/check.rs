@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use scenario::rig::nodes::Rig;
+use serde::Serialize;
 
 use crate::console::{failed, print, print_text};
 use crate::exit::{Exit, Failure};
 use crate::play::ValueArgs;
-use crate::scenarios::{load, rig_text, scenario_files};
+use crate::scenarios::{is_left_by_a_play, kind_of, load, rig_text, scenario_files};
 use plan::bus_budget::{BusBudget, Pace};
 use plan::{Plan, Shared};
 use report::table::{Cell, Table, Text};
@@ -20,56 +21,85 @@ pub struct CheckArgs {
     /// Scenario or rig files, or folders of them
     #[arg(required = true, value_name = "FILE")]
     pub scenarios: Vec<PathBuf>,
+    /// Print the files with their kinds and problems as JSON
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     pub values: ValueArgs,
+}
+
+/// File that was checked.
+#[derive(Debug, Serialize)]
+struct CheckedFile {
+    path: String,
+    /// `scenario`, `sweep`, `rig`, or `other` for a file that is none of these by its text.
+    kind: &'static str,
+    /// Whether it lies in the folder of a run or of a campaign, which wrote it.
+    is_left_by_a_play: bool,
+    /// First line of what is wrong; `None` for a valid file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    problem: Option<String>,
 }
 
 /// Checks the files and prints for each whether it is valid.
 pub fn check(args: &CheckArgs) -> Result<Exit, Failure> {
     let mut worst = Exit::Pass;
+    let mut files = Vec::new();
     for path in scenario_files(&args.scenarios, |_| true)? {
-        if let Err(failure) = checked(&path, &args.values) {
-            worst = worst.max(failed(failure));
+        let checked = check_file(&path, &args.values);
+        if args.json {
+            let failure = checked.err();
+            worst = worst.max(failure.as_ref().map_or(Exit::Pass, |failure| failure.exit));
+            files.push(CheckedFile {
+                path: path.to_string_lossy().into_owned(),
+                kind: kind_of(&path).word(),
+                is_left_by_a_play: is_left_by_a_play(&path),
+                problem: failure.map(|failure| failure.reason),
+            });
+            continue;
         }
+        match checked {
+            Ok(text) => print_text(&text),
+            Err(failure) => worst = worst.max(failed(failure)),
+        }
+    }
+    if args.json {
+        print(&serde_json::to_string_pretty(&files).expect("plain data"));
     }
     Ok(worst)
 }
 
-/// Checks a file, and prints what there is to say of a valid one.
-fn checked(path: &Path, values: &ValueArgs) -> Result<(), Failure> {
-    let print_valid = |name: String| print(&format!("{}: valid ({name})", path.display()));
+/// Checks a file; returns what there is to say of a valid one.
+fn check_file(path: &Path, values: &ValueArgs) -> Result<Text, Failure> {
+    let mut said = Text::default();
+    let valid = |name: String| format!("{}: valid ({name})", path.display());
     let text = rig_text(path).unwrap_or_default();
     if Rig::is_meant(&text) {
         let plan = Plan::from_rig(path, &text, catalogue())?;
-        print_valid(format!("rig: {}", plan.shared.rig.name));
-        print_notes(
-            plan.shared
-                .rig
-                .notes()
-                .into_iter()
-                .chain(plan.sheet_notes()),
-        );
-        print_text(&arithmetic(&BusBudget::new(&plan)));
-        return Ok(());
+        said.line(valid(format!("rig: {}", plan.shared.rig.name)));
+        let notes = plan.shared.rig.notes().into_iter();
+        add_notes(&mut said, notes.chain(plan.sheet_notes()));
+        describe_traffic(&BusBudget::new(&plan), &mut said);
+        return Ok(said);
     }
     let plan = load(path, values)?;
     let Shared { run, sweep, .. } = &plan.shared;
-    print_valid(match sweep {
+    said.line(valid(match sweep {
         Some(sweep) => format!("{}, {} runs in a sweep", run.name, sweep.runs()),
         None => run.name.clone(),
-    });
-    print_notes(plan.sheet_notes());
-    Ok(())
+    }));
+    add_notes(&mut said, plan.sheet_notes());
+    Ok(said)
 }
 
-fn print_notes(notes: impl IntoIterator<Item = String>) {
+fn add_notes(text: &mut Text, notes: impl IntoIterator<Item = String>) {
     for note in notes {
-        print(&format!("note: {note}"));
+        text.line(format!("note: {note}"));
     }
 }
 
 /// Describes the traffic in a cycle, and whether it fits.
-fn arithmetic(bus: &BusBudget) -> Text {
+fn describe_traffic(bus: &BusBudget, text: &mut Text) {
     let mut table = Table::new(["node", "sends", "bits", "comes in"]);
     for share in &bus.shares {
         let comes = match share.pace {
@@ -92,7 +122,6 @@ fn arithmetic(bus: &BusBudget) -> Text {
         .map_or_else(String::new, |period| {
             format!("The shortest sync_period_milliseconds that fits is {period:.1}.\n")
         });
-    let mut text = Text::default();
     text.table(&table);
     text.line(format!(
         "Bits are counted with as many stuff bits as a frame can have.\n\
@@ -100,5 +129,4 @@ fn arithmetic(bus: &BusBudget) -> Text {
          over many cycles the load is {load:.0} %.\n\
          {shortest}"
     ));
-    text
 }

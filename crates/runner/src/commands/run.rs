@@ -13,7 +13,7 @@ use crate::exit::{Exit, Failure};
 use crate::machine::refused_priority;
 use crate::observer::observed;
 use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all, prepared};
-use crate::scenarios::{is_scenario, scenario_files};
+use crate::scenarios::{is_to_play, scenario_files};
 use plan::{ControlLoop, Plan};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
@@ -191,7 +191,7 @@ impl<'a> RunTestbed<'a> {
     /// Makes the pre-flight of the first scenario, which counts for all: they share rig and bus.
     fn dry_run(&self) -> Result<Exit, Failure> {
         let args = &self.args.play;
-        let paths = scenario_files(&args.scenarios, is_scenario)?;
+        let paths = scenario_files(&args.scenarios, is_to_play)?;
         let path = paths
             .first()
             .ok_or_else(|| Exit::Usage.because("no scenario is named"))?;
@@ -220,6 +220,10 @@ impl<'a> RunTestbed<'a> {
 }
 
 impl Testbed for RunTestbed<'_> {
+    fn external(&self) -> &[String] {
+        &self.args.guests.external
+    }
+
     /// Returns whether the drive failed its pre-flight, so that no scenario may lead it.
     fn is_over(&self) -> bool {
         self.preflight.has_failed()

@@ -9,7 +9,9 @@ use serde::Serialize;
 
 use crate::console::{print, print_text};
 use crate::exit::{Exit, Failure};
+use crate::play::ValueArgs;
 use crate::recorded::{read_played, require_run};
+use crate::scenarios::{Use, load_for};
 use plan::{ControlLoop, Plan};
 use report::table::{Table, Text};
 use worlds::catalogue::catalogue;
@@ -31,6 +33,8 @@ pub struct SignalsArgs {
     /// Print the signals as JSON, with all named values
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub values: ValueArgs,
 }
 
 /// Signal in the list.
@@ -115,7 +119,11 @@ fn limit_text(limit: f64) -> String {
 
 /// Lists the signals.
 pub fn signals(args: &SignalsArgs) -> Result<Exit, Failure> {
-    let plan = args.source.as_deref().map(load_plan).transpose()?;
+    let plan = args
+        .source
+        .as_deref()
+        .map(|source| load_plan(source, &args.values));
+    let plan = plan.transpose()?;
     let database = plan
         .as_ref()
         .map_or(Database::shipped(), |plan| plan.database());
@@ -130,14 +138,21 @@ pub fn signals(args: &SignalsArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// Returns the plan of a run folder or of a scenario. Signals in the scenario's checks need not exist: a user who looks for the
-/// right name has a wrong one in the file.
-fn load_plan(source: &Path) -> Result<Plan, Failure> {
+/// Returns the plan of a run folder or of a scenario.
+fn load_plan(source: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
     if source.is_dir() {
         require_run(source)?;
+        if !values.is_empty() {
+            let reason = "a run folder has its values and its program: leave out --set, --rig and `-- PROGRAM`";
+            return Err(Exit::Usage.because(reason));
+        }
         return Ok(read_played(source, catalogue())?.0);
     }
-    Ok(Plan::load_with_any_signals(source, catalogue())?)
+    let wanted = Use {
+        takes_any_signal: true,
+        ..Use::default()
+    };
+    load_for(source, values, &wanted)
 }
 
 /// Returns every signal in a frame, in the order of the identifiers, loop by loop; the signals that belong to no single loop come

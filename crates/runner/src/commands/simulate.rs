@@ -117,6 +117,10 @@ fn difference(plan: &Plan, zero: Option<Duration>, [one, other]: [&Frames; 2]) -
 }
 
 impl Testbed for OneProcess<'_> {
+    fn external(&self) -> &[String] {
+        &self.args.guests.external
+    }
+
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
         in_virtual_time(plan, &self.args.guests.external)
     }

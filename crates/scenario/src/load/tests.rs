@@ -46,6 +46,9 @@ name = "two moves"
 rig = "rig.toml"
 duration_seconds = 3.0
 [controller.all.pid]
+proportional_amperes_per_metre = 22.8
+integral_amperes_per_metre_second = 37.9
+derivative_ampere_seconds_per_metre = 3.59
 [plant.gantry_x]
 load_kilograms = 0.3
 [[reference.hold]]
@@ -193,7 +196,7 @@ fn a_table_under_the_wrong_key_is_one_problem() {
         ),
         (
             "[controller.all.pid]",
-            "[controller.x.pid]\n[controller.y]",
+            "[controller.y]\n[controller.x.pid]",
             "name the law: [controller.y.pid]",
         ),
     ] {

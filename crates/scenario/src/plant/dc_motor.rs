@@ -33,7 +33,10 @@ pub struct DcMotor {
     /// `r`, pitch radius of the pinion (assumed: 0.01).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub pinion_radius_metres: f64,
-    /// `k`, stiffness of the spring; it is relaxed where the rack rests on its stop (assumed: 300).
+    /// `xmax`, travel of the rack from its lower stop to its upper one (assumed: 0.06, as the paper's actuator).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub travel_metres: f64,
+    /// `k`, stiffness of the spring; it is relaxed where the rack rests on its lower stop (assumed: 300).
     #[schemars(range(min = 0.0, max = 1e6))]
     pub spring_newtons_per_metre: f64,
     /// `mL`, load with rack (assumed: 0.2).
@@ -70,6 +73,7 @@ impl Default for DcMotor {
             gear_inertia_kilogram_square_metres: 8e-8,
             gear_friction_newton_metres: 0.02,
             pinion_radius_metres: 0.01,
+            travel_metres: 0.06,
             spring_newtons_per_metre: 300.0,
             load_kilograms: 0.2,
             winding_resistance_ohms: 2.18,

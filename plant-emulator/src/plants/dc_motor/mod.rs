@@ -34,7 +34,7 @@ pub struct DcMotor {
 }
 
 impl DcMotor {
-    /// Makes a motor with these parameters, at rest on the stop, without current and as warm as the air.
+    /// Makes a motor with these parameters, at rest on the lower stop, without current and as warm as the air.
     fn with(config: &scenario::plant::DcMotor) -> Self {
         Self {
             heat: Heat::new(config),

@@ -29,7 +29,9 @@ pub(super) struct Motion {
     damping: f64,
     /// Stiffness of the spring, `k`, N/m.
     stiffness: f64,
-    /// Height `x` of the load, zero on the stop, upwards.
+    /// Height of the upper stop, `xmax`, m.
+    travel_metres: f64,
+    /// Height `x` of the load, zero on the lower stop, upwards.
     pub(super) position_metres: f64,
     /// Its rate `ẋ`.
     pub(super) velocity_metres_per_second: f64,
@@ -43,7 +45,7 @@ struct Forces {
 }
 
 impl Motion {
-    /// Makes a motion at rest on the stop.
+    /// Makes a motion at rest on the lower stop.
     pub(super) fn new(config: &DcMotor) -> Self {
         let transmission = config.gear_ratio / config.pinion_radius_metres;
         let inertia = config.rotor_inertia_kilogram_square_metres
@@ -58,12 +60,13 @@ impl Motion {
                 + config.gear_friction_newton_metres / config.pinion_radius_metres,
             damping: config.viscous_friction_newton_metre_seconds * transmission * transmission,
             stiffness: config.spring_newtons_per_metre,
+            travel_metres: config.travel_metres,
             position_metres: 0.0,
             velocity_metres_per_second: 0.0,
         }
     }
 
-    /// Takes one step. Coulomb friction and the stop change the equation at a reversal, so the step is divided there.
+    /// Takes one step. Coulomb friction and the stops change the equation at a reversal, so the step is divided there.
     pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs, condition: Condition) {
         let forces = self.forces(inputs, condition);
         let mut left = duration_seconds;
@@ -108,7 +111,7 @@ impl Motion {
             return velocity.signum();
         }
         let force = forces.constant_newtons - self.spring_newtons();
-        if force > self.coulomb_newtons {
+        if force > self.coulomb_newtons && self.position_metres < self.travel_metres {
             1.0
         } else if force < -self.coulomb_newtons && self.position_metres > 0.0 {
             -1.0
@@ -127,10 +130,10 @@ impl Motion {
         })
     }
 
-    /// Sets the state. An impact on the stop is inelastic.
+    /// Sets the state. An impact on a stop is inelastic.
     fn settle(&mut self, [position, velocity]: [f64; 2]) {
-        let is_beyond = position < 0.0;
-        self.position_metres = if is_beyond { 0.0 } else { position };
+        let is_beyond = !(0.0..=self.travel_metres).contains(&position);
+        self.position_metres = position.clamp(0.0, self.travel_metres);
         self.velocity_metres_per_second = if is_beyond { 0.0 } else { velocity };
     }
 

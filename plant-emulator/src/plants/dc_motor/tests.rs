@@ -363,3 +363,46 @@ fn a_motor_that_is_too_fast_is_refused() {
     let message = check(&config).unwrap_err().to_string();
     assert!(message.starts_with("motion changes at up to"), "{message}");
 }
+
+/// The largest current would hold the load far above the upper stop; there it rests until the motor lets it down.
+#[test]
+fn the_load_rests_on_the_upper_stop_and_leaves_it_downwards() {
+    for travel_metres in [0.06, 0.0123] {
+        let config = Config {
+            travel_metres,
+            ..Config::default()
+        };
+        let mut motor = DcMotor::with(&config);
+        let mut highest: f64 = 0.0;
+        for _ in 0..5_000 {
+            motor.advance(1e-4, &current(1.0));
+            highest = highest.max(motor.motion.position_metres);
+        }
+        assert_eq!([highest, motor.motion.position_metres], [travel_metres; 2]);
+        assert_eq!(motor.motion.velocity_metres_per_second, 0.0);
+        // Within the friction of the load's weight and the spring it stays where it is.
+        let holding = holding_amperes(&config, travel_metres);
+        motor.advance(0.1, &current(holding));
+        assert_eq!(motor.motion.position_metres, travel_metres);
+        motor.advance(0.1, &current(-1.0));
+        assert!(motor.motion.position_metres < travel_metres);
+    }
+}
+
+/// A motor that does not reach its upper stop moves as one without any.
+#[test]
+fn a_stop_out_of_reach_changes_nothing() {
+    let motor_with = |travel_metres| {
+        DcMotor::with(&Config {
+            travel_metres,
+            ..Config::default()
+        })
+    };
+    let [mut near, mut far] = [0.06, 1_000.0].map(motor_with);
+    let amperes = holding_amperes(&Config::default(), 0.03);
+    for _ in 0..2_000 {
+        near.advance(1e-3, &current(amperes));
+        far.advance(1e-3, &current(amperes));
+        assert_eq!(near.motion.position_metres, far.motion.position_metres);
+    }
+}
