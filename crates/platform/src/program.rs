@@ -128,6 +128,11 @@ impl Program {
         self.channel.take()
     }
 
+    /// Returns the number of the process whose descendants are the program.
+    pub fn number(&self) -> u32 {
+        self.keeper.id()
+    }
+
     /// Kills the program, and all in its group.
     pub fn kill(&self) {
         self.signal(Signal::KILL);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use can::Filter;
 use platform::bus::{Bus, BusAddress, BusError};
-use platform::hub::Hub;
+use platform::hub::{Hub, Joined};
 use platform::link::link;
 use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
@@ -81,6 +81,11 @@ impl BusConnection {
         } else {
             Vec::new()
         }
+    }
+
+    /// Returns the nodes that were heard on an embedded bus for the first time since the last call, with their processes.
+    pub(super) fn joined(&self) -> impl Iterator<Item = Joined> {
+        self.hub.iter().flat_map(Hub::joined)
     }
 
     /// Joins the bus as a node of the bench itself.

@@ -189,7 +189,7 @@ struct Run<'a, 'b> {
     connection: &'a mut BusConnection,
     capture: &'a mut Capture<'b>,
     processes: &'a mut Processes,
-    stalls: &'a StallRecorder,
+    stalls: &'a StallRecorder<'a>,
     is_enough: &'a mut dyn FnMut(&Capture<'_>) -> bool,
 }
 
@@ -211,6 +211,7 @@ impl Run<'_, '_> {
             }
             let now = clock.now();
             self.connection.collect(self.capture)?;
+            self.stalls.watch_joined(self.connection);
             second_master.check(self.capture)?;
             if self.capture.watch().is_interrupted() {
                 return Ok(End::Interrupted);

@@ -18,7 +18,7 @@ use scenario::node::Part;
 
 use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
 use self::faults::ScenarioFaults;
-use self::stalls::{FeltStalls, Stretch, longest, stretches, undecided};
+use self::stalls::{Allowance, FeltStalls, Stretch, longest, stretches, undecided};
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
 
@@ -139,9 +139,14 @@ impl<'a> Attribution<'a> {
     ) -> impl Iterator<Item = (Breach, Cause)> {
         // The cycle that would continue the last stretch of breaches, and the cause with which that began.
         let mut goes_on: Option<(u64, Cause)> = None;
+        let mut allowances = BTreeMap::new();
         breaches.map(move |breach| {
             let (duty, from, until) = (breach.duty, breach.from_seconds, breach.until_seconds);
-            let stall = self.stall(duty.node(), from, until);
+            let felt = &self.felt[place(duty.node())];
+            let allowance = allowances.entry(duty);
+            let stall = allowance
+                .or_insert_with(|| Allowance::of(felt))
+                .explaining(from, until);
             let begun = goes_on.filter(|(next, _)| *next == breach.cycle);
             let first = match (begun, stall) {
                 (Some((_, cause)), _) => Some(cause),

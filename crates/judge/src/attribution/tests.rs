@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use can::CanFrame;
@@ -86,6 +87,16 @@ pub(super) fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
     frames
 }
 
+/// Returns the places of two spans that touch, the first one first.
+fn overlapping(spans: &[(i64, i64)]) -> Option<(usize, usize)> {
+    let pairs = (0..spans.len()).flat_map(|one| (one + 1..spans.len()).map(move |two| (one, two)));
+    let touch = |(one, two): &(usize, usize)| {
+        let ((from, until), (begins, ends)) = (spans[*one], spans[*two]);
+        begins <= until && from <= ends
+    };
+    pairs.into_iter().find(touch)
+}
+
 /// Attributes each missed cycle by going through everything for it, in whole milliseconds.
 fn slow(
     cycles: &[Cycle],
@@ -99,7 +110,7 @@ fn slow(
         _ => !external.contains(&"drive"),
     };
     // A stall held something up in half of the milliseconds of the cycle, or its burst came in them.
-    let is_held = |number: u32, cycle: Cycle| {
+    let is_covered = |number: u32, cycle: Cycle| {
         let begins = 10 * i64::from(number);
         let is_held = |milli: &i64| {
             let covers =
@@ -108,6 +119,35 @@ fn slow(
         };
         (begins..begins + 10).filter(is_held).count() >= 5
     };
+    // Stalls that overlap are one, and explain each missing frame that was due in them once.
+    let mut allowed = BTreeSet::new();
+    for kind in [Cycle::WithoutSync, Cycle::WithoutPosition] {
+        let felt = held.iter().filter(|held| is_felt(held, kind));
+        let ends = felt.map(|held| (held.from, held.from + i64::from(held.length)));
+        let mut spans = Vec::from_iter(ends);
+        while let Some((one, other)) = overlapping(&spans) {
+            let (from, until) = spans.swap_remove(other);
+            spans[one] = (spans[one].0.min(from), spans[one].1.max(until));
+        }
+        spans.sort_unstable();
+        let mut explained = vec![0; spans.len()];
+        for (number, cycle) in (0_u32..).zip(cycles) {
+            if *cycle != kind || !is_covered(number, kind) {
+                continue;
+            }
+            let begins = 10 * i64::from(number);
+            let may = |place: &usize| {
+                let (from, until) = spans[*place];
+                let is_near = from <= begins + 10 && begins <= until + 20;
+                is_near && explained[*place] < 1 + (until - from) / 10
+            };
+            if let Some(place) = (0..spans.len()).find(may) {
+                explained[place] += 1;
+                allowed.insert(number);
+            }
+        }
+    }
+    let is_held = |number: u32, _: Cycle| allowed.contains(&number);
     let mut whose = Vec::new();
     for (number, cycle) in (0_u32..).zip(cycles) {
         if *cycle == Cycle::Served {
