@@ -57,6 +57,8 @@ pub struct Order<'a> {
     pub folder: &'a Path,
     /// File for the output.
     pub log: Option<&'a Path>,
+    /// File that is removed when the program has ended, even if canrig was killed.
+    pub part: Option<&'a Path>,
     /// Variables to add to its environment.
     pub environment: &'a [(&'a str, String)],
 }
@@ -84,6 +86,9 @@ impl Program {
         command.arg(SUBCOMMAND);
         if let Some(log) = log {
             command.arg("--log").arg(log);
+        }
+        if let Some(part) = order.part {
+            command.arg("--part").arg(part);
         }
         command.arg("--").args(order.command);
         command.current_dir(order.folder).stdout(Stdio::piped());
