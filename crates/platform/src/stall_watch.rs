@@ -217,8 +217,8 @@ fn watch<T: Copy + PartialEq>(
             thread.ran_lately += ran;
             let owner = &watched[thread.order];
             if waited > longer_than && !owner.is_competing {
-                // The kernel counts a wait when it is over.
-                let from = last.min(now.saturating_sub(waited));
+                // The kernel counts a wait when it is over, which was at the last look at the earliest.
+                let from = last.saturating_sub(waited);
                 note(&mut seen, Some(owner.order.who), from, now);
             }
             true
