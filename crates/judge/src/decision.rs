@@ -412,7 +412,7 @@ fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
 fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
     let (percent, at) = largest_period_error(evidence, false)?;
-    if percent <= max || evidence.attribution.faults.explain(Duty::Sync, at, at) {
+    if rounded(percent) <= max || evidence.attribution.faults.explain(Duty::Sync, at, at) {
         return None;
     }
     let node = node_name(evidence, Duty::Sync.node());

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
+use scenario::expect::rounded;
 use scenario::metrics::Metric;
 use scenario::node::Part;
 
@@ -147,7 +148,7 @@ pub(crate) fn undecided_period(evidence: &Evidence<'_>) -> Option<Stretch> {
     let mut is_exceeded = false;
     let mut is_last = false;
     for (percent, _) in period_errors(evidence, true) {
-        is_last = percent > max;
+        is_last = rounded(percent) > max;
         is_exceeded |= is_last;
     }
     (is_exceeded && !is_last).then_some(stall)

@@ -1289,3 +1289,25 @@ fn a_slow_loop_is_watched_until_something_else_moves_it() {
     let step = "[[reference.step]]\nat_seconds = 4.5\nposition_millimetres = 10.5\n";
     assert_eq!(recovery(step), Some(0.0));
 }
+
+/// A clock that runs 2 % slow for 64 periods has just the error that is allowed.
+#[test]
+fn a_sync_period_error_that_equals_its_limit_is_met() {
+    let plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let plan = plan.recorded_external(&["controller".to_owned()]);
+    let outcome = |slow_micros: u32, from: u64| {
+        let mut frames = frames(4000, |_| Some(10.0));
+        answer_positions(&mut frames);
+        for stamped in &mut frames {
+            let cycles = (stamped.time.as_micros() / 1000) as u64;
+            let slow = u32::try_from(cycles.saturating_sub(from).min(64)).unwrap();
+            stamped.time += Duration::from_micros(u64::from(slow * slow_micros));
+        }
+        let timelines = decode(&frames.into(), &plan).unwrap();
+        judge(&plan, &timelines, &Circumstances::default()).outcome
+    };
+    for from in 100..120 {
+        assert_eq!(outcome(20, from), Outcome::Pass, "{from}");
+    }
+    assert_eq!(outcome(21, 100), Outcome::Fail);
+}
