@@ -117,7 +117,7 @@ fn a_sweep_varies_how_often_set_points_are_sent() {
 }
 
 /// Copies the files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.
-fn drive_and_fan(folder: &Path) -> PathBuf {
+pub(crate) fn drive_and_fan(folder: &Path) -> PathBuf {
     let data = root().join("tests/data/programs");
     for entry in fs::read_dir(data).unwrap() {
         let path = entry.unwrap().path();

@@ -681,7 +681,9 @@ mod tests {
             let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
             assert_eq!((frames.len(), unread), (1999 + count, Unread::default()));
         };
-        [1, AHEAD_MAX, AHEAD_MAX + 1, 200].into_iter().for_each(after);
+        [1, AHEAD_MAX, AHEAD_MAX + 1, 200]
+            .into_iter()
+            .for_each(after);
     }
 
     #[test]
