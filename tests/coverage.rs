@@ -306,7 +306,8 @@ fn coverage_shows_what_is_met_missed_broken_off_and_never_tested() {
     assert!(stderr.contains("must name the column `id`"), "{stderr}");
 }
 
-/// A scenario that passes because nothing was judged meets no requirement, and neither does a sweep of it.
+/// A scenario that passes because nothing was judged meets no requirement, and neither does a sweep
+/// of it.
 #[test]
 fn a_requirement_is_not_covered_where_no_limit_is_judged() {
     let folder = tempfile::tempdir().unwrap();

@@ -21,7 +21,8 @@ const STALL: Duration = Duration::from_millis(15);
 /// Part of the time in which a process may wait for a processor.
 const QUIET: f64 = 0.2;
 const ATTEMPTS: u32 = 10;
-/// What canrig says of a run that a busy machine spoiled. It sees stalls that are none of the test's own threads.
+/// What canrig says of a run that a busy machine spoiled. It sees stalls that are none of the
+/// test's own threads.
 const SPOILED: [&str; 2] = ["stalls cover", "too busy for real time"];
 /// Time limit that only ends a hang.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -40,7 +41,8 @@ fn panic_text(panic: &(dyn Any + Send)) -> &str {
         .unwrap_or_default()
 }
 
-/// Runs `attempt`, again while it fails on a busy machine, or with a text that names stalls. It must not panic.
+/// Runs `attempt`, again while it fails on a busy machine, or with a text that names stalls. It
+/// must not panic.
 #[expect(clippy::print_stdout, reason = "shown with a test that fails")]
 pub(crate) fn while_time_flows<E>(
     mut attempt: impl FnMut() -> Result<(), E>,

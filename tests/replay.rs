@@ -521,7 +521,8 @@ fn a_replay_names_files_that_were_changed_since_the_play() {
     );
 }
 
-/// The outcome is open, since the line may have been any frame, and no device is blamed for what is behind it.
+/// The outcome is open, since the line may have been any frame, and no device is blamed for what is
+/// behind it.
 #[test]
 fn a_line_of_a_log_whose_time_jumps_ahead_is_passed_over() {
     let folder = tempfile::tempdir().unwrap();

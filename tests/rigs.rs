@@ -1544,8 +1544,8 @@ fn what_is_demanded_of_all_drives_holds_for_a_further_drive() {
     );
 }
 
-/// An io node heats the other wire of a pair when the controller dies: its own watch (0x1016) switches it off, and the
-/// current counts until then.
+/// An io node heats the other wire of a pair when the controller dies: its own watch (0x1016)
+/// switches it off, and the current counts until then.
 #[test]
 fn a_current_of_an_io_node_ends_with_its_watch_over_its_manager() {
     let folder = tempfile::tempdir().unwrap();

@@ -45,7 +45,8 @@ impl CanFrame {
             0 => (id, data),
             REMOTE_FLAG => (id, [0; 8]),
             ERROR_FLAG => (id & !EXTENDED_FLAG, data),
-            // No driver asks for an error: somebody sent it, and it says nothing about any CAN controller.
+            // No driver asks for an error: somebody sent it, and it says nothing about any CAN
+            // controller.
             _ => (ERROR_FLAG, [0; 8]),
         };
         (length <= 8).then_some(Self { id, length, data })

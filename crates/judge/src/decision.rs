@@ -199,8 +199,9 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
     }
 }
 
-/// Returns the end by a drive that violated a limit of its rig, unless a duty that the drive had broken before explains it. A fault
-/// that changes frames on the bus may have changed the one that shows it.
+/// Returns the end by a drive that violated a limit of its rig, unless a duty that the drive had
+/// broken before explains it. A fault that changes frames on the bus may have changed the one that
+/// shows it.
 fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     let at = end.at_seconds.filter(|_| end.is_rig_limit)?;
     let drive = end.node.clone().unwrap_or_default();

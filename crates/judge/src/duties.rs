@@ -107,8 +107,9 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
     largest
 }
 
-/// Returns the distance of the mean of each 64 SYNC periods from the nominal period in percent, with the end of those periods.
-/// The count begins anew at missing SYNCs, and at late ones that follow in a burst.
+/// Returns the distance of the mean of each 64 SYNC periods from the nominal period in percent,
+/// with the end of those periods. The count begins anew at missing SYNCs, and at late ones that
+/// follow in a burst.
 fn period_errors<'a>(
     evidence: &'a Evidence<'_>,
     with_host: bool,
@@ -140,8 +141,8 @@ fn period_errors<'a>(
     })
 }
 
-/// Returns the longest stall if stalls leave open whose SYNC periods exceeded their limit. Periods that are wrong at the end, too,
-/// are those of a wrong clock.
+/// Returns the longest stall if stalls leave open whose SYNC periods exceeded their limit. Periods
+/// that are wrong at the end, too, are those of a wrong clock.
 pub(crate) fn undecided_period(evidence: &Evidence<'_>) -> Option<Stretch> {
     let stall = evidence.attribution.undecided(Part::Controller)?;
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;

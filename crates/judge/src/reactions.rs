@@ -281,7 +281,8 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
         && !io_node_drives_current(evidence, end - TIME_TOLERANCE_SECONDS, end)
 }
 
-/// Returns whether an io node lets a current flow through a plant of the loop, or of no loop, in a span of time.
+/// Returns whether an io node lets a current flow through a plant of the loop, or of no loop, in a
+/// span of time.
 fn io_node_drives_current(evidence: &Evidence<'_>, from_seconds: f64, until_seconds: f64) -> bool {
     let mut spans = evidence.timeline.io_currents_seconds.iter();
     spans.any(|(from, until)| *from < until_seconds && *until > from_seconds)

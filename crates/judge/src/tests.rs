@@ -977,7 +977,8 @@ fn an_end_in_a_stall_proves_nothing() {
     }
 }
 
-/// The controller gives up at the frame that shows it, so SYNC and commands are missing from there on.
+/// The controller gives up at the frame that shows it, so SYNC and commands are missing from there
+/// on.
 #[test]
 fn a_drive_beyond_a_limit_of_its_rig_fails_the_run() {
     let judged = |added: &str, external: &[&str]| {

@@ -35,7 +35,8 @@ pub struct Timing {
     pub position_to_command_microseconds: Quantiles,
     /// Time from the SYNC to the command.
     pub round_trip_microseconds: Quantiles,
-    /// Names of the nodes that canrig did not start, on a bus of this machine: they stand still with it.
+    /// Names of the nodes that canrig did not start, on a bus of this machine: they stand still
+    /// with it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub on_this_machine: Vec<String>,
     /// Reasons why these numbers are no measure of the software; empty if they are.

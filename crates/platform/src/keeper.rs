@@ -45,8 +45,9 @@ const PART_BYTES: usize = 64 << 10;
 /// Index of the parent's number in `/proc/PID/stat` after the process's name (proc(5)).
 const PARENT_FIELD: usize = 1;
 
-/// Starts a program, keeps its output in a file, and waits for its end: by itself, or after the end of standard input. Then it
-/// removes the file with the program's part. Returns a text that continues "the program", such as "exited with code 0", and in the next lines the last output.
+/// Starts a program, keeps its output in a file, and waits for its end: by itself, or after the end
+/// of standard input. Then it removes the file with the program's part. Returns a text that
+/// continues "the program", such as "exited with code 0", and in the next lines the last output.
 ///
 /// # Errors
 /// If the system refuses.

@@ -1,6 +1,7 @@
-//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor is stopped, as those of a
-//! virtual machine are while their host runs something else. The kernel's count of the time for which a thread waited for a
-//! processor shows the other stalls. A process whose own threads compete for a processor waits for itself, which is no stall.
+//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor is
+//! stopped, as those of a virtual machine are while their host runs something else. The kernel's
+//! count of the time for which a thread waited for a processor shows the other stalls. A process
+//! whose own threads compete for a processor waits for itself, which is no stall.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -20,7 +21,8 @@ use crate::scheduling::{NODE_PRIORITY, request_fifo};
 const TICKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(10)];
 /// Period of the search for new threads, and time over which the use of a processor is counted.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
-/// Share of a processor from which on a process that uses it waits for itself, if its busiest thread uses less than that.
+/// Share of a processor from which on a process that uses it waits for itself, if its busiest
+/// thread uses less than that.
 const COMPETING: f64 = 0.95;
 /// Largest number of processors that are watched; a larger machine has some to spare.
 const PROCESSORS_MAX: usize = 16;
@@ -38,7 +40,8 @@ pub struct SeenStall<T> {
     pub until: Duration,
 }
 
-/// Request to watch the threads of a process, and those of its descendants if all threads are meant.
+/// Request to watch the threads of a process, and those of its descendants if all threads are
+/// meant.
 struct Order<T> {
     who: T,
     process: u32,
@@ -81,7 +84,8 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
         Ok(started)
     }
 
-    /// Watches the threads of a process from now on: all, with those of its descendants, or those of one name.
+    /// Watches the threads of a process from now on: all, with those of its descendants, or those
+    /// of one name.
     pub fn watch(&self, who: T, process: u32, thread: Option<&'static str>) {
         // A watch that has ended takes no more orders.
         let _ = self.orders.send(Order {
@@ -217,7 +221,8 @@ fn watch<T: Copy + PartialEq>(
             thread.ran_lately += ran;
             let owner = &watched[thread.order];
             if waited > longer_than && !owner.is_competing {
-                // The kernel counts a wait when it is over, which was at the last look at the earliest.
+                // The kernel counts a wait when it is over, which was at the last look at the
+                // earliest.
                 let from = last.saturating_sub(waited);
                 note(&mut seen, Some(owner.order.who), from, now);
             }
@@ -228,8 +233,8 @@ fn watch<T: Copy + PartialEq>(
     seen
 }
 
-/// Notes which processes waited for themselves since the last search: their threads used a whole processor, and no thread did so
-/// alone.
+/// Notes which processes waited for themselves since the last search: their threads used a whole
+/// processor, and no thread did so alone.
 fn note_competition<T>(watched: &mut [Watched<T>], threads: &mut [Thread], elapsed: Duration) {
     let whole = elapsed.mul_f64(COMPETING);
     for (place, one) in watched.iter_mut().enumerate() {
@@ -294,7 +299,8 @@ impl Thread {
         })
     }
 
-    /// Returns the times for which it ran and waited since the last call; `None` once the thread has ended.
+    /// Returns the times for which it ran and waited since the last call; `None` once the thread
+    /// has ended.
     fn spent(&mut self) -> Option<[Duration; 2]> {
         let [ran, waited] = spent_in_all(&self.count)?;
         let before = std::mem::replace(&mut self.times, [ran, waited]);
@@ -305,7 +311,8 @@ impl Thread {
     }
 }
 
-/// Returns the first two numbers of `schedstat`: nanoseconds spent running, and waiting on a run queue.
+/// Returns the first two numbers of `schedstat`: nanoseconds spent running, and waiting on a run
+/// queue.
 fn spent_in_all(count: &File) -> Option<[Duration; 2]> {
     let mut bytes = [0; 96];
     let length = pread(count, &mut bytes, 0).ok()?;
@@ -418,7 +425,8 @@ mod tests {
         assert!(seen.iter().any(|stall| stall.who == Some('v')), "{seen:?}");
     }
 
-    /// Two threads that use one processor between them wait for each other, and one that uses it alone waits for others.
+    /// Two threads that use one processor between them wait for each other, and one that uses it
+    /// alone waits for others.
     #[test]
     fn threads_that_share_a_processor_of_their_own_process_compete() {
         let thread = |ran: u32| Thread {

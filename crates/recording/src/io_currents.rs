@@ -1,5 +1,5 @@
-//! Currents that io nodes let flow through the plants of a loop, by the commands to them and by their own watch over their
-//! manager.
+//! Currents that io nodes let flow through the plants of a loop, by the commands to them and by
+//! their own watch over their manager.
 
 use std::time::Duration;
 
@@ -33,7 +33,8 @@ struct IoNode {
     outputs: Vec<SignalHandle>,
     /// Time after which it misses its manager (0x1016).
     watch: Duration,
-    /// Whether it follows commands: not after it was stopped or reset, or has missed its manager, until it is started again.
+    /// Whether it follows commands: not after it was stopped or reset, or has missed its manager,
+    /// until it is started again.
     is_operational: bool,
     /// Time since which its outputs let a current flow.
     since: Option<Duration>,
@@ -128,7 +129,8 @@ impl IoCurrentReader {
         }
     }
 
-    /// Lets the nodes put out their error values that have not heard their manager for too long: no current.
+    /// Lets the nodes put out their error values that have not heard their manager for too long: no
+    /// current.
     fn miss_manager(&mut self, now: Duration) {
         let Some(beat) = self.beat else { return };
         for node in &mut self.nodes {

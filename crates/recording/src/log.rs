@@ -280,7 +280,8 @@ pub(crate) struct LogReader<'a> {
     line: Vec<u8>,
     number: u64,
     latest: Option<Duration>,
-    /// Frames below the latest that are far ahead of it, until it is known whether one below goes on from it.
+    /// Frames below the latest that are far ahead of it, until it is known whether one below goes
+    /// on from it.
     ahead: VecDeque<Numbered>,
     /// Frames that are read again.
     again: VecDeque<Numbered>,
@@ -308,8 +309,8 @@ impl<'a> LogReader<'a> {
         }
     }
 
-    /// Returns the next frame that is no earlier than the latest; `None` at the end. Frames far ahead of the latest are no frames if
-    /// one soon below them goes on from it.
+    /// Returns the next frame that is no earlier than the latest; `None` at the end. Frames far
+    /// ahead of the latest are no frames if one soon below them goes on from it.
     ///
     /// # Errors
     /// If the file cannot be read, or is no log.
@@ -636,7 +637,8 @@ mod tests {
         assert_eq!((frames.len(), unread.unreadable.len()), (5, 0));
     }
 
-    /// A few time stamps far ahead are strange, and so are all lines below more of them: more than a thousand are refused by name.
+    /// A few time stamps far ahead are strange, and so are all lines below more of them: more than
+    /// a thousand are refused by name.
     #[test]
     fn a_time_stamp_far_ahead_is_no_frame_s() {
         let line = |millis: u64| {

@@ -189,7 +189,8 @@ impl Watched {
         }
     }
 
-    /// Returns the time of the first frame out of turn, or of the first frame; of starts by NMT that of the last.
+    /// Returns the time of the first frame out of turn, or of the first frame; of starts by NMT
+    /// that of the last.
     fn first_seconds(&self) -> f64 {
         let first = self.in_scenario.map(|(first, last, _)| match self.duty {
             NMT => last,

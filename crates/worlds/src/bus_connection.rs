@@ -83,7 +83,8 @@ impl BusConnection {
         }
     }
 
-    /// Returns the nodes that were heard on an embedded bus for the first time since the last call, with their processes.
+    /// Returns the nodes that were heard on an embedded bus for the first time since the last call,
+    /// with their processes.
     pub(super) fn joined(&self) -> impl Iterator<Item = Joined> {
         self.hub.iter().flat_map(Hub::joined)
     }

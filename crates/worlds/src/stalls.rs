@@ -97,7 +97,8 @@ impl<'a> StallRecorder<'a> {
     }
 }
 
-/// Returns the owner of a process by its participant's name: a node that canrig plays is the controller or emulates a plant.
+/// Returns the owner of a process by its participant's name: a node that canrig plays is the
+/// controller or emulates a plant.
 fn who(name: &str, plan: &Plan) -> Who {
     let mut nodes = plan.nodes();
     let other = nodes.find(|node| node.name == name && plan.is_external(node));

@@ -224,7 +224,8 @@ fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
     rows.filter(|_| is_untimed).collect()
 }
 
-/// Returns the reason why a play of a scenario that passes proves nothing, if no limit was judged. A sweep may vary one.
+/// Returns the reason why a play of a scenario that passes proves nothing, if no limit was judged.
+/// A sweep may vary one.
 fn uncovered(plan: &Plan, is_untimed: bool) -> Option<&'static str> {
     let sweep = plan.shared.sweep.as_ref();
     let mut keys = sweep.into_iter().flat_map(Sweep::keys);

@@ -59,7 +59,8 @@ pub(crate) struct Attribution<'a> {
     pub(crate) faults: ScenarioFaults<'a>,
     /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
-    /// Longest stall, if stalls leave open what controller and drive broke that canrig did not start.
+    /// Longest stall, if stalls leave open what controller and drive broke that canrig did not
+    /// start.
     undecided: [Option<Stretch>; 2],
     /// First cycle from which frames are missing to the end. Such a silence is not taken for an unnoticed stall.
     silent_from: u64,
@@ -106,10 +107,11 @@ impl<'a> Attribution<'a> {
         Totals::of(self.due, self.attributed(missed))
     }
 
-    /// Returns those of canrig's nodes that stalled in the cycles that they left out. Such a node has a loop that counted no
-    /// overrun. Any node counts if stalls explain four of five missed cycles, since no clock of the machine shows a processor
-    /// that the host of a virtual machine took from a running thread. A node that canrig did not start counts if it stands still
-    /// with the machine, and stalls cover more of the run than is trusted: nobody watches its process.
+    /// Returns those of canrig's nodes that stalled in the cycles that they left out. Such a node
+    /// has a loop that counted no overrun. Any node counts if stalls explain four of five missed
+    /// cycles, since no clock of the machine shows a processor that the host of a virtual machine
+    /// took from a running thread. A node that canrig did not start counts if it stands still with
+    /// the machine, and stalls cover more of the run than is trusted: nobody watches its process.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
         let is_by_canrig = |duty: &Duty| !duty.is_of_external(self.control_loop);
         let by_nodes = self.cycles.by_nodes.iter();
@@ -126,7 +128,8 @@ impl<'a> Attribution<'a> {
         })
     }
 
-    /// Returns the longest stall of a run whose stalls leave open what a node broke that stands still with the machine.
+    /// Returns the longest stall of a run whose stalls leave open what a node broke that stands
+    /// still with the machine.
     pub(crate) fn undecided(&self, node: Part) -> Option<Stretch> {
         self.undecided[place(node)]
     }

@@ -61,7 +61,8 @@ fn scattered(missing: Cycle) -> Vec<Cycle> {
     cycles
 }
 
-/// Nobody watches the process of such a node, which stands still with the machine. On a wire it has a machine of its own.
+/// Nobody watches the process of such a node, which stands still with the machine. On a wire it has
+/// a machine of its own.
 #[test]
 fn scattered_breaches_of_a_node_of_this_machine_are_open_where_stalls_are_not_trusted() {
     for (node, missing) in [
@@ -102,7 +103,8 @@ fn a_silence_to_the_end_is_not_open_because_of_stalls_elsewhere() {
     }
 }
 
-/// Stalls of 5 ms each 30 ms, with a period of 10 ms: the controller ran between them, and sent its SYNC.
+/// Stalls of 5 ms each 30 ms, with a period of 10 ms: the controller ran between them, and sent its
+/// SYNC.
 #[test]
 fn stalls_excuse_no_more_frames_than_were_due_in_them() {
     let plan = setup(CYCLES, &[], &["controller"]);
@@ -148,7 +150,8 @@ fn what_is_missing_behind_a_stall_is_the_nodes_own() {
     assert_eq!(missing(9), (Outcome::Fail, Some("drive".to_owned())));
 }
 
-/// The process of a program that plays a drive explains what this drive left out, and nothing of another node.
+/// The process of a program that plays a drive explains what this drive left out, and nothing of
+/// another node.
 #[test]
 fn a_stall_of_a_nodes_own_process_explains_its_breaches_alone() {
     let plan = setup(CYCLES, &[], &["drive"]);

@@ -72,8 +72,8 @@ pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
     stalls.iter().map(stretch).collect()
 }
 
-/// Returns the longest stall if stalls cover more of the run than is trusted and a node that canrig did not start stands still
-/// with the machine: whether its process could run is not known.
+/// Returns the longest stall if stalls cover more of the run than is trusted and a node that canrig
+/// did not start stands still with the machine: whether its process could run is not known.
 pub(super) fn undecided(
     node: Part,
     stretches: &[Stretch],
@@ -100,14 +100,15 @@ pub(super) struct FeltStalls {
     covered: Spans,
     /// Times of the stalls themselves.
     held: Spans,
-    /// Times in which the node could not run for as long as a period, including the burst at their end.
+    /// Times in which the node could not run for as long as a period, including the burst at their
+    /// end.
     standing: Spans,
     period_seconds: f64,
 }
 
 impl FeltStalls {
-    /// Selects the stalls that a node feels: those of the machine and the bus, and those of its own process. The stalls of canrig's
-    /// emulators do not explain a node that canrig does not play.
+    /// Selects the stalls that a node feels: those of the machine and the bus, and those of its own
+    /// process. The stalls of canrig's emulators do not explain a node that canrig does not play.
     pub(super) fn of(
         node: Part,
         stretches: &[Stretch],
@@ -145,8 +146,9 @@ impl FeltStalls {
         }
     }
 
-    /// Returns the longest of the stalls that, with the bursts after them, together cover half of a stretch of time. A node that
-    /// ran for a period between two of them owed its frames again, so a silence must be covered without such a gap.
+    /// Returns the longest of the stalls that, with the bursts after them, together cover half of a
+    /// stretch of time. A node that ran for a period between two of them owed its frames again, so
+    /// a silence must be covered without such a gap.
     pub(super) fn explaining(&self, from: f64, until: f64) -> Option<Stretch> {
         let half = (until - from) / 2.0 - TIME_TOLERANCE_SECONDS;
         let is_covered = if until - from > self.burst_seconds + TIME_TOLERANCE_SECONDS {
@@ -169,7 +171,8 @@ impl FeltStalls {
 /// Allowance of stalls for the missing frames of one duty: each explains as many as were due in it.
 pub(super) struct Allowance<'a> {
     felt: &'a FeltStalls,
-    /// Place of the first stall that may explain a later frame, and the number of frames that it has explained.
+    /// Place of the first stall that may explain a later frame, and the number of frames that it
+    /// has explained.
     place: usize,
     explained: u64,
 }
@@ -183,7 +186,8 @@ impl<'a> Allowance<'a> {
         }
     }
 
-    /// Returns the stall that explains a missing frame, as [`FeltStalls::explaining`]. The frames come in the order of time.
+    /// Returns the stall that explains a missing frame, as [`FeltStalls::explaining`]. The frames
+    /// come in the order of time.
     pub(super) fn explaining(&mut self, from: f64, until: f64) -> Option<Stretch> {
         let stretch = self.felt.explaining(from, until)?;
         let burst = self.felt.burst_seconds + TIME_TOLERANCE_SECONDS;

@@ -19,7 +19,8 @@ use crate::recorder::Ring;
 /// Largest number of participants at once.
 pub const CLIENTS_MAX: usize = 32;
 
-/// Number of node-IDs, and the identifier of the boot-up and the heartbeats of node 0 (CiA 301, 7.3.5).
+/// Number of node-IDs, and the identifier of the boot-up and the heartbeats of node 0 (CiA 301,
+/// 7.3.5).
 const NODES: usize = 0x80;
 const ERROR_CONTROL_ID: u16 = 0x700;
 
