@@ -634,9 +634,17 @@ fn a_program_that_wants_no_end_is_ended_with_all_that_it_started() {
 /// left in its folder.
 pub(crate) fn leaves_nothing_when_killed(file: &Path, canrig: impl Fn(&Path, &str) -> Command) {
     let folder = file.parent().unwrap();
+    let temporary = folder.join("temporary");
+    fs::create_dir_all(&temporary).unwrap();
+    let has_part = || {
+        let entries = fs::read_dir(&temporary).unwrap();
+        let mut names = entries.map(|entry| entry.unwrap().file_name());
+        names.any(|name| name.to_string_lossy().starts_with("canrig-part-"))
+    };
     for world in [SIMULATED, IN_LOCKSTEP] {
         let _ = fs::remove_file(folder.join("numbers"));
         let mut canrig = canrig(&folder.join(world[0]), world[0]);
+        canrig.env("TMPDIR", &temporary);
         canrig.arg(file).args(&world[1..]);
         canrig.stdout(Stdio::null()).stderr(Stdio::null());
         let canrig = Started::new(canrig.spawn().unwrap());
@@ -647,6 +655,7 @@ pub(crate) fn leaves_nothing_when_killed(file: &Path, canrig: impl Fn(&Path, &st
         canrig.ended();
         let left = numbers(folder);
         wait_for("the end of both", || left.iter().copied().all(is_gone));
+        wait_for("the end of the file with its part", || !has_part());
     }
 }
 

@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 
+use crate::programs::drive_and_fan;
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, scenario, unhurried_scenario};
 
@@ -294,6 +295,38 @@ fn drives_are_off_by_themselves(clock: &str) {
     let (code, told, stderr) = output(replay.arg("replay").arg(&run_folder));
     assert_eq!(code, Some(1), "{told}{stderr}");
     assert!(told.contains("drive_1: on 0."), "{told}");
+}
+
+/// The drive is the cause of the outcome, and the exit code is that of a run that the bench ended.
+#[test]
+fn a_controller_killed_beside_a_drive_that_stays_on_is_a_failure_of_the_bench() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = drive_and_fan(folder.path());
+    for (file, from, to) in [
+        (
+            "drive.py",
+            "OBJECTS = {",
+            "OBJECTS = {(0x6041, 0): 0x0237, ",
+        ),
+        (
+            "step.toml",
+            "duration_seconds = 2.0",
+            "duration_seconds = 590.0",
+        ),
+    ] {
+        let path = folder.path().join(file);
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{text}");
+        fs::write(&path, text.replace(from, to)).unwrap();
+    }
+    let run = Run::begin(&scenario, "lockstep");
+    wait_for("a current", || run.log().contains(" 220#0F00"));
+    kill_process(run.node("controller"), Signal::KILL).unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(4), "{text}");
+    let verdict = verdict(folder.path());
+    assert_eq!(verdict["outcome"], "fail", "{verdict}");
+    assert_eq!(verdict["cause"]["node"], "drive", "{verdict}");
 }
 
 /// Kills the drive of one loop. It is the cause, and the other loop is judged up to that time.

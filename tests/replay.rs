@@ -495,3 +495,50 @@ fn a_run_in_real_time_gives_its_verdict_again_with_its_timing() {
         assert!(page.contains("wake-up lateness, controller"));
     });
 }
+
+/// The verdict is that of the files in the folder, which are not those that were played.
+#[test]
+fn a_replay_names_files_that_were_changed_since_the_play() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    output(canrig(&runs, "simulate").arg(short_scenario(folder.path(), 0.5)));
+    let run = only_run(&runs);
+    let replay = || {
+        let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        output(replay.arg("replay").arg(&run))
+    };
+    let (code, stdout, stderr) = replay();
+    assert_eq!((code, stderr.as_str()), (Some(0), ""), "{stdout}");
+    let path = run.join("scenario.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let limit = "[expect]\nposition_millimetres_max = { max = 1.0 }\n";
+    fs::write(&path, format!("{text}{limit}")).unwrap();
+    let (code, stdout, stderr) = replay();
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    assert!(
+        stderr.contains("scenario.toml` has another SHA-256 than the file that was played"),
+        "{stderr}"
+    );
+}
+
+/// The outcome is open, since the line may have been any frame, and no device is blamed for what is
+/// behind it.
+#[test]
+fn a_line_of_a_log_whose_time_jumps_ahead_is_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    output(canrig(&runs, "simulate").arg(short_scenario(folder.path(), 1.0)));
+    let run = only_run(&runs);
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let mut lines = Vec::from_iter(log.lines().map(str::to_owned));
+    let middle = lines.len() / 2;
+    let (seconds, _) = lines[middle][1..].split_once('.').unwrap();
+    let ahead = seconds.parse::<u64>().unwrap() + 7;
+    lines.insert(middle, format!("({ahead:010}.000000) can0 123#00"));
+    fs::write(run.join("bus.log"), lines.join("\n") + "\n").unwrap();
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, stdout, stderr) = output(replay.arg("replay").arg(&run));
+    assert_eq!(code, Some(5), "{stdout}{stderr}");
+    let line = format!("line {}: it is later than a frame below", middle + 1);
+    assert!(stderr.contains(&line), "{stderr}");
+}

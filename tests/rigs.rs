@@ -1557,3 +1557,38 @@ fn what_is_demanded_of_all_drives_holds_for_a_further_drive() {
         "{verdict}"
     );
 }
+
+/// An io node heats the other wire of a pair when the controller dies: its own watch (0x1016)
+/// switches it off, and the current counts until then.
+#[test]
+fn a_current_of_an_io_node_ends_with_its_watch_over_its_manager() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = "schema = 1\nname = \"pair\"\n[bus]\nsync_period_milliseconds = 2.0\n[plant.joint.sma_pair]\n\
+        [node.hand]\nkind = \"controller\"\nnode_id = 1\n\
+        [node.flexor]\nkind = \"drive\"\nnode_id = 16\namplifier = { rated = 1.0, min = 0.0, max = 1.0, port = \"joint.flexor_current_amperes\" }\n\
+        sensor = { port = \"joint.angle_degrees\", unit = \"degrees\", min = -60.0, max = 60.0, resolution_bits = 14 }\n\
+        [node.heater]\nkind = \"io\"\nnode_id = 24\noutputs = { current_milliamperes = \"joint.extensor_current_amperes\" }\n\
+        [loop.angle]\nfeedback = \"flexor.position\"\noutputs = [\"flexor.current\"]\n";
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let played = |name: &str, more: &str| {
+        let path = folder.path().join(format!("{name}.toml"));
+        let text = format!(
+            "schema = 1\nrig = \"rig.toml\"\nname = \"{name}\"\nduration_seconds = 2.0\n[controller.open_loop]\n\
+             [[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.3\n\
+             [[disturbance.output]]\nname = \"current_milliamperes\"\nat_seconds = 0.5\nvalue = 800.0\n\
+             [[fault.node.crash]]\nfrom_seconds = 1.0\nnode = \"hand\"\n\
+             [expect]\nsafe_state = true\n{more}"
+        );
+        fs::write(&path, text).unwrap();
+        let runs = folder.path().join(name);
+        let (_, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert!(runs.exists(), "{stdout}{stderr}");
+        verdict(&only_run(&runs))
+    };
+    let verdict = played("watched", "current_zero_within_milliseconds = 300.0\n");
+    assert_eq!(is_met(&verdict, "safe_state"), Some(true), "{verdict}");
+    let mut rows = verdict["metrics"].as_array().unwrap().iter();
+    let zero = rows.find(|row| row["name"] == "current_zero_within_milliseconds");
+    let milliseconds = zero.and_then(|row| row["value"].as_f64()).unwrap();
+    assert!((200.0..=260.0).contains(&milliseconds), "{verdict}");
+}

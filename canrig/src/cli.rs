@@ -189,6 +189,9 @@ pub(crate) enum Command {
         /// File of what the program prints
         #[arg(long)]
         log: Option<PathBuf>,
+        /// File that is removed when the program has ended
+        #[arg(long)]
+        part: Option<PathBuf>,
         /// The program and its arguments
         #[arg(last = true)]
         command: Vec<OsString>,
@@ -262,8 +265,8 @@ pub(crate) fn execute(command: Command) -> Result<Exit, Failure> {
                 ended.inspect_err(|error| print_error(&error.to_string())),
             ))
         }
-        Command::ProgramKeeper { log, command } => {
-            let told = keeper::keep(log, &command);
+        Command::ProgramKeeper { log, part, command } => {
+            let told = keeper::keep(log, part, &command);
             Ok(served(told.map(|told| print(&told))))
         }
         Command::Completions(args) => completions(&args, &mut command_line()),

@@ -22,7 +22,7 @@ pub const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 /// Entry of the controller's 0x1016 that watches the first io node; those of further ones come behind those of all drives.
 const IO_WATCH_ENTRY: u8 = 2;
 /// Time in milliseconds after which an io node reacts to the silence of its manager (0x1016).
-const IO_WATCH_MILLISECONDS: i64 = 0xFA;
+pub const IO_WATCH_MILLISECONDS: u16 = 0xFA;
 /// Parameters of SDO clients (CiA 301, 7.5.2.33).
 const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
 
@@ -230,7 +230,7 @@ pub fn io<'a>(
     manager: u8,
 ) -> ObjectDictionary {
     let mut objects = shipped_objects(DISTURBANCE_EDS, node_id);
-    let watch = i64::from(manager) << 16 | IO_WATCH_MILLISECONDS;
+    let watch = i64::from(manager) << 16 | i64::from(IO_WATCH_MILLISECONDS);
     objects.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 1, watch));
     let is_other = |(_, name, _): &(_, &str, _)| ![CONVECTION_FACTOR, ADDED_LOAD].contains(name);
     let others = Vec::from_iter(outputs.filter(is_other));

@@ -44,7 +44,10 @@ impl CanFrame {
         let (id, data) = match id & (ERROR_FLAG | REMOTE_FLAG) {
             0 => (id, data),
             REMOTE_FLAG => (id, [0; 8]),
-            _ => (id & !(EXTENDED_FLAG | REMOTE_FLAG), data),
+            ERROR_FLAG => (id & !EXTENDED_FLAG, data),
+            // No driver asks for an error: somebody sent it, and it says nothing about any CAN
+            // controller.
+            _ => (ERROR_FLAG, [0; 8]),
         };
         (length <= 8).then_some(Self { id, length, data })
     }
@@ -294,10 +297,12 @@ mod tests {
         assert_eq!(remote(8).to_string(), "190#R8");
         assert_eq!(remote(8).data(), [0; 8]);
         assert_eq!(remote(0).to_string(), "190#R");
-        let flags = ERROR_FLAG | REMOTE_FLAG | EXTENDED_FLAG;
-        let error = CanFrame::from_raw(flags | 4, 2, [1; 8]).unwrap();
-        assert!(error.is_error() && !error.is_remote());
-        assert_eq!(error.to_string(), "20000004#0101");
+        for (flag, expected) in [(0, "20000004#0101"), (REMOTE_FLAG, "20000000#0000")] {
+            let flags = ERROR_FLAG | EXTENDED_FLAG | flag;
+            let error = CanFrame::from_raw(flags | 4, 2, [1; 8]).unwrap();
+            assert!(error.is_error() && !error.is_remote());
+            assert_eq!(error.to_string(), expected);
+        }
     }
 
     /// `linux/can.h`: a mask with `CAN_ERR_FLAG` makes a filter for error messages, so no data filter may carry it.

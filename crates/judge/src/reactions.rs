@@ -152,7 +152,9 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let window = Window::new(fault, f64::INFINITY);
     let value = |evidence: &Evidence<'_>, window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
-        let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
+        let by_io = |from, until| io_node_drives_current(evidence, from, until);
+        let zero = zero_since(&truth.part(0..seen), fault, silence_max, by_io);
+        let zero = zero.map(|since| since - fault);
         let goes_on = || match evidence.command_name() {
             "current" => "current flows on".into(),
             command => format!("{command} stays on").into(),
@@ -181,6 +183,7 @@ fn zero_since(
     truth: &Series<PlantTruth>,
     fault_seconds: f64,
     silence_seconds_max: f64,
+    is_driven_by_io: impl Fn(f64, f64) -> bool,
 ) -> Option<f64> {
     let mut zero_since = None;
     for (one, next) in truth.pairs() {
@@ -189,6 +192,7 @@ fn zero_since(
             continue;
         }
         if is_heated(&one)
+            || is_driven_by_io(from, until)
             || until - one.time_seconds > silence_seconds_max + TIME_TOLERANCE_SECONDS
         {
             zero_since = None;
@@ -274,24 +278,14 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     let mut lately = before_end.filter(|truth| truth.time_seconds >= from);
     !lately.any(|truth| is_heated(&truth))
         && !is_enabled_since(evidence, end.min(last.time_seconds) - END_SECONDS)
-        && !io_node_drives_current(evidence)
+        && !io_node_drives_current(evidence, end - TIME_TOLERANCE_SECONDS, end)
 }
 
-/// Returns whether the last command to an io node lets a current flow through a plant of the loop, or of no loop.
-fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
-    let one = evidence.control_loop;
-    let io = one.trial.wiring.io_nodes();
-    let commands = Vec::from_iter(io.map(|io| names::message(&io.name, names::RPDO1)));
-    let messages = one.columns();
-    let mut signals = messages
-        .filter(|column| commands.contains(&column.message.name))
-        .flat_map(|column| column.signals);
-    signals.any(|(name, signal)| {
-        let column = evidence.timeline.column(&name);
-        let last = column.and_then(|column| column.values.last());
-        let flows = last.is_some_and(|value| !value.is_nan() && value != 0.0);
-        signal.unit.ends_with(['A', 'V']) && flows
-    })
+/// Returns whether an io node lets a current flow through a plant of the loop, or of no loop, in a
+/// span of time.
+fn io_node_drives_current(evidence: &Evidence<'_>, from_seconds: f64, until_seconds: f64) -> bool {
+    let mut spans = evidence.timeline.io_currents_seconds.iter();
+    spans.any(|(from, until)| *from < until_seconds && *until > from_seconds)
 }
 
 /// Returns whether the drive reports Operation enabled in its last message after a time.

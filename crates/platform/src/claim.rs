@@ -76,9 +76,14 @@ fn socket() -> rustix::io::Result<OwnedFd> {
 }
 
 /// Returns the process that listens at an address, if it is visible from this namespace.
-fn holder(address: &SocketAddrUnix) -> Option<i32> {
+fn holder(address: &SocketAddrUnix) -> Option<u32> {
     let socket = socket().ok()?;
     connect(&socket, address).ok()?;
+    peer_process(&socket)
+}
+
+/// Returns the process at the other end of a socket, if it is visible from this namespace.
+pub(crate) fn peer_process(socket: &OwnedFd) -> Option<u32> {
     let mut peer = libc::ucred {
         pid: 0,
         uid: 0,
@@ -95,7 +100,8 @@ fn holder(address: &SocketAddrUnix) -> Option<i32> {
             &raw mut length,
         )
     };
-    (result == 0 && peer.pid != 0).then_some(peer.pid)
+    let process = u32::try_from(peer.pid).ok()?;
+    (result == 0 && process != 0).then_some(process)
 }
 
 #[cfg(test)]

@@ -24,6 +24,7 @@ mod tests;
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, channel};
 
 use crate::bus::{BusAddress, BusError};
 use crate::listener::Listener;
@@ -50,6 +51,15 @@ pub struct Hub {
     // The thread ends before its socket is removed.
     _thread: StoppedThread,
     listener: Listener,
+    joined: Receiver<Joined>,
+}
+
+/// Node on the bus, by its first boot-up or heartbeat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Joined {
+    /// Process that sent the frame.
+    pub process: u32,
+    pub node_id: u8,
 }
 
 impl Hub {
@@ -67,8 +77,9 @@ impl Hub {
             |error: io::Error| BusError(format!("the embedded bus could not be started: {error}"));
         let socket = listener.socket().map_err(refused)?;
         let (ring, recorder) = recorder::ring();
+        let (nodes, joined) = channel();
         let thread = StoppedThread::start("hub", |stop| {
-            let switch = Switch::new(socket, stop, ring)?;
+            let switch = Switch::new(socket, stop, ring, nodes)?;
             Ok(move || {
                 // Without that priority the bus is only slower.
                 let _ = scheduling::request_fifo(PRIORITY);
@@ -78,8 +89,14 @@ impl Hub {
         let hub = Self {
             _thread: thread.map_err(refused)?,
             listener,
+            joined,
         };
         Ok((hub, recorder))
+    }
+
+    /// Returns the nodes that were heard for the first time since the last call.
+    pub fn joined(&self) -> impl Iterator<Item = Joined> {
+        self.joined.try_iter()
     }
 
     /// Returns the address of the bus.

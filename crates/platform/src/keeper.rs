@@ -45,12 +45,17 @@ const PART_BYTES: usize = 64 << 10;
 /// Index of the parent's number in `/proc/PID/stat` after the process's name (proc(5)).
 const PARENT_FIELD: usize = 1;
 
-/// Starts a program, keeps its output in a file, and waits for its end: by itself, or after the end of standard input. Returns a
-/// text that continues "the program", such as "exited with code 0", and in the next lines the last output.
+/// Starts a program, keeps its output in a file, and waits for its end: by itself, or after the end
+/// of standard input. Then it removes the file with the program's part. Returns a text that
+/// continues "the program", such as "exited with code 0", and in the next lines the last output.
 ///
 /// # Errors
 /// If the system refuses.
-pub fn keep(log: Option<PathBuf>, command: &[OsString]) -> io::Result<String> {
+pub fn keep(
+    log: Option<PathBuf>,
+    part: Option<PathBuf>,
+    command: &[OsString],
+) -> io::Result<String> {
     ignore(&OF_TERMINAL)?;
     ignore(&[libc::SIGTERM])?;
     set_child_subreaper(Some(getpid()))?;
@@ -69,6 +74,10 @@ pub fn keep(log: Option<PathBuf>, command: &[OsString]) -> io::Result<String> {
         }
         Err(error) => format!("cannot be started: {error}"),
     };
+    if let Some(part) = part {
+        // A killed canrig cannot remove it; one that lives may have done so.
+        let _ = fs::remove_file(part);
+    }
     log.finish()?;
     Ok(format!("{how}\n{}", last_lines(&log.end)))
 }

@@ -60,6 +60,8 @@ pub struct Order<'a> {
     pub folder: &'a Path,
     /// File for the output.
     pub log: Option<&'a Path>,
+    /// File that is removed when the program has ended, even if canrig was killed.
+    pub part: Option<&'a Path>,
     /// Variables to add to its environment.
     pub environment: &'a [(&'a str, String)],
 }
@@ -87,6 +89,9 @@ impl Program {
         command.arg(SUBCOMMAND);
         if let Some(log) = log {
             command.arg("--log").arg(log);
+        }
+        if let Some(part) = order.part {
+            command.arg("--part").arg(part);
         }
         command.arg("--").args(order.command);
         command.current_dir(order.folder).stdout(Stdio::piped());
@@ -129,6 +134,11 @@ impl Program {
     /// Takes the channel to the program, for a caller with another protocol.
     pub fn take_channel(&mut self) -> Option<OwnedFd> {
         self.channel.take()
+    }
+
+    /// Returns the number of the process whose descendants are the program.
+    pub fn number(&self) -> u32 {
+        self.keeper.id()
     }
 
     /// Kills the program, and all in its group.

@@ -1,6 +1,7 @@
-//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor is stopped, as those of a
-//! virtual machine are while their host runs something else. The kernel's count of the time for which a thread waited for a
-//! processor shows the other stalls.
+//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor is
+//! stopped, as those of a virtual machine are while their host runs something else. The kernel's
+//! count of the time for which a thread waited for a processor shows the other stalls. A process
+//! whose own threads compete for a processor waits for itself, which is no stall.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -18,8 +19,11 @@ use crate::scheduling::{NODE_PRIORITY, request_fifo};
 
 /// Shortest and longest period of the watch, which otherwise equals the threshold.
 const TICKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(10)];
-/// Period of the search for new threads.
+/// Period of the search for new threads, and time over which the use of a processor is counted.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
+/// Share of a processor from which on a process that uses it waits for itself, if its busiest
+/// thread uses less than that.
+const COMPETING: f64 = 0.95;
 /// Largest number of processors that are watched; a larger machine has some to spare.
 const PROCESSORS_MAX: usize = 16;
 /// Largest number of stalls that are kept: a busy machine has as many in a day, and their evaluation needs 300 bytes for each.
@@ -36,7 +40,8 @@ pub struct SeenStall<T> {
     pub until: Duration,
 }
 
-/// Request to watch the threads of a process.
+/// Request to watch the threads of a process, and those of its descendants if all threads are
+/// meant.
 struct Order<T> {
     who: T,
     process: u32,
@@ -79,7 +84,8 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
         Ok(started)
     }
 
-    /// Watches the threads of a process from now on, all or those of one name.
+    /// Watches the threads of a process from now on: all, with those of its descendants, or those
+    /// of one name.
     pub fn watch(&self, who: T, process: u32, thread: Option<&'static str>) {
         // A watch that has ended takes no more orders.
         let _ = self.orders.send(Order {
@@ -142,7 +148,7 @@ fn watch_processor<T: Copy + PartialEq>(
     let mut seen = Vec::new();
     // No statement is possible if the system refuses to pin the thread or does not count.
     let pinned = sched_setaffinity(None, &processor);
-    let this = Thread::open((), Path::new("/proc/thread-self"));
+    let this = Thread::open(0, Path::new("/proc/thread-self"));
     let (Ok(()), Some(mut this)) = (pinned, this) else {
         return seen;
     };
@@ -152,7 +158,9 @@ fn watch_processor<T: Copy + PartialEq>(
     while !is_over.load(Ordering::Relaxed) {
         sleep(tick);
         let now = monotonic();
-        let Some(waited) = this.waited() else { break };
+        let Some([_, waited]) = this.spent() else {
+            break;
+        };
         if is_stall(now - last, tick, waited, longer_than) {
             note(&mut seen, None, last, now);
         }
@@ -180,17 +188,22 @@ fn watch<T: Copy + PartialEq>(
     // too.
     let _ = request_fifo(NODE_PRIORITY);
     let tick = tick_for(longer_than);
-    let mut watched = Vec::new();
-    let mut threads: Vec<Thread<T>> = Vec::new();
+    let mut watched: Vec<Watched<T>> = Vec::new();
+    let mut threads: Vec<Thread> = Vec::new();
     let mut seen = Vec::new();
     let mut last = monotonic();
     let mut searched_at = None;
     while !is_over.load(Ordering::Relaxed) {
         for order in orders.try_iter() {
-            watched.push(order);
+            watched.push(Watched {
+                order,
+                is_competing: false,
+            });
             searched_at = None;
         }
         if searched_at.is_none_or(|at| last >= at + SEARCH_PERIOD) {
+            let elapsed = searched_at.map_or(SEARCH_PERIOD, |at| last - at);
+            note_competition(&mut watched, &mut threads, elapsed);
             searched_at = Some(last);
             search(&watched, &mut threads);
         }
@@ -202,15 +215,37 @@ fn watch<T: Copy + PartialEq>(
             note(&mut seen, None, last, now);
         }
         threads.retain_mut(|thread| {
-            let waited = thread.waited();
-            if waited.is_some_and(|waited| waited > longer_than) {
-                note(&mut seen, Some(thread.who), last, now);
+            let Some([ran, waited]) = thread.spent() else {
+                return false;
+            };
+            thread.ran_lately += ran;
+            let owner = &watched[thread.order];
+            if waited > longer_than && !owner.is_competing {
+                // The kernel counts a wait when it is over, which was at the last look at the
+                // earliest.
+                let from = last.saturating_sub(waited);
+                note(&mut seen, Some(owner.order.who), from, now);
             }
-            waited.is_some()
+            true
         });
         last = now;
     }
     seen
+}
+
+/// Notes which processes waited for themselves since the last search: their threads used a whole
+/// processor, and no thread did so alone.
+fn note_competition<T>(watched: &mut [Watched<T>], threads: &mut [Thread], elapsed: Duration) {
+    let whole = elapsed.mul_f64(COMPETING);
+    for (place, one) in watched.iter_mut().enumerate() {
+        let own = threads.iter().filter(|thread| thread.order == place);
+        let ran = Vec::from_iter(own.map(|thread| thread.ran_lately));
+        let busiest = ran.iter().max().copied().unwrap_or_default();
+        one.is_competing = ran.iter().sum::<Duration>() >= whole && busiest < whole;
+    }
+    for thread in threads {
+        thread.ran_lately = Duration::ZERO;
+    }
 }
 
 /// Adds a stall, or extends the last one of the same owner if they meet.
@@ -222,62 +257,97 @@ fn note<T: Copy + PartialEq>(
 ) {
     let last = seen.iter().rposition(|stall| stall.who == who);
     match last {
-        Some(last) if seen[last].until >= from => seen[last].until = seen[last].until.max(until),
+        Some(last) if seen[last].until >= from => {
+            let stall = &mut seen[last];
+            stall.from = stall.from.min(from);
+            stall.until = stall.until.max(until);
+        }
         _ if seen.len() < STALLS_MAX => seen.push(SeenStall { who, from, until }),
         _ => {}
     }
 }
 
-/// Thread with the time for which it has waited for a processor.
-struct Thread<T> {
-    who: T,
-    place: PathBuf,
-    count: File,
-    waited: Duration,
+/// Watched process.
+struct Watched<T> {
+    order: Order<T>,
+    /// Whether its threads compete with each other for a processor.
+    is_competing: bool,
 }
 
-impl<T> Thread<T> {
+/// Thread with the times for which it has run and waited for a processor.
+struct Thread {
+    /// Place of the order to watch it.
+    order: usize,
+    place: PathBuf,
+    count: File,
+    times: [Duration; 2],
+    /// Time for which it ran since the last search.
+    ran_lately: Duration,
+}
+
+impl Thread {
     /// Opens the counters of a thread; `None` if the system does not count, or the thread has ended.
-    fn open(who: T, place: &Path) -> Option<Self> {
+    fn open(order: usize, place: &Path) -> Option<Self> {
         let count = File::open(place.join("schedstat")).ok()?;
-        let waited = waited_in_all(&count)?;
+        let times = spent_in_all(&count)?;
         Some(Self {
-            who,
+            order,
             place: place.to_owned(),
             count,
-            waited,
+            times,
+            ran_lately: Duration::ZERO,
         })
     }
 
-    /// Returns the time waited since the last call; `None` once the thread has ended.
-    fn waited(&mut self) -> Option<Duration> {
-        let waited = waited_in_all(&self.count)?;
-        let before = std::mem::replace(&mut self.waited, waited);
-        Some(waited.saturating_sub(before))
+    /// Returns the times for which it ran and waited since the last call; `None` once the thread
+    /// has ended.
+    fn spent(&mut self) -> Option<[Duration; 2]> {
+        let [ran, waited] = spent_in_all(&self.count)?;
+        let before = std::mem::replace(&mut self.times, [ran, waited]);
+        Some([
+            ran.saturating_sub(before[0]),
+            waited.saturating_sub(before[1]),
+        ])
     }
 }
 
-/// Returns the second number of `schedstat`: nanoseconds spent waiting on a run queue.
-fn waited_in_all(count: &File) -> Option<Duration> {
+/// Returns the first two numbers of `schedstat`: nanoseconds spent running, and waiting on a run
+/// queue.
+fn spent_in_all(count: &File) -> Option<[Duration; 2]> {
     let mut bytes = [0; 96];
     let length = pread(count, &mut bytes, 0).ok()?;
     let text = std::str::from_utf8(&bytes[..length]).ok()?;
-    let nanoseconds = text.split_whitespace().nth(1)?.parse().ok()?;
-    Some(Duration::from_nanos(nanoseconds))
+    let mut numbers = text.split_whitespace();
+    let mut next = || Some(Duration::from_nanos(numbers.next()?.parse().ok()?));
+    Some([next()?, next()?])
 }
 
 /// Adds the threads that are not watched yet.
-fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
-    for order in watched {
-        let tasks = fs::read_dir(format!("/proc/{}/task", order.process));
-        for task in tasks.into_iter().flatten().flatten() {
-            let place = task.path();
-            let is_new = threads.iter().all(|known| known.place != place);
-            if is_new && order.thread.is_none_or(|name| is_called(&place, name)) {
-                threads.extend(Thread::open(order.who, &place));
+fn search<T>(watched: &[Watched<T>], threads: &mut Vec<Thread>) {
+    for (place, one) in watched.iter().enumerate() {
+        let mut processes = vec![one.order.process];
+        while let Some(process) = processes.pop() {
+            let tasks = fs::read_dir(format!("/proc/{process}/task"));
+            for task in tasks.into_iter().flatten().flatten() {
+                let task = task.path();
+                match one.order.thread {
+                    Some(name) if !is_called(&task, name) => continue,
+                    Some(_) => {}
+                    None => processes.extend(children(&task)),
+                }
+                if threads.iter().all(|known| known.place != task) {
+                    threads.extend(Thread::open(place, &task));
+                }
             }
         }
     }
+}
+
+/// Returns the processes that a thread has started, where the kernel lists them.
+fn children(task: &Path) -> Vec<u32> {
+    let listed = fs::read_to_string(task.join("children")).unwrap_or_default();
+    let numbers = listed.split_whitespace();
+    numbers.filter_map(|number| number.parse().ok()).collect()
 }
 
 fn is_called(task: &Path, name: &str) -> bool {
@@ -330,7 +400,7 @@ mod tests {
 
     #[test]
     fn a_thread_that_shares_its_processor_is_seen_to_wait() {
-        if waited_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
+        if spent_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
             return;
         }
         let here = processors()[0];
@@ -355,9 +425,79 @@ mod tests {
         assert!(seen.iter().any(|stall| stall.who == Some('v')), "{seen:?}");
     }
 
+    /// Two threads that use one processor between them wait for each other, and one that uses it
+    /// alone waits for others.
+    #[test]
+    fn threads_that_share_a_processor_of_their_own_process_compete() {
+        let thread = |ran: u32| Thread {
+            order: 0,
+            place: PathBuf::new(),
+            count: File::open("/dev/null").unwrap(),
+            times: [Duration::ZERO; 2],
+            ran_lately: ran * MS,
+        };
+        let is_competing = |ran: &[u32]| {
+            let order = Order {
+                who: 'p',
+                process: 0,
+                thread: None,
+            };
+            let mut watched = [Watched {
+                order,
+                is_competing: false,
+            }];
+            let mut threads = Vec::from_iter(ran.iter().map(|ran| thread(*ran)));
+            note_competition(&mut watched, &mut threads, 100 * MS);
+            assert!(threads.iter().all(|thread| thread.ran_lately.is_zero()));
+            watched[0].is_competing
+        };
+        assert!(is_competing(&[60, 40]) && is_competing(&[70, 70, 70]));
+        assert!(!is_competing(&[99, 1]) && !is_competing(&[40, 40]) && !is_competing(&[]));
+    }
+
+    #[test]
+    fn a_stall_that_began_before_the_last_one_ended_begins_with_the_first() {
+        let mut seen = Vec::new();
+        for (from, until) in [(5, 6), (2, 7), (9, 10)] {
+            note(&mut seen, Some('a'), from * MS, until * MS);
+        }
+        assert_eq!(seen, [stall(Some('a'), 2, 7), stall(Some('a'), 9, 10)]);
+    }
+
+    #[test]
+    fn the_threads_of_descendants_are_found() {
+        let mut child = std::process::Command::new("sh")
+            .args(["-c", "sleep 60 & wait"])
+            .spawn()
+            .unwrap();
+        let watched = [Watched {
+            order: Order {
+                who: 'd',
+                process: child.id(),
+                thread: None,
+            },
+            is_competing: false,
+        }];
+        let mut threads = Vec::new();
+        let own = format!("/proc/{0}/task/{0}", child.id());
+        let is_listed = File::open(Path::new(&own).join("children")).is_ok();
+        let counts = File::open(Path::new(&own).join("schedstat"));
+        let is_counted = counts.is_ok_and(|count| spent_in_all(&count).is_some());
+        while is_listed && is_counted && threads.len() < 2 {
+            search(&watched, &mut threads);
+        }
+        let grandchildren = children(Path::new(&own));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        for process in grandchildren {
+            let process = rustix::process::Pid::from_raw(process.cast_signed()).unwrap();
+            rustix::process::kill_process(process, rustix::process::Signal::KILL).unwrap();
+        }
+    }
+
     #[test]
     fn a_thread_is_found_once_and_only_by_its_name() {
-        if waited_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
+        if spent_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
             return;
         }
         let (hold, held) = std::sync::mpsc::channel::<()>();
@@ -368,14 +508,17 @@ mod tests {
             held.recv().unwrap_err();
         });
         is_named.recv().unwrap();
-        let order = Order {
-            who: 's',
-            process: std::process::id(),
-            thread: Some("sought"),
+        let watched = Watched {
+            order: Order {
+                who: 's',
+                process: std::process::id(),
+                thread: Some("sought"),
+            },
+            is_competing: false,
         };
         let mut threads = Vec::new();
         for _ in 0..2 {
-            search(std::slice::from_ref(&order), &mut threads);
+            search(std::slice::from_ref(&watched), &mut threads);
             assert_eq!(threads.len(), 1);
         }
         drop(hold);

@@ -17,6 +17,7 @@ pub mod events;
 pub mod frame_queue;
 pub mod frames;
 mod identifiers;
+mod io_currents;
 mod io_nodes;
 pub mod latency;
 pub mod log;

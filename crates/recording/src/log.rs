@@ -1,5 +1,6 @@
 //! Log of a bus: stamped frames, as `bus.log` holds them (`candump -L`).
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -25,6 +26,8 @@ const STRANGE_BYTES_MIN: usize = 64;
 const UNREADABLE_LINES_MAX: usize = 1000;
 /// Upper bound of a step of the clock in a run.
 pub(crate) const STEP_MAX: Duration = Duration::from_millis(500);
+/// Largest number of frames far ahead of the one above them that may be no frames.
+const AHEAD_MAX: usize = 16;
 /// Number of digits of the seconds since 1970 until the year 2286.
 const SECONDS_DIGITS_MAX: usize = 10;
 
@@ -264,6 +267,12 @@ impl OpenLog {
     }
 }
 
+/// Frame with the number of its line.
+struct Numbered {
+    number: u64,
+    stamped: Stamped,
+}
+
 /// Reader of a log, frame by frame.
 pub(crate) struct LogReader<'a> {
     input: Box<dyn BufRead + 'a>,
@@ -271,6 +280,11 @@ pub(crate) struct LogReader<'a> {
     line: Vec<u8>,
     number: u64,
     latest: Option<Duration>,
+    /// Frames below the latest that are far ahead of it, until it is known whether one below goes
+    /// on from it.
+    ahead: VecDeque<Numbered>,
+    /// Frames that are read again.
+    again: VecDeque<Numbered>,
     unread: Unread,
     /// Lines that are strange if a good line follows; otherwise the log breaks off there.
     open: Vec<UnreadableLine>,
@@ -286,6 +300,8 @@ impl<'a> LogReader<'a> {
             line: Vec::new(),
             number: 0,
             latest: None,
+            ahead: VecDeque::new(),
+            again: VecDeque::new(),
             unread: Unread::default(),
             open: Vec::new(),
             open_bytes: 0,
@@ -293,11 +309,85 @@ impl<'a> LogReader<'a> {
         }
     }
 
-    /// Returns the next frame that is no earlier than the latest; `None` at the end.
+    /// Returns the next frame that is no earlier than the latest; `None` at the end. Frames far
+    /// ahead of the latest are no frames if one soon below them goes on from it.
     ///
     /// # Errors
     /// If the file cannot be read, or is no log.
     pub(crate) fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
+        loop {
+            let Some(next) = self.next_whole()? else {
+                if let Some(first) = self.first_ahead()? {
+                    return Ok(Some(first));
+                }
+                if self.interface.is_none() {
+                    refuse_many(&self.open)?;
+                }
+                return Ok(None);
+            };
+            let time = next.stamped.time;
+            let Some(latest) = self.latest else {
+                self.accept(&next.stamped)?;
+                return Ok(Some(next.stamped));
+            };
+            let goes_on = time + STEP_MAX >= latest;
+            match self.ahead.front() {
+                Some(first) if goes_on && first.stamped.time > time + STEP_MAX => {
+                    for one in std::mem::take(&mut self.ahead) {
+                        let why =
+                            "it is later than a frame below, which goes on from the one above";
+                        self.put_aside_line(one.number, why.to_owned());
+                    }
+                }
+                None if time <= latest + STEP_MAX => {}
+                _ if goes_on => {
+                    self.ahead.push_back(next);
+                    if self.ahead.len() <= AHEAD_MAX {
+                        continue;
+                    }
+                    return self.first_ahead();
+                }
+                _ => {}
+            }
+            // A part of the log is there twice, or in the wrong place.
+            if !goes_on {
+                let why = "it is earlier than the frame above";
+                self.put_aside_line(next.number, why.to_owned());
+                continue;
+            }
+            self.accept(&next.stamped)?;
+            return Ok(Some(next.stamped));
+        }
+    }
+
+    /// Takes the first of the frames far ahead as the one that goes on, and reads the others again.
+    fn first_ahead(&mut self) -> io::Result<Option<Stamped>> {
+        let first = self.ahead.pop_front();
+        while let Some(last) = self.ahead.pop_back() {
+            self.again.push_front(last);
+        }
+        let Some(Numbered { stamped, .. }) = first else {
+            return Ok(None);
+        };
+        self.accept(&stamped)?;
+        Ok(Some(stamped))
+    }
+
+    /// Takes a frame as the latest: the strange lines above it are among others.
+    fn accept(&mut self, stamped: &Stamped) -> io::Result<()> {
+        self.open.sort_by_key(|line| line.number);
+        self.unread.unreadable.append(&mut self.open);
+        self.open_bytes = 0;
+        refuse_many(&self.unread.unreadable)?;
+        self.latest = Some(stamped.time);
+        Ok(())
+    }
+
+    /// Returns the next line that is a frame, wherever it belongs; `None` at the end.
+    fn next_whole(&mut self) -> io::Result<Option<Numbered>> {
+        if let Some(again) = self.again.pop_front() {
+            return Ok(Some(again));
+        }
         while self.read_line()? {
             if self.line.trim_ascii().is_empty() {
                 // It has no meaning, but there may not be too many.
@@ -307,31 +397,19 @@ impl<'a> LogReader<'a> {
                 }
                 continue;
             }
-            let frame = match whole_line(&self.line, &mut self.interface) {
-                // A part of the log is there twice, or in the wrong place.
-                Ok(Some(stamped)) if self.latest > Some(stamped.time + STEP_MAX) => {
-                    self.put_aside("it is earlier than the frame above".to_owned());
-                    continue;
+            match whole_line(&self.line, &mut self.interface) {
+                Ok(Some(stamped)) => {
+                    let number = self.number;
+                    return Ok(Some(Numbered { number, stamped }));
                 }
-                Ok(frame) => frame,
-                Err(reason) => {
-                    self.put_aside(reason);
-                    continue;
+                Ok(None) => {
+                    self.unread.unreadable.append(&mut self.open);
+                    self.open_bytes = 0;
+                    refuse_many(&self.unread.unreadable)?;
+                    self.unread.fd_frames += 1;
                 }
-            };
-            self.unread.unreadable.append(&mut self.open);
-            self.open_bytes = 0;
-            refuse_many(&self.unread.unreadable)?;
-            match frame {
-                None => self.unread.fd_frames += 1,
-                Some(stamped) => {
-                    self.latest = Some(stamped.time);
-                    return Ok(Some(stamped));
-                }
+                Err(reason) => self.put_aside(reason),
             }
-        }
-        if self.interface.is_none() {
-            refuse_many(&self.open)?;
         }
         Ok(None)
     }
@@ -353,8 +431,12 @@ impl<'a> LogReader<'a> {
     }
 
     fn put_aside(&mut self, reason: String) {
+        self.put_aside_line(self.number, reason);
+    }
+
+    fn put_aside_line(&mut self, number: u64, reason: String) {
         self.open.push(UnreadableLine {
-            number: self.number,
+            number,
             reason,
             before: self.latest,
         });
@@ -555,24 +637,55 @@ mod tests {
         assert_eq!((frames.len(), unread.unreadable.len()), (5, 0));
     }
 
-    /// All lines below a time stamp far ahead are strange; more than a thousand are refused by name.
+    /// A few time stamps far ahead are strange, and so are all lines below more of them: more than
+    /// a thousand are refused by name.
     #[test]
     fn a_time_stamp_far_ahead_is_no_frame_s() {
         let line = |millis: u64| {
             let frame = CanFrame::new(0x190, &millis.to_le_bytes());
             shown(&Stamped::new(Duration::from_millis(millis), frame)) + "\n"
         };
-        let mut lines: Vec<String> = (1..2000).map(|number| line(10 * number)).collect();
-        lines[100].replace_range(1..18, "0000009000.000000");
-        let (frames, unread) = read_cut_log(lines[..1000].concat().as_bytes()).unwrap();
-        let broken = "line 102: it is earlier than the frame above";
+        let sound = Vec::from_iter((1..2000).map(|number| line(10 * number)));
+        let ahead = |count: usize| {
+            let mut lines = sound.clone();
+            for line in &mut lines[100..100 + count] {
+                line.replace_range(1..18, "0000009000.000000");
+            }
+            lines.concat()
+        };
+        for count in [1, 3, AHEAD_MAX] {
+            let (frames, unread) = read_cut_log(ahead(count).as_bytes()).unwrap();
+            assert_eq!(
+                (frames.len(), unread.unreadable.len()),
+                (1999 - count, count)
+            );
+            assert_eq!(
+                unread.unreadable[0].to_string(),
+                "line 101: it is later than a frame below, which goes on from the one above"
+            );
+            let until = |millis| unread.unreadable_until(Duration::from_millis(millis));
+            assert!(until(1000).is_none() && until(1001).is_some());
+        }
+        let many = ahead(AHEAD_MAX + 1);
+        let cut = many.lines().take(1000).map(|line| format!("{line}\n"));
+        let (frames, unread) = read_cut_log(String::from_iter(cut).as_bytes()).unwrap();
+        let broken = "line 118: it is earlier than the frame above";
         assert_eq!(
             (frames.len(), unread.broken.as_deref()),
-            (101, Some(broken))
+            (117, Some(broken))
         );
-        lines.push(line(9_000_010));
-        let error = read_cut_log(lines.concat().as_bytes()).unwrap_err();
+        let error = read_cut_log((many + &line(9_000_010)).as_bytes()).unwrap_err();
         assert!(error.to_string().starts_with(broken), "{error}");
+        // After a silence all frames are far ahead, also at the end.
+        let after = |count: usize| {
+            let late = (0..count as u64).map(|number| line(60_000 + 10 * number));
+            let log = sound.concat() + &String::from_iter(late);
+            let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
+            assert_eq!((frames.len(), unread), (1999 + count, Unread::default()));
+        };
+        [1, AHEAD_MAX, AHEAD_MAX + 1, 200]
+            .into_iter()
+            .for_each(after);
     }
 
     #[test]

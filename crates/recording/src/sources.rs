@@ -172,7 +172,7 @@ struct Watched {
 
 impl Watched {
     #[inline]
-    fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>) {
+    fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, is_start: bool) {
         self.recorded += 1;
         let latest = self.latest.replace(time);
         let since = latest.map(|latest| time.saturating_sub(latest));
@@ -183,14 +183,19 @@ impl Watched {
             (Some(half), Some(since)) => since < half,
             (half, _) => half.is_none(),
         };
-        if is_soon && self.soon.is_none() {
+        // The run itself starts nodes.
+        if is_soon && !is_start && self.soon.is_none() {
             self.soon = Some(now);
         }
     }
 
-    /// Returns the time of the first frame out of turn, or of the first frame.
+    /// Returns the time of the first frame out of turn, or of the first frame; of starts by NMT
+    /// that of the last.
     fn first_seconds(&self) -> f64 {
-        let first = self.in_scenario.map(|(first, ..)| first);
+        let first = self.in_scenario.map(|(first, last, _)| match self.duty {
+            NMT => last,
+            _ => first,
+        });
         self.soon.or(first).unwrap_or_default().as_secs_f64()
     }
 
@@ -390,7 +395,8 @@ impl SourceReader {
             if is_boot_up && scenario_time.is_none() {
                 watched.recorded = 0;
             }
-            watched.on_frame(time, scenario_time);
+            let is_start = identifier == COMMAND_ID && frame.data().first() == Some(&NMT_START);
+            watched.on_frame(time, scenario_time, is_start);
             // Most frames are answers to a SYNC, whose contents do not identify their sender.
             if watched.is_answer {
                 return;
@@ -682,6 +688,21 @@ mod tests {
             _ => Duration::ZERO,
         };
         let _ = found(run(latest));
+    }
+
+    /// The run starts its nodes by NMT, so a stop is out of turn when it comes.
+    #[test]
+    fn a_stop_by_nmt_has_its_own_time() {
+        let nmt = |at: u32, specifier: u8| {
+            let frame = CanFrame::new(COMMAND_ID, &[specifier, 0x11]);
+            (at * PERIOD + 500 * MICRO, frame)
+        };
+        let frames =
+            |specifier| [on_time(), vec![nmt(1, NMT_START), nmt(1500, specifier)]].concat();
+        for specifier in [NMT_STOP, NMT_START] {
+            let found = found_in(frames(specifier), "", &[], &sent(COMMAND_ID, 1));
+            assert_eq!(found, [("0x000".to_owned(), 1500, 1)]);
+        }
     }
 
     #[test]

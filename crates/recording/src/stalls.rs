@@ -6,12 +6,48 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
+use dbc::names::is_name;
+
 use crate::log::parse_time;
 use crate::run_folder::{file, read_rows};
 
 const HEADER: &str = "from_seconds,until_seconds,who,what";
+/// Longest name of a node.
+const NAME_BYTES_MAX: usize = 64;
 /// Largest file that is read: a million rows.
 const BYTES_MAX: u64 = 64 << 20;
+
+/// Name of a node, as a plain value.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct NodeName {
+    bytes: [u8; NAME_BYTES_MAX],
+    length: usize,
+}
+
+impl NodeName {
+    /// Returns the name; `None` if no node can have it.
+    pub fn new(name: &str) -> Option<Self> {
+        let mut bytes = [0; NAME_BYTES_MAX];
+        bytes
+            .get_mut(..name.len())
+            .filter(|_| is_name(name))?
+            .copy_from_slice(name.as_bytes());
+        Some(Self {
+            bytes,
+            length: name.len(),
+        })
+    }
+
+    fn as_str(&self) -> &str {
+        std::str::from_utf8(&self.bytes[..self.length]).unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for NodeName {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.as_str().fmt(formatter)
+    }
+}
 
 /// Owner of a stalled thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,28 +56,54 @@ pub enum Who {
     Machine,
     /// The thread that carries the frames of an embedded bus.
     Bus,
-    /// The controller's process that canrig started.
+    /// The controller's process.
     Controller,
     /// An emulator's process that canrig started, for any plant.
     PlantEmulator,
+    /// The process of a drive or an io node that canrig does not play.
+    Node(NodeName),
 }
 
 impl Who {
-    const ALL: [Self; 4] = [
+    const KINDS: [Self; 4] = [
         Self::Machine,
         Self::Bus,
         Self::Controller,
         Self::PlantEmulator,
     ];
+    /// What is before the name of a node in the file, since a node may be called like a kind.
+    const NODE: &'static str = "node ";
 
     /// Returns its name in the file.
-    pub fn name(self) -> &'static str {
+    fn name(&self) -> &str {
         match self {
             Self::Machine => "machine",
             Self::Bus => "bus",
             Self::Controller => "controller",
             Self::PlantEmulator => "plant-emulator",
+            Self::Node(node) => node.as_str(),
         }
+    }
+
+    /// Returns the owner of a name in the file.
+    fn named(text: &str) -> Option<Self> {
+        match text.strip_prefix(Self::NODE) {
+            Some(node) => NodeName::new(node).map(Self::Node),
+            None => (Self::KINDS.into_iter()).find(|kind| kind.name() == text),
+        }
+    }
+
+    /// Returns the text for the file.
+    fn label(&self) -> String {
+        match self {
+            Self::Node(node) => format!("{}{}", Self::NODE, node.as_str()),
+            kind => kind.name().to_owned(),
+        }
+    }
+
+    /// Returns whether a node of this name is meant.
+    pub fn is_node(&self, name: &str) -> bool {
+        matches!(self, Self::Node(node) if node.as_str() == name)
     }
 }
 
@@ -116,7 +178,7 @@ pub fn to_csv(stalls: &[Stall]) -> String {
         let (from, until) = (seconds(stall.from), seconds(stall.until));
         format!(
             "{from},{until},{},{}\n",
-            stall.who.name(),
+            stall.who.label(),
             stall.what.label()
         )
     };
@@ -137,7 +199,7 @@ fn stall([from, until, who, what]: [&str; 4]) -> Option<Stall> {
     Some(Stall {
         from: parse_time(from).ok()?,
         until: parse_time(until).ok()?,
-        who: Who::ALL.into_iter().find(|known| known.name() == who)?,
+        who: Who::named(who)?,
         what: (What::ALL.into_iter()).find(|known| known.label() == what)?,
     })
 }
@@ -155,10 +217,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read(rows in prop::collection::vec((0..u64::from(u32::MAX), 0..2_000_000_u64, 0..4_usize, 0..3_usize), 0..9)) {
+        fn what_is_written_is_read(rows in prop::collection::vec((0..u64::from(u32::MAX), 0..2_000_000_u64, 0..5_usize, 0..3_usize), 0..9)) {
             let stall = |(from, length, who, what): &(u64, u64, usize, usize)| {
                 let from = Duration::from_nanos(1_001 * from);
-                Stall::new(from, from + Duration::from_micros(*length), Who::ALL[*who], What::ALL[*what])
+                let node = NodeName::new("bus").map(Who::Node);
+                let who = Who::KINDS.get(*who).copied().or(node).unwrap();
+                Stall::new(from, from + Duration::from_micros(*length), who, What::ALL[*what])
             };
             let stalls: Vec<Stall> = rows.iter().map(stall).collect();
             prop_assert_eq!(parse_csv(&to_csv(&stalls)), Ok(stalls));
@@ -173,6 +237,7 @@ mod tests {
         for bad in [
             "1.0,1.045000,machine,stood still",
             "1.000000,1.045000,moon,stood still",
+            "1.000000,1.045000,node Moon,stood still",
             "1.000000",
         ] {
             let error = parse_csv(&format!("{HEADER}\n{good}\n{bad}\n")).unwrap_err();

@@ -117,6 +117,8 @@ pub fn run(
         // The interruption may have come during the judging.
         _ if watch.is_interrupted() => Exit::Interrupted,
         Err(error) if error.is_before_start() => Exit::CannotStart,
+        // Also where a drive that is on fails the run.
+        Err(_) => Exit::BenchFailed,
         _ if place.is_strict && verdict.judged_nothing() => Exit::VerdictFailed,
         _ => verdict.outcome.into(),
     };

@@ -142,11 +142,11 @@ impl NodeProcess {
         }
     }
 
-    /// Returns the process number, unless it is a program.
-    pub(super) fn number(&self) -> Option<u32> {
+    /// Returns the process number; of a program that of its keeper.
+    pub(super) fn number(&self) -> u32 {
         match &self.process {
-            Process::Own(node) => Some(node.child.id()),
-            Process::Program(..) => None,
+            Process::Own(node) => node.child.id(),
+            Process::Program(_, started) => started.program.number(),
         }
     }
 

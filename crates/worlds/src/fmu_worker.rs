@@ -48,6 +48,7 @@ impl RemoteFmu {
                 command: &command,
                 folder: Path::new("."),
                 log: None,
+                part: None,
                 environment: &[],
             };
             // Where a kill leaves the seat, it goes with the unpacked files.

@@ -89,6 +89,7 @@ impl LawPlace {
             command: &words,
             folder: &self.folder,
             log: log.as_deref(),
+            part: None,
             environment: &[
                 ("CANRIG_CLOCK", clock.to_owned()),
                 ("CANRIG_SEED", self.seed.to_string()),

@@ -106,6 +106,7 @@ impl ProgramOrder {
             command,
             folder,
             log: self.log.as_deref(),
+            part: Some(part.path()),
             environment: &[
                 (BUS_VARIABLE, bus),
                 ("CANRIG_NODE", self.node.name.clone()),

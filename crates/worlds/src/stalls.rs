@@ -1,12 +1,15 @@
-//! Collection of host stalls of canrig's processes, during a run in real time.
+//! Collection of host stalls of the nodes' processes, during a run in real time.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use plan::Plan;
+use platform::hub::Joined;
 use platform::stall_watch::{SeenStall, StallWatch};
 use recording::latency::NodeReport;
-use recording::stalls::{Stall, What, Who};
+use recording::stalls::{NodeName, Stall, What, Who};
+use scenario::node::Node;
 
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
@@ -18,23 +21,29 @@ use crate::processes::Processes;
 const HUB_THREAD: &str = "hub";
 
 /// Watch over the machine during one run.
-pub(super) struct StallRecorder {
+pub(super) struct StallRecorder<'a> {
     watch: StallWatch<Who>,
-    controller: String,
+    plan: &'a Plan,
+    /// Node-IDs of the nodes whose processes canrig did not start, and has not found yet.
+    expected: RefCell<BTreeMap<u8, String>>,
     /// Half a SYNC period: a shorter stall makes no cycle miss.
     longer_than: Duration,
 }
 
-impl StallRecorder {
+impl<'a> StallRecorder<'a> {
     /// # Errors
     /// If no thread can be started.
-    pub(super) fn start(plan: &Plan, processes: &Processes) -> Result<Self, WorldError> {
+    pub(super) fn start(plan: &'a Plan, processes: &Processes) -> Result<Self, WorldError> {
         let longer_than = plan.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(WorldError::spawn(BENCH))?;
         watch.watch(Who::Bus, std::process::id(), Some(HUB_THREAD));
+        let expected = plan.expected_names();
+        let is_expected = |node: &&Node| expected.contains(&node.name);
+        let nodes = plan.nodes().filter(is_expected);
         let recorder = Self {
             watch,
-            controller: plan.controller().name.clone(),
+            plan,
+            expected: RefCell::new(nodes.map(|node| (node.id, node.name.clone())).collect()),
             longer_than,
         };
         for process in &processes.all {
@@ -45,9 +54,17 @@ impl StallRecorder {
 
     /// Watches the process of a node, too.
     pub(super) fn watch(&self, process: &NodeProcess) {
-        if let Some(number) = process.number() {
-            let who = who(process.name(), &self.controller);
-            self.watch.watch(who, number, None);
+        let who = who(process.name(), self.plan);
+        self.watch.watch(who, process.number(), None);
+    }
+
+    /// Watches the processes of nodes that canrig did not start, as they come to an embedded bus.
+    pub(super) fn watch_joined(&self, connection: &BusConnection) {
+        for Joined { process, node_id } in connection.joined() {
+            let expected = self.expected.borrow_mut().remove(&node_id);
+            if let Some(name) = expected {
+                self.watch.watch(who(&name, self.plan), process, None);
+            }
         }
     }
 
@@ -72,7 +89,7 @@ impl StallRecorder {
             let late = std::mem::take(&mut report.late).into_iter();
             let late = late.map(|times| times.map(Duration::from_nanos));
             let long = late.filter(|[from, until]| *until > *from + self.longer_than);
-            let who = who(name, &self.controller);
+            let who = who(name, self.plan);
             stalls.extend(long.map(|times| stall(who, What::WokeLate, times)));
         }
         stalls.sort_by_key(|stall| (stall.from, stall.until));
@@ -80,11 +97,14 @@ impl StallRecorder {
     }
 }
 
-/// Returns the owner of a process that canrig started, by its participant's name: all but the controller's emulate a plant.
-fn who(name: &str, controller: &str) -> Who {
-    if name == controller {
-        Who::Controller
-    } else {
-        Who::PlantEmulator
+/// Returns the owner of a process by its participant's name: a node that canrig plays is the
+/// controller or emulates a plant.
+fn who(name: &str, plan: &Plan) -> Who {
+    let mut nodes = plan.nodes();
+    let other = nodes.find(|node| node.name == name && plan.is_external(node));
+    match other.and_then(|node| NodeName::new(&node.name)) {
+        _ if name == plan.controller().name => Who::Controller,
+        Some(node) => Who::Node(node),
+        None => Who::PlantEmulator,
     }
 }

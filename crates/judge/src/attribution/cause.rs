@@ -115,7 +115,7 @@ fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
     match stretch.stall.who {
         Who::Machine | Who::Bus => "host",
         Who::Controller => node_name(evidence, Part::Controller),
-        Who::PlantEmulator => node_name(evidence, Part::Drive),
+        Who::PlantEmulator | Who::Node(_) => node_name(evidence, Part::Drive),
     }
 }
 

@@ -3,9 +3,12 @@
 use std::time::Duration;
 
 use plan::ControlLoop;
+use recording::latency::Host;
 use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::node::Part;
+
+use crate::timing::distrusted_percent;
 
 /// Longest time, in periods, after a stall until the frames that it held up have come.
 const BURST_PERIODS: f64 = 2.0;
@@ -69,6 +72,21 @@ pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
     stalls.iter().map(stretch).collect()
 }
 
+/// Returns the longest stall if stalls cover more of the run than is trusted and a node that canrig
+/// did not start stands still with the machine: whether its process could run is not known.
+pub(super) fn undecided(
+    node: Part,
+    stretches: &[Stretch],
+    one: &ControlLoop,
+    host: &Host,
+) -> Option<Stretch> {
+    let name = &one.nodes.of(node)?.name;
+    let duration = Duration::from_secs_f64(one.trial.run.duration_seconds);
+    let is_distrusted = || distrusted_percent(&host.stalls, duration).is_some();
+    let is_open = host.on_this_machine.contains(name) && is_distrusted();
+    longest(stretches).filter(|_| is_open)
+}
+
 /// Stalls that a node feels.
 #[derive(Clone, Debug)]
 pub(super) struct FeltStalls {
@@ -80,11 +98,17 @@ pub(super) struct FeltStalls {
     burst_seconds: f64,
     /// Times that the stalls cover together, including the bursts after them.
     covered: Spans,
+    /// Times of the stalls themselves.
+    held: Spans,
+    /// Times in which the node could not run for as long as a period, including the burst at their
+    /// end.
+    standing: Spans,
+    period_seconds: f64,
 }
 
 impl FeltStalls {
-    /// Selects the stalls that a node feels. Only processes that canrig started are watched, and their stalls do not explain an
-    /// external node.
+    /// Selects the stalls that a node feels: those of the machine and the bus, and those of its own
+    /// process. The stalls of canrig's emulators do not explain a node that canrig does not play.
     pub(super) fn of(
         node: Part,
         stretches: &[Stretch],
@@ -95,26 +119,43 @@ impl FeltStalls {
             (Who::Machine | Who::Bus, _) | (Who::Controller, Part::Controller) => true,
             (Who::PlantEmulator, Part::Controller) => false,
             (Who::Controller | Who::PlantEmulator, _) => one.is_ours(Part::Drive),
+            (Who::Node(_), node) => {
+                let felt = one.nodes.of(node);
+                felt.is_some_and(|node| stretch.stall.who.is_node(&node.name))
+            }
         };
         let mut felt: Vec<Stretch> = stretches.iter().filter(is_felt).copied().collect();
         felt.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));
         let burst_seconds = BURST_PERIODS * period_seconds;
         let longest = felt.iter().map(Stretch::length).fold(0.0, f64::max);
-        let spans = felt
-            .iter()
-            .map(|stretch| (stretch.from_seconds, stretch.until_seconds + burst_seconds));
+        let spans = |longer: f64| {
+            let spans = felt.iter();
+            let spans = spans.map(|one| (one.from_seconds, one.until_seconds + longer));
+            Spans::of(spans.collect())
+        };
+        let gap_max = period_seconds - TIME_TOLERANCE_SECONDS;
+        let standing = spans(gap_max).longer(burst_seconds - gap_max);
         Self {
-            covered: Spans::of(spans.collect()),
+            covered: spans(burst_seconds),
+            held: spans(0.0),
+            standing,
+            period_seconds,
             longest_seconds: longest + burst_seconds,
             stretches: felt,
             burst_seconds,
         }
     }
 
-    /// Returns the longest of the stalls that, with the bursts after them, together cover half of a stretch of time.
+    /// Returns the longest of the stalls that, with the bursts after them, together cover half of a
+    /// stretch of time. A node that ran for a period between two of them owed its frames again, so
+    /// a silence must be covered without such a gap.
     pub(super) fn explaining(&self, from: f64, until: f64) -> Option<Stretch> {
-        let is_covered =
-            self.covered.seconds_in(from, until) + TIME_TOLERANCE_SECONDS >= (until - from) / 2.0;
+        let half = (until - from) / 2.0 - TIME_TOLERANCE_SECONDS;
+        let is_covered = if until - from > self.burst_seconds + TIME_TOLERANCE_SECONDS {
+            self.standing.longest_in(from, until) >= half
+        } else {
+            self.covered.seconds_in(from, until) >= half
+        };
         let ends_before = |stretch: &Stretch| {
             stretch.until_seconds + self.burst_seconds < from - TIME_TOLERANCE_SECONDS
         };
@@ -124,6 +165,51 @@ impl FeltStalls {
         let candidates = self.stretches[first..].iter().take_while(may_overlap);
         let overlaps = |stretch: &&Stretch| stretch.from_seconds <= until + TIME_TOLERANCE_SECONDS;
         longest(candidates.filter(|stretch| is_covered && overlaps(stretch)))
+    }
+}
+
+/// Allowance of stalls for the missing frames of one duty: each explains as many as were due in it.
+pub(super) struct Allowance<'a> {
+    felt: &'a FeltStalls,
+    /// Place of the first stall that may explain a later frame, and the number of frames that it
+    /// has explained.
+    place: usize,
+    explained: u64,
+}
+
+impl<'a> Allowance<'a> {
+    pub(super) fn of(felt: &'a FeltStalls) -> Self {
+        Self {
+            felt,
+            place: 0,
+            explained: 0,
+        }
+    }
+
+    /// Returns the stall that explains a missing frame, as [`FeltStalls::explaining`]. The frames
+    /// come in the order of time.
+    pub(super) fn explaining(&mut self, from: f64, until: f64) -> Option<Stretch> {
+        let stretch = self.felt.explaining(from, until)?;
+        let burst = self.felt.burst_seconds + TIME_TOLERANCE_SECONDS;
+        let held = &self.felt.held.0;
+        while let Some((begins, ends)) = held.get(self.place) {
+            if *begins > until + TIME_TOLERANCE_SECONDS {
+                break;
+            }
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a positive number of periods"
+            )]
+            let due =
+                1 + ((ends - begins) / self.felt.period_seconds + TIME_TOLERANCE_SECONDS) as u64;
+            if ends + burst >= from && self.explained < due {
+                self.explained += 1;
+                return Some(stretch);
+            }
+            (self.place, self.explained) = (self.place + 1, 0);
+        }
+        None
     }
 }
 
@@ -156,6 +242,21 @@ impl Spans {
     /// Returns the begin of the first span that touches a stretch of time.
     pub(crate) fn first_in(&self, from: f64, until: f64) -> Option<f64> {
         self.touching(from, until).next().map(|(begins, _)| *begins)
+    }
+
+    /// Returns the spans, each with a later end.
+    fn longer(self, seconds: f64) -> Self {
+        let spans = self.0.into_iter();
+        Self(spans.map(|(from, until)| (from, until + seconds)).collect())
+    }
+
+    /// Returns the longest part of a stretch of time that one of the spans covers, in seconds.
+    fn longest_in(&self, from: f64, until: f64) -> f64 {
+        // With later ends, the spans overlap: their ends are in order, too.
+        let covered = self
+            .touching(from, until)
+            .map(|(begins, ends)| ends.min(until) - begins.max(from));
+        covered.fold(0.0, f64::max)
     }
 
     /// Returns how many seconds of a stretch of time the spans cover.

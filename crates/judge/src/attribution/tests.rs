@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use can::CanFrame;
@@ -20,7 +21,7 @@ const OPERATION_ENABLED: f64 = 39.0;
 
 /// Event of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Cycle {
+pub(super) enum Cycle {
     Served,
     WithoutPosition,
     WithoutSync,
@@ -28,10 +29,10 @@ enum Cycle {
 
 /// Stall in milliseconds of scenario time, which may begin before time 0.
 #[derive(Clone, Copy, Debug)]
-struct Held {
-    from: i64,
-    length: u32,
-    who: Who,
+pub(super) struct Held {
+    pub(super) from: i64,
+    pub(super) length: u32,
+    pub(super) who: Who,
 }
 
 fn micros(micros: u64) -> Duration {
@@ -39,14 +40,14 @@ fn micros(micros: u64) -> Duration {
 }
 
 impl Held {
-    fn stall(self) -> Stall {
+    pub(super) fn stall(self) -> Stall {
         let from = micros(ZERO_MICROS.checked_add_signed(1000 * self.from).unwrap());
         let until = from + micros(1000 * u64::from(self.length));
         Stall::new(from, until, self.who, What::Waited)
     }
 }
 
-fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
+pub(super) fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
     let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
     let mut text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
@@ -64,7 +65,7 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
 }
 
 /// Returns the recording of these cycles, of which the first has its SYNC, and of a frame at the end.
-fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
+pub(super) fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
     let database = Database::shipped();
     let signal = |path| database.signal(path).unwrap();
     let mut message = database.builder("drive_tpdo1").unwrap();
@@ -86,6 +87,16 @@ fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
     frames
 }
 
+/// Returns the places of two spans that touch, the first one first.
+fn overlapping(spans: &[(i64, i64)]) -> Option<(usize, usize)> {
+    let pairs = (0..spans.len()).flat_map(|one| (one + 1..spans.len()).map(move |two| (one, two)));
+    let touch = |(one, two): &(usize, usize)| {
+        let ((from, until), (begins, ends)) = (spans[*one], spans[*two]);
+        begins <= until && from <= ends
+    };
+    pairs.into_iter().find(touch)
+}
+
 /// Attributes each missed cycle by going through everything for it, in whole milliseconds.
 fn slow(
     cycles: &[Cycle],
@@ -99,7 +110,7 @@ fn slow(
         _ => !external.contains(&"drive"),
     };
     // A stall held something up in half of the milliseconds of the cycle, or its burst came in them.
-    let is_held = |number: u32, cycle: Cycle| {
+    let is_covered = |number: u32, cycle: Cycle| {
         let begins = 10 * i64::from(number);
         let is_held = |milli: &i64| {
             let covers =
@@ -108,6 +119,35 @@ fn slow(
         };
         (begins..begins + 10).filter(is_held).count() >= 5
     };
+    // Stalls that overlap are one, and explain each missing frame that was due in them once.
+    let mut allowed = BTreeSet::new();
+    for kind in [Cycle::WithoutSync, Cycle::WithoutPosition] {
+        let felt = held.iter().filter(|held| is_felt(held, kind));
+        let ends = felt.map(|held| (held.from, held.from + i64::from(held.length)));
+        let mut spans = Vec::from_iter(ends);
+        while let Some((one, other)) = overlapping(&spans) {
+            let (from, until) = spans.swap_remove(other);
+            spans[one] = (spans[one].0.min(from), spans[one].1.max(until));
+        }
+        spans.sort_unstable();
+        let mut explained = vec![0; spans.len()];
+        for (number, cycle) in (0_u32..).zip(cycles) {
+            if *cycle != kind || !is_covered(number, kind) {
+                continue;
+            }
+            let begins = 10 * i64::from(number);
+            let may = |place: &usize| {
+                let (from, until) = spans[*place];
+                let is_near = from <= begins + 10 && begins <= until + 20;
+                is_near && explained[*place] < 1 + (until - from) / 10
+            };
+            if let Some(place) = (0..spans.len()).find(may) {
+                explained[place] += 1;
+                allowed.insert(number);
+            }
+        }
+    }
+    let is_held = |number: u32, _: Cycle| allowed.contains(&number);
     let mut whose = Vec::new();
     for (number, cycle) in (0_u32..).zip(cycles) {
         if *cycle == Cycle::Served {

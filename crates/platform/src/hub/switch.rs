@@ -3,6 +3,7 @@
 use std::io;
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
+use std::sync::mpsc::Sender;
 
 use can::{CanFrame, Filter};
 use rustix::event::epoll::{self, EventFlags};
@@ -10,11 +11,18 @@ use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
 
+use crate::claim::peer_process;
+use crate::hub::Joined;
 use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
 use crate::recorder::Ring;
 
 /// Largest number of participants at once.
 pub const CLIENTS_MAX: usize = 32;
+
+/// Number of node-IDs, and the identifier of the boot-up and the heartbeats of node 0 (CiA 301,
+/// 7.3.5).
+const NODES: usize = 0x80;
+const ERROR_CONTROL_ID: u16 = 0x700;
 
 /// Largest number of filters of a client (the kernel's `CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;
@@ -26,6 +34,8 @@ const STOP: u64 = u64::MAX - 1;
 
 struct Client {
     socket: OwnedFd,
+    /// Process at the other end; `None` if it is one of another container.
+    process: Option<u32>,
     /// Filters of the client; `None` until its first packet.
     filters: Option<Vec<Filter>>,
     dropped: u64,
@@ -39,11 +49,19 @@ pub(super) struct Switch {
     _stop: OwnedFd,
     clients: [Option<Client>; CLIENTS_MAX],
     ring: Ring,
+    /// Takes each node with its process when it is first heard.
+    nodes: Sender<Joined>,
+    heard: [bool; NODES],
     packet: Box<[u8; PACKET_MAX]>,
 }
 
 impl Switch {
-    pub(super) fn new(listener: OwnedFd, stop: OwnedFd, ring: Ring) -> io::Result<Self> {
+    pub(super) fn new(
+        listener: OwnedFd,
+        stop: OwnedFd,
+        ring: Ring,
+        nodes: Sender<Joined>,
+    ) -> io::Result<Self> {
         let epoll = epoll::create(epoll::CreateFlags::CLOEXEC)?;
         watch(&epoll, &listener, LISTENER)?;
         watch(&epoll, &stop, STOP)?;
@@ -53,6 +71,8 @@ impl Switch {
             _stop: stop,
             clients: [const { None }; CLIENTS_MAX],
             ring,
+            nodes,
+            heard: [false; NODES],
             packet: Box::new([0; PACKET_MAX]),
         })
     }
@@ -100,6 +120,7 @@ impl Switch {
         match free.filter(|_| is_same_user) {
             Some(index) if watch(&self.epoll, &socket, index as u64).is_ok() => {
                 self.clients[index] = Some(Client {
+                    process: peer_process(&socket),
                     socket,
                     filters: None,
                     dropped: 0,
@@ -136,12 +157,36 @@ impl Switch {
     /// Records a frame and sends it to all other clients that want it.
     fn pass_on(&mut self, sender: usize, frame: &CanFrame) {
         self.ring.push_now(*frame);
+        self.note_node(sender, frame);
         let bytes = encode_frame(frame);
         for (index, client) in self.clients.iter_mut().enumerate() {
             let Some(client) = client else { continue };
             if index != sender && client.wants(frame) && !client.deliver(&bytes) {
                 client.dropped += 1;
             }
+        }
+    }
+}
+
+impl Switch {
+    /// Notes the process of a node at its first boot-up or heartbeat.
+    fn note_node(&mut self, sender: usize, frame: &CanFrame) {
+        let offset = frame
+            .standard_id()
+            .and_then(|id| id.checked_sub(ERROR_CONTROL_ID));
+        let node_id = offset.and_then(|offset| u8::try_from(offset).ok());
+        let Some((node_id, heard)) =
+            node_id.and_then(|node_id| Some((node_id, self.heard.get_mut(usize::from(node_id))?)))
+        else {
+            return;
+        };
+        if std::mem::replace(heard, true) {
+            return;
+        }
+        let client = self.clients.get(sender).and_then(Option::as_ref);
+        if let Some(process) = client.and_then(|client| client.process) {
+            // The bench may be gone already.
+            let _ = self.nodes.send(Joined { process, node_id });
         }
     }
 }
@@ -222,6 +267,7 @@ mod tests {
         drop(client_end);
         let client = Client {
             socket: server,
+            process: None,
             filters: None,
             dropped: 0,
             dropped_reported: 0,

@@ -71,6 +71,9 @@ pub struct Timeline {
     pub events: Events,
     /// Reports of the emulated plant on itself; empty without faults.
     pub truth: Series<PlantTruth>,
+    /// Spans of scenario time in which an io node let a current flow through a plant of the loop;
+    /// empty in a piece.
+    pub io_currents_seconds: Vec<(f64, f64)>,
     /// Whether the io nodes that disturb the loop were present and got their commands.
     pub is_disturbed: bool,
     /// Answers of the drive to the bench; empty in a piece.

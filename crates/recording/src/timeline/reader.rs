@@ -17,6 +17,7 @@ use crate::drive_reports::DriveReportReader;
 use crate::events::{Event, EventReader, planned};
 use crate::frames::Frames;
 use crate::identifiers::ByIdentifier;
+use crate::io_currents::IoCurrentReader;
 use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
@@ -118,6 +119,7 @@ struct LoopReader {
     losses: LossReader,
     truth: TruthReader,
     io_nodes: IoReader,
+    io_currents: IoCurrentReader,
     drive_reports: DriveReportReader,
     traces: TraceReader,
     sources: SourceReader,
@@ -158,6 +160,7 @@ impl LoopReader {
             commands: CommandReader::new(one, period, kept_max)?,
             truth: TruthReader::new(one)?,
             io_nodes: IoReader::new(one),
+            io_currents: IoCurrentReader::new(one),
             drive_reports: DriveReportReader::new(one),
             traces: TraceReader::new(one),
             sources: SourceReader::new(one),
@@ -181,6 +184,7 @@ impl LoopReader {
             .chain(self.losses.raw_ids())
             .chain(self.truth.raw_id())
             .chain(self.io_nodes.raw_ids())
+            .chain(self.io_currents.raw_ids())
             .chain([SYNC_COB_ID.into(), self.drive_reports.raw_id])
     }
 
@@ -197,6 +201,7 @@ impl LoopReader {
             self.drive_reports.on_frame(time, frame);
         }
         self.io_nodes.on_frame(frame);
+        self.io_currents.on_frame(time.unwrap_or_default(), frame);
         let is_sync = frame.standard_id() == Some(SYNC_COB_ID);
         // After the end of the latest cycle and before the SYNC of another.
         let is_late = time.is_some_and(|time| time > self.late_from);
@@ -271,6 +276,7 @@ impl LoopReader {
         rest.lost_heartbeats = losses.heartbeats;
         rest.temperature_silence = losses.temperature_silence;
         rest.truth = self.truth.take_all(zero);
+        rest.io_currents_seconds = self.io_currents.take_all(latest);
         rest.traces = self.traces.take_all();
         rest.drive_reports = std::mem::take(&mut self.drive_reports.reports);
         rest

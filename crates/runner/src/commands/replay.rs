@@ -8,11 +8,13 @@ use platform::clock::{Clock, sleep};
 
 use crate::console::{WorkBar, print, print_problem, print_text};
 use crate::exit::{Exit, Failure};
+use crate::identity::identity;
 use crate::number;
 use crate::play::ViewerArgs;
 use crate::recorded::Recorded;
 use judge::verdict::Verdict;
 use recording::frame_queue::WhenFull;
+use recording::run_folder::file;
 use recording::session::with_limits;
 use report::terminal;
 use worlds::catalogue::catalogue;
@@ -70,6 +72,13 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), Failure> {
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
     let mut recorded = Recorded::load(path, played, catalogue())?;
     bar.expect(PASSES + recorded.passes_for_timing());
+    for name in changed_files(&recorded)? {
+        print_problem(format!(
+            "`{}` has another SHA-256 than the file that was played (`identity` in `{}`): the recording is judged by the one in the folder",
+            path.join(name).display(),
+            file::VERDICT
+        ));
+    }
     if let Some(limits) = limits {
         let plan = with_limits(recorded.plan, path, limits, catalogue())?;
         recorded.plan = plan.ok_or_else(|| {
@@ -82,6 +91,20 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), Failure> {
     let timelines = recorded.timelines()?;
     let verdict = recorded.judge(&timelines)?;
     Ok((recorded, verdict))
+}
+
+/// Returns the names of those files of the plan that are not as they were played.
+fn changed_files(recorded: &Recorded) -> Result<Vec<String>, Failure> {
+    let stored = recorded.stored.as_ref();
+    let Some(played) = stored.and_then(|stored| stored.identity.as_ref()) else {
+        return Ok(Vec::new());
+    };
+    let found = identity(&recorded.plan)?.files.into_iter();
+    let is_other = |(name, hash): &(String, String)| {
+        let played = played.files.get(name);
+        played.is_some_and(|played| played != hash)
+    };
+    Ok(found.filter(is_other).map(|(name, _)| name).collect())
 }
 
 /// Plays the recording into the viewers, at the speed of the command line.
