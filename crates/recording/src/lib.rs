@@ -11,11 +11,14 @@
 pub mod bus_log;
 pub mod capture;
 pub mod cell;
+pub mod conduct;
 pub mod drive_reports;
 pub mod ending;
 pub mod events;
+pub mod foreign;
 pub mod frame_queue;
 pub mod frames;
+pub mod hits;
 mod identifiers;
 mod io_nodes;
 pub mod latency;

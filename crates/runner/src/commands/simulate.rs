@@ -62,7 +62,7 @@ impl OneProcess<'_> {
         let hosting = self.args.guests.hosting(None, &announce);
         lockstep::simulate(plan, &hosting, &mut second)?;
         let zero = second.zero();
-        let (second, _) = second.finish()?;
+        let (second, _) = second.finish(plan)?;
         Ok(difference(plan, zero, [first, &second]))
     }
 }
