@@ -4,6 +4,7 @@ names the node that is the cause. No root and no kernel CAN are needed.
 Each case of tests/data/attribution/cases.txt is played up to three times, until its outcome and its cause are those."""
 
 import itertools
+import json
 import sys
 
 import pytest
@@ -22,23 +23,29 @@ SOME = ["controller/killed_at_1s", "master/nmt_stops_the_drive"]
 
 
 def attributed(canrig, case, tmp_path):
-    found = []
+    found, distrust = [], []
     for attempt in range(TRIES):
         folder = tmp_path / str(attempt)
         folder.mkdir(parents=True)
-        found.append(play.found(canrig, play.play(canrig, case, folder)))
+        run = play.play(canrig, case, folder)
+        found.append(play.found(canrig, run))
         if play.matches(EXPECTED[case], found[-1]):
             return
-    raise AssertionError(f"{case}: {found}, expected {EXPECTED[case]}")
+        distrust += json.loads((run / "verdict.json").read_text()).get("timing", {}).get("distrust", [])
+    raise AssertionError(f"{case}: {found}, expected {EXPECTED[case]}; {distrust}")
+
+
+def while_the_machine_is_quiet(canrig, case, tmp_path):
+    numbers = itertools.count()
+    while_time_flows(lambda: attributed(canrig, case, tmp_path / str(next(numbers))))
 
 
 @pytest.mark.parametrize("case", SOME)
 def test_the_cause_is_named(canrig, case, tmp_path):
-    numbers = itertools.count()
-    while_time_flows(lambda: attributed(canrig, case, tmp_path / str(next(numbers))))
+    while_the_machine_is_quiet(canrig, case, tmp_path)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", sorted(set(play.names()) - set(SOME)))
 def test_the_cause_of_each_case_is_named(canrig, case, tmp_path):
-    attributed(canrig, case, tmp_path)
+    while_the_machine_is_quiet(canrig, case, tmp_path)

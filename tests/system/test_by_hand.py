@@ -4,6 +4,8 @@ import pathlib
 import signal
 import subprocess
 
+from stalls import while_time_flows
+
 SCENARIO = """schema = 1
 rig = "sma_actuator"
 name = "by hand"
@@ -20,6 +22,10 @@ current_amperes_rms = { min = 0.2, max = 0.4 }
 
 
 def test_a_run_of_two_programs_passes(canrig, release, tmp_path):
+    while_time_flows(lambda: play(canrig, release, tmp_path))
+
+
+def play(canrig, release, tmp_path):
     scenario = tmp_path / "by_hand.toml"
     scenario.write_text(SCENARIO)
     externals = [word for name in ["controller", "drive", "disturbance"] for word in ["--external", name]]

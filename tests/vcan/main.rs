@@ -111,7 +111,8 @@ fn isolated(
             return test();
         }
         let this = std::env::current_exe()?;
-        while_time_flows(|| {
+        let text = |failed: &Failed| failed.message().unwrap_or_default();
+        let attempt = || {
             let mut test = in_namespace(&this.to_string_lossy());
             let test = test.env(INSIDE, "1").args(["--exact", name]).output()?;
             if test.status.success() {
@@ -120,6 +121,7 @@ fn isolated(
             let [stdout, stderr] =
                 [test.stdout, test.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
             Err(format!("{stdout}\n{stderr}").into())
-        })
+        };
+        while_time_flows(attempt, text)
     })
 }

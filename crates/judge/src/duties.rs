@@ -8,6 +8,7 @@ use scenario::node::Part;
 
 use crate::attribution::Commands;
 use crate::attribution::breaches::Duty;
+use crate::attribution::stalls::Stretch;
 use crate::evidence::{Absence, Evidence, Measurement};
 
 /// Metrics of duties, by their names in the table of metrics.
@@ -92,13 +93,29 @@ pub(crate) fn sync_period_error(evidence: &Evidence<'_>) -> Measurement {
 }
 
 /// Returns the largest such distance in percent, with the end of those periods. `with_host` includes periods that stalls explain.
-/// The count begins anew at missing SYNCs, and at late ones that follow in a burst.
 pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> Option<(f64, f64)> {
-    let period = evidence.timeline.period_seconds;
+    if !with_host && undecided_period(evidence).is_some() {
+        return None;
+    }
     let mut largest: Option<(f64, f64)> = None;
+    for (percent, until) in period_errors(evidence, with_host) {
+        if largest.is_none_or(|(largest, _)| percent > largest) {
+            largest = Some((percent, until));
+        }
+    }
+    largest
+}
+
+/// Returns the distance of the mean of each 64 SYNC periods from the nominal period in percent, with the end of those periods.
+/// The count begins anew at missing SYNCs, and at late ones that follow in a burst.
+fn period_errors<'a>(
+    evidence: &'a Evidence<'_>,
+    with_host: bool,
+) -> impl Iterator<Item = (f64, f64)> + use<'a> {
+    let period = evidence.timeline.period_seconds;
     let mut periods = VecDeque::with_capacity(PERIODS);
     let mut held_up = 0.0;
-    for (from, until) in sync_intervals(evidence) {
+    sync_intervals(evidence).filter_map(move |(from, until)| {
         let interval = (until - from) / period;
         let is_gap = interval > GAP_PERIODS;
         let is_held_up = held_up > 0.5 && interval < 0.5;
@@ -111,21 +128,29 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
         let is_of_host = !with_host && stall().is_some();
         if is_gap || is_held_up || is_of_host {
             periods.clear();
-            continue;
+            return None;
         }
         if periods.len() == PERIODS {
             periods.pop_front();
         }
         periods.push_back(interval);
-        if periods.len() == PERIODS {
-            let mean = periods.iter().sum::<f64>() / PERIODS as f64;
-            let percent = 100.0 * (mean - 1.0).abs();
-            if largest.is_none_or(|(largest, _)| percent > largest) {
-                largest = Some((percent, until));
-            }
-        }
+        let mean = periods.iter().sum::<f64>() / PERIODS as f64;
+        (periods.len() == PERIODS).then_some((100.0 * (mean - 1.0).abs(), until))
+    })
+}
+
+/// Returns the longest stall if stalls leave open whose SYNC periods exceeded their limit. Periods that are wrong at the end, too,
+/// are those of a wrong clock.
+pub(crate) fn undecided_period(evidence: &Evidence<'_>) -> Option<Stretch> {
+    let stall = evidence.attribution.undecided(Part::Controller)?;
+    let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
+    let mut is_exceeded = false;
+    let mut is_last = false;
+    for (percent, _) in period_errors(evidence, true) {
+        is_last = percent > max;
+        is_exceeded |= is_last;
     }
-    largest
+    (is_exceeded && !is_last).then_some(stall)
 }
 
 /// Returns the longest time between two SYNCs that no stall explains.

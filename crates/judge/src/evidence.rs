@@ -17,6 +17,7 @@ use scenario::node::Part;
 use crate::attribution::stalls::{Spans, Stretch, longest, shadows};
 use crate::attribution::{Attribution, Commands};
 use crate::circumstances::Circumstances;
+use crate::duties::undecided_period;
 use crate::metric::Metric;
 use crate::quality::reaches;
 
@@ -255,6 +256,7 @@ impl<'a> Evidence<'a> {
         for commands in [Commands::Missed, Commands::Late] {
             stalls.extend_from_slice(&commands.totals(self).stalls);
         }
+        stalls.extend(undecided_period(self));
         stalls
     }
 

@@ -35,6 +35,9 @@ pub struct Timing {
     pub position_to_command_microseconds: Quantiles,
     /// Time from the SYNC to the command.
     pub round_trip_microseconds: Quantiles,
+    /// Names of the nodes that canrig did not start, on a bus of this machine: they stand still with it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub on_this_machine: Vec<String>,
     /// Reasons why these numbers are no measure of the software; empty if they are.
     pub distrust: Vec<String>,
 }
@@ -50,6 +53,7 @@ impl Timing {
             distrust: distrust(&host, plan.duration()),
             controller: host.controller,
             plant_emulator: host.plant_emulator,
+            on_this_machine: host.on_this_machine,
             ..Self::default()
         };
         of_host.again(frames, plan)
@@ -168,7 +172,15 @@ fn distrust(host: &Host, duration: Duration) -> Vec<String> {
 
 /// Returns the reason to distrust a run in which the nodes were held up for too long.
 fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
+    let percent = distrusted_percent(stalls, duration)?;
     let longest = stalls.iter().max_by_key(|stall| stall.length())?;
+    Some(format!(
+        "stalls cover {percent:.2} % of the run (limit {STALLS_PERCENT_MAX} %); in the longest {longest}"
+    ))
+}
+
+/// Returns the percentage of a run that stalls cover, if it is too large to trust its timing.
+pub(crate) fn distrusted_percent(stalls: &[Stall], duration: Duration) -> Option<f64> {
     // Seconds since 1970 in an `f64` would lose the microseconds.
     let first = stalls.iter().map(|stall| stall.from).min()?;
     let seconds = |time: Duration| time.saturating_sub(first).as_secs_f64();
@@ -176,11 +188,7 @@ fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
     let spans = Spans::of(stalls.iter().map(span).collect());
     let covered = spans.seconds_in(f64::NEG_INFINITY, f64::INFINITY);
     let percent = 100.0 * covered / duration.as_secs_f64();
-    (percent > STALLS_PERCENT_MAX).then(|| {
-        format!(
-            "stalls cover {percent:.2} % of the run (limit {STALLS_PERCENT_MAX} %); in the longest {longest}"
-        )
-    })
+    (percent > STALLS_PERCENT_MAX).then_some(percent)
 }
 
 #[cfg(test)]
@@ -231,6 +239,7 @@ mod tests {
             sync_to_position_microseconds: Quantiles::default(),
             position_to_command_microseconds: Quantiles::default(),
             round_trip_microseconds: Quantiles::default(),
+            on_this_machine: Vec::new(),
             distrust: Vec::new(),
         }
     }

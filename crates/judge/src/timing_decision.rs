@@ -116,6 +116,7 @@ mod tests {
                 p99,
                 ..Quantiles::default()
             },
+            on_this_machine: Vec::new(),
             distrust: distrust.iter().map(ToString::to_string).collect(),
         }
     }

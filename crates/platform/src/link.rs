@@ -14,6 +14,7 @@ const FLAGS_WORD: usize = 2;
 /// Hardware type of CAN interfaces (`linux/if_arp.h`).
 const ARPHRD_CAN: u16 = 280;
 /// Attributes of `IFLA_LINKINFO`, and of a CAN interface in it (linux/can/netlink.h).
+pub(crate) const INFO_KIND: u16 = 1;
 const INFO_DATA: u16 = 2;
 const BIT_TIMING: u16 = 1;
 const STATE: u16 = 4;
@@ -21,6 +22,8 @@ const CONTROL_MODE: u16 = 5;
 const ERROR_COUNTERS: u16 = 8;
 const LOOPBACK: u32 = 0x01;
 const LISTEN_ONLY: u32 = 0x02;
+/// Kinds of CAN interfaces without a wire: every node on them runs on this machine.
+const VIRTUAL_KINDS: [&[u8]; 2] = [b"vcan\0", b"vxcan\0"];
 
 /// Error state of a CAN controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +47,8 @@ pub struct Link {
     pub is_can: bool,
     /// Whether the interface is up.
     pub is_up: bool,
+    /// Whether the interface has no wire (vcan, vxcan), so that all its nodes run on this machine.
+    pub is_virtual: bool,
     /// Bits per second.
     pub bit_rate: Option<u32>,
     /// The controller's error state.
@@ -70,9 +75,8 @@ pub fn link(name: &str) -> io::Result<Link> {
 /// Reads the kernel's answer.
 fn read(answer: &[u8]) -> Link {
     let attributes = answer.get(DESCRIPTION_BYTES..).unwrap_or_default();
-    let of_can = attribute(attributes, libc::IFLA_LINKINFO)
-        .and_then(|info| attribute(info, INFO_DATA))
-        .unwrap_or_default();
+    let info = attribute(attributes, libc::IFLA_LINKINFO).unwrap_or_default();
+    let of_can = attribute(info, INFO_DATA).unwrap_or_default();
     let number = |kind| word(attribute(of_can, kind)?, 0);
     // A mask comes before the modes.
     let modes = attribute(of_can, CONTROL_MODE).and_then(|modes| word(modes, 1));
@@ -84,6 +88,7 @@ fn read(answer: &[u8]) -> Link {
     Link {
         is_can: u16::from_ne_bytes(bytes_at(answer, TYPE_AT)) == ARPHRD_CAN,
         is_up: word(answer, FLAGS_WORD).is_some_and(|flags| flags & 1 != 0), // IFF_UP
+        is_virtual: attribute(info, INFO_KIND).is_some_and(|kind| VIRTUAL_KINDS.contains(&kind)),
         // A controller that was never configured has 0.
         bit_rate: number(BIT_TIMING).filter(|rate| *rate != 0),
         state: number(STATE).map(|state| match state {
@@ -105,13 +110,17 @@ mod tests {
 
     /// Answer about an interface that is up, with these attributes of CAN.
     fn answer(of_can: &[(u16, &[u32])]) -> Vec<u8> {
+        answer_of(b"can\0", of_can)
+    }
+
+    fn answer_of(kind: &[u8], of_can: &[(u16, &[u32])]) -> Vec<u8> {
         let mut data = Vec::new();
-        for (kind, words) in of_can {
+        for (attribute, words) in of_can {
             let value = Vec::from_iter(words.iter().flat_map(|word| word.to_ne_bytes()));
-            push_attribute(&mut data, *kind, &value);
+            push_attribute(&mut data, *attribute, &value);
         }
         let mut info = Vec::new();
-        push_attribute(&mut info, 1, b"can\0");
+        push_attribute(&mut info, INFO_KIND, kind);
         push_attribute(&mut info, INFO_DATA, &data);
         let mut answer = vec![0; DESCRIPTION_BYTES];
         answer[TYPE_AT..][..2].copy_from_slice(&ARPHRD_CAN.to_ne_bytes());
@@ -133,6 +142,7 @@ mod tests {
         let expected = Link {
             is_can: true,
             is_up: true,
+            is_virtual: false,
             bit_rate: Some(500_000),
             state: Some(CanState::ErrorPassive),
             errors: Some([128_u16.to_le(), 3_u16.to_le()]),
@@ -140,6 +150,13 @@ mod tests {
             is_loopback: false,
         };
         assert_eq!(read(&told), expected);
+    }
+
+    #[test]
+    fn an_interface_without_a_wire_is_known_by_its_kind() {
+        let is_virtual = |kind: &[u8]| read(&answer_of(kind, &[])).is_virtual;
+        assert!(is_virtual(b"vcan\0") && is_virtual(b"vxcan\0"));
+        assert!(!is_virtual(b"can\0") && !is_virtual(b"slcan\0") && !is_virtual(b""));
     }
 
     #[test]

@@ -25,6 +25,7 @@ use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 use socketcan::CanSocket;
 
 use crate::bus::{Bus, BusError};
+use crate::link::INFO_KIND;
 use crate::lockstep::channel;
 use crate::netlink::{ask, push_attribute};
 use crate::process;
@@ -202,7 +203,6 @@ fn make_interface() -> io::Result<()> {
     // NLM_F_REQUEST, NLM_F_ACK, NLM_F_EXCL, NLM_F_CREATE
     const ACKNOWLEDGED_NEW: u16 = 0x001 | 0x004 | 0x200 | 0x400;
     const IFF_UP: u32 = 1;
-    const INFO_KIND: u16 = 1;
     let up = IFF_UP.to_ne_bytes();
     let mut body = vec![0; 8]; // family, type and index are the kernel's to choose
     body.extend_from_slice(&up); // flags

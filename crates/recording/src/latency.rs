@@ -128,6 +128,8 @@ pub struct Host {
     pub plant_emulator: Option<NodeReport>,
     /// Step of the wall clock in the run.
     pub wall_clock_step: Duration,
+    /// Names of the nodes that canrig did not start, on a bus of this machine: they stand still with it.
+    pub on_this_machine: Vec<String>,
     /// Stalls by which the machine held the nodes up, in the order of time.
     pub stalls: Vec<Stall>,
     /// Frames that canrig's nodes sent.

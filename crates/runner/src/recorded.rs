@@ -159,6 +159,7 @@ impl Recorded {
             host: Host {
                 controller: timed.controller,
                 plant_emulator: timed.plant_emulator,
+                on_this_machine: timed.on_this_machine,
                 ..self.host.clone()
             },
         };

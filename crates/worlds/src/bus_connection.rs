@@ -5,6 +5,7 @@ use std::time::Duration;
 use can::Filter;
 use platform::bus::{Bus, BusAddress, BusError};
 use platform::hub::Hub;
+use platform::link::link;
 use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
 use platform::stop::{StopSignal, Stopper};
@@ -12,6 +13,7 @@ use platform::stop::{StopSignal, Stopper};
 use crate::bus_choice::RunBus;
 use crate::error::WorldError;
 use crate::names::BENCH;
+use plan::Plan;
 use recording::capture::Capture;
 use recording::log::Stamped;
 
@@ -29,6 +31,8 @@ pub struct BusConnection {
     recorder: Recorder,
     hub: Option<Hub>,
     private: Option<PrivateBus>,
+    /// Whether the bus has no wire: every node on it runs on this machine.
+    is_of_this_machine: bool,
 }
 
 impl BusConnection {
@@ -52,17 +56,31 @@ impl BusConnection {
                 (BusAddress::Private(made.process()), made.recorder()?)
             }
         };
+        let is_of_this_machine = match bus {
+            RunBus::Embedded { .. } | RunBus::Private => true,
+            RunBus::Interface(name) => link(name).is_ok_and(|link| link.is_virtual),
+        };
         Ok(Self {
             address,
             recorder,
             hub,
             private,
+            is_of_this_machine,
         })
     }
 
     /// Returns the address at which other programs find the bus.
     pub fn address(&self) -> &BusAddress {
         &self.address
+    }
+
+    /// Returns the nodes that canrig did not start and that stand still with this machine.
+    pub(super) fn on_this_machine(&self, plan: &Plan) -> Vec<String> {
+        if self.is_of_this_machine {
+            plan.expected_names()
+        } else {
+            Vec::new()
+        }
     }
 
     /// Joins the bus as a node of the bench itself.

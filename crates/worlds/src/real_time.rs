@@ -104,6 +104,7 @@ pub fn play(
             controller,
             plant_emulator: reports.into_values().reduce(NodeReport::beside),
             wall_clock_step: connection.wall_clock_step(),
+            on_this_machine: connection.on_this_machine(plan),
             stalls,
             sent,
         }),

@@ -18,7 +18,7 @@ use scenario::node::Part;
 
 use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
 use self::faults::ScenarioFaults;
-use self::stalls::{FeltStalls, Stretch, longest, stretches};
+use self::stalls::{FeltStalls, Stretch, longest, stretches, undecided};
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
 
@@ -59,6 +59,8 @@ pub(crate) struct Attribution<'a> {
     pub(crate) faults: ScenarioFaults<'a>,
     /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
+    /// Longest stall, if stalls leave open what controller and drive broke that canrig did not start.
+    undecided: [Option<Stretch>; 2],
     /// First cycle from which frames are missing to the end. Such a silence is not taken for an unnoticed stall.
     silent_from: u64,
     /// Totals of the missed cycles.
@@ -84,6 +86,8 @@ impl<'a> Attribution<'a> {
             felt,
             faults: ScenarioFaults::new(timeline, one),
             stood: [None; 2],
+            undecided: [Part::Controller, Part::Drive]
+                .map(|node| undecided(node, &stretches, one, host)),
             silent_from: 0,
             cycles: Totals::default(),
         };
@@ -104,7 +108,8 @@ impl<'a> Attribution<'a> {
 
     /// Returns those of canrig's nodes that stalled in the cycles that they left out. Such a node has a loop that counted no
     /// overrun. Any node counts if stalls explain four of five missed cycles, since no clock of the machine shows a processor
-    /// that the host of a virtual machine took from a running thread.
+    /// that the host of a virtual machine took from a running thread. A node that canrig did not start counts if it stands still
+    /// with the machine, and stalls cover more of the run than is trusted: nobody watches its process.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
         let is_by_canrig = |duty: &Duty| !duty.is_of_external(self.control_loop);
         let by_nodes = self.cycles.by_nodes.iter();
@@ -113,9 +118,17 @@ impl<'a> Attribution<'a> {
         let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
         let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
+            if !is_by_canrig(&duty) {
+                return self.undecided[place(duty.node())].map(Some);
+            }
             let is_punctual = circumstances.is_punctual(duty.node());
-            (is_by_canrig(&duty) && (prevails || is_punctual)).then_some(prevailing)
+            (prevails || is_punctual).then_some(prevailing)
         })
+    }
+
+    /// Returns the longest stall of a run whose stalls leave open what a node broke that stands still with the machine.
+    pub(crate) fn undecided(&self, node: Part) -> Option<Stretch> {
+        self.undecided[place(node)]
     }
 
     /// Attributes each of these breaches, which are in the order of time. Breaches without interruption have the cause of the
@@ -420,5 +433,7 @@ pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> 
         && timeline.last_frame_seconds + tolerance >= one.trial.run.duration_seconds
 }
 
+#[cfg(test)]
+mod stall_tests;
 #[cfg(test)]
 mod tests;

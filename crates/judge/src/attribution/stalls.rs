@@ -3,9 +3,12 @@
 use std::time::Duration;
 
 use plan::ControlLoop;
+use recording::latency::Host;
 use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::node::Part;
+
+use crate::timing::distrusted_percent;
 
 /// Longest time, in periods, after a stall until the frames that it held up have come.
 const BURST_PERIODS: f64 = 2.0;
@@ -67,6 +70,21 @@ pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
         stall: *stall,
     };
     stalls.iter().map(stretch).collect()
+}
+
+/// Returns the longest stall if stalls cover more of the run than is trusted and a node that canrig did not start stands still
+/// with the machine: whether its process could run is not known.
+pub(super) fn undecided(
+    node: Part,
+    stretches: &[Stretch],
+    one: &ControlLoop,
+    host: &Host,
+) -> Option<Stretch> {
+    let name = &one.nodes.of(node)?.name;
+    let duration = Duration::from_secs_f64(one.trial.run.duration_seconds);
+    let is_distrusted = || distrusted_percent(&host.stalls, duration).is_some();
+    let is_open = host.on_this_machine.contains(name) && is_distrusted();
+    longest(stretches).filter(|_| is_open)
 }
 
 /// Stalls that a node feels.

@@ -20,7 +20,7 @@ const OPERATION_ENABLED: f64 = 39.0;
 
 /// Event of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Cycle {
+pub(super) enum Cycle {
     Served,
     WithoutPosition,
     WithoutSync,
@@ -28,10 +28,10 @@ enum Cycle {
 
 /// Stall in milliseconds of scenario time, which may begin before time 0.
 #[derive(Clone, Copy, Debug)]
-struct Held {
-    from: i64,
-    length: u32,
-    who: Who,
+pub(super) struct Held {
+    pub(super) from: i64,
+    pub(super) length: u32,
+    pub(super) who: Who,
 }
 
 fn micros(micros: u64) -> Duration {
@@ -39,14 +39,14 @@ fn micros(micros: u64) -> Duration {
 }
 
 impl Held {
-    fn stall(self) -> Stall {
+    pub(super) fn stall(self) -> Stall {
         let from = micros(ZERO_MICROS.checked_add_signed(1000 * self.from).unwrap());
         let until = from + micros(1000 * u64::from(self.length));
         Stall::new(from, until, self.who, What::Waited)
     }
 }
 
-fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
+pub(super) fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
     let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
     let mut text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
@@ -64,7 +64,7 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
 }
 
 /// Returns the recording of these cycles, of which the first has its SYNC, and of a frame at the end.
-fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
+pub(super) fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
     let database = Database::shipped();
     let signal = |path| database.signal(path).unwrap();
     let mut message = database.builder("drive_tpdo1").unwrap();
