@@ -8,6 +8,7 @@
 //!
 //! The proof that this changes no result is in docs/design/lock-step.md; a test compares it with asking at every event.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use can::frame_bits::{arbitration_key, frame_bits};
@@ -325,11 +326,10 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             let after = state.activity();
             if after == Activity::Off {
                 let (outbox, truths) = (std::mem::take(&mut slot.outbox), &faults.truths);
-                let (kept, dropped) = outbox
+                let (kept, dropped): (VecDeque<_>, VecDeque<_>) = outbox
                     .into_iter()
                     .partition(|(_, frame)| is_truth(truths, frame));
                 slot.outbox = kept;
-                let dropped: Vec<Timed> = dropped;
                 for (_, frame) in &dropped {
                     faults.note_dropped(index, frame, now);
                 }
@@ -337,7 +337,7 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
                 slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
             }
             if after != before {
-                let message = state.message(number, false);
+                let message = faults.states[index].message(number, false);
                 self.wire.put(now, &message, 0)?;
                 if slot.accepted.accepts(&message) {
                     slot.receive(self.now, &message);
