@@ -305,3 +305,49 @@ fn coverage_shows_what_is_met_missed_broken_off_and_never_tested() {
     assert_eq!(code, Some(3), "{stderr}");
     assert!(stderr.contains("must name the column `id`"), "{stderr}");
 }
+
+/// A scenario that passes because nothing was judged meets no requirement, and neither does a sweep of it.
+#[test]
+fn a_requirement_is_not_covered_where_no_limit_is_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, added: &str| {
+        let path = folder.path().join(format!("{name}.toml"));
+        let text = format!(
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"{name}\"\nrequirements = [\"REQ-1\"]\nduration_seconds = 0.2\n\
+             [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n{added}"
+        );
+        fs::write(&path, text).unwrap();
+        path
+    };
+    let sweep = "[sweep]\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]\n";
+    let timing = "[expect.timing]\nround_trip_microseconds = { p99 = { max = 900.0 } }\n";
+    let limit = "[expect]\ncurrent_amperes_rms = { max = 5.0 }\n";
+    let nothing = "nothing is limited";
+    let untimed = "only timing is limited, which virtual time does not judge";
+    for (name, command, added, why) in [
+        ("free", "simulate", "", Some(nothing)),
+        ("swept", "sweep", sweep, Some(nothing)),
+        ("timed", "simulate", timing, Some(untimed)),
+        ("limited", "simulate", limit, None),
+    ] {
+        let run = played(&folder.path().join(name), command, &[], &write(name, added));
+        let page = folder.path().join("page.html");
+        let (code, stdout, _) = coverage(&["--output", page.to_str().unwrap()], &[&run]);
+        let page = fs::read_to_string(&page).unwrap();
+        let (_, json, _) = coverage(&["--json"], &[&run]);
+        let matrix: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let test = &matrix[0]["tests"][0];
+        let Some(why) = why else {
+            assert_eq!(code, Some(0), "{stdout}");
+            assert_eq!(test["outcome"], "pass", "{json}");
+            continue;
+        };
+        assert_eq!(code, Some(1), "{stdout}");
+        assert!(stdout.contains("1 requirement: 1 not covered"), "{stdout}");
+        let said = Vec::from_iter(stdout.split_whitespace()).join(" ");
+        assert!(said.contains(why.split(' ').next().unwrap()), "{said}");
+        assert!(page.contains("not covered") && page.contains(why), "{page}");
+        assert!(test["outcome"].is_null(), "{json}");
+        assert_eq!(test["uncovered"], why, "{json}");
+    }
+}

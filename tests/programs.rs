@@ -177,6 +177,34 @@ fn a_program_that_leaves_the_limits_of_its_drive_is_stopped() {
         logs.push(log);
     }
     assert_eq!(logs[0], logs[1]);
+    in_real_time(|| is_stopped_in_real_time(&scenario));
+}
+
+/// The frames by which the bench stops the drive are its own, not those of a second master.
+fn is_stopped_in_real_time(scenario: &Path) {
+    let runs = scenario.with_file_name("real");
+    let _ = fs::remove_dir_all(&runs);
+    let mut canrig = canrig(&runs, "run");
+    canrig.env("DRIVE_JUMPS_TO_MILLIMETRES", "50");
+    let options = ["--bus", "embedded", "--no-heating"];
+    let (code, stdout, stderr) = output(canrig.arg(scenario).args(options));
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    let run = only_run(&runs);
+    let verdict: serde_json::Value = serde_json::from_slice(&read(&run, "verdict.json")).unwrap();
+    assert_eq!(verdict["cause"]["node"], "drive", "{verdict}");
+    assert_eq!(verdict["cause"]["duty"], "limit", "{verdict}");
+    let sent = String::from_utf8(read(&run, "sent.csv")).unwrap();
+    assert!(sent.contains("\nbench,0x000,1\n"), "{sent}");
+    let (code, text, _) = output(
+        Command::new(env!("CARGO_BIN_EXE_canrig"))
+            .arg("replay")
+            .arg(&run),
+    );
+    assert_eq!(code, Some(1), "{text}");
+    assert!(
+        text.contains("the same verdict as that of the run"),
+        "{text}"
+    );
 }
 
 /// Returns each frame of a log: identifier and data.

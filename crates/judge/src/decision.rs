@@ -9,11 +9,13 @@ use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Pass;
+use scenario::expect::rounded;
 use scenario::metrics::is_traffic_metric;
 use scenario::node::Part;
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};
+use crate::attribution::faults::span;
 use crate::attribution::limits::open_limits;
 use crate::attribution::{Cause, Commands, Totals};
 use crate::circumstances::Circumstances;
@@ -33,6 +35,9 @@ use crate::verdict::{Outcome, Verdict};
 const LOSSES_MAX: usize = 20;
 /// Bus load from which on a cycle with more frames than the others does not end in its time.
 const BUSY_BUS_PERCENT: f64 = 70.0;
+
+/// Duty of a drive that violated a limit of its rig, in `verdict.json`.
+const LIMIT: &str = "limit";
 
 /// Name of the metric that decides before all others: on an overloaded bus no other metric has a meaning.
 const BUS_LOAD: &str = "bus_load_percent";
@@ -135,6 +140,8 @@ struct BrokeOff {
     cause: NamedCause,
     /// Whether the host is the cause.
     is_of_host: bool,
+    /// Whether a fault of the scenario made the end look like a node's.
+    is_of_fault: bool,
 }
 
 impl BrokeOff {
@@ -155,6 +162,9 @@ fn is_in_loop(evidence: &Evidence<'_>, node: &str) -> bool {
 
 /// Returns the earliest breach of all loops that lasts to an end caused by a node, or else the end itself.
 fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
+    if let Some(violation) = violation(all, end) {
+        return violation;
+    }
     let lasting = all.iter().filter_map(|evidence| {
         let lasting = Lasting::earliest(evidence, Some(end.at_seconds?))?;
         Some((lasting, evidence))
@@ -165,6 +175,7 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
         return BrokeOff {
             cause: lasting.named(evidence),
             is_of_host: matches!(lasting.cause, Cause::Host(_)),
+            is_of_fault: false,
         };
     }
     let ended_by = end.node.as_deref().unwrap_or_default();
@@ -178,6 +189,7 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
     });
     BrokeOff {
         is_of_host: stall.is_some(),
+        is_of_fault: false,
         cause: stall.unwrap_or_else(|| NamedCause {
             node: end.node.clone().unwrap_or_default(),
             duty: "end".to_owned(),
@@ -185,6 +197,47 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
             description: end.to_string(),
         }),
     }
+}
+
+/// Returns the end by a drive that violated a limit of its rig, unless a duty that the drive had broken before explains it. A fault
+/// that changes frames on the bus may have changed the one that shows it.
+fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
+    let at = end.at_seconds.filter(|_| end.is_rig_limit)?;
+    let drive = end.node.clone().unwrap_or_default();
+    let evidence = all
+        .iter()
+        .find(|evidence| evidence.control_loop.nodes.drive.name == drive)?;
+    let lasting = Lasting::earliest(evidence, Some(at));
+    if lasting.is_some_and(|lasting| lasting.duty.node() == Part::Drive) {
+        return None;
+    }
+    let mut corruptions = evidence.trial.run.faults.of("corrupt");
+    let is_of_fault = corruptions.any(|fault| {
+        let (from, until) = span(fault);
+        (from..=until).contains(&at)
+    });
+    let (node, description) = if is_of_fault {
+        let description = format!("a fault of the scenario changes frames ({end})");
+        ("fault".to_owned(), description)
+    } else if Duty::Command.is_of_external(evidence.control_loop) {
+        let controller = node_name(evidence, Part::Controller);
+        (
+            drive,
+            format!("{end}; the {controller} that leads it is under test, too"),
+        )
+    } else {
+        (drive, end.to_string())
+    };
+    Some(BrokeOff {
+        cause: NamedCause {
+            node,
+            duty: LIMIT.to_owned(),
+            at_seconds: Some(rounded(at)),
+            description,
+        },
+        is_of_host: false,
+        is_of_fault,
+    })
 }
 
 /// Decides a run that broke off. Its traffic is reported, and so are its failures until then. An end by a node is a failure,
@@ -215,9 +268,15 @@ fn decide_broken(
         );
         return (Outcome::Inconclusive, Some(reason), cause);
     }
+    if broke_off.is_of_fault {
+        metrics.iter_mut().for_each(leave_open);
+        return (Outcome::Inconclusive, Some(description.clone()), cause);
+    }
     // The end follows from a cause elsewhere by the watch of another node.
     let reason = if broke_off.cause.node != end.node.as_deref().unwrap_or_default() {
         format!("{description}; {end}")
+    } else if broke_off.cause.duty == LIMIT {
+        description.clone()
     } else {
         end.to_string()
     };

@@ -977,6 +977,52 @@ fn an_end_in_a_stall_proves_nothing() {
     }
 }
 
+/// The controller gives up at the frame that shows it, so SYNC and commands are missing from there on.
+#[test]
+fn a_drive_beyond_a_limit_of_its_rig_fails_the_run() {
+    let judged = |added: &str, external: &[&str]| {
+        let external = external.iter().map(ToString::to_string);
+        let plan = Plan::new(scenario(added), &Catalogue::shipped());
+        let plan = plan.recorded_external(&Vec::from_iter(external));
+        let mut frames = frames(1500, |_| Some(10.0));
+        answer_positions(&mut frames);
+        let last = frames.iter().rposition(|one| one.frame.raw_id() == 0x190);
+        frames.truncate(last.unwrap() + 1);
+        let timelines = decode(&frames.into(), &plan).unwrap();
+        let circumstances = Circumstances {
+            ended_early: Some(EarlyEnd {
+                node: Some("drive".to_owned()),
+                at_seconds: Some(1.499_13),
+                is_rig_limit: true,
+                ..EarlyEnd::without_node(EndedBy::Node, "limit of the rig")
+            }),
+            ..Circumstances::default()
+        };
+        let verdict = judge(&plan, &timelines, &circumstances);
+        let cause = verdict.cause.unwrap();
+        let reason = verdict.reason.unwrap();
+        (verdict.outcome, reason, [cause.node, cause.duty])
+    };
+    let drive = ["drive", "limit"].map(str::to_owned);
+    let expected = (Outcome::Fail, "drive: limit of the rig".to_owned(), drive);
+    assert_eq!(judged("", &["drive"]), expected);
+    let (outcome, reason, cause) = judged("", &["drive", "controller"]);
+    assert_eq!((outcome, &cause), (Outcome::Fail, &expected.2));
+    assert_eq!(
+        reason,
+        "drive: limit of the rig; the controller that leads it is under test, too"
+    );
+    let corrupt = |from: f64| {
+        let added = format!(
+            "[[fault.bus.corrupt]]\nfrom_seconds = {from:.1}\nsender = \"drive\"\nidentifier = 0x190\nprobability = 1.0\n"
+        );
+        let (outcome, _, [node, _]) = judged(&added, &["drive"]);
+        (outcome, node)
+    };
+    assert_eq!(corrupt(1.0), (Outcome::Inconclusive, "fault".to_owned()));
+    assert_eq!(corrupt(3.0), (Outcome::Fail, "drive".to_owned()));
+}
+
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
     let plan = Plan::new(scenario(""), &Catalogue::shipped());
@@ -1131,11 +1177,10 @@ fn the_earliest_breach_is_the_cause() {
         let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {
-                by: EndedBy::Node,
                 node: Some("drive".to_owned()),
                 since_seconds: Some(1.2),
                 at_seconds: Some(1.3),
-                what: "silent since 1.200 s".to_owned(),
+                ..EarlyEnd::without_node(EndedBy::Node, "silent since 1.200 s")
             }),
             host: Host {
                 stalls,

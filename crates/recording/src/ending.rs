@@ -31,6 +31,13 @@ pub struct EarlyEnd {
     pub at_seconds: Option<f64>,
     /// Description of the cause.
     pub what: String,
+    /// Whether a drive violated a limit of its rig.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub is_rig_limit: bool,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 impl EarlyEnd {
@@ -42,6 +49,7 @@ impl EarlyEnd {
             since_seconds: None,
             at_seconds: None,
             what: what.into(),
+            is_rig_limit: false,
         }
     }
 }

@@ -17,6 +17,7 @@ use recording::log::Stamped;
 
 use crate::error::{Doing, WorldError};
 use crate::names::emulator_name;
+use crate::supervisor::Supervisor;
 
 /// Time before the end in which trouble of the bus explains why a node gave up.
 const BUS_TROUBLE: Duration = Duration::from_secs(1);
@@ -46,10 +47,7 @@ pub(crate) fn end_by_node(
     match error {
         WorldError::Silent { node, silence } => Ok(seen.silent(&node, silence)),
         WorldError::NoStart { patience } => Ok(seen.never_began(patience)),
-        WorldError::Violation { ref drive, .. } => {
-            let what = format!("{error}{}", seen.when());
-            Ok(seen.end(drive, None, what))
-        }
+        WorldError::Violation { ref drive, .. } => Ok(seen.violated(drive, &error)),
         WorldError::NoStop { ref name, .. } => {
             Ok(seen.end(seen.node(name), None, error.to_string()))
         }
@@ -160,6 +158,25 @@ impl<'a> Seen<'a> {
             since_seconds: since.map(|since| self.stamp(since)),
             at_seconds: self.end_of_recording().map(|end| self.stamp(end)),
             what,
+            is_rig_limit: false,
+        }
+    }
+
+    /// Returns the end by a drive that violated a limit of the rig, at the frame that shows it.
+    fn violated(&self, drive: &str, error: &WorldError) -> EarlyEnd {
+        let mut loops = self.plan.loops.iter();
+        let supervisor = loops
+            .find(|one| one.nodes.drive.name == drive)
+            .map(Supervisor::new);
+        let shown = supervisor.and_then(|mut supervisor| {
+            let mut frames = self.frames.iter();
+            frames.find(|one| supervisor.check(one.time, &one.frame).is_some())
+        });
+        let at = shown.map(|shown| shown.time).or(self.end_of_recording());
+        EarlyEnd {
+            at_seconds: at.map(|at| self.stamp(at)),
+            is_rig_limit: true,
+            ..self.end(drive, None, format!("{error}{}", self.when_at(at)))
         }
     }
 

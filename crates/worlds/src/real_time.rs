@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use platform::clock::{Clock, sleep};
-use platform::real_time::RunError;
+use platform::real_time::{RunError, run_reporting};
 
 use crate::after_end;
 use crate::bench_node::BenchNode;
@@ -57,8 +57,8 @@ pub fn play(
         stalls: &stalls,
         is_enough,
     };
-    let (end, ended, stopped) = std::thread::scope(|scope| {
-        let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *bus, &stop));
+    let (end, (report, ended), stopped) = std::thread::scope(|scope| {
+        let bench = scope.spawn(|| run_reporting(&mut bench, &mut *bus, &stop));
         let end = run.follow(|| bench.is_finished());
         let is_second_master = matches!(end, Err(WorldError::SecondMaster(_)));
         if is_second_master {
@@ -78,13 +78,9 @@ pub fn play(
     if let Err(second_master @ WorldError::SecondMaster(_)) = end {
         return Err(second_master);
     }
-    let by_bench = ended
-        .as_ref()
-        .map(|report| Vec::from_iter(report.sent_frames()))
-        .unwrap_or_default();
     let end = match (ended, bench.violation()) {
         (Err(RunError::Node(_)), Some(violation)) => Err(violation),
-        (ended, _) => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
+        (ended, _) => end.and_then(|end| ended.map(|()| end).map_err(WorldError::Bench)),
     };
     let (end, mut reports) = with_reports(end, stopped);
     let controller = plan.controller().name.as_str();
@@ -95,7 +91,7 @@ pub fn play(
         controller.late.clear();
     }
     let stalls = stalls.finish(connection, &mut reports);
-    let sent = sent(plan, &mut reports, by_bench);
+    let sent = sent(plan, &mut reports, report.sent_frames().collect());
     let end = end.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
     let controller = reports.remove(controller);
     Ok(Played {

@@ -184,6 +184,7 @@ mod tests {
                 limit: String::new(),
                 measured: None,
                 outcome: *outcome,
+                uncovered: None,
                 case: None,
             };
             (play, tested)

@@ -29,8 +29,11 @@ pub(super) struct Requirement {
 pub(super) struct RequirementTest {
     /// Name of the scenario, with an addition that tells this test from others of that name.
     pub scenario: String,
-    /// Worst outcome of the rows, in the latest play.
-    pub outcome: Outcome,
+    /// Worst outcome of the rows, in the latest play; `None` if no limit was judged.
+    pub outcome: Option<Outcome>,
+    /// Reason why the test does not cover the requirement.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uncovered: Option<&'static str>,
     /// Rows of the verdict that count; empty if the scenario counts as a whole.
     pub rows: Vec<String>,
     /// Of rows the measured value and the limit, each in the play with the worst outcome of the row, which may be another than `run`.
@@ -65,9 +68,9 @@ impl Requirement {
         }
     }
 
-    /// Returns the worst outcome of the tests; `None` if there are no tests.
+    /// Returns the worst outcome of the tests; `None` if none covers the requirement.
     pub(super) fn outcome(&self) -> Option<Outcome> {
-        self.tests.iter().map(|test| test.outcome).max()
+        self.tests.iter().filter_map(|test| test.outcome).max()
     }
 }
 
@@ -75,7 +78,7 @@ impl RequirementTest {
     /// Returns the test by its results in the plays that count, of which there is one at least; it was played `plays` times.
     pub(super) fn new(scenario: &str, plays: usize, results: &[(&Play, &Tested)]) -> Self {
         let mut worst_first = results.to_vec();
-        worst_first.sort_by_key(|(_, one)| Reverse(one.outcome));
+        worst_first.sort_by_key(|(_, one)| (one.uncovered.is_some(), Reverse(one.outcome)));
         let (play, worst) = worst_first[0];
         let mut rows = Vec::new();
         for row in results.iter().filter_map(|(_, one)| one.row.as_ref()) {
@@ -91,7 +94,8 @@ impl RequirementTest {
         });
         Self {
             scenario: scenario.to_owned(),
-            outcome: worst.outcome,
+            outcome: worst.uncovered.is_none().then_some(worst.outcome),
+            uncovered: worst.uncovered,
             rows,
             measured: measured.collect(),
             run: play.folder.clone(),
@@ -125,6 +129,7 @@ mod tests {
             limit: "10".to_owned(),
             measured: Some(value.to_owned()),
             outcome,
+            uncovered: None,
             case: None,
         };
         let (first, second) = (play("first"), play("second"));
@@ -135,7 +140,7 @@ mod tests {
             (&second, &tested("settling", "12", Inconclusive)),
         ];
         let test = RequirementTest::new("step", 2, &results);
-        assert_eq!((test.outcome, test.run), (Fail, "first".into()));
+        assert_eq!((test.outcome, test.run), (Some(Fail), "first".into()));
         assert_eq!(test.rows, ["overshoot", "settling"]);
         let expected = [("overshoot", "11"), ("settling", "12")]
             .map(|(row, value)| (row.to_owned(), measured(value)));

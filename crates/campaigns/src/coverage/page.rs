@@ -13,6 +13,9 @@ use report::{page, terminal};
 /// Result of a requirement without tests.
 const NEVER_TESTED: &str = "never tested";
 
+/// Result of a test that judges no limit.
+const NOT_COVERED: &str = "not covered";
+
 /// Returns one line for each requirement and scenario, then the number of each kind.
 pub(super) fn to_text(requirements: &[Requirement]) -> Text {
     let mut table = Table::new(["requirement", "scenario", "tested by", "played", "result"]);
@@ -31,7 +34,10 @@ pub(super) fn to_text(requirements: &[Requirement]) -> Text {
                 Cell::new(&test.scenario),
                 Cell::new(tested_by(test)),
                 Cell::new(played(test, "\n")),
-                terminal::outcome(test.outcome),
+                match test.outcome {
+                    Some(outcome) => terminal::outcome(outcome),
+                    None => Cell::new(NOT_COVERED).bad(),
+                },
             ]);
         }
     }
@@ -89,9 +95,10 @@ fn remark(requirement: &Requirement) -> Markup {
 
 /// Returns the rows that count, and the runs of the sweep that decide.
 fn tested_by(test: &RequirementTest) -> String {
-    let rows = match test.rows.as_slice() {
-        [] => "all limits".to_owned(),
-        rows => rows.join("\n"),
+    let rows = match (test.uncovered, test.rows.as_slice()) {
+        (Some(why), _) => why.to_owned(),
+        (None, []) => "all limits".to_owned(),
+        (None, rows) => rows.join("\n"),
     };
     match runs_of_sweep(test) {
         None => rows,
@@ -103,7 +110,9 @@ fn tested_by(test: &RequirementTest) -> String {
 fn runs_of_sweep(test: &RequirementTest) -> Option<String> {
     Some(match (test.sweep_runs?, test.case) {
         (runs, Some(case)) => format!("the worst of {runs} runs: case {case}"),
-        (runs, None) if test.outcome == Outcome::Pass => format!("all {runs} runs"),
+        (runs, None) if test.outcome.is_none_or(|one| one == Outcome::Pass) => {
+            format!("all {runs} runs")
+        }
         (_, None) => "not all runs of the sweep were played".to_owned(),
     })
 }
@@ -132,7 +141,8 @@ fn played(test: &RequirementTest, between: &str) -> String {
 fn overall(requirement: &Requirement) -> Markup {
     html! { @match requirement.outcome() {
         Some(outcome) => span.(page::class(outcome)) { (page::word(outcome)) },
-        None => span.fail { (NEVER_TESTED) },
+        None if requirement.tests.is_empty() => span.fail { (NEVER_TESTED) },
+        None => span.fail { (NOT_COVERED) },
     } }
 }
 
@@ -144,31 +154,40 @@ fn cell(
     let mut tests = requirement.tests.iter();
     let test = tests.find(|test| test.scenario == scenario)?;
     Some(html! { div {
-        @let word = html! { span.(page::class(test.outcome)) { (page::word(test.outcome)) } };
+        @let word = html! { @match test.outcome {
+            Some(outcome) => span.(page::class(outcome)) { (page::word(outcome)) },
+            None => span.fail { (NOT_COVERED) },
+        } };
         @match page_of(&test.run) {
             Some(page) => a href=(page) title=(tested_by(test)) { (word) },
             None => span title=(tested_by(test)) { (word) },
         }
         @for row in &test.rows { div { (measured(test, row)) } }
-        @if test.rows.is_empty() { div { "all limits" } }
+        @if test.rows.is_empty() { div { (test.uncovered.unwrap_or("all limits")) } }
         @if let Some(runs) = runs_of_sweep(test) { div.soft { (runs) } }
         div.soft { (played(test, " ")) }
     } })
 }
 
 fn summary(requirements: &[Requirement]) -> String {
-    let count = |outcome: Option<Outcome>| {
-        let same = requirements.iter().filter(|one| one.outcome() == outcome);
-        same.count()
+    let kind = |one: &Requirement| match one.outcome() {
+        Some(Outcome::Pass) => "met",
+        Some(Outcome::Fail) => "failed",
+        Some(Outcome::Incomplete) => "incomplete",
+        Some(Outcome::Inconclusive) => "inconclusive",
+        None if one.tests.is_empty() => NEVER_TESTED,
+        None => NOT_COVERED,
     };
     let kinds = [
-        (Some(Outcome::Pass), "met"),
-        (Some(Outcome::Fail), "failed"),
-        (Some(Outcome::Incomplete), "incomplete"),
-        (Some(Outcome::Inconclusive), "inconclusive"),
-        (None, NEVER_TESTED),
+        "met",
+        "failed",
+        "incomplete",
+        "inconclusive",
+        NOT_COVERED,
+        NEVER_TESTED,
     ];
-    let counted = kinds.map(|(outcome, name)| (count(outcome), name));
+    let count = |name| requirements.iter().filter(|one| kind(one) == name).count();
+    let counted = kinds.map(|name| (count(name), name));
     let found = counted.iter().filter(|(count, _)| *count > 0);
     let counts = Vec::from_iter(found.map(|(count, name)| format!("{count} {name}")));
     match requirements.len() {

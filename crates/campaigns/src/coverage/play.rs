@@ -12,6 +12,7 @@ use runner::exit::Failure;
 use runner::play_record::PlayRecord;
 use runner::recorded::{holds_many_runs, read_played, require_run};
 use scenario::expect::ExpectedRow;
+use scenario::sweep::Sweep;
 use worlds::catalogue::catalogue;
 
 use crate::sweep::Shard;
@@ -46,6 +47,8 @@ pub(super) struct Tested {
     pub(super) measured: Option<String>,
     /// Outcome of the row, in the worst of a sweep's runs.
     pub(super) outcome: Outcome,
+    /// Reason why passing proves nothing; `None` where a limit was judged.
+    pub(super) uncovered: Option<&'static str>,
     /// Run of the sweep with this outcome.
     pub(super) case: Option<usize>,
 }
@@ -73,8 +76,10 @@ impl Play {
         // A run counts as a sweep with one case.
         let run = SweepRow::from_verdict(1, "", &verdict);
         let mut tested = tested(&plan);
+        let uncovered = uncovered(&plan, !untimed.is_empty());
         for one in tested.values_mut().flatten() {
             one.judge(&run, &verdict, &untimed);
+            one.leave_uncovered(uncovered);
         }
         let external = verdict.external.iter();
         let kind = external.map(|node| format!("external {node}"));
@@ -113,6 +118,10 @@ impl Play {
             for one in all {
                 one.worsen(Outcome::Incomplete, None);
             }
+        }
+        let uncovered = uncovered(&plan, !untimed.is_empty());
+        for one in tested.values_mut().flatten() {
+            one.leave_uncovered(uncovered);
         }
         let runs = header.as_ref().map_or(0, |header| header.runs);
         let version = header.map(|header| header.version);
@@ -162,6 +171,12 @@ impl Tested {
         }
     }
 
+    /// Takes the reason why a scenario that passes as a whole proves nothing.
+    fn leave_uncovered(&mut self, why: Option<&'static str>) {
+        let is_of_whole = self.row.is_none() && self.outcome == Outcome::Pass;
+        self.uncovered = why.filter(|_| is_of_whole);
+    }
+
     /// Takes an outcome that is worse, with its case. Returns whether it was worse.
     fn worsen(&mut self, outcome: Outcome, case: Option<usize>) -> bool {
         let is_worse = outcome > self.outcome;
@@ -188,6 +203,7 @@ fn tested(plan: &Plan) -> BTreeMap<String, Vec<Tested>> {
             limit: row.map_or_else(String::new, |row| terminal::limit(&row.name, row.limit)),
             measured: None,
             outcome: Outcome::Pass,
+            uncovered: None,
             case: None,
         });
     };
@@ -206,6 +222,19 @@ fn tested(plan: &Plan) -> BTreeMap<String, Vec<Tested>> {
 fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
     let rows = plan.shared.run.expect.timing.rows();
     rows.filter(|_| is_untimed).collect()
+}
+
+/// Returns the reason why a play of a scenario that passes proves nothing, if no limit was judged. A sweep may vary one.
+fn uncovered(plan: &Plan, is_untimed: bool) -> Option<&'static str> {
+    let sweep = plan.shared.sweep.as_ref();
+    let mut keys = sweep.into_iter().flat_map(Sweep::keys);
+    let is_limited = !judge::limits(plan).is_empty() || keys.any(|key| key.starts_with("expect."));
+    let is_timed = plan.shared.run.expect.timing.rows().next().is_some();
+    match (is_limited, is_timed, is_untimed) {
+        (true, ..) | (_, true, false) => None,
+        (_, true, true) => Some("only timing is limited, which virtual time does not judge"),
+        (_, false, _) => Some("nothing is limited"),
+    }
 }
 
 /// Returns the outcome of a row, or of the whole run, according to the row of a sweep.
@@ -254,6 +283,7 @@ mod tests {
                 limit: "at most 7".to_owned(),
                 measured: None,
                 outcome: Outcome::Pass,
+                uncovered: None,
                 case: None,
             };
             tested.judge(&run, &verdict, &[]);

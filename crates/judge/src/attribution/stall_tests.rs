@@ -1,7 +1,11 @@
 //! Outcomes of runs with stalls.
 
+use std::time::Duration;
+
+use can::CanFrame;
 use plan::Plan;
 use recording::latency::Host;
+use recording::log::Stamped;
 use recording::stalls::Who;
 use recording::timeline::decode;
 
@@ -19,7 +23,7 @@ const STALL: Held = Held {
 };
 
 fn verdict(cycles: &[Cycle], plan: &Plan, held: &[Held], on_this_machine: &[&str]) -> Verdict {
-    let timelines = decode(&frames(cycles).into(), plan).unwrap();
+    let timelines = decode(&answered(&frames(cycles)).into(), plan).unwrap();
     let circumstances = Circumstances {
         host: Host {
             stalls: held.iter().map(|held| held.stall()).collect(),
@@ -29,6 +33,19 @@ fn verdict(cycles: &[Cycle], plan: &Plan, held: &[Held], on_this_machine: &[&str
         ..Circumstances::default()
     };
     judge(plan, &timelines, &circumstances)
+}
+
+/// Returns the frames with a command after each position.
+fn answered(frames: &[Stamped]) -> Vec<Stamped> {
+    let command = |position: &Stamped| {
+        let time = position.time + Duration::from_micros(100);
+        Stamped::new(time, CanFrame::new(0x210, &[0x0F, 0, 0, 0]))
+    };
+    let each = frames.iter().flat_map(|stamped| {
+        let is_position = stamped.frame.standard_id() == Some(0x190);
+        [Some(*stamped), is_position.then(|| command(stamped))]
+    });
+    each.flatten().collect()
 }
 
 /// Returns cycles of which each tenth lacks a frame, but the last ones.
