@@ -63,8 +63,8 @@ impl Duty {
             Self::Command => "no command",
             Self::Heartbeat(_) => "no heartbeat",
             Self::Nmt => "no position since it stopped the drive by NMT",
-            Self::Lead => "it took the drive out of operation",
-            Self::State(_) => "it left its state",
+            Self::Lead => "no position since it took the drive out of operation",
+            Self::State(_) => "no cycle since it left its state",
         }
     }
 }
