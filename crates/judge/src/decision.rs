@@ -15,7 +15,6 @@ use scenario::node::Part;
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};
-use crate::attribution::faults::span;
 use crate::attribution::limits::open_limits;
 use crate::attribution::{Cause, Commands, Totals};
 use crate::circumstances::Circumstances;
@@ -199,8 +198,8 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
     }
 }
 
-/// Returns the end by a drive that violated a limit of its rig, unless a duty that the drive had broken before explains it. A fault
-/// that changes frames on the bus may have changed the one that shows it.
+/// Returns the end by a drive that violated a limit of its rig, unless a duty that the drive had broken before explains it, or a
+/// fault changed the frame that shows it.
 fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     let at = end.at_seconds.filter(|_| end.is_rig_limit)?;
     let drive = end.node.clone().unwrap_or_default();
@@ -208,14 +207,10 @@ fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
         .iter()
         .find(|evidence| evidence.control_loop.nodes.drive.name == drive)?;
     let lasting = Lasting::earliest(evidence, Some(at));
-    if lasting.is_some_and(|lasting| lasting.duty.node() == Part::Drive) {
+    if lasting.is_some_and(|lasting| lasting.duty.node(evidence.control_loop) == Part::Drive) {
         return None;
     }
-    let mut corruptions = evidence.trial.run.faults.of("corrupt");
-    let is_of_fault = corruptions.any(|fault| {
-        let (from, until) = span(fault);
-        (from..=until).contains(&at)
-    });
+    let is_of_fault = evidence.attribution.hits.changed_value(at);
     let (node, description) = if is_of_fault {
         let description = format!("a fault of the scenario changes frames ({end})");
         ("fault".to_owned(), description)

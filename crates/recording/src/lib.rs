@@ -28,6 +28,7 @@ mod node_names;
 pub mod occurrences;
 mod pieces;
 pub mod progress;
+pub mod reasons;
 pub mod run_folder;
 pub mod session;
 pub mod sources;

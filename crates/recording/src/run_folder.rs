@@ -42,6 +42,8 @@ pub mod file {
     pub const SENT: &str = "sent.csv";
     /// Frames, values and nodes that the scenario's faults hit; only of runs with faults.
     pub const HITS: &str = "hits.csv";
+    /// Reasons of canrig's nodes to leave their duties; only of runs with faults of the bus.
+    pub const REASONS: &str = "reasons.csv";
     /// Frames that no node of the run sent; only where the sender of each frame is known.
     pub const FOREIGN: &str = "foreign.csv";
     /// Meaning of the frames, as a DBC.

@@ -2,6 +2,7 @@
 
 use crate::foreign::Foreign;
 use crate::hits::Hits;
+use crate::reasons::Reasons;
 
 /// Facts of the bus that the frames of a recording do not show.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -14,6 +15,8 @@ pub struct Unrecorded {
     pub unreadable_lines: Option<String>,
     /// What the faults of the scenario hit; `None` if that is not known.
     pub hits: Option<Hits>,
+    /// Reasons of canrig's nodes that faults of the bus may have kept from it.
+    pub reasons: Reasons,
     /// Frames that no node of the run sent; `None` if the senders are not known.
     pub foreign: Option<Foreign>,
 }

@@ -19,6 +19,7 @@ use recording::foreign::Foreign;
 use recording::frames::Log;
 use recording::hits::Hits;
 use recording::latency::Host;
+use recording::reasons::Reasons;
 use recording::run_folder::{file, file_in, log_in};
 use recording::session::read_plan;
 use recording::sources::Sent;
@@ -46,6 +47,8 @@ pub struct Recorded {
     hits: Option<Hits>,
     /// Frames that no node of the run sent; `None` if the senders are not known.
     foreign: Option<Foreign>,
+    /// Reasons of canrig's nodes that may not have reached the bus.
+    reasons: Reasons,
     /// Whether the recording is a run folder.
     pub is_folder: bool,
     /// Whether the recording is the folder of a long run, whose log and signals are compressed.
@@ -100,8 +103,10 @@ impl Recorded {
         }
         let mut host = Host::default();
         let (mut hits, mut foreign) = (None, None);
+        let mut reasons = Reasons::default();
         if is_folder {
             hits = Hits::read(folder).map_err(unreadable(folder.join(file::HITS)))?;
+            reasons = Reasons::read(folder).map_err(unreadable(folder.join(file::REASONS)))?;
             foreign = Foreign::read(folder).map_err(unreadable(folder.join(file::FOREIGN)))?;
             host.stalls = read_stalls(folder).map_err(unreadable(folder.join(file::STALLS)))?;
             host.sent = Sent::read(folder).map_err(unreadable(folder.join(file::SENT)))?;
@@ -114,6 +119,7 @@ impl Recorded {
             host,
             hits,
             foreign,
+            reasons,
             is_folder,
             is_long: log_path.ends_with(file::LONG_BUS_LOG),
         })
@@ -212,6 +218,7 @@ impl Recorded {
             fd_frames: stored(|stored| stored.fd_frames) + unread.fd_frames,
             hits: self.hits.clone(),
             foreign: self.foreign.clone(),
+            reasons: self.reasons.clone(),
             unreadable_lines: unread.unreadable_until(end.unwrap_or(Duration::MAX)),
         }
     }

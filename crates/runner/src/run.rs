@@ -87,6 +87,9 @@ pub fn run(
     if let Some(hits) = unrecorded.hits.as_ref().filter(|_| plan.has_faults()) {
         folder.write(file::HITS, hits.to_csv().as_bytes())?;
     }
+    if !unrecorded.reasons.is_empty() {
+        folder.write(file::REASONS, unrecorded.reasons.to_csv().as_bytes())?;
+    }
     if let Some(foreign) = &unrecorded.foreign {
         folder.write(file::FOREIGN, foreign.to_csv().as_bytes())?;
     }

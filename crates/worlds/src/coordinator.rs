@@ -18,6 +18,7 @@ use platform::lockstep::{Failure, Participant};
 use recording::capture::Capture;
 use recording::hits::Hit;
 use recording::log::Stamped;
+use recording::reasons::Reasons;
 
 use crate::agenda::{Agenda, NEVER, Nanos, Slot, Timed, audience, nanos};
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
@@ -268,6 +269,12 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
         let faults = self.faults.as_mut();
         let outboxes = slots.iter().map(|slot| &slot.outbox);
         faults.map_or_else(Vec::new, |faults| faults.take_hits(outboxes, now))
+    }
+
+    /// Takes the reasons that the nodes gave on a bus with faults.
+    pub(crate) fn take_reasons(&mut self) -> Reasons {
+        let faults = self.faults.as_mut();
+        faults.map(BusFaults::take_reasons).unwrap_or_default()
     }
 
     fn transmit(&mut self, sender: Option<usize>, frame: CanFrame) {

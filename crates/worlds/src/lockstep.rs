@@ -127,8 +127,10 @@ pub fn play(
     let ended = run.follow();
     // Faults end with the scenario: what they hit afterwards is of no duty.
     let hits = run.coordinator.take_hits();
+    let reasons = run.coordinator.take_reasons();
     let capture = &mut *run.coordinator.wire.capture;
     capture.hits_on_bus = hits;
+    capture.unrecorded.reasons = reasons;
     // Each frame is that of a participant or of a fault.
     capture.unrecorded.foreign = Some(Foreign::default());
     let mut left = BTreeSet::from_iter(0..names.len());

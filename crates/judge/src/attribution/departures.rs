@@ -7,6 +7,7 @@ use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::{NmtCommand, NmtState};
 use plan::ControlLoop;
 use recording::conduct::{Act, NodeAct};
+use recording::reasons::{Reason, Reasons};
 use recording::timeline::Timeline;
 use scenario::node::{Node, Part};
 
@@ -66,6 +67,7 @@ impl Departures {
         timeline: &Timeline,
         control_loop: &ControlLoop,
         hits: &LoopHits<'_>,
+        reasons: &Reasons,
         judged_until: f64,
     ) -> Self {
         let mut finder = Finder {
@@ -74,8 +76,10 @@ impl Departures {
             hits,
             found: Self::default(),
         };
-        let acts = timeline.conduct.iter();
-        for act in acts.take_while(|act| act.at_seconds < judged_until) {
+        let mut acts = timeline.conduct.to_vec();
+        acts.extend(reasons.iter().filter_map(|reason| finder.emergency(reason)));
+        acts.sort_by(|one, other| one.at_seconds.total_cmp(&other.at_seconds));
+        for act in acts.iter().filter(|act| act.at_seconds < judged_until) {
             finder.on_act(act);
         }
         finder.found
@@ -125,6 +129,27 @@ impl Finder<'_, '_> {
             }
             _ => {}
         }
+    }
+
+    /// The emergency of one of the loop's nodes, which may not have reached the bus.
+    fn emergency(&self, reason: &Reason) -> Option<NodeAct> {
+        let id = |name: &str| {
+            let mut nodes = [self.controller(), self.drive()].into_iter();
+            nodes.find(|node| node.name == name).map(|node| node.id)
+        };
+        let about = match reason.about.as_str() {
+            "" => 0,
+            name => id(name).unwrap_or(u8::MAX),
+        };
+        Some(NodeAct {
+            at_seconds: reason.at_seconds,
+            node_id: id(&reason.node)?,
+            act: Act::Emergency {
+                code: reason.code,
+                about,
+                cause: reason.cause,
+            },
+        })
     }
 
     fn controller(&self) -> &Node {

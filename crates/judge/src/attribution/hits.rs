@@ -35,6 +35,7 @@ impl<'a> LoopHits<'a> {
         timeline: &'a Timeline,
         control_loop: &'a ControlLoop,
         circumstances: &'a Circumstances,
+        due: u64,
     ) -> Self {
         let hits = circumstances.unrecorded.hits.as_ref();
         let mut found = Self {
@@ -45,7 +46,7 @@ impl<'a> LoopHits<'a> {
             by_clock: Cell::new(0),
         };
         if found.of(Effect::Late).next().is_some() {
-            found.held_up = [Duty::Sync, Duty::Position, Duty::Command].map(|duty| found.find_held_up(duty));
+            found.held_up = [Duty::Sync, Duty::Position, Duty::Command].map(|duty| found.find_held_up(duty, due));
         }
         found
     }
@@ -234,6 +235,15 @@ impl<'a> LoopHits<'a> {
         })
     }
 
+    /// Whether a fault changed the position or the command of the cycle before a time, or may have.
+    pub(crate) fn changed_value(&self, at: f64) -> bool {
+        let values = [Duty::Position, Duty::Command].map(|duty| self.identifier(duty));
+        let from = at - self.timeline.period_seconds;
+        let is_value = |hit: &Hit| values.iter().flatten().any(|id| hit.is_of(*id));
+        let mut changed = self.of(Effect::Changed).filter(|hit| hit.overlaps(from, at + MICROSECONDS));
+        changed.any(is_value) || self.may_explain(from, at)
+    }
+
     /// Scenario time of the first hit on a frame or value that a node receives from others.
     pub(super) fn first_on_others(&self, node: &Node) -> Option<f64> {
         let hits = self.hits.into_iter().flat_map(Hits::iter);
@@ -301,9 +311,26 @@ impl<'a> LoopHits<'a> {
         trigger + late.map(|hit| hit.amount / 1e3).sum::<f64>()
     }
 
+    /// Number of frames of a duty that faults may still hold up at the end.
+    fn pending(&self, duty: Duty) -> u64 {
+        let (Some(node), Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
+            return 0;
+        };
+        let (period, end) = (self.timeline.period_seconds, self.end_seconds());
+        let late = self.of(Effect::Late).filter(|hit| {
+            let is_of_duty = hit.is_at(&node.name) && hit.is_of(identifier);
+            is_of_duty && hit.until_seconds + period >= end
+        });
+        late.map(|hit| match hit.frames {
+            0 => self.timeline.cycles_in(hit.amount / 1e3 + period),
+            frames => frames,
+        })
+        .sum()
+    }
+
     /// Finds the cycles whose frame came too late, but no later than faults held it up. Each frame serves the first cycle that
     /// waits for it, so frames that were never sent remain missing.
-    fn find_held_up(&self, duty: Duty) -> BTreeSet<u64> {
+    fn find_held_up(&self, duty: Duty, due: u64) -> BTreeSet<u64> {
         let timeline = self.timeline;
         let period = timeline.period_seconds;
         let (lead, arrivals): (f64, &Series<f64>) = match duty {
@@ -311,17 +338,18 @@ impl<'a> LoopHits<'a> {
             Duty::Position => (0.0, &timeline.positions_seconds),
             _ => (0.0, &timeline.commands_seconds),
         };
-        let due = match duty {
-            Duty::Sync => (0..timeline.cycles_due)
+        let due: Vec<(u64, f64)> = match duty {
+            Duty::Sync => (0..due)
                 .map(|cycle| (cycle, timeline.cycle_start_seconds(cycle)))
                 .collect(),
             Duty::Position => cycles_of(&timeline.syncs_seconds, timeline, 0.5),
             _ => cycles_of(&timeline.positions_seconds, timeline, 0.0),
         };
         let end = self.end_seconds();
+        let mut pending = self.pending(duty);
         let mut arrivals = arrivals.iter().peekable();
         let mut held_up = BTreeSet::new();
-        for (cycle, at) in Vec::into_iter(due) {
+        for (cycle, at) in due {
             while arrivals.next_if(|time| *time < at - lead - MICROSECONDS).is_some() {}
             let deadline = at + period - lead;
             let latest = deadline + self.delay(duty, at) + MICROSECONDS;
@@ -329,7 +357,8 @@ impl<'a> LoopHits<'a> {
                 Some(time) if time + MICROSECONDS > deadline => drop(held_up.insert(cycle)),
                 Some(_) => {}
                 // It still waits when the run ends.
-                None if latest >= end && latest > deadline + period / 2.0 => {
+                None if latest >= end && pending > 0 => {
+                    pending -= 1;
                     held_up.insert(cycle);
                 }
                 None => {}

@@ -86,16 +86,18 @@ impl<'a> Attribution<'a> {
         let period_seconds = timeline.period_seconds;
         let felt = [Part::Controller, Part::Drive]
             .map(|node| FeltStalls::of(node, &stretches, one, period_seconds));
-        let hits = LoopHits::new(timeline, one, circumstances);
+        let due = due(timeline, one, circumstances.ended_early.as_ref());
+        let hits = LoopHits::new(timeline, one, circumstances, due);
+        let reasons = &circumstances.unrecorded.reasons;
         let judged_until = one.trial.judged_end_seconds();
-        let departures = Departures::new(timeline, one, &hits, judged_until);
+        let departures = Departures::new(timeline, one, &hits, reasons, judged_until);
         let bitrate = one.trial.run.bus.bitrate_kilobits_per_second;
         let flood = timeline.unknown.filter(|unknown| unknown.load(bitrate) > FLOOD);
         let mut attribution = Self {
             timeline,
             control_loop: one,
             is_real_time: host.controller.is_some() || host.plant_emulator.is_some(),
-            due: due(timeline, one, circumstances.ended_early.as_ref()),
+            due,
             felt,
             hits,
             departures,
@@ -130,6 +132,7 @@ impl<'a> Attribution<'a> {
         let by_nodes = self.cycles.by_nodes.iter();
         let breaches = by_nodes.filter(|(duty, _)| is_by_canrig(duty));
         let by_canrig: usize = breaches.map(|(_, (count, _))| count).sum();
+        let by_canrig = by_canrig + self.cycles.unknown.map_or(0, |(count, _)| count);
         let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
         let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
@@ -192,7 +195,9 @@ impl<'a> Attribution<'a> {
         let of_drive = stay.and_then(|stay| stay.of_drive);
         if let Some((began, cause)) = of_drive.filter(|_| duty == Duty::Sync) {
             let silent = from - began;
-            if silent > SILENT_AT_END.1.max(5.0 * self.timeline.period_seconds) {
+            let is_long = silent > SILENT_AT_END.1.max(5.0 * self.timeline.period_seconds);
+            // A stall explains no more than its own time.
+            if is_long && !matches!(cause, Cause::Host(_)) {
                 return cause;
             }
         }

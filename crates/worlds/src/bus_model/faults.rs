@@ -11,6 +11,7 @@ use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use plan::Plan;
 use recording::hits::{Effect, Hit};
+use recording::reasons::Reasons;
 use scenario::fault::{Actor, Fault, Group, Touch};
 use scenario::node::Part;
 
@@ -246,6 +247,11 @@ impl BusFaults {
         }
     }
 
+    /// Takes the reasons of all nodes.
+    pub(crate) fn take_reasons(&mut self) -> Reasons {
+        self.notes.take_reasons()
+    }
+
     /// Takes all hits of a run that ends now, with the frames that still wait.
     pub(crate) fn take_hits<'a>(
         &mut self,
@@ -291,6 +297,9 @@ impl BusFaults {
     /// station sends while it is off the bus are lost.
     pub(crate) fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
         for (time, frame) in frames {
+            if let Some(at) = self.seconds(*time) {
+                self.notes.note_reason(frame, at);
+            }
             if is_truth(&self.truths, frame) {
                 insert(outbox, *time, *frame);
             } else if self.states[index].activity() == Activity::Off {

@@ -1,12 +1,18 @@
 //! Notes which frames the faults of the bus hit: which frame was lost, late or changed, by which fault, and for whom.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use can::CanFrame;
+use canopen::emcy::{EmergencyMessage, ErrorCode};
 use recording::hits::{Effect, Hit, HitLog};
+use recording::reasons::{Reason, Reasons};
 
 use super::faults::NODE_ID_BITS;
+
+/// Identifiers of the emergencies of all nodes.
+const EMERGENCIES: RangeInclusive<u16> = 0x081..=0x0FF;
 
 /// Number of frames by identifier.
 type Counts = BTreeMap<u16, u64>;
@@ -16,6 +22,8 @@ type Counts = BTreeMap<u16, u64>;
 pub(crate) struct HitNotes {
     log: HitLog,
     stations: Vec<Station>,
+    /// Reasons in the emergencies that the participants had to send.
+    reasons: Reasons,
     passed: Counts,
     /// Time for which faults occupied the bus since it was last idle, and the path of the latest of these faults.
     occupied: Option<(Duration, String)>,
@@ -59,6 +67,7 @@ impl HitNotes {
         });
         Self {
             log: HitLog::default(),
+            reasons: Reasons::default(),
             stations: stations.collect(),
             passed: Counts::new(),
             occupied: None,
@@ -171,6 +180,39 @@ impl HitNotes {
             let hit = (fault.as_str(), Effect::Late, sender);
             self.log.note(hit, (identifier, number), (ready, ready + late.as_secs_f64()));
         }
+    }
+
+    /// Notes the reason in an emergency that a participant has to send.
+    pub(crate) fn note_reason(&mut self, frame: &CanFrame, at_seconds: f64) {
+        let node_id = frame.standard_id().and_then(|id| {
+            let is_emergency = EMERGENCIES.contains(&id);
+            is_emergency.then(|| id & NODE_ID_BITS)
+        });
+        let emergency = EmergencyMessage::decode(frame.data());
+        let Some((node_id, emergency)) = node_id.zip(emergency) else {
+            return;
+        };
+        let [about, cause, ..] = emergency.manufacturer;
+        let nodes = self.stations.iter().flat_map(|station| &station.nodes);
+        let name = |node_id: u16| {
+            let is_it = |(id, _): &&(u8, String)| u16::from(*id) == node_id;
+            nodes.clone().find(is_it).map(|(_, name)| name.clone())
+        };
+        if let Some(node) = name(node_id).filter(|_| emergency.code != ErrorCode::NO_ERROR) {
+            let about = name(about.into()).unwrap_or_default();
+            self.reasons.add(Reason {
+                node,
+                at_seconds,
+                code: emergency.code.0,
+                cause,
+                about,
+            });
+        }
+    }
+
+    /// Takes all reasons.
+    pub(crate) fn take_reasons(&mut self) -> Reasons {
+        std::mem::take(&mut self.reasons)
     }
 
     /// Takes all hits.
