@@ -29,6 +29,7 @@ mod knowledge;
 mod laws;
 mod lockstep;
 mod long_runs;
+mod misbehaving_at_seats;
 mod missed;
 mod mutator;
 mod net;

@@ -60,6 +60,8 @@ pub const SYNC: &str = "sync";
 
 /// State bits of a drive's statusword.
 pub const STATUSWORD: &str = "statusword_state";
+/// Bits 0 to 3 of the controlword: the command to the drive's state machine.
+pub const CONTROLWORD: &str = "controlword_command";
 /// Position that a drive measures.
 pub const POSITION: &str = "{signal}_{unit}";
 /// Position before the sensor.

@@ -238,7 +238,7 @@ pub fn play_one<T>(
     {
         return Err(Exit::BenchFailed.because(error));
     }
-    let (frames, unrecorded) = capture.finish().map_err(no_result)?;
+    let (frames, unrecorded) = capture.finish(plan).map_err(no_result)?;
     let timelines = timeline::decode(&frames, plan).map_err(no_result)?;
     let verdict = run::verdict(&ended, &timelines, plan, &unrecorded);
     Ok(reduce(&CampaignRun {

@@ -15,13 +15,12 @@ use scenario::node::Part;
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};
-use crate::attribution::faults::span;
 use crate::attribution::limits::open_limits;
 use crate::attribution::{Cause, Commands, Totals};
 use crate::circumstances::Circumstances;
 use crate::duties::{
-    LATE_COMMANDS, MISSED_COMMANDS, MISSED_CYCLES, SYNC_PERIOD_ERROR, largest_period_error,
-    limited_max, percent_max,
+    LATE_COMMANDS, MISSED_COMMANDS, MISSED_CYCLES, PERIODS, SYNC_PERIOD_ERROR,
+    largest_period_error, limited_max, percent_max,
 };
 use crate::evidence::Evidence;
 use crate::loops::whole;
@@ -230,8 +229,7 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> BrokeOff {
 }
 
 /// Returns the end by a drive that violated a limit of its rig, unless a duty that the drive had
-/// broken before explains it. A fault that changes frames on the bus may have changed the one that
-/// shows it.
+/// broken before explains it, or a fault changed the frame that shows it.
 fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     let at = end.at_seconds.filter(|_| end.is_rig_limit)?;
     let drive = end.node.clone().unwrap_or_default();
@@ -239,14 +237,10 @@ fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
         .iter()
         .find(|evidence| evidence.control_loop.nodes.drive.name == drive)?;
     let lasting = Lasting::earliest(evidence, Some(at));
-    if lasting.is_some_and(|lasting| lasting.duty.node() == Part::Drive) {
+    if lasting.is_some_and(|lasting| lasting.duty.node(evidence.control_loop) == Part::Drive) {
         return None;
     }
-    let mut corruptions = evidence.trial.run.faults.of("corrupt");
-    let is_of_fault = corruptions.any(|fault| {
-        let (from, until) = span(fault);
-        (from..=until).contains(&at)
-    });
+    let is_of_fault = evidence.attribution.hits.changed_value(at);
     let (node, description) = if is_of_fault {
         let description = format!("a fault of the scenario changes frames ({end})");
         ("fault".to_owned(), description)
@@ -350,7 +344,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     if let Some((reason, cause)) = breached(evidence).filter(|_| is_log_whole) {
         return (Outcome::Fail, Some(reason), Some(cause));
     }
-    if let Some(reason) = incomplete_recording(unrecorded) {
+    if let Some(reason) = incomplete_recording(unrecorded).or_else(|| unexplained(evidence)) {
         return (Outcome::Inconclusive, Some(reason), None);
     }
     let opened = open_limits(evidence, metrics);
@@ -383,12 +377,22 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
         let max = limited_max(evidence, metric)?;
         too_many(evidence, &commands.totals(evidence), max, commands.breach())
     };
+    let left = left(evidence);
     let (reason, cause) = too_many(evidence, cycles, percent_max(evidence, MISSED_CYCLES), None)
         .or_else(|| too_many_commands(Commands::Missed, MISSED_COMMANDS))
         .or_else(|| silent.clone())
         .or_else(|| too_many_commands(Commands::Late, LATE_COMMANDS))
         .or_else(|| too_many_positions(evidence))
-        .or_else(|| off_period(evidence))?;
+        .or_else(|| counter_goes_back(evidence))
+        .or_else(|| off_period(evidence))
+        .or_else(|| left.clone())?;
+    // A node that left its duties before explains what came after it.
+    let (reason, cause) = match left {
+        Some((_, earlier)) if earlier.at_seconds < cause.at_seconds => {
+            (format!("{}; {reason}", earlier.description), earlier)
+        }
+        _ => (reason, cause),
+    };
     // A breach that lasts to the end and began before explains this one.
     let (reason, cause) = match silent {
         Some((_, lasting)) if lasting.at_seconds < cause.at_seconds => {
@@ -405,6 +409,20 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     Some((reason, cause))
 }
 
+/// Returns the reason why the outcome is open if nothing in the recording explains breaches beside faults.
+fn unexplained(evidence: &Evidence<'_>) -> Option<String> {
+    let cycles = &evidence.attribution.cycles;
+    let breach = cycles.too_many_unknown(percent_max(evidence, MISSED_CYCLES))?;
+    let node = node_name(evidence, breach.duty.node(evidence.control_loop));
+    let (what, at) = (breach.duty.breach(), breach.from_seconds);
+    Some(match evidence.attribution.hits.are_known() {
+        false => format!(
+            "{node}: {what} at {at:.3} s, and this recording does not say what its faults hit: play it again"
+        ),
+        true => format!("{node}: {what} at {at:.3} s, which no fault of the scenario explains"),
+    })
+}
+
 /// Returns the duties that were broken too often, and the first of them.
 fn too_many(
     evidence: &Evidence<'_>,
@@ -415,7 +433,7 @@ fn too_many(
     let lost = evidence.circumstances.unrecorded.frames_lost;
     let shares = totals.too_many(max, lost);
     let description = shares.iter().map(|(duty, percent, first)| {
-        let node = node_name(evidence, duty.node());
+        let node = node_name(evidence, duty.node(evidence.control_loop));
         let breach = breach.unwrap_or(duty.breach());
         format!("{node}: {breach} in {percent:.2} % of the cycles, first at {first:.3} s")
     });
@@ -428,12 +446,37 @@ fn too_many(
     Some((reason, NamedCause::by_node(evidence, duty, at, description)))
 }
 
+/// Returns the node that left its duties for a reason of its own.
+fn left(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let (at, duty) = evidence.attribution.left()?;
+    let node = node_name(evidence, duty.node(evidence.control_loop));
+    let reason = format!("{node}: {}", duty.departure(at));
+    let cause = NamedCause::by_node(evidence, duty, at, reason.clone());
+    Some((reason, cause))
+}
+
+/// Returns the external controller if the counter of its SYNC goes back too often, where nobody else can have sent them.
+fn counter_goes_back(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let is_external = Duty::Sync.is_of_external(evidence.control_loop);
+    let is_known = evidence.circumstances.unrecorded.foreign.is_some();
+    let sources = &evidence.timeline.sources;
+    let (frames, at) = sources.sync_steps_back().filter(|_| is_external && is_known)?;
+    let percent = 100.0 * frames as f64 / evidence.attribution.due.max(1) as f64;
+    let max = percent_max(evidence, MISSED_CYCLES);
+    let node = node_name(evidence, Part::Controller);
+    let description =
+        format!("{node}: the SYNC counter goes back in {percent:.2} % of the cycles, first at {at:.3} s");
+    let reason = format!("{description} (limit {max} %)");
+    let cause = NamedCause::by_node(evidence, Duty::Sync, at, description);
+    (percent > max).then_some((reason, cause))
+}
+
 /// Returns the external drive if it sends more positions than there are SYNCs.
 fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let is_external = Duty::Position.is_of_external(evidence.control_loop);
     let found = evidence.timeline.sources.positions_too_many();
     let (frames, at) = found.filter(|_| is_external)?;
-    let node = node_name(evidence, Duty::Position.node());
+    let node = node_name(evidence, Part::Drive);
     let reason = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
     let cause = NamedCause::by_node(evidence, Duty::Position, at, reason.clone());
     Some((reason, cause))
@@ -443,10 +486,11 @@ fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
 fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
     let (percent, at) = largest_period_error(evidence, false)?;
-    if rounded(percent) <= max || evidence.attribution.faults.explain(Duty::Sync, at, at) {
+    let explained = evidence.attribution.hits.period_error_percent(at, PERIODS as f64);
+    if rounded(percent - explained) <= max {
         return None;
     }
-    let node = node_name(evidence, Duty::Sync.node());
+    let node = node_name(evidence, Part::Controller);
     let description =
         format!("{node}: SYNC period wrong by {percent:.2} % on average until {at:.3} s");
     let reason = format!("{description} (limit {max} %)");

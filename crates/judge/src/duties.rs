@@ -19,7 +19,7 @@ pub(crate) const LATE_COMMANDS: &str = "late_commands_percent";
 pub(crate) const SYNC_PERIOD_ERROR: &str = "sync_period_error_percent";
 
 /// Number of SYNC periods whose mean shows the clock that makes them.
-const PERIODS: usize = 64;
+pub(crate) const PERIODS: usize = 64;
 /// Interval, in periods, beyond which SYNCs are missing.
 const GAP_PERIODS: f64 = 1.5;
 

@@ -1,6 +1,7 @@
 //! Checks whether a recording is good enough to decide anything.
 
 use plan::ControlLoop;
+use recording::foreign::Foreign;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use scenario::expect::rounded;
@@ -46,6 +47,9 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
 /// Returns the reason why the outcome is open if a foreign source sent frames of the run's nodes.
 pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
     let circumstances = evidence.circumstances;
+    if let Some(foreign) = &circumstances.unrecorded.foreign {
+        return by_foreign_sender(foreign);
+    }
     let found = evidence.timeline.sources.found(&circumstances.host.sent);
     let first = found.first()?;
     let sources = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
@@ -55,6 +59,39 @@ pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
         at_seconds: Some(rounded(first.first_seconds)),
         description: format!("a second master: {sources}"),
     })
+}
+
+/// Returns the reason for frames of which the bus knows that no node of the run sent them.
+fn by_foreign_sender(foreign: &Foreign) -> Option<NamedCause> {
+    let first = foreign.iter().next()?;
+    let mut identifiers = Vec::from_iter(foreign.iter().map(|frames| frames.identifier));
+    identifiers.sort_unstable();
+    identifiers.dedup();
+    let all = identifiers.iter().map(|id| format!("0x{id:03X}"));
+    let frames: u64 = foreign.iter().map(|frames| frames.frames).sum();
+    let at = first.at_seconds;
+    let all = Vec::from_iter(all).join(", ");
+    Some(NamedCause {
+        node: "foreign".to_owned(),
+        duty: foreign_duty(first.identifier).to_owned(),
+        at_seconds: Some(rounded(at)),
+        description: format!(
+            "a second master: {frames} frames of another client ({all}), from {at:.3} s on"
+        ),
+    })
+}
+
+/// Kind of the frames with an identifier of the predefined connection set (CiA 301, 7.3.5).
+fn foreign_duty(identifier: u16) -> &'static str {
+    match identifier {
+        0x000 => "nmt",
+        0x080 => "sync",
+        0x081..=0x0FF => "emergency",
+        0x180..=0x1FF => "position",
+        0x580..=0x67F => "sdo",
+        0x700..=0x77F => "heartbeat",
+        _ => "command",
+    }
 }
 
 /// The reason of a verdict on a recording with missing frames.

@@ -10,7 +10,7 @@ use scenario::events::Window;
 use scenario::expect::Emergency;
 use scenario::node::Part;
 
-use crate::attribution::faults::span;
+use crate::attribution::hits::span;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, Evidence, Known, Measurement, drive_silence_seconds_max, largest};
 

@@ -7,6 +7,7 @@ use plan::catalogue::Catalogue;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frames::Frames;
 use recording::latency::Host;
+use recording::hits::Hits;
 use recording::log::Stamped;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
@@ -66,6 +67,7 @@ fn verdict_on(trial: &Trial, frames: &[Stamped], lost: u64) -> Verdict {
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
             frames_lost: lost,
+            hits: Some(Hits::new(Vec::new(), &plan)),
             ..Unrecorded::default()
         },
         ..Circumstances::default()

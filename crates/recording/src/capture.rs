@@ -7,10 +7,12 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use dbc::scenario_clock::ScenarioClock;
+use plan::Plan;
 
 use crate::bus_log::BusLog;
 use crate::frame_queue::FrameQueue;
 use crate::frames::{Frames, KEPT_MAX};
+use crate::hits::{Hit, Hits};
 use crate::log::Stamped;
 use crate::progress::{ProgressReader, RunProgress};
 use crate::run_folder::WriteError;
@@ -60,6 +62,8 @@ pub struct Capture<'a> {
     count: usize,
     /// Traffic that was on the bus and could not be taken.
     pub unrecorded: Unrecorded,
+    /// Hits of the scenario's faults on the bus.
+    pub hits_on_bus: Vec<Hit>,
     /// Number of the frames that are in the log.
     written: usize,
     log: Option<BusLog>,
@@ -96,6 +100,7 @@ impl<'a> Capture<'a> {
             frames: Vec::new(),
             count: 0,
             unrecorded: Unrecorded::default(),
+            hits_on_bus: Vec::new(),
             written: 0,
             log: None,
             progress: None,
@@ -199,11 +204,11 @@ impl<'a> Capture<'a> {
         self.frames.extend(latest);
     }
 
-    /// Returns the frames, after all were written to the log if there is one, with a count of the missing ones.
+    /// Returns the frames, after all were written to the log if there is one, with what they do not show of a run of the plan.
     ///
     /// # Errors
     /// If the disk does not take them.
-    pub fn finish(mut self) -> Result<(Frames, Unrecorded), WriteError> {
+    pub fn finish(mut self, plan: &Plan) -> Result<(Frames, Unrecorded), WriteError> {
         let flushed = self.flush();
         self.watch.show(None);
         flushed?;
@@ -212,7 +217,11 @@ impl<'a> Capture<'a> {
             Some(log) if self.count > self.frames.len() => Frames::in_log(log, self.count),
             _ => self.frames.into(),
         };
-        Ok((frames, self.unrecorded))
+        let unrecorded = Unrecorded {
+            hits: Some(Hits::new(self.hits_on_bus, plan)),
+            ..self.unrecorded
+        };
+        Ok((frames, unrecorded))
     }
 }
 
@@ -220,8 +229,6 @@ impl<'a> Capture<'a> {
 mod tests {
     use super::*;
     use can::CanFrame;
-    use dbc::Database;
-    use plan::Plan;
     use plan::catalogue::Catalogue;
     use scenario::Trial;
 
@@ -260,7 +267,7 @@ mod tests {
         }
         assert_eq!(heard, count);
         assert!(capture.frames().contains(&frame(3)));
-        let (frames, _) = capture.finish().unwrap();
+        let (frames, _) = capture.finish(&plan).unwrap();
         assert_eq!(frames.len(), count);
         assert!(frames.iter().eq((0..count).map(frame)));
     }
@@ -268,8 +275,10 @@ mod tests {
     #[test]
     fn a_long_run_without_a_folder_is_not_in_memory_either() {
         let watch = Watch::default();
-        let clock = ScenarioClock::new(Database::shipped(), ["drive"]).unwrap();
-        let mut capture = Capture::in_memory(clock, &watch);
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Trial::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let mut capture = Capture::in_memory(plan.scenario_clock().unwrap(), &watch);
         let (count, part) = (WITHOUT_LOG_MAX + 5 * KEPT_MAX, KEPT_MAX / 2);
         for begin in (0..count).step_by(part) {
             (begin..begin + part).for_each(|number| capture.record(frame(number)));
@@ -277,7 +286,7 @@ mod tests {
             assert!(capture.frames().len() <= WITHOUT_LOG_MAX + part);
         }
         assert!(capture.frames().len() <= 2 * KEPT_MAX);
-        let (frames, _) = capture.finish().unwrap();
+        let (frames, _) = capture.finish(&plan).unwrap();
         assert!(frames.iter().eq((0..count).map(frame)));
     }
 }

@@ -40,6 +40,12 @@ pub mod file {
     pub const STALLS: &str = "stalls.csv";
     /// Frames that canrig's nodes sent; only of runs in real time.
     pub const SENT: &str = "sent.csv";
+    /// Frames, values and nodes that the scenario's faults hit; only of runs with faults.
+    pub const HITS: &str = "hits.csv";
+    /// Reasons of canrig's nodes to leave their duties; only of runs with faults of the bus.
+    pub const REASONS: &str = "reasons.csv";
+    /// Frames that no node of the run sent; only where the sender of each frame is known.
+    pub const FOREIGN: &str = "foreign.csv";
     /// Meaning of the frames, as a DBC.
     pub const FRAMES: &str = "frames.dbc";
     /// Folder of the nodes' data sheets; only in runs on a rig that names its nodes.
@@ -200,10 +206,22 @@ pub(crate) fn read_rows<T, const COLUMNS: usize>(
     header: &str,
     row: impl Fn([&str; COLUMNS]) -> Option<T>,
 ) -> io::Result<Vec<T>> {
-    match scenario::read_text(&file_in(folder, name)?, bytes_max) {
-        Ok(text) => parse_rows(&text, header, row)
+    match read_text_in(folder, name, bytes_max)? {
+        Some(text) => parse_rows(&text, header, row)
             .map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason)),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        None => Ok(Vec::new()),
+    }
+}
+
+/// Reads a text file of a run folder; `None` if there is none.
+pub(crate) fn read_text_in(
+    folder: &Path,
+    name: &str,
+    bytes_max: u64,
+) -> io::Result<Option<String>> {
+    match scenario::read_text(&file_in(folder, name)?, bytes_max) {
+        Ok(text) => Ok(Some(text)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error),
     }
 }

@@ -5,7 +5,7 @@
 //! sender that is late catches up, and never sends more than one frame in a period. A SYNC with a counter shows by itself that it
 //! is not the next one.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::io;
 use std::path::Path;
@@ -30,10 +30,7 @@ const BYTES_MAX: u64 = 1 << 20;
 /// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
-const NMT_START: u8 = 1;
 const NMT_STOP: u8 = 2;
-/// Largest number of stops of a drive that are kept.
-const STOPS_MAX: usize = 1000;
 /// Time after NMT Stop at which the run of its sender is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
 /// Place of an identifier that is not watched.
@@ -145,8 +142,6 @@ pub struct Sources {
     is_rate_changed: bool,
     /// Whether a fault of the scenario changes, doubles or adds frames on the bus, so that contents do not identify a sender.
     is_bus_faulty: bool,
-    /// Times at which an external controller stopped the drive.
-    stops_seconds: Vec<f64>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -222,9 +217,11 @@ impl Watched {
 }
 
 impl Sources {
-    /// Returns the scenario times at which an external controller stopped the drive by NMT.
-    pub fn stops_seconds(&self) -> &[f64] {
-        &self.stops_seconds
+    /// Returns the number of SYNCs whose counter does not go on, and the time of the first.
+    pub fn sync_steps_back(&self) -> Option<(u64, f64)> {
+        let mut unexpected = self.unexpected.values();
+        let back = unexpected.find(|one| one.duty == SYNC)?;
+        Some((back.frames, back.first_seconds))
     }
 
     /// Returns the number of positions beyond one for each SYNC, if they are too many, and the time of the first.
@@ -319,7 +316,10 @@ pub struct SourceReader {
     sync: Option<(usize, Option<u8>)>,
     /// Number of times that the scenario will still restart the controller.
     boot_ups_left: usize,
-    has_newcomer: bool,
+    /// Nodes that have come up and are being configured.
+    newcomers: BTreeSet<u8>,
+    /// Whether the scenario has restarted the controller.
+    has_restarted: bool,
     is_stop_scripted: bool,
     /// Time and addressee of NMT Stop before the controller gave up.
     stop: Option<(Duration, u8)>,
@@ -359,7 +359,8 @@ impl SourceReader {
             controller: controller.id,
             sync: None,
             boot_ups_left: starts_anew(&scenario.run.faults),
-            has_newcomer: false,
+            newcomers: BTreeSet::new(),
+            has_restarted: false,
             is_stop_scripted: scenario.run.faults.of("nmt_stop").next().is_some(),
             stop: None,
             has_given_up: false,
@@ -411,14 +412,9 @@ impl SourceReader {
     fn on_contents(&mut self, now: Duration, identifier: u16, frame: &CanFrame) {
         match (identifier, frame.data()) {
             (SYNC_COB_ID, data) => self.on_sync(now, data),
-            (COMMAND_ID, &[specifier, node, ..]) if !self.is_ours => {
-                let is_for_drive = node == 0 || u16::from(node) == self.drive;
-                let stops = &mut self.sources.stops_seconds;
-                if is_for_drive && specifier != NMT_START && stops.len() < STOPS_MAX {
-                    stops.push(now.as_secs_f64());
-                }
+            (COMMAND_ID, &[specifier, node, ..]) if self.is_ours => {
+                self.on_nmt(now, specifier, node);
             }
-            (COMMAND_ID, &[specifier, node, ..]) => self.on_nmt(now, specifier, node),
             (identifier, &[state, ..])
                 if (ERROR_CONTROL_ID + 1..ERROR_CONTROL_ID + 0x80).contains(&identifier) =>
             {
@@ -461,7 +457,7 @@ impl SourceReader {
             }
             NMT_STOP if self.has_given_up => {}
             NMT_STOP => drop(self.stop.get_or_insert((now, node))),
-            _ if self.has_newcomer || self.boot_ups_left > 0 => {}
+            _ if self.is_brought_up(node) => {}
             _ => self.on_foreign_nmt(now, specifier, node),
         }
     }
@@ -496,16 +492,29 @@ impl SourceReader {
             }
             _ => return,
         };
-        if !self.has_newcomer && self.boot_ups_left == 0 {
+        if !self.is_brought_up(self.drive.to_le_bytes()[0]) {
             self.sources.add(SDO, identifier, what, now);
         }
     }
 
+    /// Whether the manager may configure and start a node now, or all nodes: one that has come up, or any after a restart of the
+    /// manager.
+    fn is_brought_up(&self, node: u8) -> bool {
+        let is_all = node == 0 && !self.newcomers.is_empty();
+        is_all || self.newcomers.contains(&node) || self.has_restarted || self.boot_ups_left > 0
+    }
+
     fn on_heartbeat(&mut self, now: Duration, identifier: u16, state: u8) {
         let state = NmtState::from_number(state);
-        let is_new = [NmtState::Initialising, NmtState::PreOperational].map(Some);
         if identifier != self.controller_heartbeat {
-            self.has_newcomer |= is_new.contains(&state);
+            let [node, _] = (identifier - ERROR_CONTROL_ID).to_le_bytes();
+            match state {
+                Some(NmtState::Initialising | NmtState::PreOperational) => {
+                    self.newcomers.insert(node);
+                }
+                Some(NmtState::Operational) => drop(self.newcomers.remove(&node)),
+                _ => {}
+            }
         } else if state == Some(NmtState::Initialising) && self.is_ours {
             if self.boot_ups_left == 0 {
                 let what = "boot-up of the controller";
@@ -513,7 +522,7 @@ impl SourceReader {
                 return;
             }
             self.boot_ups_left -= 1;
-            self.has_newcomer = true;
+            self.has_restarted = true;
             self.stop = None;
         }
     }
@@ -783,26 +792,6 @@ mod tests {
         assert_eq!(with(0x2F), written);
         assert_eq!(with(0x80), written, "aborted");
         assert_eq!(with(0x40), [], "read");
-    }
-
-    #[test]
-    fn a_stop_by_an_external_controller_has_its_time() {
-        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
-        let stops = |external: &[String], command: [u8; 2]| {
-            let plan = plan.clone().recorded_external(external);
-            let command = (700 * PERIOD, CanFrame::new(0x000, &command));
-            let sources = read(&plan, [on_time(), vec![command]].concat());
-            sources.stops_seconds().to_vec()
-        };
-        let external = ["controller".to_owned()];
-        for node in [0, 0x10] {
-            assert_eq!(stops(&external, [2, node]), [0.699]);
-            assert!(stops(&[], [2, node]).is_empty());
-        }
-        assert!(stops(&external, [2, 0x11]).is_empty());
-        assert!(stops(&external, [NMT_START, 0]).is_empty());
     }
 
     #[test]

@@ -301,6 +301,7 @@ pub(crate) fn made_up_timing() -> Timing {
             max: 44.0,
         },
         distrust: Vec::new(),
+        on_this_machine: Vec::new(),
     }
 }
 

@@ -15,8 +15,11 @@ use judge::{Circumstances, judge_timing};
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use recording::ending::EndedBy;
+use recording::foreign::Foreign;
 use recording::frames::Log;
+use recording::hits::Hits;
 use recording::latency::Host;
+use recording::reasons::Reasons;
 use recording::run_folder::{file, file_in, log_in};
 use recording::session::read_plan;
 use recording::sources::Sent;
@@ -40,6 +43,12 @@ pub struct Recorded {
     pub stored: Option<Verdict>,
     /// Stalls of the nodes, and the frames that canrig's nodes sent; only the folder of a run in real time has them.
     pub host: Host,
+    /// What the scenario's faults hit; `None` if the recording does not say it.
+    hits: Option<Hits>,
+    /// Frames that no node of the run sent; `None` if the senders are not known.
+    foreign: Option<Foreign>,
+    /// Reasons of canrig's nodes that may not have reached the bus.
+    reasons: Reasons,
     /// Whether the recording is a run folder.
     pub is_folder: bool,
     /// Whether the recording is the folder of a long run, whose log and signals are compressed.
@@ -93,7 +102,12 @@ impl Recorded {
             return Err(Exit::CannotStart.because(reason));
         }
         let mut host = Host::default();
+        let (mut hits, mut foreign) = (None, None);
+        let mut reasons = Reasons::default();
         if is_folder {
+            hits = Hits::read(folder).map_err(unreadable(folder.join(file::HITS)))?;
+            reasons = Reasons::read(folder).map_err(unreadable(folder.join(file::REASONS)))?;
+            foreign = Foreign::read(folder).map_err(unreadable(folder.join(file::FOREIGN)))?;
             host.stalls = read_stalls(folder).map_err(unreadable(folder.join(file::STALLS)))?;
             host.sent = Sent::read(folder).map_err(unreadable(folder.join(file::SENT)))?;
         }
@@ -103,6 +117,9 @@ impl Recorded {
             log,
             stored,
             host,
+            hits,
+            foreign,
+            reasons,
             is_folder,
             is_long: log_path.ends_with(file::LONG_BUS_LOG),
         })
@@ -200,6 +217,9 @@ impl Recorded {
         Unrecorded {
             frames_lost: stored(|stored| stored.frames_lost),
             fd_frames: stored(|stored| stored.fd_frames) + unread.fd_frames,
+            hits: self.hits.clone(),
+            foreign: self.foreign.clone(),
+            reasons: self.reasons.clone(),
             unreadable_lines: unread.unreadable_until(end.unwrap_or(Duration::MAX)),
         }
     }

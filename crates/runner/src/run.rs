@@ -80,13 +80,22 @@ pub fn run(
     let clock = plan.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
-    let (frames, unrecorded) = capture.finish()?;
+    let (frames, unrecorded) = capture.finish(plan)?;
     let timelines = timeline::decode(&frames, plan)?;
     let mut verdict = Verdict {
         identity: Some(identity),
         tries: place.tries.cloned(),
         ..verdict(&ended, &timelines, plan, &unrecorded)
     };
+    if let Some(hits) = unrecorded.hits.as_ref().filter(|_| plan.has_faults()) {
+        folder.write(file::HITS, hits.to_csv().as_bytes())?;
+    }
+    if !unrecorded.reasons.is_empty() {
+        folder.write(file::REASONS, unrecorded.reasons.to_csv().as_bytes())?;
+    }
+    if let Some(foreign) = &unrecorded.foreign {
+        folder.write(file::FOREIGN, foreign.to_csv().as_bytes())?;
+    }
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended

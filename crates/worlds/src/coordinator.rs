@@ -8,6 +8,7 @@
 //!
 //! The proof that this changes no result is in docs/design/lock-step.md; a test compares it with asking at every event.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use can::frame_bits::{arbitration_key, frame_bits};
@@ -15,7 +16,9 @@ use can::{CanFrame, Progress, earliest};
 use platform::bus::Bus;
 use platform::lockstep::{Failure, Participant};
 use recording::capture::Capture;
+use recording::hits::Hit;
 use recording::log::Stamped;
+use recording::reasons::Reasons;
 
 use crate::agenda::{Agenda, NEVER, Nanos, Slot, Timed, audience, nanos};
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
@@ -225,11 +228,16 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             .map(|(index, (_, frame))| (arbitration_key(frame), index))
             .min();
         let now = self.now;
-        let faults = self.faults.as_mut();
-        let foreign =
-            faults.and_then(|faults| faults.take_foreign(now, winner.map(|(key, _)| key)));
-        if let Some(frame) = foreign {
+        let has_rested = now > self.bus.free_at;
+        let foreign = self.faults.as_mut().and_then(|faults| {
+            if has_rested {
+                faults.rest();
+            }
+            faults.take_foreign(now, winner.map(|(key, _)| key))
+        });
+        if let Some((frame, fault)) = foreign {
             self.transmit(None, frame);
+            self.occupy(&fault, None);
         } else if let Some((_, sender)) = winner {
             self.send(sender);
         }
@@ -237,21 +245,27 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
 
     /// Puts a participant's next frame on the bus, where an error may end it.
     fn send(&mut self, sender: usize) {
-        let Some((_, frame)) = self.slots[sender].outbox.front().copied() else {
+        let Some((ready, frame)) = self.slots[sender].outbox.front().copied() else {
             return;
         };
         let now = self.now;
         let disturbed = self.faults.as_mut().and_then(|faults| {
-            let bits = faults.disturbs(sender, now, &frame, frame_bits(&frame))?;
-            Some((bits, faults.states[sender].activity() == Activity::Passive))
+            let disturbed = faults.disturbs(sender, now, &frame, frame_bits(&frame));
+            if disturbed.is_none() {
+                faults.note_sent(sender, &frame, ready, now);
+            }
+            let (bits, fault) = disturbed?;
+            let is_passive = faults.states[sender].activity() == Activity::Passive;
+            Some((bits, is_passive, fault))
         });
-        let Some((bits, is_passive)) = disturbed else {
+        let Some((bits, is_passive, fault)) = disturbed else {
             self.slots[sender].outbox.pop_front();
             self.agenda.note(sender, &self.slots[sender]);
             self.transmit(Some(sender), frame);
             return;
         };
         let end = self.bus.disturb(self.now, bits, is_passive);
+        self.occupy(&fault, Some(sender));
         self.in_flight = Some(InFlight {
             frame,
             sender: Some(sender),
@@ -259,6 +273,28 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             end,
             whole_bits: None,
         });
+    }
+
+    /// Notes that a fault occupies the bus from now on until it is free.
+    fn occupy(&mut self, fault: &str, sender: Option<usize>) {
+        let time = self.bus.free_at.saturating_sub(self.now);
+        if let Some(faults) = &mut self.faults {
+            faults.occupy(fault, time, sender);
+        }
+    }
+
+    /// Takes the hits of the faults on the bus.
+    pub(crate) fn take_hits(&mut self) -> Vec<Hit> {
+        let (now, slots) = (self.now, &self.slots);
+        let faults = self.faults.as_mut();
+        let outboxes = slots.iter().map(|slot| &slot.outbox);
+        faults.map_or_else(Vec::new, |faults| faults.take_hits(outboxes, now))
+    }
+
+    /// Takes the reasons that the nodes gave on a bus with faults.
+    pub(crate) fn take_reasons(&mut self) -> Reasons {
+        let faults = self.faults.as_mut();
+        faults.map(BusFaults::take_reasons).unwrap_or_default()
     }
 
     fn transmit(&mut self, sender: Option<usize>, frame: CanFrame) {
@@ -316,13 +352,19 @@ impl<'a, 'b, 'c> Coordinator<'a, 'b, 'c> {
             }
             let after = state.activity();
             if after == Activity::Off {
-                slot.outbox
-                    .retain(|(_, frame)| is_truth(&faults.truths, frame));
+                let (outbox, truths) = (std::mem::take(&mut slot.outbox), &faults.truths);
+                let (kept, dropped): (VecDeque<_>, VecDeque<_>) = outbox
+                    .into_iter()
+                    .partition(|(_, frame)| is_truth(truths, frame));
+                slot.outbox = kept;
+                for (_, frame) in &dropped {
+                    faults.note_dropped(index, frame, now);
+                }
             } else if after == Activity::Passive && Some(index) == passed.sender {
                 slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
             }
             if after != before {
-                let message = state.message(number, false);
+                let message = faults.states[index].message(number, false);
                 self.wire.put(now, &message, 0)?;
                 if slot.accepted.accepts(&message) {
                     slot.receive(self.now, &message);

@@ -21,6 +21,7 @@ use crate::played::End;
 use crate::programs::{Guests, Hosting};
 use plan::Plan;
 use recording::capture::Capture;
+use recording::foreign::Foreign;
 
 /// Number of events between two looks at the clock.
 const EVENTS_PER_LOOK: u64 = 32;
@@ -141,6 +142,14 @@ pub fn play(
     let coordinator = Coordinator::new(bitrate, participants, faults, wire);
     let mut run = Run { plan, coordinator };
     let ended = run.follow();
+    // Faults end with the scenario: what they hit afterwards is of no duty.
+    let hits = run.coordinator.take_hits();
+    let reasons = run.coordinator.take_reasons();
+    let capture = &mut *run.coordinator.wire.capture;
+    capture.hits_on_bus = hits;
+    capture.unrecorded.reasons = reasons;
+    // Each frame is that of a participant or of a fault.
+    capture.unrecorded.foreign = Some(Foreign::default());
     let mut left = BTreeSet::from_iter(0..names.len());
     // The participant whose loss ended the run: its process has ended or hangs, or it gave up.
     if let Err(WorldError::Participant { name, .. }) = &ended

@@ -29,7 +29,7 @@ fn simulated(plan: &Plan) -> Frames {
         simulate(plan, &Hosting::default(), &mut capture).unwrap(),
         End::Completed
     );
-    capture.finish().unwrap().0
+    capture.finish(plan).unwrap().0
 }
 
 /// Returns the plan of the two axes with more in their scenario.
@@ -66,7 +66,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         // A fault of the scenario is played to its end.
         let end = simulate(&plan, &Hosting::default(), &mut capture).unwrap();
         assert_eq!(end, End::Completed);
-        let (frames, _) = capture.finish().unwrap();
+        let (frames, _) = capture.finish(&plan).unwrap();
         let timelines = decode(&frames, &plan).unwrap();
         for (timeline, name) in timelines.iter().zip(["x", "y"]) {
             let before = timeline.current().unwrap().get(2500).unwrap();

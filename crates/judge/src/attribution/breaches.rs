@@ -17,23 +17,29 @@ pub(crate) enum Duty {
     Command,
     /// A heartbeat within the time that the others wait for it.
     Heartbeat(Part),
-    /// To leave the drive in operation: an external controller may stop it by NMT.
+    /// To leave the nodes in operation: an external controller may stop them by NMT.
     Nmt,
+    /// To lead: not to disable the drive, change how it communicates, or flood the bus.
+    Lead,
+    /// To stay in the state into which the manager put the node with this node-ID.
+    State(u8),
 }
 
 impl Duty {
-    /// Returns the node that has the duty.
-    pub(crate) fn node(self) -> Part {
+    /// Returns the node of a loop that has the duty.
+    pub(crate) fn node(self, one: &ControlLoop) -> Part {
         match self {
-            Self::Sync | Self::Command | Self::Nmt => Part::Controller,
+            Self::Sync | Self::Command | Self::Nmt | Self::Lead => Part::Controller,
             Self::Position => Part::Drive,
             Self::Heartbeat(node) => node,
+            Self::State(id) if id == one.nodes.controller.id => Part::Controller,
+            Self::State(_) => Part::Drive,
         }
     }
 
     /// Returns whether an external node has the duty.
     pub(crate) fn is_of_external(self, one: &ControlLoop) -> bool {
-        !one.is_ours(self.node())
+        !one.is_ours(self.node(one))
     }
 
     /// Returns the name in `verdict.json`, which is also what is missing after a breach.
@@ -44,6 +50,8 @@ impl Duty {
             Self::Command => "command",
             Self::Heartbeat(_) => "heartbeat",
             Self::Nmt => "nmt",
+            Self::Lead => "lead",
+            Self::State(_) => "state",
         }
     }
 
@@ -55,7 +63,25 @@ impl Duty {
             Self::Command => "no command",
             Self::Heartbeat(_) => "no heartbeat",
             Self::Nmt => "no position since it stopped the drive by NMT",
+            Self::Lead => "no position since it took the drive out of operation",
+            Self::State(_) => "no cycle since it left its state",
         }
+    }
+}
+
+impl Duty {
+    /// Describes how a node left its duties: `left its state at 1.234 s`.
+    pub(crate) fn departure(self, at_seconds: f64) -> String {
+        let what = match self {
+            Self::Sync => "no SYNC in its time",
+            Self::Position => "no position in its time",
+            Self::Command => "no command in its time",
+            Self::Heartbeat(_) => "no heartbeat in its time",
+            Self::Nmt => "stopped a node by NMT",
+            Self::Lead => "took the drive out of operation",
+            Self::State(_) => "left its state",
+        };
+        format!("{what} at {at_seconds:.3} s")
     }
 }
 

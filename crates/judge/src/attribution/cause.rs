@@ -45,7 +45,7 @@ impl NamedCause {
         description: String,
     ) -> Self {
         Self {
-            node: node_name(evidence, duty.node()).to_owned(),
+            node: node_name(evidence, duty.node(evidence.control_loop)).to_owned(),
             duty: duty.name().to_owned(),
             at_seconds: Some(rounded(at)),
             description,
@@ -78,8 +78,9 @@ impl Lasting {
         all.sort_by(|one, other| one.from_seconds.total_cmp(&other.from_seconds));
         let first = *all.first()?;
         // A node that is gone sends none of its frames.
+        let node = |one: &Self| one.duty.node(evidence.control_loop);
         let is_same = |one: &&Self| {
-            one.duty.node() == first.duty.node()
+            node(one) == node(&first)
                 && !matches!(one.duty, Duty::Heartbeat(_))
                 && one.from_seconds
                     <= first.from_seconds + HEARTBEAT_SECONDS.max(evidence.timeline.period_seconds)
@@ -89,12 +90,14 @@ impl Lasting {
 
     /// Returns the cause as `verdict.json` holds it.
     pub(crate) fn named(&self, evidence: &Evidence<'_>) -> NamedCause {
-        let owing = node_name(evidence, self.duty.node());
+        let owing = node_name(evidence, self.duty.node(evidence.control_loop));
         let (from, breach) = (self.from_seconds, self.duty.breach());
         let description = format!("{owing}: {breach} from {from:.3} s on");
         match self.cause {
             Cause::Host(stretch) => NamedCause::by_stall(evidence, &stretch, self.duty.name()),
-            Cause::Node(_) => NamedCause::by_node(evidence, self.duty, from, description),
+            Cause::Node(_) | Cause::Unknown(_) => {
+                NamedCause::by_node(evidence, self.duty, from, description)
+            }
             Cause::Fault => NamedCause {
                 node: "fault".to_owned(),
                 description: format!("a fault of the scenario ({description})"),
@@ -130,35 +133,34 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         (!Commands::Missed.are_sound(evidence.timeline)).then(|| super::commands_due(evidence));
     let last_commands = due.and_then(Iterator::last).unwrap_or_default();
     let without_commands = lasting(evidence, &commands, last_commands, broke_off);
-    let attributed = move |duty: Duty, from_seconds: f64, is_by_fault: bool| {
-        let cause = if is_by_fault {
-            Cause::Fault
-        } else {
-            // A stall explains a breach that began in it only if it covers half of the missing time.
-            let stall = attribution
-                .stall(duty.node(), from_seconds, until)
-                .or_else(|| attribution.stood_since(duty.node(), from_seconds));
-            stall.map_or(Cause::Node(duty), Cause::Host)
+    let attributed = move |duty: Duty, from_seconds: f64, explained: Option<Cause>| {
+        // A stall explains a breach that began in it only if it covers half of the missing time.
+        let node = duty.node(evidence.control_loop);
+        let stall = || {
+            let stall = attribution.stall(node, from_seconds, until);
+            stall.or_else(|| attribution.stood_since(node, from_seconds))
         };
+        let cause = explained.or_else(|| stall().map(Cause::Host));
         Lasting {
             duty,
             from_seconds,
-            cause,
+            cause: cause.unwrap_or(Cause::Node(duty)),
         }
     };
     let stays = without_cycles.into_iter().chain(without_commands);
     let attributed_stays = stays.map(move |stay| {
-        let duty = match stay.cause {
-            Cause::Node(duty) => duty,
-            _ => stay.first.duty,
+        let (duty, explained) = match stay.cause {
+            Cause::Node(duty) => (duty, None),
+            Cause::Host(_) => (stay.first.duty, None),
+            cause => (stay.first.duty, Some(cause)),
         };
-        attributed(duty, stay.first.from_seconds, stay.cause == Cause::Fault)
+        attributed(duty, stay.first.from_seconds, explained)
     });
     let heartbeats = evidence.timeline.lost_heartbeats.iter();
     let lost = heartbeats.filter(|lost| lost.back_seconds.is_infinite());
     let heartbeats = lost.map(move |lost| {
-        let (duty, from) = (Duty::Heartbeat(lost.node), lost.due_seconds);
-        attributed(duty, from, attribution.faults.explain(duty, from, from))
+        let explained = attribution.heartbeat_explained(lost);
+        attributed(Duty::Heartbeat(lost.node), lost.due_seconds, explained)
     });
     attributed_stays.chain(heartbeats)
 }

@@ -3,7 +3,8 @@
 
 pub(crate) mod breaches;
 pub(crate) mod cause;
-pub(crate) mod faults;
+pub(crate) mod departures;
+pub(crate) mod hits;
 pub(crate) mod limits;
 pub(crate) mod stalls;
 
@@ -11,13 +12,15 @@ use std::collections::BTreeMap;
 
 use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
+use recording::losses::LostHeartbeat;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::events::Window;
 use scenario::node::Part;
 
 use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
-use self::faults::ScenarioFaults;
+use self::departures::{Departures, Root};
+use self::hits::LoopHits;
 use self::stalls::{Allowance, FeltStalls, Stretch, longest, stretches, undecided};
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
@@ -31,8 +34,8 @@ const SILENT_AT_END: (u64, f64) = (5, 0.02);
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Longest such time without faults, in periods: the last SYNC comes a period before the end, or late.
 const END_PERIODS: f64 = 1.5;
-/// Longest time from the last position of a drive to the stop by NMT that explains its silence.
-const STOPPED_SECONDS: f64 = 0.2;
+/// Part of the bus that unknown frames must occupy to keep the nodes of the run from it.
+const FLOOD: f64 = 0.5;
 /// Factor by which the misses of stalls must exceed those of canrig's own nodes for stalls to explain the latter, too.
 const PREVAILING: usize = 4;
 
@@ -41,10 +44,12 @@ const PREVAILING: usize = 4;
 pub(crate) enum Cause {
     /// Stall of the host, which kept the machine, the bus or a node of canrig's from running.
     Host(Stretch),
-    /// Fault of the scenario.
+    /// Fault of the scenario, or a node of another loop, whose verdict names it.
     Fault,
     /// Node that had this duty, canrig's own or under test.
     Node(Duty),
+    /// Nothing that the recording shows.
+    Unknown(Duty),
 }
 
 /// Attribution of the breaches of a loop.
@@ -56,7 +61,10 @@ pub(crate) struct Attribution<'a> {
     pub(crate) due: u64,
     /// Stalls that controller and drive feel.
     felt: [FeltStalls; 2],
-    pub(crate) faults: ScenarioFaults<'a>,
+    pub(crate) hits: LoopHits<'a>,
+    pub(crate) departures: Departures,
+    /// Scenario time from which on unknown frames flood the bus.
+    flooded_from: Option<f64>,
     /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
     /// Longest stall, if stalls leave open what controller and drive broke that canrig did not
@@ -72,20 +80,29 @@ impl<'a> Attribution<'a> {
     pub(crate) fn new(
         timeline: &'a Timeline,
         one: &'a ControlLoop,
-        circumstances: &Circumstances,
+        circumstances: &'a Circumstances,
     ) -> Self {
         let host = &circumstances.host;
         let stretches = stretches(timeline, &host.stalls);
         let period_seconds = timeline.period_seconds;
         let felt = [Part::Controller, Part::Drive]
             .map(|node| FeltStalls::of(node, &stretches, one, period_seconds));
+        let due = due(timeline, one, circumstances.ended_early.as_ref());
+        let hits = LoopHits::new(timeline, one, circumstances, due);
+        let reasons = &circumstances.unrecorded.reasons;
+        let judged_until = one.trial.judged_end_seconds();
+        let departures = Departures::new(timeline, one, &hits, reasons, judged_until);
+        let bitrate = one.trial.run.bus.bitrate_kilobits_per_second;
+        let flood = timeline.unknown.filter(|unknown| unknown.load(bitrate) > FLOOD);
         let mut attribution = Self {
             timeline,
             control_loop: one,
             is_real_time: host.controller.is_some() || host.plant_emulator.is_some(),
-            due: due(timeline, one, circumstances.ended_early.as_ref()),
+            due,
             felt,
-            faults: ScenarioFaults::new(timeline, one),
+            hits,
+            departures,
+            flooded_from: flood.map(|flood| flood.from_seconds),
             stood: [None; 2],
             undecided: [Part::Controller, Part::Drive]
                 .map(|node| undecided(node, &stretches, one, host)),
@@ -104,7 +121,7 @@ impl<'a> Attribution<'a> {
 
     fn missed_totals(&self) -> Totals {
         let missed = missed_cycles(self.timeline, self.due);
-        Totals::of(self.due, self.attributed(missed))
+        Totals::of(self.due, self.control_loop, self.attributed(missed))
     }
 
     /// Returns those of canrig's nodes that stalled in the cycles that they left out. Such a node
@@ -117,13 +134,14 @@ impl<'a> Attribution<'a> {
         let by_nodes = self.cycles.by_nodes.iter();
         let breaches = by_nodes.filter(|(duty, _)| is_by_canrig(duty));
         let by_canrig: usize = breaches.map(|(_, (count, _))| count).sum();
+        let by_canrig = by_canrig + self.cycles.unknown.map_or(0, |(count, _)| count);
         let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
         let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
             if !is_by_canrig(&duty) {
-                return self.undecided[place(duty.node())].map(Some);
+                return self.undecided[place(duty.node(self.control_loop))].map(Some);
             }
-            let is_punctual = circumstances.is_punctual(duty.node());
+            let is_punctual = circumstances.is_punctual(duty.node(self.control_loop));
             (prevails || is_punctual).then_some(prevailing)
         })
     }
@@ -134,50 +152,123 @@ impl<'a> Attribution<'a> {
         self.undecided[place(node)]
     }
 
-    /// Attributes each of these breaches, which are in the order of time. Breaches without interruption have the cause of the
-    /// first one that no stall explains.
+    /// Attributes each of these breaches, which are in the order of time, to the first explanation that fits it: a hit on this very
+    /// frame, a stall, or what made its node leave its duties. A controller also leaves where its drive has been silent for
+    /// longer than the end of a run may be.
     fn attributed(
         &self,
         breaches: impl Iterator<Item = Breach>,
     ) -> impl Iterator<Item = (Breach, Cause)> {
-        // The cycle that would continue the last stretch of breaches, and the cause with which that began.
-        let mut goes_on: Option<(u64, Cause)> = None;
+        self.hits.rewind();
         let mut allowances = BTreeMap::new();
+        let mut stay: Option<Silence> = None;
         breaches.map(move |breach| {
-            let (duty, from, until) = (breach.duty, breach.from_seconds, breach.until_seconds);
-            let felt = &self.felt[place(duty.node())];
-            let allowance = allowances.entry(duty);
+            let goes_on = stay.filter(|stay| stay.next_cycle == breach.cycle);
+            let since = goes_on.map_or(breach.from_seconds, |stay| stay.since);
+            let felt = &self.felt[place(breach.duty.node(self.control_loop))];
+            let allowance = allowances.entry(breach.duty);
             let stall = allowance
                 .or_insert_with(|| Allowance::of(felt))
-                .explaining(from, until);
-            let begun = goes_on.filter(|(next, _)| *next == breach.cycle);
-            let first = match (begun, stall) {
-                (Some((_, cause)), _) => Some(cause),
-                (None, Some(_)) => None,
-                (None, None) if self.faults.explain(duty, from, until) => Some(Cause::Fault),
-                (None, None) if self.is_stopped(&breach) => Some(Cause::Node(Duty::Nmt)),
-                (None, None) => Some(Cause::Node(duty)),
+                .explaining(breach.from_seconds, breach.until_seconds);
+            let cause = self.explained(&breach, stall, since, goes_on.as_ref());
+            let before = goes_on.and_then(|stay| stay.of_drive);
+            let of_drive = match breach.duty {
+                Duty::Position => Some(before.unwrap_or((breach.from_seconds, cause))),
+                _ => before,
             };
-            goes_on = first.map(|cause| (breach.cycle + 1, cause));
-            let cause = match (stall, first) {
-                (Some(stretch), _) => Cause::Host(stretch),
-                (None, Some(Cause::Fault)) => Cause::Fault,
-                // A controller gives up when the drive is silent.
-                (None, Some(Cause::Node(begun @ (Duty::Position | Duty::Nmt)))) => {
-                    self.by_node(begun, &breach)
-                }
-                (None, _) => self.by_node(duty, &breach),
-            };
+            stay = Some(Silence {
+                next_cycle: breach.cycle + 1,
+                since,
+                of_drive,
+            });
             (breach, cause)
         })
     }
 
-    /// Returns whether a drive has been silent since an external controller stopped it.
-    fn is_stopped(&self, breach: &Breach) -> bool {
-        let mut stops = self.timeline.sources.stops_seconds().iter();
-        let is_near =
-            |at: &f64| *at <= breach.until_seconds && breach.from_seconds <= at + STOPPED_SECONDS;
-        breach.duty == Duty::Position && stops.any(is_near)
+    fn explained(
+        &self,
+        breach: &Breach,
+        stall: Option<Stretch>,
+        since: f64,
+        stay: Option<&Silence>,
+    ) -> Cause {
+        let (duty, from, until) = (breach.duty, breach.from_seconds, breach.until_seconds);
+        let (one, hits) = (self.control_loop, &self.hits);
+        if hits.took(breach, since) {
+            return Cause::Fault;
+        }
+        if let Some(stretch) = stall {
+            return Cause::Host(stretch);
+        }
+        if let Some(root) = self.departed(duty.node(one), until) {
+            return match root {
+                Root::Fault | Root::Elsewhere => Cause::Fault,
+                Root::Own(begun) => self.by_node(begun, breach),
+                Root::Unknown => self.by_node(duty, breach),
+            };
+        }
+        let of_drive = stay.and_then(|stay| stay.of_drive);
+        if let Some((began, cause)) = of_drive.filter(|_| duty == Duty::Sync) {
+            let silent = from - began;
+            let is_long = silent > SILENT_AT_END.1.max(5.0 * self.timeline.period_seconds);
+            // A stall explains no more than its own time.
+            if is_long && !matches!(cause, Cause::Host(_)) {
+                return cause;
+            }
+        }
+        if self.flooded_from.is_some_and(|flooded| until >= flooded)
+            && !one.is_ours(Part::Controller)
+            && !duty.is_of_external(one)
+        {
+            return self.by_node(Duty::Lead, breach);
+        }
+        if hits.may_explain(from, until) {
+            return Cause::Unknown(duty);
+        }
+        self.by_node(duty, breach)
+    }
+
+    /// Returns why a node, or the one that it depends on, has left its duties by a time.
+    fn departed(&self, node: Part, until: f64) -> Option<Root> {
+        let nodes = &self.control_loop.nodes;
+        let (own, other) = match node {
+            Part::Controller => (&nodes.controller, &nodes.drive),
+            _ => (&nodes.drive, &nodes.controller),
+        };
+        let until = until + TIME_TOLERANCE_SECONDS;
+        let departure = self.departures.latest(own.id, until);
+        let departure = departure.or_else(|| self.departures.latest(other.id, until));
+        departure.map(|one| one.root)
+    }
+
+    /// Returns why the heartbeats of a node stay away, unless that is a stall or its own.
+    fn heartbeat_explained(&self, lost: &LostHeartbeat) -> Option<Cause> {
+        let node = self.control_loop.nodes.of(lost.node)?;
+        let (due, back) = (lost.due_seconds, lost.back_seconds);
+        if self.hits.took_heartbeats(node, due, back, HEARTBEAT_SECONDS) {
+            return Some(Cause::Fault);
+        }
+        match self.departed(lost.node, due)? {
+            Root::Fault | Root::Elsewhere => Some(Cause::Fault),
+            Root::Own(duty) => Some(Cause::Node(duty)),
+            Root::Unknown => Some(Cause::Unknown(Duty::Heartbeat(lost.node))),
+        }
+    }
+
+    /// Returns the first time at which a node left its duties for a reason of its own, with the duty that was not done. What a stall
+    /// may have caused does not count, nor what canrig's own nodes did but for their protections.
+    pub(crate) fn left(&self) -> Option<(f64, Duty)> {
+        let one = self.control_loop;
+        let is_faulty = !one.trial.run.faults.is_empty();
+        let mut own = self.departures.own();
+        own.find(|(at, duty)| {
+            let node = duty.node(one);
+            let is_protection = is_faulty && matches!(duty, Duty::State(_));
+            let is_stalled = self.stall(node, at - HEARTBEAT_SECONDS, *at).is_some()
+                || self.undecided(node).is_some()
+                || self.hits.may_explain(at - HEARTBEAT_SECONDS, *at);
+            (duty.is_of_external(one) || is_protection) && !is_stalled
+        })
     }
 
     /// Returns the stall that explains the missing frames of a node.
@@ -187,11 +278,21 @@ impl<'a> Attribution<'a> {
 
     /// Attributes a miss that neither a noticed stall nor a fault explains.
     fn by_node(&self, duty: Duty, breach: &Breach) -> Cause {
-        let stood = self.stood[place(duty.node())].filter(|_| breach.cycle < self.silent_from);
-        stood.map_or(Cause::Node(duty), |prevailing| {
+        let node = duty.node(self.control_loop);
+        let stood = self.stood[place(node)].filter(|_| breach.cycle < self.silent_from);
+        let cause = stood.map(|prevailing| {
             Cause::Host(prevailing.unwrap_or_else(|| {
-                self.stood_in(duty.node(), breach.from_seconds, breach.until_seconds)
+                self.stood_in(node, breach.from_seconds, breach.until_seconds)
             }))
+        });
+        // Beside faults a node of canrig's does what it must: what nothing explains is not its own.
+        let is_by_canrig = !duty.is_of_external(self.control_loop)
+            && matches!(duty, Duty::Sync | Duty::Position | Duty::Command)
+            && !self.control_loop.trial.run.faults.is_empty();
+        cause.unwrap_or(if is_by_canrig {
+            Cause::Unknown(duty)
+        } else {
+            Cause::Node(duty)
         })
     }
 
@@ -235,6 +336,16 @@ impl<'a> Attribution<'a> {
             .peekable();
         missed.peek().is_some() && missed.all(|(_, cause)| matches!(cause, Cause::Host(_)))
     }
+}
+
+/// Breaches without interruption.
+#[derive(Clone, Copy)]
+struct Silence {
+    next_cycle: u64,
+    /// Scenario time of the first one.
+    since: f64,
+    /// Scenario time of the first one that is the drive's, with the explanation of it.
+    of_drive: Option<(f64, Cause)>,
 }
 
 /// Returns the index of a node among controller and drive.
@@ -283,7 +394,7 @@ impl Commands {
         let mut due = 0;
         let counted = commands_due(evidence).inspect(|_| due += 1);
         let breaches = command_breaches(evidence.timeline, breaking, counted);
-        let totals = Totals::of(0, attribution.attributed(breaches));
+        let totals = Totals::of(0, evidence.control_loop, attribution.attributed(breaches));
         Totals { due, ..totals }
     }
 }
@@ -307,6 +418,8 @@ pub(crate) struct Totals {
     pub(crate) stalls: Vec<Stretch>,
     /// Breaches of the nodes by the duty that was not done first: number, and time of the first.
     by_nodes: BTreeMap<Duty, (usize, f64)>,
+    /// Breaches that nothing explains: number, and the first one.
+    pub(crate) unknown: Option<(usize, Breach)>,
     /// Last breaches without interruption.
     latest: Option<Stay>,
 }
@@ -320,20 +433,25 @@ struct Stay {
 }
 
 impl Totals {
-    fn of(due: u64, breaches: impl Iterator<Item = (Breach, Cause)>) -> Self {
+    fn of(
+        due: u64,
+        one: &ControlLoop,
+        breaches: impl Iterator<Item = (Breach, Cause)>,
+    ) -> Self {
         let mut totals = Self {
             due,
             ..Self::default()
         };
-        breaches.for_each(|(breach, cause)| totals.add(breach, cause));
+        breaches.for_each(|(breach, cause)| totals.add(one, breach, cause));
         totals
     }
 
-    fn add(&mut self, breach: Breach, cause: Cause) {
+    fn add(&mut self, one: &ControlLoop, breach: Breach, cause: Cause) {
         self.all += 1;
-        // A breach of another node behind a stall is separate.
+        // A breach of another node behind a stall is separate, and one that is no longer explained by a fault.
         let is_of_another = |stay: &Stay| match (stay.cause, cause) {
-            (Cause::Host(_), Cause::Node(duty)) => duty.node() != stay.first.duty.node(),
+            (Cause::Host(_), Cause::Node(duty)) => duty.node(one) != stay.first.duty.node(one),
+            (Cause::Fault, Cause::Node(_) | Cause::Unknown(_)) => true,
             _ => false,
         };
         let goes_on = |stay: &Stay| stay.last_cycle + 1 == breach.cycle && !is_of_another(stay);
@@ -348,6 +466,10 @@ impl Totals {
         });
         match cause {
             Cause::Fault => {}
+            Cause::Unknown(_) => {
+                let unknown = self.unknown.get_or_insert((0, breach));
+                unknown.0 += 1;
+            }
             Cause::Host(stretch) => {
                 self.by_host += 1;
                 if self.stalls.last() != Some(&stretch) {
@@ -383,13 +505,12 @@ impl Totals {
     /// breach. Each frame that the recorder lost may have been one of theirs.
     pub(crate) fn too_many(&self, percent_max: f64, frames_lost: u64) -> Vec<(Duty, f64, f64)> {
         let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
-        let all: usize = self.by_nodes.values().map(|(count, _)| count).sum();
-        let sure = all.saturating_sub(lost);
-        if sure == 0 || self.share_percent(sure) <= percent_max {
-            return Vec::new();
-        }
-        let shares = self.by_nodes.iter();
-        shares
+        let by_nodes = self.by_nodes.iter();
+        let exceeded = by_nodes.filter(|(_, (count, _))| {
+            let sure = count.saturating_sub(lost);
+            sure > 0 && self.share_percent(sure) > percent_max
+        });
+        exceeded
             .map(|(duty, (count, first))| (*duty, self.share_percent(*count), *first))
             .collect()
     }
@@ -397,6 +518,12 @@ impl Totals {
     /// Returns the duties that nodes broke without a stall or a fault as the cause.
     pub(crate) fn broken_by_nodes(&self) -> impl Iterator<Item = Duty> {
         self.by_nodes.keys().copied()
+    }
+
+    /// Returns the breaches that nothing explains, if there are too many for a limit.
+    pub(crate) fn too_many_unknown(&self, percent_max: f64) -> Option<Breach> {
+        let (count, first) = self.unknown?;
+        (self.share_percent(count) > percent_max).then_some(first)
     }
 
     /// Returns the breaches that last to the last cycle or beyond it.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::Measurand;
@@ -9,6 +10,8 @@ use plan::loop_prefix;
 use platform::series::Series;
 use scenario::cycle_start_seconds;
 
+use super::passing::UnknownFrames;
+use crate::conduct::NodeAct;
 use crate::drive_reports::DriveReports;
 use crate::events::Events;
 use crate::losses::LostHeartbeat;
@@ -53,6 +56,14 @@ pub struct Timeline {
     pub late_commands: Series<u64>,
     /// Scenario time of each SYNC from scenario time 0 on; empty in a piece.
     pub syncs_seconds: Series<f64>,
+    /// Scenario time of each position and each command; empty in a piece, and without faults, which may delay them.
+    pub positions_seconds: Series<f64>,
+    pub commands_seconds: Series<f64>,
+    /// What the nodes of the run did beside their cyclic frames; empty in a piece, and where all nodes are canrig's and no fault
+    /// acts.
+    pub conduct: Arc<[NodeAct]>,
+    /// Frames of unknown identifiers, if there are any; they are of no loop.
+    pub unknown: Option<UnknownFrames>,
     /// Heartbeats of controller and drive that did not come; empty in a piece.
     pub lost_heartbeats: Vec<LostHeartbeat>,
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
@@ -65,6 +76,8 @@ pub struct Timeline {
     pub sources: Sources,
     /// Percentage of the time for which frames occupied the bus, from the first SYNC on; NaN without two SYNCs.
     pub bus_load_percent: f64,
+    /// Scenario time from the first frame of the recording to its time 0: how long this run needed to bring its nodes up.
+    pub bring_up_seconds: f64,
     /// Longest time between two SYNCs; NaN without two SYNCs.
     pub sync_interval_milliseconds_max: f64,
     /// Events in the order of time.

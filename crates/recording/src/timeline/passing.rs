@@ -36,6 +36,26 @@ pub(super) struct Traffic {
     latest: Duration,
     sync_interval_max: Option<Duration>,
     bits: u64,
+    unknown: Option<UnknownFrames>,
+}
+
+/// Frames with identifiers that no node of the run sends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnknownFrames {
+    /// Scenario times of the first and the last one.
+    pub from_seconds: f64,
+    pub until_seconds: f64,
+    /// Bits that they occupied.
+    pub bits: u64,
+}
+
+impl UnknownFrames {
+    /// Share of the bus that they occupied from the first one to the last one.
+    pub fn load(&self, bitrate_kilobits_per_second: u32) -> f64 {
+        let seconds = self.until_seconds - self.from_seconds;
+        let bits = 1e3 * f64::from(bitrate_kilobits_per_second) * seconds;
+        if bits > 0.0 { self.bits as f64 / bits } else { 0.0 }
+    }
 }
 
 impl Passing {
@@ -99,6 +119,26 @@ impl Traffic {
                 self.sync_interval_max = self.sync_interval_max.max(Some(interval));
             }
         }
+    }
+
+    /// Takes a frame with an identifier that no node of the run sends.
+    #[cold]
+    pub(super) fn on_unknown(&mut self, stamped: &Stamped, time: Duration) {
+        if time >= self.judged_end || can::error_frames::read(&stamped.frame).is_some() {
+            return;
+        }
+        let at = time.as_secs_f64();
+        let unknown = self.unknown.get_or_insert(UnknownFrames {
+            from_seconds: at,
+            until_seconds: at,
+            bits: 0,
+        });
+        unknown.until_seconds = at;
+        unknown.bits += u64::from(stamped.occupied_bits);
+    }
+
+    pub(super) fn unknown(&self) -> Option<UnknownFrames> {
+        self.unknown
     }
 
     /// Returns NaN before there are two frames from the first SYNC on.

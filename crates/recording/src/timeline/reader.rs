@@ -1,6 +1,7 @@
 //! Decodes frames, cycle by cycle.
 
 use std::iter;
+use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::scenario_clock::SYNC_COB_ID;
@@ -13,6 +14,7 @@ use super::columns::Columns;
 use super::commands::CommandReader;
 use super::decoded::{Column, Timeline};
 use super::passing::Passing;
+use crate::conduct::{ConductReader, NodeAct};
 use crate::drive_reports::DriveReportReader;
 use crate::events::{Event, EventReader, planned};
 use crate::frames::Frames;
@@ -44,6 +46,7 @@ pub struct RunReader<'a> {
     plan: &'a Plan,
     passing: Passing,
     events: EventReader,
+    conduct: Option<ConductReader>,
     loops: Vec<LoopReader>,
     /// Indices of the loops that read an identifier: most frames are of one loop only.
     read_by: ByIdentifier<Vec<usize>>,
@@ -63,6 +66,8 @@ impl<'a> RunReader<'a> {
         Ok(Self {
             passing: Passing::new(plan)?,
             events: EventReader::new(plan.database(), NodeNames::new(plan)),
+            conduct: (plan.has_faults() || !plan.external_names().is_empty())
+                .then(|| ConductReader::new(plan)),
             read_by: ByIdentifier::of_readers(loops.iter().map(LoopReader::raw_ids)),
             loops,
             plan,
@@ -75,9 +80,18 @@ impl<'a> RunReader<'a> {
         let time = self.passing.on_frame(stamped);
         self.passing.traffic.on_frame(stamped, time);
         self.events.on_frame(stamped);
+        if let Some(conduct) = &mut self.conduct {
+            conduct.on_frame(&stamped.frame, time);
+        }
         let id = stamped.frame.raw_id();
-        for place in self.read_by.get(id).into_iter().flatten() {
-            self.loops[*place].on_frame(id, stamped, time);
+        match (self.read_by.get(id), time) {
+            (Some(places), _) => {
+                for place in places {
+                    self.loops[*place].on_frame(id, stamped, time);
+                }
+            }
+            (None, Some(time)) => self.passing.traffic.on_unknown(stamped, time),
+            (None, None) => {}
         }
     }
 
@@ -88,10 +102,15 @@ impl<'a> RunReader<'a> {
         // Before the scenario began, the times of events are not known.
         let zero = passing.clock.zero().or(is_last.then_some(Duration::ZERO));
         let on_bus = zero.map(|zero| self.events.take(zero));
+        let conduct = self.conduct.as_mut().filter(|_| is_last);
+        let conduct: Arc<[NodeAct]> = conduct.map(ConductReader::take).unwrap_or_default().into();
         let loops = self.loops.iter_mut().zip(&self.plan.loops);
         let timelines = loops.map(|(reader, one)| {
             let mut taken = if is_last {
-                reader.take_rest(&one.trial, passing)
+                Timeline {
+                    conduct: Arc::clone(&conduct),
+                    ..reader.take_rest(&one.trial, passing)
+                }
             } else {
                 reader.take_piece(&one.trial, passing)
             };
@@ -131,9 +150,37 @@ struct LoopReader {
     commands: CommandReader,
     cycle: SeriesWriter<u64>,
     syncs_seconds: SeriesWriter<f64>,
+    arrivals: Option<Arrivals>,
     cycles_due: u64,
     /// Whether a cycle has begun after the last one of the scenario.
     is_over: bool,
+}
+
+/// Times of the frames that a fault may delay.
+struct Arrivals {
+    position_id: u32,
+    command_id: u32,
+    positions_seconds: SeriesWriter<f64>,
+    commands_seconds: SeriesWriter<f64>,
+}
+
+impl Arrivals {
+    fn new(one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
+        Ok(Self {
+            position_id: one.drive_position()?.raw_id(),
+            command_id: one.target_current()?.raw_id(),
+            positions_seconds: SeriesWriter::keeping(kept_max),
+            commands_seconds: SeriesWriter::keeping(kept_max),
+        })
+    }
+
+    fn on_frame(&mut self, id: u32, time: Duration) {
+        if id == self.position_id {
+            self.positions_seconds.push(time.as_secs_f64());
+        } else if id == self.command_id {
+            self.commands_seconds.push(time.as_secs_f64());
+        }
+    }
 }
 
 impl LoopReader {
@@ -170,6 +217,9 @@ impl LoopReader {
             columns,
             cycle: SeriesWriter::keeping(kept_max),
             syncs_seconds: SeriesWriter::keeping(kept_max),
+            arrivals: (!one.trial.run.faults.is_empty())
+                .then(|| Arrivals::new(one, kept_max))
+                .transpose()?,
             cycles_due: 0,
             is_over: false,
         })
@@ -210,6 +260,9 @@ impl LoopReader {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
                 self.commands.on_frame(frame, time, is_late);
+                if let Some(arrivals) = &mut self.arrivals {
+                    arrivals.on_frame(id, time);
+                }
             }
         }
         if let Some(time) = time.filter(|_| is_sync) {
@@ -270,6 +323,11 @@ impl LoopReader {
         rest.uncommanded = uncommanded;
         rest.late_commands = late_commands;
         rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
+        if let Some(arrivals) = &mut self.arrivals {
+            let take = |times: &mut SeriesWriter<f64>| times.take(times.len());
+            rest.positions_seconds = take(&mut arrivals.positions_seconds);
+            rest.commands_seconds = take(&mut arrivals.commands_seconds);
+        }
         let mut losses = self.losses.take_all(latest);
         let lost = losses.events.take_since(0.0);
         rest.events = events.into_iter().chain(lost).chain(silences).collect();
@@ -323,6 +381,10 @@ impl LoopReader {
                 .traffic
                 .load_percent(trial.run.bus.bitrate_kilobits_per_second),
             sync_interval_milliseconds_max: passing.traffic.sync_interval_milliseconds_max(),
+            bring_up_seconds: origin
+                .saturating_sub(passing.first_frame.unwrap_or_default())
+                .as_secs_f64(),
+            unknown: passing.traffic.unknown(),
             ..Timeline::default()
         }
     }

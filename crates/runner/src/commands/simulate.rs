@@ -74,7 +74,7 @@ impl<'a> OneProcess<'a> {
         let hosting = self.args.guests.hosting(None, &announce);
         lockstep::simulate(plan, &hosting, &mut second)?;
         let zero = second.zero();
-        let (second, _) = second.finish()?;
+        let (second, _) = second.finish(plan)?;
         Ok(difference(plan, zero, [first, &second]))
     }
 }

@@ -10,10 +10,13 @@ use dbc::loops::drive_seed;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use plan::Plan;
+use recording::hits::{Effect, Hit};
+use recording::reasons::Reasons;
 use scenario::fault::{Actor, Fault, Group, Touch};
 use scenario::node::Part;
 
 use super::error_state::{Activity, ErrorState};
+use super::hit_notes::HitNotes;
 use crate::agenda::Timed;
 use crate::names::{BENCH, emulator_name};
 
@@ -21,23 +24,24 @@ use crate::names::{BENCH, emulator_name};
 const SEND_FRAMES_MAX: usize = 32;
 
 /// Bits of the node-ID in a COB-ID (CiA 301, 7.3.5).
-const NODE_ID_BITS: u16 = 0x7F;
+pub(super) const NODE_ID_BITS: u16 = 0x7F;
 /// Name of the receiver's fault; all other faults are of senders.
 const LOSE: &str = "lose";
 
-/// Returns the node-IDs behind the CAN controller of a participant, in order: of a node, or of the drives of an emulator; that of
-/// canrig's own node is 0.
-fn nodes_behind(participant: &str, plan: &Plan) -> Vec<u8> {
+/// Returns the nodes behind the CAN controller of a participant, in the order of their node-IDs: a node, or the drives of an
+/// emulator; that of canrig's own node is 0.
+fn nodes_behind(participant: &str, plan: &Plan) -> Vec<(u8, String)> {
     if let Some(node) = plan.nodes().find(|node| node.name == participant) {
-        return vec![node.id];
+        return vec![(node.id, node.name.clone())];
     }
     if participant == BENCH {
-        return vec![0];
+        return vec![(0, BENCH.to_owned())];
     }
     let loops = plan.loops.iter();
     let emulated =
         loops.filter(|one| one.is_ours(Part::Drive) && emulator_name(one) == participant);
-    let mut nodes = Vec::from_iter(emulated.map(|one| one.nodes.drive.id));
+    let drives = emulated.map(|one| &one.nodes.drive);
+    let mut nodes = Vec::from_iter(drives.map(|drive| (drive.id, drive.name.clone())));
     nodes.sort_unstable();
     nodes
 }
@@ -46,6 +50,8 @@ fn nodes_behind(participant: &str, plan: &Plan) -> Vec<u8> {
 #[derive(Debug)]
 struct Hitting {
     fault: Fault,
+    /// Path of the fault, which names its hits.
+    path: String,
     /// Identifier of the frames to hit; all frames if `None`.
     identifier: Option<u16>,
     /// Node-ID of the node to hit; all nodes if `None`.
@@ -66,6 +72,7 @@ impl Hitting {
             node: node.map(|node| node.id),
             stream: Stream::for_fault(seed, &fault),
             burst_left: 0,
+            path: fault.path(),
             fault,
         }
     }
@@ -106,7 +113,10 @@ fn identifier(fault: &Fault) -> Option<u16> {
 /// Foreign node; all times are scenario times.
 #[derive(Debug)]
 struct Foreign {
+    path: String,
     identifier: u16,
+    /// Whether a message of the run has this identifier.
+    is_of_run: bool,
     from: Duration,
     until: Duration,
     /// Time between two frames; 0 without a pause.
@@ -115,11 +125,15 @@ struct Foreign {
 }
 
 impl Foreign {
-    fn new(fault: &Fault) -> Self {
+    fn new(fault: &Fault, plan: &Plan) -> Self {
         let (from, until) = (fault.from_seconds, fault.until_seconds);
         let period_milliseconds = fault.optional("period_milliseconds");
+        let identifier = identifier(fault).unwrap_or_default();
+        let mut messages = plan.database().messages().iter();
         Self {
-            identifier: identifier(fault).unwrap_or_default(),
+            path: fault.path(),
+            identifier,
+            is_of_run: messages.any(|message| message.raw_id == u32::from(identifier)),
             from: Duration::from_secs_f64(from.unwrap_or_default()),
             until: until.map_or(Duration::MAX, Duration::from_secs_f64),
             period: Duration::from_secs_f64(period_milliseconds.unwrap_or_default() * 1e-3),
@@ -140,6 +154,16 @@ impl Foreign {
     }
 }
 
+/// Frame that a gateway holds.
+#[derive(Debug)]
+struct Held {
+    frame: CanFrame,
+    /// Number of the frame among those of its identifier, and the path of the fault.
+    number: u64,
+    fault: String,
+    since_seconds: f64,
+}
+
 /// All faults of the bus.
 #[derive(Debug)]
 pub(crate) struct BusFaults {
@@ -148,12 +172,13 @@ pub(crate) struct BusFaults {
     hitting: Vec<Hitting>,
     foreign: Vec<Foreign>,
     /// Frames that each station's gateway holds until the next one has overtaken them.
-    held: Vec<Vec<CanFrame>>,
+    held: Vec<Vec<Held>>,
     /// Identifiers of the reports of emulated plants.
     pub(crate) truths: Vec<u16>,
     /// Error counters of each station.
     pub(crate) states: Vec<ErrorState>,
     clock: ScenarioClock,
+    notes: HitNotes,
 }
 
 impl BusFaults {
@@ -171,6 +196,7 @@ impl BusFaults {
         let (foreign, hitting): (Vec<_>, Vec<_>) = of_bus.partition(is_foreign);
         let nodes = participants.iter().map(|name| nodes_behind(name, plan));
         let nodes = Vec::from_iter(nodes);
+        let ids = |nodes: &Vec<(u8, String)>| nodes.iter().map(|(id, _)| *id).collect();
         let loops = plan.loops.iter();
         let truths = loops.map(|one| one.trial.wiring.identifiers.truth);
         Ok(Some(Self {
@@ -178,18 +204,74 @@ impl BusFaults {
                 .into_iter()
                 .map(|fault| Hitting::new(plan, fault.clone()))
                 .collect(),
-            foreign: foreign.into_iter().map(Foreign::new).collect(),
-            held: vec![Vec::new(); nodes.len()],
+            foreign: foreign
+                .into_iter()
+                .map(|fault| Foreign::new(fault, plan))
+                .collect(),
+            held: nodes.iter().map(|_| Vec::new()).collect(),
             truths: truths.collect(),
             states: vec![ErrorState::default(); nodes.len()],
             clock: plan.scenario_clock()?,
-            nodes,
+            nodes: nodes.iter().map(ids).collect(),
+            notes: HitNotes::new(nodes.into_iter()),
         }))
     }
 
     /// Observes each frame that has passed.
     pub(crate) fn observe(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
+        self.notes.count_passed(frame);
+    }
+
+    /// Notes that the bus has been idle.
+    pub(crate) fn rest(&mut self) {
+        self.notes.rest();
+    }
+
+    /// Notes that the bus is occupied by a foreign frame, or by a disturbed transmission of a participant, for a time.
+    pub(crate) fn occupy(&mut self, fault: &str, time: Duration, sender: Option<usize>) {
+        self.notes.occupy(fault, time, sender);
+    }
+
+    /// Notes a frame of a participant that goes on the bus now, with the time from which it has been ready.
+    pub(crate) fn note_sent(&mut self, index: usize, frame: &CanFrame, ready: Duration, now: Duration) {
+        if let Some(at) = self.seconds(now).filter(|_| !is_truth(&self.truths, frame)) {
+            self.notes.note_sent(index, frame, now.saturating_sub(ready), at);
+        }
+    }
+
+    /// Notes that a frame of a participant is dropped, since it has gone off the bus.
+    pub(crate) fn note_dropped(&mut self, index: usize, frame: &CanFrame, now: Duration) {
+        if let Some(at) = self.seconds(now) {
+            self.notes.note_dropped(index, true, frame, at);
+        }
+    }
+
+    /// Takes the reasons of all nodes.
+    pub(crate) fn take_reasons(&mut self) -> Reasons {
+        self.notes.take_reasons()
+    }
+
+    /// Takes all hits of a run that ends now, with the frames that still wait.
+    pub(crate) fn take_hits<'a>(
+        &mut self,
+        outboxes: impl Iterator<Item = &'a VecDeque<Timed>>,
+        now: Duration,
+    ) -> Vec<Hit> {
+        for (index, outbox) in outboxes.enumerate() {
+            for (ready, frame) in outbox {
+                self.note_sent(index, frame, *ready, now);
+            }
+        }
+        if let Some(at) = self.seconds(now) {
+            for (index, held) in self.held.iter().enumerate() {
+                for one in held {
+                    let (hit, frame) = ((&*one.fault, Effect::Late), (&one.frame, one.number));
+                    self.notes.note_queued(index, hit, frame, (one.since_seconds, at));
+                }
+            }
+        }
+        self.notes.take()
     }
 
     /// Returns the faults of a kind at a participant that hit a frame. Count them to the end: every fault is asked, so that none
@@ -215,12 +297,19 @@ impl BusFaults {
     /// station sends while it is off the bus are lost.
     pub(crate) fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
         for (time, frame) in frames {
+            if let Some(at) = self.seconds(*time) {
+                self.notes.note_reason(frame, at);
+            }
             if is_truth(&self.truths, frame) {
                 insert(outbox, *time, *frame);
-            } else if self.states[index].activity() != Activity::Off {
+            } else if self.states[index].activity() == Activity::Off {
+                self.note_dropped(index, frame, *time);
+            } else {
                 for (time, frame) in self.gateway(index, *time, *frame) {
                     if outbox.len() < SEND_FRAMES_MAX {
                         insert(outbox, time, frame);
+                    } else if let Some(at) = self.seconds(time) {
+                        self.notes.note_dropped(index, false, &frame, at);
                     }
                 }
             }
@@ -232,49 +321,84 @@ impl BusFaults {
         let Some(seconds) = self.seconds(time) else {
             return vec![(time, frame)];
         };
+        let number = self.notes.count_queued(index, &frame);
+        let mut noted: Vec<(String, Effect, f64)> = Vec::new();
         for corrupt in self.hits("corrupt", index, seconds, frame) {
             let bits = corrupt.fault.whole("inverted_bits").unwrap_or_default();
             frame = inverted(&frame, bits, &mut corrupt.stream);
+            noted.push((corrupt.path.clone(), Effect::Changed, seconds));
         }
-        let delays = self.hits("delay", index, seconds, frame).map(|delay| {
-            let milliseconds = delay.fault.number("delay_milliseconds");
-            Duration::from_secs_f64(milliseconds * 1e-3)
-        });
-        let leaves = time + delays.sum::<Duration>();
-        let copies = 1 + self.hits("duplicate", index, seconds, frame).count();
-        if self.hits("reorder", index, seconds, frame).count() > 0 {
-            self.held[index].push(frame);
+        let mut leaves = time;
+        for delay in self.hits("delay", index, seconds, frame) {
+            let later = Duration::from_secs_f64(delay.fault.number("delay_milliseconds") * 1e-3);
+            leaves += later;
+            let until = seconds + later.as_secs_f64();
+            noted.push((delay.path.clone(), Effect::Late, until));
+        }
+        let mut copies = 1;
+        for duplicate in self.hits("duplicate", index, seconds, frame) {
+            copies += 1;
+            noted.push((duplicate.path.clone(), Effect::Changed, seconds));
+        }
+        let reorders = self.hits("reorder", index, seconds, frame);
+        let reorder = reorders.map(|one| one.path.clone()).last();
+        for (fault, effect, until) in noted {
+            let (hit, frame) = ((&*fault, effect), (&frame, number));
+            self.notes.note_queued(index, hit, frame, (seconds, until));
+        }
+        if let Some(fault) = reorder {
+            self.held[index].push(Held {
+                frame,
+                number,
+                fault,
+                since_seconds: seconds,
+            });
             return Vec::new();
         }
-        let overtaken = self.held[index].drain(..);
-        let frames = std::iter::repeat_n(frame, copies).chain(overtaken);
-        frames.map(|frame| (leaves, frame)).collect()
+        let mut frames = vec![(leaves, frame); copies];
+        for held in self.held[index].drain(..) {
+            let (hit, frame) = ((&*held.fault, Effect::Late), (&held.frame, held.number));
+            self.notes.note_queued(index, hit, frame, (held.since_seconds, seconds));
+            frames.push((leaves, held.frame));
+        }
+        frames
     }
 
     /// Returns whether a receiver is off the bus, or overruns on this frame.
     pub(crate) fn misses(&mut self, index: usize, time: Duration, frame: &CanFrame) -> bool {
+        let seconds = self.seconds(time);
         if self.states[index].activity() == Activity::Off {
+            if let Some(at) = seconds {
+                self.notes.note_missed(index, None, frame, at);
+            }
             return true;
         }
-        let seconds = self.seconds(time);
-        seconds.is_some_and(|seconds| self.hits(LOSE, index, seconds, *frame).count() > 0)
+        let Some(at) = seconds else {
+            return false;
+        };
+        let losing = self.hits(LOSE, index, at, *frame);
+        let Some(fault) = losing.map(|one| one.path.clone()).last() else {
+            return false;
+        };
+        self.notes.note_missed(index, Some(&fault), frame, at);
+        true
     }
 
-    /// Returns after how many of the frame's bits this transmission is disturbed; `None` if it is not.
+    /// Returns after how many of the frame's bits this transmission is disturbed, and the path of the fault; `None` if it is not.
     pub(crate) fn disturbs(
         &mut self,
         index: usize,
         time: Duration,
         frame: &CanFrame,
         bits: u32,
-    ) -> Option<u32> {
+    ) -> Option<(u32, String)> {
         let seconds = self
             .seconds(time)
             .filter(|_| !is_truth(&self.truths, frame))?;
         let errors = self.hits("bit_error", index, seconds, *frame);
-        let places = errors.map(|error| error.stream.below(u64::from(bits)));
-        let last = places.last()?;
-        Some(1 + u32::try_from(last).unwrap_or_default())
+        let places = errors.map(|error| (error.stream.below(u64::from(bits)), &error.path));
+        let (last, path) = places.last()?;
+        Some((1 + u32::try_from(last).unwrap_or_default(), path.clone()))
     }
 
     /// Returns the time at which a foreign node next wants to send, if the bus is free from `free_at` on.
@@ -286,8 +410,12 @@ impl BusFaults {
     }
 
     /// Takes the frame of the foreign nodes in the arbitration at `now`, the one with the lowest identifier, if it beats a rival
-    /// with this key.
-    pub(crate) fn take_foreign(&mut self, now: Duration, rival: Option<u32>) -> Option<CanFrame> {
+    /// with this key; with the path of its fault.
+    pub(crate) fn take_foreign(
+        &mut self,
+        now: Duration,
+        rival: Option<u32>,
+    ) -> Option<(CanFrame, String)> {
         let time = now.checked_sub(self.clock.zero()?)?;
         let foreign = self.foreign.iter_mut();
         let due = foreign.filter(|node| node.next(time) == Some(time));
@@ -297,7 +425,11 @@ impl BusFaults {
             return None;
         }
         first.sent += 1;
-        Some(frame)
+        if first.is_of_run {
+            let at = time.as_secs_f64();
+            self.notes.note_foreign(&first.path, &frame, first.sent, at);
+        }
+        Some((frame, first.path.clone()))
     }
 
     /// Returns whether no participant may go ahead: errors on the wire may reach it at the end of any frame.

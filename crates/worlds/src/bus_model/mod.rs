@@ -2,6 +2,7 @@
 
 pub(crate) mod error_state;
 pub(crate) mod faults;
+mod hit_notes;
 
 use std::time::Duration;
 

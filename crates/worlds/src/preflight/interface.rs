@@ -100,6 +100,7 @@ mod tests {
     use super::*;
 
     const GOOD: Link = Link {
+        is_virtual: false,
         is_can: true,
         is_up: true,
         bit_rate: Some(1_000_000),

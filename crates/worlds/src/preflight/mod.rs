@@ -245,7 +245,7 @@ impl Session<'_> {
         let connection = &mut *self.connection;
         let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
         self.await_stopped(&mut capture, &mut heating)?;
-        capture.finish()?;
+        capture.finish(&ramp)?;
         match ended.map(|played| played.end) {
             Err(second_master @ WorldError::SecondMaster(_)) => Err(second_master),
             Ok(End::Interrupted) => Ok(End::Interrupted),

@@ -188,7 +188,7 @@ fn a_foreign_node_keeps_its_rate_and_a_babbling_one_never_pauses() {
     );
     let mut times = Vec::new();
     while let Some(next) = load.next_foreign(Duration::ZERO) {
-        let frame = load.take_foreign(next, None).unwrap();
+        let (frame, _) = load.take_foreign(next, None).unwrap();
         assert_eq!(frame.standard_id(), Some(0x555));
         times.push(next.as_millis());
     }

@@ -1,0 +1,478 @@
+//! Departures: the times at which a node left its duties altogether, and why. A controller gives up, a drive trips, boots again
+//! or is stopped. Each has the explanation of what it follows from, found by what the nodes themselves said and did; only one
+//! that follows from nothing is the node's own.
+
+use canopen::cia402::State;
+use canopen::nmt::ERROR_CONTROL_ID;
+use canopen::{NmtCommand, NmtState};
+use plan::ControlLoop;
+use recording::conduct::{Act, NodeAct};
+use recording::reasons::{Reason, Reasons};
+use recording::timeline::Timeline;
+use scenario::node::{Node, Part};
+
+use super::breaches::{Duty, missed_cycles};
+use super::hits::LoopHits;
+
+/// Emergencies by which a drive reports that it lost a service (CiA 301, 7.2.7).
+const LOST_HEARTBEAT: u16 = 0x8130;
+const LOST_SYNC: u16 = 0x8100;
+const LOST_COMMAND: u16 = 0x8250;
+/// Emergencies of the CAN controller: events, which stop nobody by themselves.
+const OF_THE_BUS: [u16; 3] = [0x8110, 0x8120, 0x8140];
+/// Largest index of the objects for communication.
+const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
+
+/// Causes in the controller's emergency: see docs/reference/emergencies.md.
+mod reason {
+    pub(super) const NO_POSITION: u8 = 1;
+    pub(super) const IMPLAUSIBLE: std::ops::RangeInclusive<u8> = 2..=4;
+    pub(super) const OF_DRIVE: std::ops::RangeInclusive<u8> = 5..=7;
+    pub(super) const ORDERED_ABOUT: u8 = 8;
+    pub(super) const NO_BRING_UP: u8 = 9;
+    pub(super) const RIG_LIMIT: u8 = 10;
+}
+
+/// Explanation of a departure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Root {
+    /// A fault of the scenario, or a stop that the scenario expects.
+    Fault,
+    /// Something in another loop, whose verdict names it.
+    Elsewhere,
+    /// A duty that a node of this loop did not do.
+    Own(Duty),
+    /// Nothing that the recording shows.
+    Unknown,
+}
+
+/// Departure of a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Departure {
+    pub(crate) at_seconds: f64,
+    pub(crate) node_id: u8,
+    pub(crate) root: Root,
+}
+
+/// All departures that a loop sees, in the order of time.
+#[derive(Debug, Default)]
+pub(crate) struct Departures {
+    all: Vec<Departure>,
+    /// Times at which the loop's drive was enabled again.
+    returns: Vec<f64>,
+}
+
+impl Departures {
+    pub(super) fn new(
+        timeline: &Timeline,
+        control_loop: &ControlLoop,
+        hits: &LoopHits<'_>,
+        reasons: &Reasons,
+        judged_until: f64,
+    ) -> Self {
+        let mut finder = Finder {
+            timeline,
+            control_loop,
+            hits,
+            found: Self::default(),
+        };
+        let mut acts = timeline.conduct.to_vec();
+        acts.extend(reasons.iter().filter_map(|reason| finder.emergency(reason)));
+        acts.sort_by(|one, other| one.at_seconds.total_cmp(&other.at_seconds));
+        for act in acts.iter().filter(|act| act.at_seconds < judged_until) {
+            finder.on_act(act);
+        }
+        finder.found
+    }
+
+    /// The latest departure of a node before a time, if its loop has not run again since.
+    pub(crate) fn latest(&self, node_id: u8, before: f64) -> Option<&Departure> {
+        let of_node = self.all.iter().filter(|one| one.node_id == node_id);
+        let latest = of_node.take_while(|one| one.at_seconds <= before).last()?;
+        let has_returned = |at: &f64| *at > latest.at_seconds && *at < before;
+        (!self.returns.iter().any(has_returned)).then_some(latest)
+    }
+
+    /// The first departures that are a node's own.
+    pub(crate) fn own(&self) -> impl Iterator<Item = (f64, Duty)> {
+        self.all.iter().filter_map(|one| match one.root {
+            Root::Own(duty) => Some((one.at_seconds, duty)),
+            _ => None,
+        })
+    }
+}
+
+/// Finds departures act by act.
+struct Finder<'a, 'b> {
+    timeline: &'a Timeline,
+    control_loop: &'a ControlLoop,
+    hits: &'a LoopHits<'b>,
+    found: Departures,
+}
+
+impl Finder<'_, '_> {
+    fn on_act(&mut self, act: &NodeAct) {
+        let (at, id) = (act.at_seconds, act.node_id);
+        let (controller, drive) = (self.controller().id, self.drive().id);
+        match act.act {
+            Act::Emergency { code, about, cause } if id == controller => {
+                self.on_report(at, code, about, cause);
+            }
+            Act::Emergency { code, .. } if id == drive && self.is_ours(Part::Drive) => {
+                self.on_emergency(at, code);
+            }
+            Act::Power { state, is_asked } if id == drive => self.on_power(at, state, is_asked),
+            Act::Heartbeat(state) => self.on_heartbeat(at, id, state),
+            Act::Ordered(command) => self.on_order(at, id, command),
+            Act::Written { index } if id == drive && COMMUNICATION.contains(&index) => {
+                self.on_written(at);
+            }
+            _ => {}
+        }
+    }
+
+    /// The emergency of one of the loop's nodes, which may not have reached the bus.
+    fn emergency(&self, reason: &Reason) -> Option<NodeAct> {
+        let id = |name: &str| {
+            let mut nodes = [self.controller(), self.drive()].into_iter();
+            nodes.find(|node| node.name == name).map(|node| node.id)
+        };
+        let about = match reason.about.as_str() {
+            "" => 0,
+            name => id(name).unwrap_or(u8::MAX),
+        };
+        Some(NodeAct {
+            at_seconds: reason.at_seconds,
+            node_id: id(&reason.node)?,
+            act: Act::Emergency {
+                code: reason.code,
+                about,
+                cause: reason.cause,
+            },
+        })
+    }
+
+    fn controller(&self) -> &Node {
+        &self.control_loop.nodes.controller
+    }
+
+    fn drive(&self) -> &Node {
+        &self.control_loop.nodes.drive
+    }
+
+    fn is_ours(&self, part: Part) -> bool {
+        self.control_loop.is_ours(part)
+    }
+
+    fn add(&mut self, at_seconds: f64, node_id: u8, root: Root) {
+        // A node that has left does not leave again, whatever it says afterwards.
+        if self.found.latest(node_id, at_seconds).is_none() {
+            let departure = Departure { at_seconds, node_id, root };
+            self.found.all.push(departure);
+        }
+    }
+
+    fn root_of(&self, node_id: u8, at: f64) -> Option<Root> {
+        self.found.latest(node_id, at).map(|one| one.root)
+    }
+
+    /// Takes the controller's reason to give up. One of canrig's says what it is; another one may stop for what it watches.
+    fn on_report(&mut self, at: f64, code: u16, about: u8, cause: u8) {
+        if OF_THE_BUS.contains(&code) {
+            return;
+        }
+        let (controller, drive) = (self.controller().id, self.drive().id);
+        if !self.is_ours(Part::Controller) {
+            if let Some(root) = self.root_of(drive, at).or_else(|| self.expected_stop(at)) {
+                self.add(at, controller, root);
+            }
+            return;
+        }
+        let is_elsewhere = about != 0 && about != drive;
+        let root = match cause {
+            _ if is_elsewhere => Root::Elsewhere,
+            _ if code == LOST_HEARTBEAT => self.root_of_state(at),
+            reason::NO_POSITION => self.root_of_silence(at),
+            _ if reason::OF_DRIVE.contains(&cause) => self.root_of_state(at),
+            _ if reason::IMPLAUSIBLE.contains(&cause) => self.protected(at, controller),
+            reason::ORDERED_ABOUT if self.hits.changed(self.controller(), f64::NEG_INFINITY, at) => {
+                Root::Fault
+            }
+            reason::ORDERED_ABOUT => Root::Unknown,
+            reason::NO_BRING_UP | reason::RIG_LIMIT => self.protected(at, drive),
+            _ => Root::Own(Duty::State(controller)),
+        };
+        self.add(at, controller, root);
+    }
+
+    /// A protection that trips is no node's breach if a fault changed what the drive measures; else it is the node's.
+    fn protected(&self, at: f64, node_id: u8) -> Root {
+        let drive = self.drive();
+        let hits = self.hits;
+        let is_hit = hits.changed(drive, f64::NEG_INFINITY, at)
+            || hits.kept_from_running(drive, at, at, at)
+            || hits.changed(self.controller(), f64::NEG_INFINITY, at);
+        if is_hit {
+            Root::Fault
+        } else {
+            self.root_of(self.drive().id, at)
+                .unwrap_or(Root::Own(Duty::State(node_id)))
+        }
+    }
+
+    /// Explains why no position came for longer than the controller tolerates.
+    fn root_of_silence(&self, at: f64) -> Root {
+        if let Some(root) = self.root_of(self.drive().id, at) {
+            return root;
+        }
+        let since = at - super::SILENT_AT_END.1.max(25.0 * self.timeline.period_seconds);
+        let missed = missed_cycles(self.timeline, u64::MAX.min(self.timeline.cycles_due));
+        let lately = missed.filter(|breach| {
+            breach.duty == Duty::Position
+                && breach.until_seconds > since
+                && breach.from_seconds < at
+        });
+        let lately = Vec::from_iter(lately);
+        self.hits.rewind();
+        let is_own = lately
+            .iter()
+            .any(|breach| !self.hits.took(breach, breach.from_seconds));
+        match lately.is_empty() {
+            false if is_own => Root::Own(Duty::Position),
+            false => Root::Fault,
+            true => self.missed_by(self.controller(), &[Duty::Position], since, at),
+        }
+    }
+
+    /// Explains why a drive is not operational, not enabled or not heard, as its controller says.
+    fn root_of_state(&self, at: f64) -> Root {
+        let drive = self.drive();
+        if let Some(root) = self.root_of(drive.id, at) {
+            return root;
+        }
+        let patience = self.heartbeat_patience(drive);
+        let mut lost = self.timeline.lost_heartbeats.iter();
+        let lost = lost.find(|lost| {
+            lost.node == Part::Drive && lost.due_seconds <= at && lost.back_seconds + patience >= at
+        });
+        if let Some(lost) = lost {
+            return self.root_of_heartbeat(drive, lost.due_seconds, at.min(lost.back_seconds));
+        }
+        let hits = self.hits;
+        let since = at - patience;
+        if hits.changed(drive, since, at)
+            || hits.kept_from_running(drive, since, at, since)
+            || hits.took_heartbeats(drive, since, at, patience)
+        {
+            return Root::Fault;
+        }
+        self.missed_by(self.controller(), &[Duty::Heartbeat(Part::Drive)], since, at)
+    }
+
+    fn root_of_heartbeat(&self, node: &Node, due: f64, until: f64) -> Root {
+        let patience = self.heartbeat_patience(node);
+        if self.hits.took_heartbeats(node, due, until, patience) {
+            Root::Fault
+        } else {
+            Root::Own(Duty::Heartbeat(node.part))
+        }
+    }
+
+    /// Longest time for which nodes wait for the heartbeat of a node.
+    fn heartbeat_patience(&self, node: &Node) -> f64 {
+        let message = self.control_loop.message(node, dbc::names::HEARTBEAT).ok();
+        let period = message.map_or(0, |message| message.cycle_time_milliseconds);
+        5.0 * period.max(1) as f64 / 1e3
+    }
+
+    /// Whether a receiver missed the frames of these duties by a fault.
+    fn missed_by(&self, receiver: &Node, duties: &[Duty], from: f64, until: f64) -> Root {
+        let identifiers = duties.iter().filter_map(|duty| match duty {
+            Duty::Heartbeat(part) => {
+                let node = self.control_loop.nodes.of(*part)?;
+                Some(ERROR_CONTROL_ID + u16::from(node.id))
+            }
+            duty => self.hits.identifier(*duty),
+        });
+        let identifiers = Vec::from_iter(identifiers);
+        if self.hits.missed(receiver, &identifiers, from, until) {
+            Root::Fault
+        } else {
+            Root::Unknown
+        }
+    }
+
+    /// Takes the reason of one of canrig's drives.
+    fn on_emergency(&mut self, at: f64, code: u16) {
+        if OF_THE_BUS.contains(&code) {
+            return;
+        }
+        let (drive, controller) = (self.drive().clone(), self.controller().clone());
+        let owed = match code {
+            LOST_HEARTBEAT => Some((Duty::Heartbeat(Part::Controller), self.heartbeat_patience(&controller))),
+            LOST_SYNC => Some((Duty::Sync, 0.05f64.max(3.0 * self.timeline.period_seconds))),
+            LOST_COMMAND => Some((Duty::Command, 0.1)),
+            _ => None,
+        };
+        let root = match owed {
+            Some((duty, patience)) => self.root_of_loss(at, duty, patience),
+            None if self.hits.changed(&drive, f64::NEG_INFINITY, at) => Root::Fault,
+            None => Root::Own(Duty::State(drive.id)),
+        };
+        self.add(at, drive.id, root);
+    }
+
+    /// Explains why a drive of canrig's lost a service of the controller.
+    fn root_of_loss(&self, at: f64, duty: Duty, patience: f64) -> Root {
+        let (controller, drive) = (self.controller(), self.drive());
+        if let Some(root) = self.root_of(controller.id, at) {
+            return root;
+        }
+        let since = at - patience;
+        let hits = self.hits;
+        let is_taken = hits.kept_from_running(controller, since, at, since)
+            || hits.changed(controller, since, at)
+            || match duty {
+                Duty::Heartbeat(_) => hits.took_heartbeats(controller, since, at, patience),
+                duty => hits.is_hit_in(duty, since, at),
+            }
+            || self.missed_by(drive, &[duty], since, at) == Root::Fault;
+        match is_taken {
+            true => Root::Fault,
+            false => Root::Own(duty),
+        }
+    }
+
+    /// Takes a new state of the drive. Only one that leaves Operation enabled is a departure.
+    fn on_power(&mut self, at: f64, state: State, is_asked: bool) {
+        if state == State::OperationEnabled {
+            self.found.returns.push(at);
+            return;
+        }
+        let (drive, controller) = (self.drive().clone(), self.controller().clone());
+        // What another state it goes to afterwards does not matter.
+        if self.found.latest(drive.id, at).is_some() {
+            return;
+        }
+        let is_hit = self.hits.changed_order(&drive, at)
+            || self.hits.kept_from_running(&drive, at, at, at);
+        if is_hit {
+            self.add(at, drive.id, Root::Fault);
+        } else if is_asked && !self.is_ours(Part::Controller) {
+            let root = self.expected_stop(at).unwrap_or(Root::Own(Duty::Lead));
+            self.add(at, controller.id, root);
+            self.add(at, drive.id, root);
+        } else if let Some(root) = self.root_of(controller.id, at) {
+            self.add(at, drive.id, root);
+        } else if !self.is_ours(Part::Drive) {
+            let root = self.watched_by_drive(at).unwrap_or(Root::Own(Duty::State(drive.id)));
+            self.add(at, drive.id, root);
+        }
+        // A drive of canrig's says in an emergency why it leaves the state.
+    }
+
+    /// What a drive that is not canrig's may have answered: a controller that fell silent before.
+    fn watched_by_drive(&self, at: f64) -> Option<Root> {
+        let mut lost = self.timeline.lost_heartbeats.iter();
+        let lost = lost.find(|lost| {
+            lost.node == Part::Controller && lost.due_seconds < at && lost.back_seconds >= at
+        });
+        if let Some(lost) = lost {
+            return Some(self.root_of_heartbeat(self.controller(), lost.due_seconds, at));
+        }
+        let last = self.timeline.syncs_seconds.iter().take_while(|time| *time <= at).last()?;
+        let silent = at - last;
+        let is_silence = silent > super::SILENT_AT_END.1.max(5.0 * self.timeline.period_seconds);
+        is_silence.then(|| {
+            let is_hit = self.hits.is_hit_in(Duty::Sync, last, at)
+                || self.hits.kept_from_running(self.controller(), last, at, last);
+            if is_hit { Root::Fault } else { Root::Own(Duty::Sync) }
+        })
+    }
+
+    /// Takes a new state in a heartbeat.
+    fn on_heartbeat(&mut self, at: f64, id: u8, state: NmtState) {
+        let (controller, drive) = (self.controller().clone(), self.drive().clone());
+        let node = [&controller, &drive].into_iter().find(|node| node.id == id);
+        let Some(node) = node.filter(|_| state != NmtState::Operational) else {
+            return;
+        };
+        let has_booted = state == NmtState::Initialising;
+        if self.is_ours(node.part) && !has_booted || id == controller.id && !has_booted {
+            return;
+        }
+        let root = if self.hits.kept_from_running(node, at, at, at) || self.hits.changed(node, at - 0.1, at) {
+            Root::Fault
+        } else if self.is_ours(node.part) {
+            // canrig's nodes boot when they are told to, or by a fault.
+            return;
+        } else if id == drive.id {
+            let root = self.root_of(controller.id, at);
+            root.unwrap_or(Root::Own(Duty::State(id)))
+        } else {
+            Root::Own(Duty::State(id))
+        };
+        self.add(at, id, root);
+    }
+
+    /// Takes an NMT command that takes a node from its duties. That of a fault is a hit; a controller of canrig's gives it when
+    /// it has given up.
+    fn on_order(&mut self, at: f64, id: u8, command: NmtCommand) {
+        if command == NmtCommand::Start {
+            return;
+        }
+        let (controller, drive) = (self.controller().clone(), self.drive().clone());
+        let io = self.control_loop.trial.wiring.io_nodes();
+        let io = io.map(|node| node.id);
+        let meant = Vec::from_iter([drive.id].into_iter().chain(io));
+        let meant = Vec::from_iter(meant.into_iter().filter(|node| id == 0 || *node == id));
+        if self.hits.commanded(at) {
+            for node in meant {
+                self.add(at, node, Root::Fault);
+            }
+            if id == controller.id {
+                self.add(at, id, Root::Fault);
+            }
+            return;
+        }
+        if self.is_ours(Part::Controller) || meant.is_empty() {
+            return;
+        }
+        let before = self.root_of(drive.id, at).or_else(|| self.root_of(controller.id, at));
+        let root = before
+            .or_else(|| self.expected_stop(at))
+            .unwrap_or(Root::Own(Duty::Nmt));
+        self.add(at, controller.id, root);
+        for node in meant {
+            self.add(at, node, root);
+        }
+    }
+
+    /// Takes an object for communication that a controller wrote in mid-run: if the drive is silent from then on, that is why.
+    fn on_written(&mut self, at: f64) {
+        if self.is_ours(Part::Controller) {
+            return;
+        }
+        let last = self.timeline.measured_position().iter().zip(self.timeline.time_seconds.iter());
+        let last = last.filter(|(position, _)| !position.is_nan()).last();
+        let is_silent = last.is_none_or(|(_, time)| time <= at + self.timeline.period_seconds);
+        if is_silent {
+            let drive = self.drive().id;
+            self.add(at, drive, Root::Own(Duty::Lead));
+        }
+    }
+
+    /// Whether the scenario demands that the controller stops, and a fault has hit something that it receives.
+    fn expected_stop(&self, at: f64) -> Option<Root> {
+        let expect = &self.control_loop.trial.expect;
+        let controller = self.controller();
+        let demands = expect.listed("emcy").iter().any(|text| {
+            text.split_whitespace().next() == Some(&*controller.name)
+        });
+        let is_limited = ["safe_state", "{command}_zero_within_milliseconds"]
+            .iter()
+            .any(|metric| expect.of(metric).is_some());
+        let first = self.hits.first_on_others(controller)?;
+        (at >= first && (demands || is_limited)).then_some(Root::Fault)
+    }
+}

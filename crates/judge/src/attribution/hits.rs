@@ -1,0 +1,396 @@
+//! What the hits of a scenario's faults explain: a frame that they took or held up, and the time in which they kept a node from
+//! running, no longer.
+
+use std::cell::Cell;
+use std::collections::BTreeSet;
+
+use canopen::nmt::ERROR_CONTROL_ID;
+use plan::ControlLoop;
+use recording::hits::{Effect, Hit, Hits};
+use recording::timeline::{Series, Timeline};
+use scenario::fault::Fault;
+use scenario::node::Node;
+
+use super::breaches::{Breach, Duty};
+use crate::circumstances::Circumstances;
+
+/// Times of hits and of frames are whole microseconds, each rounded by itself.
+const MICROSECONDS: f64 = 2e-6;
+/// Parts in a million.
+const MILLION: f64 = 1e6;
+
+/// Hits that concern a loop.
+pub(crate) struct LoopHits<'a> {
+    timeline: &'a Timeline,
+    control_loop: &'a ControlLoop,
+    hits: Option<&'a Hits>,
+    /// Cycles whose SYNC, position or command a fault only held up.
+    held_up: [BTreeSet<u64>; 3],
+    /// Number of SYNCs that a wrong clock has cost so far, while breaches are explained in their order.
+    by_clock: Cell<u64>,
+}
+
+impl<'a> LoopHits<'a> {
+    pub(super) fn new(
+        timeline: &'a Timeline,
+        control_loop: &'a ControlLoop,
+        circumstances: &'a Circumstances,
+        due: u64,
+    ) -> Self {
+        let hits = circumstances.unrecorded.hits.as_ref();
+        let mut found = Self {
+            timeline,
+            control_loop,
+            hits,
+            held_up: Default::default(),
+            by_clock: Cell::new(0),
+        };
+        if found.of(Effect::Late).next().is_some() {
+            found.held_up = [Duty::Sync, Duty::Position, Duty::Command].map(|duty| found.find_held_up(duty, due));
+        }
+        found
+    }
+
+    /// Whether the recording says what its faults hit, if it has any.
+    pub(crate) fn are_known(&self) -> bool {
+        self.hits.is_some() || self.control_loop.trial.run.faults.is_empty()
+    }
+
+    /// Whether a fault acts in this time, in a recording that does not say what its faults hit.
+    pub(super) fn may_explain(&self, from_seconds: f64, until_seconds: f64) -> bool {
+        let acts = |fault: &Fault| {
+            let (from, until) = span(fault);
+            from <= until_seconds && until >= from_seconds
+        };
+        !self.are_known() && self.control_loop.faults().any(acts)
+    }
+
+    fn of(&self, effect: Effect) -> impl Iterator<Item = &'a Hit> {
+        let hits = self.hits.into_iter().flat_map(Hits::iter);
+        hits.filter(move |hit| hit.effect == effect)
+    }
+
+    /// Begins the explanation of breaches in the order of time.
+    pub(super) fn rewind(&self) {
+        self.by_clock.set(0);
+    }
+
+    /// Whether a fault took this very frame, or kept its node from running. `stays_since` is the start of the breaches without
+    /// interruption that this one belongs to.
+    pub(super) fn took(&self, breach: &Breach, stays_since: f64) -> bool {
+        let (duty, from, until) = (breach.duty, breach.from_seconds, breach.until_seconds);
+        let Some(node) = self.node_of(duty) else {
+            return false;
+        };
+        self.kept_from_running(node, from, until, stays_since)
+            || self.is_lost(duty, from, until)
+            || self.is_held_up(duty, breach.cycle)
+            || duty == Duty::Sync && self.is_by_clock(node, from)
+    }
+
+    /// Whether a node did not run at a time, or had no more time since then than this run needed to bring it up.
+    pub(super) fn kept_from_running(
+        &self,
+        node: &Node,
+        from: f64,
+        until: f64,
+        stays_since: f64,
+    ) -> bool {
+        let period = self.timeline.period_seconds;
+        let bring_up = self.timeline.bring_up_seconds;
+        let is_down = |hit: &&Hit| {
+            let has_stayed = stays_since <= hit.until_seconds + period
+                && hit.from_seconds <= until
+                && from <= hit.until_seconds + bring_up;
+            hit.is_at(&node.name) && (hit.overlaps(from, until) || has_stayed)
+        };
+        let off_bus = |hit: &&Hit| hit.node.as_deref() == Some(&*node.name) && hit.overlaps(from, until);
+        self.of(Effect::NotRun).any(|hit| is_down(&hit))
+            || self.of(Effect::Lost).filter(|hit| hit.identifier.is_none()).any(|hit| off_bus(&hit))
+    }
+
+    /// Whether the frame of a duty reached nobody, or the frame that triggers it did not reach its node.
+    fn is_lost(&self, duty: Duty, from: f64, until: f64) -> bool {
+        let controller = &*self.control_loop.nodes.controller.name;
+        let drive = &*self.control_loop.nodes.drive.name;
+        let (own, triggers) = match duty {
+            Duty::Sync => (self.identifier(Duty::Sync), Vec::new()),
+            Duty::Position => {
+                let sync = self.identifier(Duty::Sync);
+                (self.identifier(duty), vec![(drive, sync)])
+            }
+            Duty::Command => {
+                let position = self.identifier(Duty::Position);
+                (self.identifier(duty), vec![(controller, position)])
+            }
+            _ => return false,
+        };
+        let (from, until) = (from - MICROSECONDS, until + MICROSECONDS);
+        self.of(Effect::Lost).any(|hit| {
+            let is_own = hit.node.is_none() && own.is_some_and(|id| hit.is_of(id));
+            let mut triggers = triggers.iter();
+            let is_trigger = triggers.any(|(node, id)| {
+                hit.node.as_deref() == Some(node) && id.is_some_and(|id| hit.is_of(id))
+            });
+            (is_own || is_trigger) && hit.overlaps(from, until)
+        })
+    }
+
+    fn is_held_up(&self, duty: Duty, cycle: u64) -> bool {
+        let place = match duty {
+            Duty::Sync => 0,
+            Duty::Position => 1,
+            Duty::Command => 2,
+            _ => return false,
+        };
+        self.held_up[place].contains(&cycle)
+    }
+
+    /// Whether the controller's clock is wrong by so much that it has cost this SYNC, too.
+    fn is_by_clock(&self, controller: &Node, from: f64) -> bool {
+        let wrong = self.of(Effect::Clock).filter(|hit| {
+            hit.is_at(&controller.name) && hit.overlaps(from, from)
+        });
+        let cost = wrong.map(|hit| {
+            let periods = (from - hit.from_seconds.max(0.0)) / self.timeline.period_seconds;
+            1.0 + hit.amount.abs() / MILLION * periods.max(0.0)
+        });
+        let cost: f64 = cost.sum();
+        let used = self.by_clock.get();
+        let is_explained = (used as f64) < cost;
+        self.by_clock.set(used + u64::from(is_explained));
+        is_explained
+    }
+
+    /// Error of the mean SYNC period in percent that faults explain until a time.
+    pub(crate) fn period_error_percent(&self, at: f64, periods: f64) -> f64 {
+        let Some(controller) = self.node_of(Duty::Sync) else {
+            return 0.0;
+        };
+        let length = periods * self.timeline.period_seconds;
+        let sync = self.identifier(Duty::Sync);
+        let acts = |hit: &&Hit| hit.is_at(&controller.name) && hit.overlaps(at - length, at);
+        let clock = self.of(Effect::Clock).filter(acts);
+        let late = self.of(Effect::Late).filter(acts);
+        let late = late.filter(|hit| sync.is_some_and(|id| hit.is_of(id)));
+        let clock: f64 = clock.map(|hit| 100.0 * hit.amount.abs() / MILLION).sum();
+        let late = late.map(|hit| hit.amount / 1e3).fold(0.0, f64::max);
+        clock + 100.0 * late / length
+    }
+
+    /// Whether the heartbeats of a node were taken from the time of the first missing one on, for as long as they are missing but
+    /// for `patience`.
+    pub(super) fn took_heartbeats(&self, node: &Node, from: f64, until: f64, patience: f64) -> bool {
+        let identifier = ERROR_CONTROL_ID + u16::from(node.id);
+        let is_taken = |hit: &Hit| {
+            let is_lost = hit.effect == Effect::Lost && hit.node.is_none() && hit.is_of(identifier);
+            let is_down = hit.effect == Effect::NotRun && hit.is_at(&node.name);
+            let is_late = hit.effect == Effect::Late && hit.is_at(&node.name) && hit.is_of(identifier);
+            let ends = match hit.effect {
+                Effect::NotRun => hit.until_seconds + self.timeline.bring_up_seconds,
+                _ => hit.until_seconds,
+            };
+            (is_lost || is_down || is_late)
+                && hit.from_seconds <= from + patience
+                && ends + patience >= until.min(self.end_seconds())
+        };
+        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
+        hits.any(is_taken)
+    }
+
+    fn end_seconds(&self) -> f64 {
+        self.control_loop.trial.run.duration_seconds
+    }
+
+    /// Whether a receiver missed frames with one of these identifiers in a time.
+    pub(super) fn missed(&self, receiver: &Node, identifiers: &[u16], from: f64, until: f64) -> bool {
+        self.of(Effect::Lost).any(|hit| {
+            hit.is_at(&receiver.name)
+                && identifiers.iter().any(|id| hit.is_of(*id))
+                && hit.overlaps(from - MICROSECONDS, until + MICROSECONDS)
+        })
+    }
+
+    /// Whether faults changed what a node measures or sends, or gave it a command, before a time.
+    pub(super) fn changed(&self, node: &Node, from: f64, until: f64) -> bool {
+        let is_other = |hit: &Hit| {
+            matches!(hit.effect, Effect::Changed | Effect::Commanded)
+                && hit.is_at(&node.name)
+                && hit.overlaps(from, until + MICROSECONDS)
+        };
+        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
+        hits.any(is_other)
+    }
+
+    /// Whether faults changed a frame that a drive obeys, in the cycles before a time.
+    pub(super) fn changed_order(&self, drive: &Node, at: f64) -> bool {
+        let command = self.identifier(Duty::Command);
+        let is_obeyed = |identifier: u16| {
+            let is_to_node = identifier & 0x7F == u16::from(drive.id);
+            is_to_node || [0x000, 0x080].contains(&identifier) || Some(identifier) == command
+        };
+        let from = at - 3.0 * self.timeline.period_seconds;
+        self.of(Effect::Changed).any(|hit| {
+            hit.identifier.is_some_and(is_obeyed) && hit.overlaps(from, at + MICROSECONDS)
+        })
+    }
+
+    /// Whether a fault changed the position or the command of the cycle before a time, or may have.
+    pub(crate) fn changed_value(&self, at: f64) -> bool {
+        let values = [Duty::Position, Duty::Command].map(|duty| self.identifier(duty));
+        let from = at - self.timeline.period_seconds;
+        let is_value = |hit: &Hit| values.iter().flatten().any(|id| hit.is_of(*id));
+        let mut changed = self.of(Effect::Changed).filter(|hit| hit.overlaps(from, at + MICROSECONDS));
+        changed.any(is_value) || self.may_explain(from, at)
+    }
+
+    /// Scenario time of the first hit on a frame or value that a node receives from others.
+    pub(super) fn first_on_others(&self, node: &Node) -> Option<f64> {
+        let hits = self.hits.into_iter().flat_map(Hits::iter);
+        let is_received = |hit: &&Hit| match hit.effect {
+            Effect::Lost => hit.is_at(&node.name),
+            _ => hit.node.as_deref() != Some(&*node.name),
+        };
+        hits.filter(is_received)
+            .map(|hit| hit.from_seconds)
+            .reduce(f64::min)
+    }
+
+    /// Whether a fault lost or held up frames of a duty in a time.
+    pub(super) fn is_hit_in(&self, duty: Duty, from: f64, until: f64) -> bool {
+        let Some((node, identifier)) = self.node_of(duty).zip(self.identifier(duty)) else {
+            return false;
+        };
+        let is_hit = |hit: &Hit| {
+            let is_lost = hit.effect == Effect::Lost && hit.node.is_none();
+            let is_late = hit.effect == Effect::Late && hit.is_at(&node.name);
+            (is_lost || is_late) && hit.is_of(identifier) && hit.overlaps(from, until)
+        };
+        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
+        hits.any(is_hit)
+    }
+
+    /// Whether the scenario gave an NMT command at a time.
+    pub(super) fn commanded(&self, at: f64) -> bool {
+        let slack = 2.0 * self.timeline.period_seconds;
+        let commanded = self.of(Effect::Commanded);
+        let mut near = commanded.filter(|hit| hit.overlaps(at - slack, at + MICROSECONDS));
+        near.next().is_some()
+    }
+
+    fn node_of(&self, duty: Duty) -> Option<&'a Node> {
+        self.control_loop.nodes.of(duty.node(self.control_loop))
+    }
+
+    /// Identifier of the frame of a duty.
+    pub(super) fn identifier(&self, duty: Duty) -> Option<u16> {
+        let one = self.control_loop;
+        let raw_id = match duty {
+            Duty::Sync => dbc::scenario_clock::SYNC_COB_ID.into(),
+            Duty::Position => one.drive_position().ok()?.raw_id(),
+            Duty::Command => one.target_current().ok()?.raw_id(),
+            _ => return None,
+        };
+        u16::try_from(raw_id).ok()
+    }
+
+    /// Largest delay in seconds of the frame of a duty that is due at a time, with that of the frame that triggers it.
+    fn delay(&self, duty: Duty, at: f64) -> f64 {
+        let trigger = match duty {
+            Duty::Position => self.delay(Duty::Sync, at),
+            Duty::Command => self.delay(Duty::Position, at),
+            _ => 0.0,
+        };
+        let (Some(node), Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
+            return trigger;
+        };
+        let late = self.of(Effect::Late).filter(|hit| {
+            let until = at + self.timeline.period_seconds;
+            hit.is_at(&node.name) && hit.is_of(identifier) && hit.overlaps(at, until)
+        });
+        trigger + late.map(|hit| hit.amount / 1e3).sum::<f64>()
+    }
+
+    /// Number of frames of a duty that faults may still hold up at the end.
+    fn pending(&self, duty: Duty) -> u64 {
+        let (Some(node), Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
+            return 0;
+        };
+        let (period, end) = (self.timeline.period_seconds, self.end_seconds());
+        let late = self.of(Effect::Late).filter(|hit| {
+            let is_of_duty = hit.is_at(&node.name) && hit.is_of(identifier);
+            is_of_duty && hit.until_seconds + period >= end
+        });
+        late.map(|hit| match hit.frames {
+            0 => self.timeline.cycles_in(hit.amount / 1e3 + period),
+            frames => frames,
+        })
+        .sum()
+    }
+
+    /// Finds the cycles whose frame came too late, but no later than faults held it up. Each frame serves the first cycle that
+    /// waits for it, so frames that were never sent remain missing.
+    fn find_held_up(&self, duty: Duty, due: u64) -> BTreeSet<u64> {
+        let timeline = self.timeline;
+        let period = timeline.period_seconds;
+        let (lead, arrivals): (f64, &Series<f64>) = match duty {
+            Duty::Sync => (period / 2.0, &timeline.syncs_seconds),
+            Duty::Position => (0.0, &timeline.positions_seconds),
+            _ => (0.0, &timeline.commands_seconds),
+        };
+        let due: Vec<(u64, f64)> = match duty {
+            Duty::Sync => (0..due)
+                .map(|cycle| (cycle, timeline.cycle_start_seconds(cycle)))
+                .collect(),
+            Duty::Position => cycles_of(&timeline.syncs_seconds, timeline, 0.5),
+            _ => cycles_of(&timeline.positions_seconds, timeline, 0.0),
+        };
+        let end = self.end_seconds();
+        let mut pending = self.pending(duty);
+        let mut arrivals = arrivals.iter().peekable();
+        let mut held_up = BTreeSet::new();
+        for (cycle, at) in due {
+            while arrivals.next_if(|time| *time < at - lead - MICROSECONDS).is_some() {}
+            let deadline = at + period - lead;
+            let latest = deadline + self.delay(duty, at) + MICROSECONDS;
+            match arrivals.next_if(|time| *time <= latest) {
+                Some(time) if time + MICROSECONDS > deadline => drop(held_up.insert(cycle)),
+                Some(_) => {}
+                // It still waits when the run ends.
+                None if latest >= end && pending > 0 => {
+                    pending -= 1;
+                    held_up.insert(cycle);
+                }
+                None => {}
+            }
+        }
+        held_up
+    }
+}
+
+/// Cycles in which these frames came, each once, with the time of the first. Frames belong to the cycle that began before them, or
+/// at most `early` periods after them.
+fn cycles_of(times: &Series<f64>, timeline: &Timeline, early: f64) -> Vec<(u64, f64)> {
+    let mut cycles: Vec<(u64, f64)> = Vec::new();
+    for time in times.iter() {
+        let number = ((time + MICROSECONDS) / timeline.period_seconds + early).floor();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a time of the scenario, which lasts at most days"
+        )]
+        let cycle = number.max(0.0) as u64;
+        if cycles.last().is_none_or(|(last, _)| *last < cycle) {
+            cycles.push((cycle, time));
+        }
+    }
+    cycles
+}
+
+/// Returns the span of a fault. A fault of the boot begins with the recording, and has ended at time 0.
+pub(crate) fn span(fault: &Fault) -> (f64, f64) {
+    match fault.from_seconds {
+        None => (f64::NEG_INFINITY, 0.0),
+        Some(from) => (from, fault.until_seconds.unwrap_or(f64::INFINITY)),
+    }
+}
