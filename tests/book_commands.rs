@@ -311,7 +311,8 @@ fn in_folder(line: &str, folder: &Path) -> Command {
     shell
 }
 
-fn expects_its_node(mut shell: Command, folder: &Path) -> Result<(), String> {
+/// Plays until an external node is expected, and stops it then.
+pub(crate) fn expects_its_node(mut shell: Command, folder: &Path) -> Result<(), String> {
     let said = folder.join("said");
     let file = fs::File::create(&said).unwrap();
     shell.stdout(file.try_clone().unwrap()).stderr(file);

@@ -8,8 +8,9 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::book_commands::expects_its_node;
 use crate::real_time::{Started, in_real_time, wait_for};
-use crate::support::{canrig, only_run, output, scenario};
+use crate::support::{canrig, only_run, output, root, scenario};
 
 const CYCLE: &str = "[bus]\nsync_period_milliseconds = 100.0\n";
 const FAN: &str =
@@ -553,4 +554,59 @@ pub(crate) fn rig_of_a_drive(sync_period_milliseconds: f64, drive: &str) -> Stri
          [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n\
          [node.drive]\nkind = \"drive\"\nnode_id = 16\n{drive}\n"
     )
+}
+
+/// The terms of a law are frames of canrig's own controller, and leave room for the set-points.
+#[test]
+fn an_external_controller_sends_no_terms_of_a_law() {
+    let mut taken = 0;
+    for entry in fs::read_dir(root().join("scenarios")).unwrap().flatten() {
+        let path = entry.path();
+        if path.extension().is_none_or(|kind| kind != "toml") {
+            continue;
+        }
+        let plan = plan::Plan::load(&path, worlds::catalogue::catalogue()).unwrap();
+        let (loops, controller) = (plan.loops.len(), plan.controller().name.clone());
+        match plan.with_external(std::slice::from_ref(&controller)) {
+            Ok(plan) => {
+                let mut loops = plan.loops.iter();
+                let terms = |one: &plan::ControlLoop| one.terms().count();
+                assert!(loops.all(|one| terms(one) == 0), "{}", path.display());
+                taken += 1;
+            }
+            // Four set-points in each cycle of 1.5 ms are too many.
+            Err(why) => assert!(loops == 4 && why.contains("set-points"), "{why}"),
+        }
+    }
+    assert!(taken >= 26, "{taken} scenarios");
+}
+
+#[test]
+fn a_scenario_that_an_external_controller_leads_needs_no_law() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("led.toml");
+    let text = "schema = 1\nrig = \"dc_motor\"\nname = \"led\"\nduration_seconds = 1.0\n\
+                [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+    fs::write(&path, text).unwrap();
+    let run = |arguments: &[&str]| {
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        canrig.args(arguments).current_dir(folder.path());
+        canrig
+    };
+    for world in [
+        &["run", "--bus", "embedded"][..],
+        &["run", "--clock", "lockstep", "--bus", "embedded"],
+        &["simulate"],
+    ] {
+        let external = ["led.toml", "--external", "controller"];
+        let played = run(&[world, &external].concat());
+        expects_its_node(played, folder.path()).unwrap();
+    }
+    let (code, _, error) = output(&mut run(&["simulate", "led.toml"]));
+    assert_eq!(code, Some(3), "{error}");
+    assert!(error.contains("no law closes the loop"), "{error}");
+    let (code, listed, error) = output(&mut run(&["signals", "led.toml", "--", "true"]));
+    assert_eq!(code, Some(0), "{error}");
+    assert!(listed.contains("bench_set_point"), "{listed}");
+    assert!(!listed.contains("integral_amperes"), "{listed}");
 }

@@ -156,7 +156,10 @@ int main(void) {
     let [invalid, missing] = [Errno::INVAL, Errno::NOENT].map(|error| -error.raw_os_error());
     assert_eq!(
         (code, said),
-        (Some(0), format!("{invalid} {missing} {missing} {invalid} {invalid} 0 0"))
+        (
+            Some(0),
+            format!("{invalid} {missing} {missing} {invalid} {invalid} 0 0")
+        )
     );
 }
 
