@@ -372,12 +372,12 @@ impl<'s, 't> Reader<'s, 't> {
         entry.is_pdo_mappable = mapping == Some(1);
         entry.lacks_pdo_mapping = mapping.is_none();
         (entry.low_limit, entry.high_limit) = self.limits(data_type, section);
-        self.contradicted(place, section)?;
+        self.contradicted(place, section);
         Ok(entry)
     }
 
     /// Keeps that the text contradicts itself on a sub-object, unless nobody needs the key.
-    fn contradicted(&mut self, place: (u16, u8), section: &Section<'_>) -> Result<(), EdsError> {
+    fn contradicted(&mut self, place: (u16, u8), section: &Section<'_>) {
         const NEEDED: [&str; 5] = [
             "datatype",
             "accesstype",
@@ -390,7 +390,6 @@ impl<'s, 't> Reader<'s, 't> {
             let what = format!("line {}: {item}: line {other} has another value", item.line);
             self.contradictions.entry(place).or_insert(what);
         }
-        Ok(())
     }
 
     /// Returns the name of an object.

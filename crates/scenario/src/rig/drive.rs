@@ -189,8 +189,8 @@ impl Object {
 impl Object {
     /// Refuses an object that, by the EDS, takes no command from a PDO.
     fn refuse_unmappable(&self, dictionary: &ObjectDictionary) -> Result<(), DriveError> {
-        let [_, _, sub_index, _] = self.entry.to_be_bytes();
-        let index = (self.entry >> 16) as u16;
+        let [high, low, sub_index, _] = self.entry.to_be_bytes();
+        let index = u16::from_be_bytes([high, low]);
         let Some(entry) = dictionary.get(index, sub_index) else {
             return Ok(());
         };
