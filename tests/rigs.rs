@@ -488,7 +488,8 @@ fn a_loop_of_a_speed_is_played_and_judged_under_names_of_a_speed() {
 fn an_output_beyond_its_field_has_no_value_and_is_not_judged() {
     let folder = tempfile::tempdir().unwrap();
     let far = "[plant.motor.dc_motor]\ngear_ratio = 1.0\npinion_radius_metres = 0.001\n\
-               gear_friction_newton_metres = 0.0001\nload_kilograms = 0.0\nspring_newtons_per_metre = 0.0";
+               gear_friction_newton_metres = 0.0001\nload_kilograms = 0.0\nspring_newtons_per_metre = 0.0\n\
+               travel_metres = 10.0";
     let rig = SPINDLE.replace("[plant.motor.dc_motor]", far);
     fs::write(folder.path().join("spindle.toml"), rig).unwrap();
     let path = folder.path().join("far.toml");
