@@ -30,6 +30,7 @@ const BYTES_MAX: u64 = 1 << 20;
 /// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
+const NMT_START: u8 = 1;
 const NMT_STOP: u8 = 2;
 /// Time after NMT Stop at which the run of its sender is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
