@@ -53,7 +53,10 @@ fn of_node(kind: &str, keys: &str) -> String {
 fn cases() -> Vec<Case> {
     let load = idle_fault("load", "identifier = 0x333\nperiod_milliseconds = 1000.0");
     let of_nobody = |kind, more: &str| {
-        idle_fault(kind, &format!("sender = \"drive\"\nidentifier = {NEVER_HIT}\n{more}"))
+        idle_fault(
+            kind,
+            &format!("sender = \"drive\"\nidentifier = {NEVER_HIT}\n{more}"),
+        )
     };
     let duplicate = of_nobody("duplicate", "");
     let by = |wrong| [Some(wrong), None];
@@ -63,43 +66,147 @@ fn cases() -> Vec<Case> {
         case("a sound controller beside a load", by("{}"), &load, PASS),
         case("a sound drive", by_drive("{}"), &duplicate, PASS),
         case("no frame beside a load", by(MUTE), &load, CONTROLLER),
-        case("each 3rd SYNC beside a load", by(r#"{"leaves_out_each_sync": 3}"#), &load, CONTROLLER),
-        case("each 3rd command beside a load", by(r#"{"leaves_out_each_command": 3}"#), &load, CONTROLLER),
-        case("no frame beside a bit error that never comes", by(MUTE), &idle_fault("bit_error", "probability = 0.0"), CONTROLLER),
+        case(
+            "each 3rd SYNC beside a load",
+            by(r#"{"leaves_out_each_sync": 3}"#),
+            &load,
+            CONTROLLER,
+        ),
+        case(
+            "each 3rd command beside a load",
+            by(r#"{"leaves_out_each_command": 3}"#),
+            &load,
+            CONTROLLER,
+        ),
+        case(
+            "no frame beside a bit error that never comes",
+            by(MUTE),
+            &idle_fault("bit_error", "probability = 0.0"),
+            CONTROLLER,
+        ),
         case(
             "no frame beside a frame that nobody loses",
             by(MUTE),
             &idle_fault("lose", "receiver = \"drive\"\nidentifier = 0x7F0"),
             CONTROLLER,
         ),
-        case("no frame 0.15 s after a load", by(r#"{"mute_from": 2.15}"#), SHORT_LOAD, CONTROLLER),
-        case("stops the drive beside a drift of 1 ppm", by(STOPS), &of_node("clock_drift", "parts_per_million = 1.0"), CONTROLLER),
-        case("stops the drive beside a slow one", by(STOPS), &of_node("slow_cycle", "delay_milliseconds = 5.0"), CONTROLLER),
-        case("a drive that a fault makes slow", by("{}"), &of_node("slow_cycle", "delay_milliseconds = 5.0"), PASS),
-        case("each 3rd SYNC beside a slow drive", by(r#"{"leaves_out_each_sync": 3}"#), &of_node("slow_cycle", "delay_milliseconds = 5.0"), CONTROLLER),
+        case(
+            "no frame 0.15 s after a load",
+            by(r#"{"mute_from": 2.15}"#),
+            SHORT_LOAD,
+            CONTROLLER,
+        ),
+        case(
+            "stops the drive beside a drift of 1 ppm",
+            by(STOPS),
+            &of_node("clock_drift", "parts_per_million = 1.0"),
+            CONTROLLER,
+        ),
+        case(
+            "stops the drive beside a slow one",
+            by(STOPS),
+            &of_node("slow_cycle", "delay_milliseconds = 5.0"),
+            CONTROLLER,
+        ),
+        case(
+            "a drive that a fault makes slow",
+            by("{}"),
+            &of_node("slow_cycle", "delay_milliseconds = 5.0"),
+            PASS,
+        ),
+        case(
+            "each 3rd SYNC beside a slow drive",
+            by(r#"{"leaves_out_each_sync": 3}"#),
+            &of_node("slow_cycle", "delay_milliseconds = 5.0"),
+            CONTROLLER,
+        ),
         case("stops the drive", by(STOPS), "", CONTROLLER),
-        case("no heartbeat before the controller crashes", by_drive(r#"{"heartbeat_until": 1.9}"#), CRASH, DRIVE),
+        case(
+            "no heartbeat before the controller crashes",
+            by_drive(r#"{"heartbeat_until": 1.9}"#),
+            CRASH,
+            DRIVE,
+        ),
         case("trips", by_drive(r#"{"trips_at": 2.0}"#), &duplicate, DRIVE),
-        case("switches off", by_drive(r#"{"switches_off_at": 2.0}"#), &duplicate, DRIVE),
-        case("boots again", by_drive(r#"{"boots_at": 2.0}"#), &duplicate, DRIVE),
-        case("a silent drive", by_drive(r#"{"mute_from": 2.0}"#), &duplicate, DRIVE),
-        case("each 150th position before the other is mute", [Some(r#"{"mute_from": 3.0}"#), Some(r#"{"leaves_out_each": 150}"#)], "", CONTROLLER),
-        case("a boot-up in mid-run", by(r#"{"acts": [{"at": 2.0, "id": "701", "data": "00"}]}"#), "", CONTROLLER),
-        case("never a heartbeat", by(r#"{"heartbeat_until": -2.0, "watch_milliseconds": 1000}"#), "", CONTROLLER),
+        case(
+            "switches off",
+            by_drive(r#"{"switches_off_at": 2.0}"#),
+            &duplicate,
+            DRIVE,
+        ),
+        case(
+            "boots again",
+            by_drive(r#"{"boots_at": 2.0}"#),
+            &duplicate,
+            DRIVE,
+        ),
+        case(
+            "a silent drive",
+            by_drive(r#"{"mute_from": 2.0}"#),
+            &duplicate,
+            DRIVE,
+        ),
+        case(
+            "each 150th position before the other is mute",
+            [
+                Some(r#"{"mute_from": 3.0}"#),
+                Some(r#"{"leaves_out_each": 150}"#),
+            ],
+            "",
+            CONTROLLER,
+        ),
+        case(
+            "a boot-up in mid-run",
+            by(r#"{"acts": [{"at": 2.0, "id": "701", "data": "00"}]}"#),
+            "",
+            CONTROLLER,
+        ),
+        case(
+            "never a heartbeat",
+            by(r#"{"heartbeat_until": -2.0, "watch_milliseconds": 1000}"#),
+            "",
+            CONTROLLER,
+        ),
         case("a flood", by(r#"{"floods_from": 2.0}"#), "", CONTROLLER),
-        case("heartbeats each 60 ms, watched for 50", by(r#"{"watch_milliseconds": 50, "beats_each": 3}"#), "", CONTROLLER),
-        case("writes another heartbeat time", by(r#"{"acts": [{"at": 2.0, "id": "610", "data": "2B17100032000000"}]}"#), "", PASS),
-        case("unmaps the position", by(r#"{"acts": [{"at": 2.0, "id": "610", "data": "2300180190010080"}]}"#), "", CONTROLLER),
-        case("a counter that goes back each 50 cycles", by(r#"{"counter_steps_back_each": 50}"#), "", CONTROLLER),
+        case(
+            "heartbeats each 60 ms, watched for 50",
+            by(r#"{"watch_milliseconds": 50, "beats_each": 3}"#),
+            "",
+            CONTROLLER,
+        ),
+        case(
+            "writes another heartbeat time",
+            by(r#"{"acts": [{"at": 2.0, "id": "610", "data": "2B17100032000000"}]}"#),
+            "",
+            PASS,
+        ),
+        case(
+            "unmaps the position",
+            by(r#"{"acts": [{"at": 2.0, "id": "610", "data": "2300180190010080"}]}"#),
+            "",
+            CONTROLLER,
+        ),
+        case(
+            "a counter that goes back each 50 cycles",
+            by(r#"{"counter_steps_back_each": 50}"#),
+            "",
+            CONTROLLER,
+        ),
     ];
     for kind in ["corrupt", "reorder"] {
-        cases.push(case("no frame beside a frame of nobody", by(MUTE), &of_nobody(kind, ""), CONTROLLER));
+        cases.push(case(
+            "no frame beside a frame of nobody",
+            by(MUTE),
+            &of_nobody(kind, ""),
+            CONTROLLER,
+        ));
     }
     cases
 }
 
 const SHORT_LOAD: &str = "[[fault.bus.load]]\nfrom_seconds = 1.9\nuntil_seconds = 2.0\nidentifier = 0x333\nperiod_milliseconds = 10.0\n";
-const CRASH: &str = "[[fault.node.crash]]\nfrom_seconds = 2.0\nuntil_seconds = 2.3\nnode = \"controller\"\n";
+const CRASH: &str =
+    "[[fault.node.crash]]\nfrom_seconds = 2.0\nuntil_seconds = 2.3\nnode = \"controller\"\n";
 
 /// Writes the programs and the scenario of a case into a folder.
 fn write(case: &Case, base: &str, folder: &Path) {
@@ -166,7 +273,11 @@ fn the_guilty_one_is_named_beside_faults_too() {
         let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
         let (_, again, _) = output(replay.args(["replay", "--json"]).arg(&run));
         if verdict.0 != case.outcome || found(&again) != verdict {
-            differences.push(format!("{}: {verdict:?}, again {:?}", case.name, found(&again)));
+            differences.push(format!(
+                "{}: {verdict:?}, again {:?}",
+                case.name,
+                found(&again)
+            ));
         }
     }
     assert!(differences.is_empty(), "{}", differences.join("\n"));

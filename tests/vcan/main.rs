@@ -111,7 +111,9 @@ fn isolated(
             return test();
         }
         let this = std::env::current_exe()?;
-        let text = |failed: &Failed| failed.message().unwrap_or_default();
+        fn text(failed: &Failed) -> &str {
+            failed.message().unwrap_or_default()
+        }
         let attempt = || {
             let mut test = in_namespace(&this.to_string_lossy());
             let test = test.env(INSIDE, "1").args(["--exact", name]).output()?;

@@ -157,8 +157,9 @@ fn has_unexplained_breach(evidence: &Evidence<'_>) -> bool {
     }
     let one = evidence.control_loop;
     let is_law_tested = one.trial.controller.process_law().is_some();
-    let is_under_test =
-        |duty: Duty| duty.is_of_external(one) || is_law_tested && duty.node() == Part::Controller;
+    let is_under_test = |duty: Duty| {
+        duty.is_of_external(one) || is_law_tested && duty.node(one) == Part::Controller
+    };
     let commands = [Commands::Missed, Commands::Late].map(|kind| kind.totals(evidence));
     let totals = commands.iter().chain([&evidence.attribution.cycles]);
     totals.flat_map(Totals::broken_by_nodes).any(is_under_test)
@@ -460,12 +461,15 @@ fn counter_goes_back(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let is_external = Duty::Sync.is_of_external(evidence.control_loop);
     let is_known = evidence.circumstances.unrecorded.foreign.is_some();
     let sources = &evidence.timeline.sources;
-    let (frames, at) = sources.sync_steps_back().filter(|_| is_external && is_known)?;
+    let (frames, at) = sources
+        .sync_steps_back()
+        .filter(|_| is_external && is_known)?;
     let percent = 100.0 * frames as f64 / evidence.attribution.due.max(1) as f64;
     let max = percent_max(evidence, MISSED_CYCLES);
     let node = node_name(evidence, Part::Controller);
-    let description =
-        format!("{node}: the SYNC counter goes back in {percent:.2} % of the cycles, first at {at:.3} s");
+    let description = format!(
+        "{node}: the SYNC counter goes back in {percent:.2} % of the cycles, first at {at:.3} s"
+    );
     let reason = format!("{description} (limit {max} %)");
     let cause = NamedCause::by_node(evidence, Duty::Sync, at, description);
     (percent > max).then_some((reason, cause))
@@ -486,7 +490,10 @@ fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
 fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
     let (percent, at) = largest_period_error(evidence, false)?;
-    let explained = evidence.attribution.hits.period_error_percent(at, PERIODS as f64);
+    let explained = evidence
+        .attribution
+        .hits
+        .period_error_percent(at, PERIODS as f64);
     if rounded(percent - explained) <= max {
         return None;
     }

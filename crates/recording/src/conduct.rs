@@ -99,7 +99,11 @@ impl ConductReader {
             }));
             words.extend(control.map(|command| {
                 let bits = None;
-                let watched = Watched::Control { drive, command, bits };
+                let watched = Watched::Control {
+                    drive,
+                    command,
+                    bits,
+                };
                 (command.raw_id(), watched)
             }));
             drives.push(WatchedDrive {
@@ -141,11 +145,7 @@ impl ConductReader {
 
 /// Reads what a frame says of its node, if that is new.
 #[inline]
-fn read(
-    watched: &mut Watched,
-    drives: &mut [WatchedDrive],
-    frame: &CanFrame,
-) -> Option<(u8, Act)> {
+fn read(watched: &mut Watched, drives: &mut [WatchedDrive], frame: &CanFrame) -> Option<(u8, Act)> {
     match watched {
         Watched::Status { drive, word, state } => {
             let statusword = crate::events::word(word.decode(frame)?);
@@ -156,9 +156,19 @@ fn read(
             }
             let is_asked = drive.is_asked;
             *state = now;
-            Some((drive.node_id, Act::Power { state: now?, is_asked }))
+            Some((
+                drive.node_id,
+                Act::Power {
+                    state: now?,
+                    is_asked,
+                },
+            ))
         }
-        Watched::Control { drive, command, bits } => {
+        Watched::Control {
+            drive,
+            command,
+            bits,
+        } => {
             let now = command.bits(frame)?;
             if *bits != Some(now) {
                 *bits = Some(now);

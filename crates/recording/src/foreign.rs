@@ -71,7 +71,10 @@ impl Foreign {
 
 fn parse([at, identifier, frames]: [&str; 3]) -> Option<ForeignFrames> {
     Some(ForeignFrames {
-        at_seconds: at.parse().ok().filter(|seconds: &f64| seconds.is_finite())?,
+        at_seconds: at
+            .parse()
+            .ok()
+            .filter(|seconds: &f64| seconds.is_finite())?,
         identifier: u16::from_str_radix(identifier.strip_prefix("0x")?, 16).ok()?,
         frames: frames.parse().ok()?,
     })

@@ -98,7 +98,9 @@ impl Hit {
 
     fn to_row(&self) -> String {
         let node = self.node.as_deref().unwrap_or(ALL);
-        let identifier = self.identifier.map_or_else(String::new, |id| format!("0x{id:03X}"));
+        let identifier = self
+            .identifier
+            .map_or_else(String::new, |id| format!("0x{id:03X}"));
         let time = |seconds: f64| match seconds.is_finite() {
             true => format!("{seconds:.6}"),
             false => String::new(),
@@ -109,10 +111,15 @@ impl Hit {
         format!("{fault},{effect},{node},{identifier},{from},{until},{frames},{amount:.3}\n")
     }
 
-    fn parse([fault, effect, node, identifier, from, until, frames, amount]: [&str; 8]) -> Option<Self> {
+    fn parse(
+        [fault, effect, node, identifier, from, until, frames, amount]: [&str; 8],
+    ) -> Option<Self> {
         let time = |text: &str, unknown: f64| match text {
             "" => Some(unknown),
-            text => text.parse().ok().filter(|seconds: &f64| seconds.is_finite()),
+            text => text
+                .parse()
+                .ok()
+                .filter(|seconds: &f64| seconds.is_finite()),
         };
         let identifier = match identifier {
             "" => None,
@@ -187,7 +194,14 @@ fn rounded(hit: Hit) -> Hit {
 
 fn order(one: &Hit, other: &Hit) -> Ordering {
     let times = one.from_seconds.total_cmp(&other.from_seconds);
-    let key = |hit: &Hit| (hit.fault.clone(), hit.effect, hit.node.clone(), hit.identifier);
+    let key = |hit: &Hit| {
+        (
+            hit.fault.clone(),
+            hit.effect,
+            hit.node.clone(),
+            hit.identifier,
+        )
+    };
     times.then_with(|| key(one).cmp(&key(other)))
 }
 
@@ -209,9 +223,12 @@ fn inside(fault: &Fault, plan: &Plan) -> Vec<Hit> {
     let Some(node) = &fault.node else {
         // A fault of a plant changes what each of its drives measures.
         let loops = plan.loops.iter();
-        let here = loops.filter(|one| fault.is_at_drive(one.nodes.drive.id, &one.trial.wiring.plant));
+        let here =
+            loops.filter(|one| fault.is_at_drive(one.nodes.drive.id, &one.trial.wiring.plant));
         let drives = here.map(|one| one.nodes.drive.name.as_str());
-        return drives.map(|drive| hit(Some(drive), Effect::Changed, 0.0)).collect();
+        return drives
+            .map(|drive| hit(Some(drive), Effect::Changed, 0.0))
+            .collect();
     };
     let own = Some(node.name.as_str());
     let one = match fault.kind.name {
@@ -260,7 +277,12 @@ impl HitLog {
             Effect::Late => 1e3 * (until_seconds - from_seconds),
             _ => 0.0,
         };
-        let key = (fault.to_owned(), effect, node.map(str::to_owned), identifier);
+        let key = (
+            fault.to_owned(),
+            effect,
+            node.map(str::to_owned),
+            identifier,
+        );
         if let Some((last, hit)) = self.open.get_mut(&key)
             && *last + 1 == number
         {
@@ -307,10 +329,16 @@ mod tests {
         let mut log = HitLog::default();
         for (number, at) in [(3, 0.3), (4, 0.4), (6, 0.6)] {
             let (frame, times) = lost(number, at);
-            log.note(("fault.bus.lose.0", Effect::Lost, Some("drive")), frame, times);
+            log.note(
+                ("fault.bus.lose.0", Effect::Lost, Some("drive")),
+                frame,
+                times,
+            );
         }
         let hits = log.take();
-        let rows = hits.iter().map(|hit| (hit.from_seconds, hit.until_seconds, hit.frames));
+        let rows = hits
+            .iter()
+            .map(|hit| (hit.from_seconds, hit.until_seconds, hit.frames));
         assert_eq!(Vec::from_iter(rows), [(0.3, 0.4, 2), (0.6, 0.6, 1)]);
     }
 

@@ -35,7 +35,10 @@ impl Reasons {
     pub fn add(&mut self, reason: Reason) {
         if self.0.len() < REASONS_MAX {
             let at_seconds = (reason.at_seconds * 1e6).round() / 1e6;
-            self.0.push(Reason { at_seconds, ..reason });
+            self.0.push(Reason {
+                at_seconds,
+                ..reason
+            });
         }
     }
 
@@ -50,7 +53,13 @@ impl Reasons {
     /// The text of `reasons.csv`.
     pub fn to_csv(&self) -> String {
         let row = |reason: &Reason| {
-            let Reason { node, at_seconds, code, cause, about } = reason;
+            let Reason {
+                node,
+                at_seconds,
+                code,
+                cause,
+                about,
+            } = reason;
             format!("{node},{at_seconds:.6},0x{code:04X},{cause},{about}\n")
         };
         let rows: String = self.0.iter().map(row).collect();
@@ -74,7 +83,10 @@ impl Reasons {
 fn parse([node, at, code, cause, about]: [&str; 5]) -> Option<Reason> {
     Some(Reason {
         node: node.to_owned(),
-        at_seconds: at.parse().ok().filter(|seconds: &f64| seconds.is_finite())?,
+        at_seconds: at
+            .parse()
+            .ok()
+            .filter(|seconds: &f64| seconds.is_finite())?,
         code: u16::from_str_radix(code.strip_prefix("0x")?, 16).ok()?,
         cause: cause.parse().ok()?,
         about: about.to_owned(),
@@ -88,7 +100,9 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         let mut reasons = Reasons::default();
-        for (node, code, cause, about) in [("controller", 0x8250, 1, "drive"), ("drive", 0x8130, 0, "")] {
+        for (node, code, cause, about) in
+            [("controller", 0x8250, 1, "drive"), ("drive", 0x8130, 0, "")]
+        {
             reasons.add(Reason {
                 node: node.to_owned(),
                 at_seconds: 1.25,

@@ -414,6 +414,10 @@ mod tests {
     }
 
     impl Testbed for Stalling {
+        fn external(&self) -> &[String] {
+            &[]
+        }
+
         fn prepare(&self, plan: Plan) -> Result<Plan, String> {
             Ok(plan)
         }

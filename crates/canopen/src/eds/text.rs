@@ -35,7 +35,10 @@ mod tests {
     #[test]
     fn each_encoding_of_a_maker_gives_the_same_text() {
         let wanted = "ParameterName=Größe in µm";
-        let latin_1: Vec<u8> = wanted.chars().map(|letter| u8::try_from(letter).unwrap()).collect();
+        let latin_1: Vec<u8> = wanted
+            .chars()
+            .map(|letter| u8::try_from(letter).unwrap())
+            .collect();
         let utf_16 = |unit: fn(u16) -> [u8; 2]| {
             let units = "\u{feff}".encode_utf16().chain(wanted.encode_utf16());
             Vec::from_iter(units.flat_map(unit))

@@ -167,7 +167,11 @@ impl Finder<'_, '_> {
     fn add(&mut self, at_seconds: f64, node_id: u8, root: Root) {
         // A node that has left does not leave again, whatever it says afterwards.
         if self.found.latest(node_id, at_seconds).is_none() {
-            let departure = Departure { at_seconds, node_id, root };
+            let departure = Departure {
+                at_seconds,
+                node_id,
+                root,
+            };
             self.found.all.push(departure);
         }
     }
@@ -195,7 +199,9 @@ impl Finder<'_, '_> {
             reason::NO_POSITION => self.root_of_silence(at),
             _ if reason::OF_DRIVE.contains(&cause) => self.root_of_state(at),
             _ if reason::IMPLAUSIBLE.contains(&cause) => self.protected(at, controller),
-            reason::ORDERED_ABOUT if self.hits.changed(self.controller(), f64::NEG_INFINITY, at) => {
+            reason::ORDERED_ABOUT
+                if self.hits.changed(self.controller(), f64::NEG_INFINITY, at) =>
+            {
                 Root::Fault
             }
             reason::ORDERED_ABOUT => Root::Unknown,
@@ -225,7 +231,10 @@ impl Finder<'_, '_> {
         if let Some(root) = self.root_of(self.drive().id, at) {
             return root;
         }
-        let since = at - super::SILENT_AT_END.1.max(25.0 * self.timeline.period_seconds);
+        let since = at
+            - super::SILENT_AT_END
+                .1
+                .max(25.0 * self.timeline.period_seconds);
         let missed = missed_cycles(self.timeline, u64::MAX.min(self.timeline.cycles_due));
         let lately = missed.filter(|breach| {
             breach.duty == Duty::Position
@@ -266,7 +275,12 @@ impl Finder<'_, '_> {
         {
             return Root::Fault;
         }
-        self.missed_by(self.controller(), &[Duty::Heartbeat(Part::Drive)], since, at)
+        self.missed_by(
+            self.controller(),
+            &[Duty::Heartbeat(Part::Drive)],
+            since,
+            at,
+        )
     }
 
     fn root_of_heartbeat(&self, node: &Node, due: f64, until: f64) -> Root {
@@ -309,7 +323,10 @@ impl Finder<'_, '_> {
         }
         let (drive, controller) = (self.drive().clone(), self.controller().clone());
         let owed = match code {
-            LOST_HEARTBEAT => Some((Duty::Heartbeat(Part::Controller), self.heartbeat_patience(&controller))),
+            LOST_HEARTBEAT => Some((
+                Duty::Heartbeat(Part::Controller),
+                self.heartbeat_patience(&controller),
+            )),
             LOST_SYNC => Some((Duty::Sync, 0.05f64.max(3.0 * self.timeline.period_seconds))),
             LOST_COMMAND => Some((Duty::Command, 0.1)),
             _ => None,
@@ -354,8 +371,8 @@ impl Finder<'_, '_> {
         if self.found.latest(drive.id, at).is_some() {
             return;
         }
-        let is_hit = self.hits.changed_order(&drive, at)
-            || self.hits.kept_from_running(&drive, at, at, at);
+        let is_hit =
+            self.hits.changed_order(&drive, at) || self.hits.kept_from_running(&drive, at, at, at);
         if is_hit {
             self.add(at, drive.id, Root::Fault);
         } else if is_asked && !self.is_ours(Part::Controller) {
@@ -365,7 +382,9 @@ impl Finder<'_, '_> {
         } else if let Some(root) = self.root_of(controller.id, at) {
             self.add(at, drive.id, root);
         } else if !self.is_ours(Part::Drive) {
-            let root = self.watched_by_drive(at).unwrap_or(Root::Own(Duty::State(drive.id)));
+            let root = self
+                .watched_by_drive(at)
+                .unwrap_or(Root::Own(Duty::State(drive.id)));
             self.add(at, drive.id, root);
         }
         // A drive of canrig's says in an emergency why it leaves the state.
@@ -380,13 +399,27 @@ impl Finder<'_, '_> {
         if let Some(lost) = lost {
             return Some(self.root_of_heartbeat(self.controller(), lost.due_seconds, at));
         }
-        let last = self.timeline.syncs_seconds.iter().take_while(|time| *time <= at).last()?;
+        let last = self
+            .timeline
+            .syncs_seconds
+            .iter()
+            .take_while(|time| *time <= at)
+            .last()?;
         let silent = at - last;
-        let is_silence = silent > super::SILENT_AT_END.1.max(5.0 * self.timeline.period_seconds);
+        let is_silence = silent
+            > super::SILENT_AT_END
+                .1
+                .max(5.0 * self.timeline.period_seconds);
         is_silence.then(|| {
             let is_hit = self.hits.is_hit_in(Duty::Sync, last, at)
-                || self.hits.kept_from_running(self.controller(), last, at, last);
-            if is_hit { Root::Fault } else { Root::Own(Duty::Sync) }
+                || self
+                    .hits
+                    .kept_from_running(self.controller(), last, at, last);
+            if is_hit {
+                Root::Fault
+            } else {
+                Root::Own(Duty::Sync)
+            }
         })
     }
 
@@ -401,7 +434,9 @@ impl Finder<'_, '_> {
         if self.is_ours(node.part) && !has_booted || id == controller.id && !has_booted {
             return;
         }
-        let root = if self.hits.kept_from_running(node, at, at, at) || self.hits.changed(node, at - 0.1, at) {
+        let root = if self.hits.kept_from_running(node, at, at, at)
+            || self.hits.changed(node, at - 0.1, at)
+        {
             Root::Fault
         } else if self.is_ours(node.part) {
             // canrig's nodes boot when they are told to, or by a fault.
@@ -438,7 +473,9 @@ impl Finder<'_, '_> {
         if self.is_ours(Part::Controller) || meant.is_empty() {
             return;
         }
-        let before = self.root_of(drive.id, at).or_else(|| self.root_of(controller.id, at));
+        let before = self
+            .root_of(drive.id, at)
+            .or_else(|| self.root_of(controller.id, at));
         let root = before
             .or_else(|| self.expected_stop(at))
             .unwrap_or(Root::Own(Duty::Nmt));
@@ -453,7 +490,11 @@ impl Finder<'_, '_> {
         if self.is_ours(Part::Controller) {
             return;
         }
-        let last = self.timeline.measured_position().iter().zip(self.timeline.time_seconds.iter());
+        let last = self
+            .timeline
+            .measured_position()
+            .iter()
+            .zip(self.timeline.time_seconds.iter());
         let last = last.filter(|(position, _)| !position.is_nan()).last();
         let is_silent = last.is_none_or(|(_, time)| time <= at + self.timeline.period_seconds);
         if is_silent {
@@ -466,9 +507,10 @@ impl Finder<'_, '_> {
     fn expected_stop(&self, at: f64) -> Option<Root> {
         let expect = &self.control_loop.trial.expect;
         let controller = self.controller();
-        let demands = expect.listed("emcy").iter().any(|text| {
-            text.split_whitespace().next() == Some(&*controller.name)
-        });
+        let demands = expect
+            .listed("emcy")
+            .iter()
+            .any(|text| text.split_whitespace().next() == Some(&*controller.name));
         let is_limited = ["safe_state", "{command}_zero_within_milliseconds"]
             .iter()
             .any(|metric| expect.of(metric).is_some());

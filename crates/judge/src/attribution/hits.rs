@@ -46,7 +46,8 @@ impl<'a> LoopHits<'a> {
             by_clock: Cell::new(0),
         };
         if found.of(Effect::Late).next().is_some() {
-            found.held_up = [Duty::Sync, Duty::Position, Duty::Command].map(|duty| found.find_held_up(duty, due));
+            found.held_up = [Duty::Sync, Duty::Position, Duty::Command]
+                .map(|duty| found.find_held_up(duty, due));
         }
         found
     }
@@ -104,9 +105,13 @@ impl<'a> LoopHits<'a> {
                 && from <= hit.until_seconds + bring_up;
             hit.is_at(&node.name) && (hit.overlaps(from, until) || has_stayed)
         };
-        let off_bus = |hit: &&Hit| hit.node.as_deref() == Some(&*node.name) && hit.overlaps(from, until);
+        let off_bus =
+            |hit: &&Hit| hit.node.as_deref() == Some(&*node.name) && hit.overlaps(from, until);
         self.of(Effect::NotRun).any(|hit| is_down(&hit))
-            || self.of(Effect::Lost).filter(|hit| hit.identifier.is_none()).any(|hit| off_bus(&hit))
+            || self
+                .of(Effect::Lost)
+                .filter(|hit| hit.identifier.is_none())
+                .any(|hit| off_bus(&hit))
     }
 
     /// Whether the frame of a duty reached nobody, or the frame that triggers it did not reach its node.
@@ -148,9 +153,9 @@ impl<'a> LoopHits<'a> {
 
     /// Whether the controller's clock is wrong by so much that it has cost this SYNC, too.
     fn is_by_clock(&self, controller: &Node, from: f64) -> bool {
-        let wrong = self.of(Effect::Clock).filter(|hit| {
-            hit.is_at(&controller.name) && hit.overlaps(from, from)
-        });
+        let wrong = self
+            .of(Effect::Clock)
+            .filter(|hit| hit.is_at(&controller.name) && hit.overlaps(from, from));
         let cost = wrong.map(|hit| {
             let periods = (from - hit.from_seconds.max(0.0)) / self.timeline.period_seconds;
             1.0 + hit.amount.abs() / MILLION * periods.max(0.0)
@@ -180,12 +185,19 @@ impl<'a> LoopHits<'a> {
 
     /// Whether the heartbeats of a node were taken from the time of the first missing one on, for as long as they are missing but
     /// for `patience`.
-    pub(super) fn took_heartbeats(&self, node: &Node, from: f64, until: f64, patience: f64) -> bool {
+    pub(super) fn took_heartbeats(
+        &self,
+        node: &Node,
+        from: f64,
+        until: f64,
+        patience: f64,
+    ) -> bool {
         let identifier = ERROR_CONTROL_ID + u16::from(node.id);
         let is_taken = |hit: &Hit| {
             let is_lost = hit.effect == Effect::Lost && hit.node.is_none() && hit.is_of(identifier);
             let is_down = hit.effect == Effect::NotRun && hit.is_at(&node.name);
-            let is_late = hit.effect == Effect::Late && hit.is_at(&node.name) && hit.is_of(identifier);
+            let is_late =
+                hit.effect == Effect::Late && hit.is_at(&node.name) && hit.is_of(identifier);
             let ends = match hit.effect {
                 Effect::NotRun => hit.until_seconds + self.timeline.bring_up_seconds,
                 _ => hit.until_seconds,
@@ -203,7 +215,13 @@ impl<'a> LoopHits<'a> {
     }
 
     /// Whether a receiver missed frames with one of these identifiers in a time.
-    pub(super) fn missed(&self, receiver: &Node, identifiers: &[u16], from: f64, until: f64) -> bool {
+    pub(super) fn missed(
+        &self,
+        receiver: &Node,
+        identifiers: &[u16],
+        from: f64,
+        until: f64,
+    ) -> bool {
         self.of(Effect::Lost).any(|hit| {
             hit.is_at(&receiver.name)
                 && identifiers.iter().any(|id| hit.is_of(*id))
@@ -240,7 +258,9 @@ impl<'a> LoopHits<'a> {
         let values = [Duty::Position, Duty::Command].map(|duty| self.identifier(duty));
         let from = at - self.timeline.period_seconds;
         let is_value = |hit: &Hit| values.iter().flatten().any(|id| hit.is_of(*id));
-        let mut changed = self.of(Effect::Changed).filter(|hit| hit.overlaps(from, at + MICROSECONDS));
+        let mut changed = self
+            .of(Effect::Changed)
+            .filter(|hit| hit.overlaps(from, at + MICROSECONDS));
         changed.any(is_value) || self.may_explain(from, at)
     }
 
@@ -350,7 +370,10 @@ impl<'a> LoopHits<'a> {
         let mut arrivals = arrivals.iter().peekable();
         let mut held_up = BTreeSet::new();
         for (cycle, at) in due {
-            while arrivals.next_if(|time| *time < at - lead - MICROSECONDS).is_some() {}
+            while arrivals
+                .next_if(|time| *time < at - lead - MICROSECONDS)
+                .is_some()
+            {}
             let deadline = at + period - lead;
             let latest = deadline + self.delay(duty, at) + MICROSECONDS;
             match arrivals.next_if(|time| *time <= latest) {

@@ -93,7 +93,9 @@ impl<'a> Attribution<'a> {
         let judged_until = one.trial.judged_end_seconds();
         let departures = Departures::new(timeline, one, &hits, reasons, judged_until);
         let bitrate = one.trial.run.bus.bitrate_kilobits_per_second;
-        let flood = timeline.unknown.filter(|unknown| unknown.load(bitrate) > FLOOD);
+        let flood = timeline
+            .unknown
+            .filter(|unknown| unknown.load(bitrate) > FLOOD);
         let mut attribution = Self {
             timeline,
             control_loop: one,
@@ -245,7 +247,10 @@ impl<'a> Attribution<'a> {
     fn heartbeat_explained(&self, lost: &LostHeartbeat) -> Option<Cause> {
         let node = self.control_loop.nodes.of(lost.node)?;
         let (due, back) = (lost.due_seconds, lost.back_seconds);
-        if self.hits.took_heartbeats(node, due, back, HEARTBEAT_SECONDS) {
+        if self
+            .hits
+            .took_heartbeats(node, due, back, HEARTBEAT_SECONDS)
+        {
             return Some(Cause::Fault);
         }
         match self.departed(lost.node, due)? {
@@ -280,11 +285,12 @@ impl<'a> Attribution<'a> {
     fn by_node(&self, duty: Duty, breach: &Breach) -> Cause {
         let node = duty.node(self.control_loop);
         let stood = self.stood[place(node)].filter(|_| breach.cycle < self.silent_from);
-        let cause = stood.map(|prevailing| {
-            Cause::Host(prevailing.unwrap_or_else(|| {
-                self.stood_in(node, breach.from_seconds, breach.until_seconds)
-            }))
-        });
+        let cause =
+            stood.map(|prevailing| {
+                Cause::Host(prevailing.unwrap_or_else(|| {
+                    self.stood_in(node, breach.from_seconds, breach.until_seconds)
+                }))
+            });
         // Beside faults a node of canrig's does what it must: what nothing explains is not its own.
         let is_by_canrig = !duty.is_of_external(self.control_loop)
             && matches!(duty, Duty::Sync | Duty::Position | Duty::Command)
@@ -433,11 +439,7 @@ struct Stay {
 }
 
 impl Totals {
-    fn of(
-        due: u64,
-        one: &ControlLoop,
-        breaches: impl Iterator<Item = (Breach, Cause)>,
-    ) -> Self {
+    fn of(due: u64, one: &ControlLoop, breaches: impl Iterator<Item = (Breach, Cause)>) -> Self {
         let mut totals = Self {
             due,
             ..Self::default()

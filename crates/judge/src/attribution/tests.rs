@@ -6,8 +6,8 @@ use dbc::Database;
 use plan::Plan;
 use plan::catalogue::Catalogue;
 use proptest::prelude::*;
-use recording::latency::{Host, NodeReport};
 use recording::hits::Hits;
+use recording::latency::{Host, NodeReport};
 use recording::log::Stamped;
 use recording::losses::LostHeartbeat;
 use recording::timeline::decode;
@@ -175,9 +175,8 @@ fn slow(
             "node"
         };
         // A controller gives up when the drive is silent.
-        let given_up = silence.filter(|(since, _)| {
-            *cycle == Cycle::WithoutSync && 10 * (number - since) > 50
-        });
+        let given_up =
+            silence.filter(|(since, _)| *cycle == Cycle::WithoutSync && 10 * (number - since) > 50);
         let (doing, is_by_canrig) = match (is_by_fault, is_held(number, *cycle), given_up) {
             (true, ..) => ("fault", false),
             (_, true, _) => ("bench", false),
@@ -278,8 +277,7 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
     let plan = setup(100, &[], &[]);
     let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
     let circumstances = Circumstances::default();
-    let attribution =
-        Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+    let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
     let too_many = |percent_max, lost| attribution.cycles.too_many(percent_max, lost);
     // Each duty has its own share: that of SYNC is within the limit.
     assert_eq!(too_many(1.0, 0), [(Duty::Position, 2.0, 0.07)]);

@@ -6,7 +6,7 @@ mod decoded;
 mod passing;
 mod reader;
 
-pub use passing::UnknownFrames;
 pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline, all_events, signals};
+pub use passing::UnknownFrames;
 pub use platform::series::{Series, SeriesWriter};
 pub use reader::{RunReader, decode};

@@ -54,7 +54,11 @@ impl UnknownFrames {
     pub fn load(&self, bitrate_kilobits_per_second: u32) -> f64 {
         let seconds = self.until_seconds - self.from_seconds;
         let bits = 1e3 * f64::from(bitrate_kilobits_per_second) * seconds;
-        if bits > 0.0 { self.bits as f64 / bits } else { 0.0 }
+        if bits > 0.0 {
+            self.bits as f64 / bits
+        } else {
+            0.0
+        }
     }
 }
 

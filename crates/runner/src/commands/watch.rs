@@ -21,7 +21,7 @@ use crate::observer::observed;
 use crate::output;
 use crate::play::{ValueArgs, play_all};
 use crate::recorded::unreadable;
-use crate::scenarios::{is_scenario, load, scenario_files};
+use crate::scenarios::{is_to_play, load, scenario_files};
 
 /// Time between two looks at the files.
 const POLL: Duration = Duration::from_millis(200);
@@ -34,7 +34,7 @@ const RELOAD: &str = "<meta http-equiv=\"refresh\" content=\"2\">";
 
 /// Plays the scenario again and again until the user ends it.
 pub(super) fn watch(args: &SimulateArgs) -> Result<Exit, Failure> {
-    let paths = scenario_files(&args.play.scenarios, is_scenario)?;
+    let paths = scenario_files(&args.play.scenarios, is_to_play)?;
     let [path] = &paths[..] else {
         let count = paths.len();
         return Err(Exit::Usage.because(format!(

@@ -234,9 +234,16 @@ impl BusFaults {
     }
 
     /// Notes a frame of a participant that goes on the bus now, with the time from which it has been ready.
-    pub(crate) fn note_sent(&mut self, index: usize, frame: &CanFrame, ready: Duration, now: Duration) {
+    pub(crate) fn note_sent(
+        &mut self,
+        index: usize,
+        frame: &CanFrame,
+        ready: Duration,
+        now: Duration,
+    ) {
         if let Some(at) = self.seconds(now).filter(|_| !is_truth(&self.truths, frame)) {
-            self.notes.note_sent(index, frame, now.saturating_sub(ready), at);
+            self.notes
+                .note_sent(index, frame, now.saturating_sub(ready), at);
         }
     }
 
@@ -267,7 +274,8 @@ impl BusFaults {
             for (index, held) in self.held.iter().enumerate() {
                 for one in held {
                     let (hit, frame) = ((&*one.fault, Effect::Late), (&one.frame, one.number));
-                    self.notes.note_queued(index, hit, frame, (one.since_seconds, at));
+                    self.notes
+                        .note_queued(index, hit, frame, (one.since_seconds, at));
                 }
             }
         }
@@ -358,7 +366,8 @@ impl BusFaults {
         let mut frames = vec![(leaves, frame); copies];
         for held in self.held[index].drain(..) {
             let (hit, frame) = ((&*held.fault, Effect::Late), (&held.frame, held.number));
-            self.notes.note_queued(index, hit, frame, (held.since_seconds, seconds));
+            self.notes
+                .note_queued(index, hit, frame, (held.since_seconds, seconds));
             frames.push((leaves, held.frame));
         }
         frames

@@ -77,7 +77,9 @@ impl HitNotes {
     /// Counts a frame that a participant queues; returns its number among those of its identifier.
     pub(crate) fn count_queued(&mut self, index: usize, frame: &CanFrame) -> u64 {
         let queued = &mut self.stations[index].queued;
-        frame.standard_id().map_or(0, |identifier| count(queued, identifier))
+        frame
+            .standard_id()
+            .map_or(0, |identifier| count(queued, identifier))
     }
 
     /// Notes what a gateway did to the frame of a participant with this number.
@@ -90,7 +92,8 @@ impl HitNotes {
     ) {
         if let Some(identifier) = frame.standard_id() {
             let sender = self.stations[index].sender(identifier);
-            self.log.note((fault, effect, sender), (identifier, number), times);
+            self.log
+                .note((fault, effect, sender), (identifier, number), times);
         }
     }
 
@@ -157,7 +160,10 @@ impl HitNotes {
 
     /// Adds a time for which a fault occupies the bus; for a disturbed transmission with its sender.
     pub(crate) fn occupy(&mut self, fault: &str, time: Duration, sender: Option<usize>) {
-        let before = self.occupied.take().map_or(Duration::ZERO, |(time, _)| time);
+        let before = self
+            .occupied
+            .take()
+            .map_or(Duration::ZERO, |(time, _)| time);
         self.occupied = Some((before + time, fault.to_owned()));
         if let Some(sender) = sender {
             self.stations[sender].disturbed_by = Some(fault.to_owned());
@@ -178,7 +184,11 @@ impl HitNotes {
             let sender = self.stations[index].sender(identifier);
             let ready = at - waited.as_secs_f64();
             let hit = (fault.as_str(), Effect::Late, sender);
-            self.log.note(hit, (identifier, number), (ready, ready + late.as_secs_f64()));
+            self.log.note(
+                hit,
+                (identifier, number),
+                (ready, ready + late.as_secs_f64()),
+            );
         }
     }
 
