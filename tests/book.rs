@@ -558,5 +558,5 @@ fn the_worked_examples_are_right() {
         ("emcy", 0.0),
         ("no_event", 0.0),
     ];
-    check("fault", 0, &fault);
+    check("fault", 5, &fault);
 }

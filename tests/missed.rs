@@ -6,8 +6,10 @@ use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge};
 use plan::Plan;
 use plan::catalogue::Catalogue;
+use recording::hits::{Effect, Hit, Hits};
 use recording::log::Stamped;
 use recording::timeline::decode;
+use recording::unrecorded::Unrecorded;
 use scenario::Trial;
 
 use crate::support;
@@ -59,7 +61,18 @@ fn judged(frames: &[Stamped], text: &str, external: &str) -> Verdict {
     let plan =
         Plan::new(scenario(text), &Catalogue::shipped()).recorded_external(&[external.to_owned()]);
     let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
-    judge(&plan, &timelines, &Circumstances::default())
+    judge(&plan, &timelines, &hit(Vec::new(), &plan))
+}
+
+/// Returns the circumstances of a play of the plan in which the faults of the bus hit these frames.
+fn hit(on_bus: Vec<Hit>, plan: &Plan) -> Circumstances {
+    Circumstances {
+        unrecorded: Unrecorded {
+            hits: Some(Hits::new(on_bus, plan)),
+            ..Unrecorded::default()
+        },
+        ..Circumstances::default()
+    }
 }
 
 #[track_caller]
@@ -117,30 +130,34 @@ fn a_controller_that_is_a_little_slow_excuses_no_drive() {
 }
 
 #[test]
-fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
-    let sound = played("");
-    let third = without(&sound, &[POSITION], |number| number % 3 == 0);
-    let fault = |kind: &str, more: &str| {
-        format!("[[fault.bus.{kind}]]\nfrom_seconds = 0.0\nprobability = 0.5\n{more}\n")
+fn a_fault_of_the_bus_excuses_the_answers_to_what_it_hit() {
+    let third = without(&played(""), &[POSITION], |number| number % 3 == 0);
+    let fault = "[[fault.bus.lose]]\nfrom_seconds = 0.0\nreceiver = \"drive\"\n";
+    fails(&judged(&third, fault, DRIVE), "drive: no position in 33.3");
+    let plan = Plan::new(scenario(fault), &Catalogue::shipped());
+    let plan = plan.recorded_external(&[DRIVE.to_owned()]);
+    let timelines = decode(&third.clone().into(), &plan).unwrap();
+    let timeline = &timelines[0];
+    // SYNCs that a receiver did not get: those of all cycles without a position, or later ones.
+    let lost = |periods_later: f64, receiver: &str| {
+        let rows = timeline.time_seconds.iter();
+        let rows = rows.zip(timeline.measured_position());
+        let unanswered = rows.filter(|(_, position)| position.is_nan());
+        let hits = unanswered.map(|(time, _)| Hit {
+            fault: "fault.bus.lose.0".to_owned(),
+            effect: Effect::Lost,
+            node: Some(receiver.to_owned()),
+            identifier: Some(SYNC),
+            from_seconds: time + periods_later * timeline.period_seconds,
+            until_seconds: time + periods_later * timeline.period_seconds,
+            frames: 1,
+            amount: 0.0,
+        });
+        judge(&plan, &timelines, &hit(hits.collect(), &plan))
     };
-    for (kind, more) in [
-        ("lose", "receiver = \"controller\""),
-        ("delay", "sender = \"drive\"\ndelay_milliseconds = 0.1"),
-        ("delay", "sender = \"controller\"\ndelay_milliseconds = 5.0"),
-        ("duplicate", "sender = \"drive\""),
-    ] {
-        fails(
-            &judged(&third, &fault(kind, more), DRIVE),
-            "drive: no position",
-        );
-    }
-    for (kind, more) in [
-        ("lose", "receiver = \"drive\""),
-        ("delay", "sender = \"drive\"\ndelay_milliseconds = 5.0"),
-        ("bit_error", ""),
-    ] {
-        passes(&judged(&third, &fault(kind, more), DRIVE));
-    }
+    passes(&lost(0.0, DRIVE));
+    fails(&lost(1.5, DRIVE), "drive: no position in 33.3");
+    fails(&lost(0.0, CONTROLLER), "drive: no position in 33.3");
 }
 
 /// A controller that gives up because of a fault reports it in an EMCY; without one its silence is unexplained.
@@ -148,17 +165,18 @@ fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
 fn a_controller_that_gives_up_for_a_fault_says_so() {
     let jump = "[[fault.sensor.offset]]\nfrom_seconds = 3.0\noffset_millimetres = 20.0\n";
     let gives_up = played(jump);
-    passes(&judged(&gives_up, jump, CONTROLLER));
+    let demanded = format!("{jump}[expect]\nemcy = [\"controller 0x7300\"]\n");
+    passes(&judged(&gives_up, &demanded, CONTROLLER));
     let silent = without(&gives_up, &[CONTROLLER_EMERGENCY], |_| true);
-    fails(
-        &judged(&silent, jump, CONTROLLER),
-        "controller: no SYNC in 4",
-    );
-    // A fault that it cannot notice is no excuse.
-    fails(
-        &judged(&gives_up, SLOW, CONTROLLER),
-        "controller: no SYNC in 4",
-    );
+    let silent = judged(&silent, &demanded, CONTROLLER);
+    assert_eq!(silent.outcome, Outcome::Fail);
+    // A controller that nobody asks to stop, and a fault that it cannot notice, are no excuse.
+    for faults in [jump, SLOW] {
+        fails(
+            &judged(&gives_up, faults, CONTROLLER),
+            "controller: took the drive out of operation at 3.0",
+        );
+    }
 }
 
 #[test]

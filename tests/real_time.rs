@@ -21,7 +21,7 @@ const STALL: Duration = Duration::from_millis(15);
 /// Part of the time in which a process may wait for a processor.
 const QUIET: f64 = 0.2;
 const ATTEMPTS: u32 = 10;
-/// What canrig says of a run that a busy machine spoiled. It sees stalls that are none of the
+/// Words of canrig about a run that a busy machine spoiled. It sees stalls that are none of the
 /// test's own threads.
 const SPOILED: [&str; 2] = ["stalls cover", "too busy for real time"];
 /// Time limit that only ends a hang.

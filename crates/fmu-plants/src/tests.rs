@@ -172,5 +172,5 @@ fn the_descriptions_are_complete() {
         .variables
         .iter()
         .filter(|variable| matches!(variable.role, Role::Number { .. }));
-    assert_eq!(parameters.count(), 16);
+    assert_eq!(parameters.count(), 17);
 }

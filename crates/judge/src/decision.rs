@@ -413,7 +413,12 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
 /// Returns the reason why the outcome is open if nothing in the recording explains breaches beside faults.
 fn unexplained(evidence: &Evidence<'_>) -> Option<String> {
     let cycles = &evidence.attribution.cycles;
-    let breach = cycles.too_many_unknown(percent_max(evidence, MISSED_CYCLES))?;
+    let unknown = cycles.too_many_unknown(percent_max(evidence, MISSED_CYCLES));
+    let commands = || {
+        let max = limited_max(evidence, MISSED_COMMANDS)?;
+        Commands::Missed.totals(evidence).too_many_unknown(max)
+    };
+    let breach = unknown.or_else(commands)?;
     let node = node_name(evidence, breach.duty.node(evidence.control_loop));
     let (what, at) = (breach.duty.breach(), breach.from_seconds);
     Some(match evidence.attribution.hits.are_known() {

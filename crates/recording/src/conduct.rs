@@ -19,7 +19,7 @@ const ACTS_MAX: usize = 100_000;
 /// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 
-/// What a node said or did.
+/// Kind of act: what a node said or did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Act {
     /// It sent an emergency; `about` and `cause` are its first manufacturer bytes.
@@ -42,7 +42,7 @@ pub struct NodeAct {
     pub act: Act,
 }
 
-/// What a frame with an identifier says.
+/// Kind of frame that is watched under an identifier.
 enum Watched {
     Emergency(u8),
     Heartbeat(u8, Option<NmtState>),

@@ -17,10 +17,10 @@ use crate::run_folder::{file, parse_rows, read_text_in};
 const HEADER: &str = "fault,effect,node,identifier,from_seconds,until_seconds,frames,amount";
 /// Largest file that is read.
 const BYTES_MAX: u64 = 256 << 20;
-/// What stands for every node.
+/// Word for every node, in the place of a name.
 const ALL: &str = "*";
 
-/// What a hit does.
+/// Effect of a hit on a frame or a node.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub enum Effect {
     /// A frame did not reach the node; without a node, it reached nobody.
@@ -253,7 +253,7 @@ fn inside(fault: &Fault, plan: &Plan) -> Vec<Hit> {
     vec![one]
 }
 
-/// What tells frames in a row apart from others: fault, effect, node and identifier.
+/// Key that tells frames in a row apart from others: fault, effect, node and identifier.
 type RunOfFrames = (String, Effect, Option<String>, u16);
 
 /// Notes hits frame by frame, and joins those of frames in a row.

@@ -71,7 +71,7 @@ impl Who {
         Self::Controller,
         Self::PlantEmulator,
     ];
-    /// What is before the name of a node in the file, since a node may be called like a kind.
+    /// Prefix of a node's name in the file, since a node may be called like a kind.
     const NODE: &'static str = "node ";
 
     /// Returns its name in the file.

@@ -13,7 +13,7 @@ pub struct Unrecorded {
     pub fd_frames: u64,
     /// Lines of the log that are no frames, for the user; `None` if everything that is judged could be read.
     pub unreadable_lines: Option<String>,
-    /// What the faults of the scenario hit; `None` if that is not known.
+    /// Hits of the scenario's faults; `None` if that is not known.
     pub hits: Option<Hits>,
     /// Reasons of canrig's nodes that faults of the bus may have kept from it.
     pub reasons: Reasons,

@@ -43,7 +43,7 @@ pub struct Recorded {
     pub stored: Option<Verdict>,
     /// Stalls of the nodes, and the frames that canrig's nodes sent; only the folder of a run in real time has them.
     pub host: Host,
-    /// What the scenario's faults hit; `None` if the recording does not say it.
+    /// Hits of the scenario's faults; `None` if the recording does not say it.
     hits: Option<Hits>,
     /// Frames that no node of the run sent; `None` if the senders are not known.
     foreign: Option<Foreign>,

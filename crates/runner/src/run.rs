@@ -11,7 +11,7 @@ use crate::play_record::PlayRecord;
 use exports::parquet;
 use judge::Circumstances;
 use judge::timing::Timing;
-use judge::verdict::{Identity, Tries, Verdict};
+use judge::verdict::{Identity, Outcome, Tries, Verdict};
 use plan::{Plan, Shared};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
@@ -127,7 +127,7 @@ pub fn run(
         _ if watch.is_interrupted() => Exit::Interrupted,
         Err(error) if error.is_before_start() => Exit::CannotStart,
         // Also where a drive that is on fails the run.
-        Err(_) => Exit::BenchFailed,
+        Err(_) if verdict.outcome == Outcome::Fail => Exit::BenchFailed,
         _ if place.is_strict && verdict.judged_nothing() => Exit::VerdictFailed,
         _ => verdict.outcome.into(),
     };

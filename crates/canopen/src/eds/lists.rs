@@ -1,4 +1,4 @@
-//! What an EDS says of itself: its sections and its lists of objects (CiA 306-1, clauses 4.4 and 4.5). Nothing here decides what is
+//! Statements of an EDS about itself: its sections and its lists of objects (CiA 306-1, clauses 4.4 and 4.5). Nothing here decides what is
 //! read, but a sheet that contradicts itself may be of another device than its user thinks.
 
 use std::collections::BTreeSet;

@@ -538,7 +538,7 @@ fn harmless_slips_are_read_and_noted() {
     }
 }
 
-/// What cannot be read is left out, and nothing else is.
+/// An entry that cannot be read is left out, and nothing else is.
 #[test]
 fn slips_that_cost_a_value_cost_no_other() {
     let base = read(BASE, 5).unwrap().dictionary;

@@ -10,7 +10,7 @@ use crate::object_dictionary::DataType;
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Reading<T> {
     pub(super) value: T,
-    /// What is not as CiA 306-1 has it.
+    /// Deviation of the text from CiA 306-1.
     pub(super) slip: Option<String>,
 }
 

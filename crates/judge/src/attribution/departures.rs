@@ -42,7 +42,7 @@ pub(crate) enum Root {
     Elsewhere,
     /// A duty that a node of this loop did not do.
     Own(Duty),
-    /// Nothing that the recording shows.
+    /// No explanation that the recording shows.
     Unknown,
 }
 
@@ -165,6 +165,10 @@ impl Finder<'_, '_> {
     }
 
     fn add(&mut self, at_seconds: f64, node_id: u8, root: Root) {
+        // Where the recording does not say what its faults hit, a departure beside one may be due to it.
+        let is_unknown =
+            matches!(root, Root::Own(_)) && self.hits.may_explain(at_seconds, at_seconds);
+        let root = if is_unknown { Root::Unknown } else { root };
         // A node that has left does not leave again, whatever it says afterwards.
         if self.found.latest(node_id, at_seconds).is_none() {
             let departure = Departure {
@@ -275,12 +279,12 @@ impl Finder<'_, '_> {
         {
             return Root::Fault;
         }
-        self.missed_by(
-            self.controller(),
-            &[Duty::Heartbeat(Part::Drive)],
-            since,
-            at,
-        )
+        let heartbeat = [Duty::Heartbeat(Part::Drive)];
+        match self.missed_by(self.controller(), &heartbeat, since, at) {
+            // What the controller saw of a drive that is not canrig's is the drive's.
+            Root::Unknown if !self.is_ours(Part::Drive) => Root::Own(Duty::State(drive.id)),
+            root => root,
+        }
     }
 
     fn root_of_heartbeat(&self, node: &Node, due: f64, until: f64) -> Root {
@@ -371,6 +375,7 @@ impl Finder<'_, '_> {
         if self.found.latest(drive.id, at).is_some() {
             return;
         }
+        let is_fault = matches!(state, State::Fault | State::FaultReactionActive);
         let is_hit =
             self.hits.changed_order(&drive, at) || self.hits.kept_from_running(&drive, at, at, at);
         if is_hit {
@@ -381,7 +386,7 @@ impl Finder<'_, '_> {
             self.add(at, drive.id, root);
         } else if let Some(root) = self.root_of(controller.id, at) {
             self.add(at, drive.id, root);
-        } else if !self.is_ours(Part::Drive) {
+        } else if (!is_asked || is_fault) && !self.is_ours(Part::Drive) {
             let root = self
                 .watched_by_drive(at)
                 .unwrap_or(Root::Own(Duty::State(drive.id)));
@@ -390,7 +395,7 @@ impl Finder<'_, '_> {
         // A drive of canrig's says in an emergency why it leaves the state.
     }
 
-    /// What a drive that is not canrig's may have answered: a controller that fell silent before.
+    /// Root of the departure of a drive that is not canrig's, if it may have answered a controller that fell silent before.
     fn watched_by_drive(&self, at: f64) -> Option<Root> {
         let mut lost = self.timeline.lost_heartbeats.iter();
         let lost = lost.find(|lost| {

@@ -1,5 +1,5 @@
-//! What the hits of a scenario's faults explain: a frame that they took or held up, and the time in which they kept a node from
-//! running, no longer.
+//! Explanations by the hits of a scenario's faults: of a frame that they took or held up, and of the time in which they kept a
+//! node from running, no longer.
 
 use std::cell::Cell;
 use std::collections::BTreeSet;

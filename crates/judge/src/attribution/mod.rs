@@ -48,7 +48,7 @@ pub(crate) enum Cause {
     Fault,
     /// Node that had this duty, canrig's own or under test.
     Node(Duty),
-    /// Nothing that the recording shows.
+    /// No cause that the recording shows.
     Unknown(Duty),
 }
 
@@ -218,6 +218,12 @@ impl<'a> Attribution<'a> {
                 return cause;
             }
         }
+        if duty == Duty::Position
+            && !one.is_ours(Part::Drive)
+            && let Some(cause) = self.answered_silence(since)
+        {
+            return cause;
+        }
         if self.flooded_from.is_some_and(|flooded| until >= flooded)
             && !one.is_ours(Part::Controller)
             && !duty.is_of_external(one)
@@ -228,6 +234,25 @@ impl<'a> Attribution<'a> {
             return Cause::Unknown(duty);
         }
         self.by_node(duty, breach)
+    }
+
+    /// Returns why a drive that is not canrig's is silent, if it fell silent when it had waited for the controller's heartbeat.
+    fn answered_silence(&self, since: f64) -> Option<Cause> {
+        let real = self.control_loop.real_drive.as_ref();
+        let watch = real.map(|drive| drive.real.timeouts.controller_lost_milliseconds);
+        let watch = watch.map(|watch| f64::from(watch) / 1e3);
+        let watch = watch.filter(|watch| *watch > 0.0);
+        let watch = watch.unwrap_or(HEARTBEAT_SECONDS);
+        let mut lost = self.timeline.lost_heartbeats.iter();
+        let lost = lost.find(|lost| {
+            let waited = since - lost.due_seconds;
+            lost.node == Part::Controller
+                && lost.back_seconds >= since
+                && waited >= watch / 2.0
+                && waited <= 2.0 * watch
+        })?;
+        let explained = self.heartbeat_explained(lost);
+        Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(Part::Controller))))
     }
 
     /// Returns why a node, or the one that it depends on, has left its duties by a time.
@@ -252,6 +277,9 @@ impl<'a> Attribution<'a> {
             .took_heartbeats(node, due, back, HEARTBEAT_SECONDS)
         {
             return Some(Cause::Fault);
+        }
+        if self.hits.may_explain(due, due) {
+            return Some(Cause::Unknown(Duty::Heartbeat(lost.node)));
         }
         match self.departed(lost.node, due)? {
             Root::Fault | Root::Elsewhere => Some(Cause::Fault),

@@ -61,8 +61,8 @@ fn scattered(missing: Cycle) -> Vec<Cycle> {
     cycles
 }
 
-/// Nobody watches the process of such a node, which stands still with the machine. On a wire it has
-/// a machine of its own.
+/// The process of a node that canrig did not start is not watched, and stands still with the machine. On a wire it has a
+/// machine of its own.
 #[test]
 fn scattered_breaches_of_a_node_of_this_machine_are_open_where_stalls_are_not_trusted() {
     for (node, missing) in [

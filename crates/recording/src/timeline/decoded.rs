@@ -59,8 +59,7 @@ pub struct Timeline {
     /// Scenario time of each position and each command; empty in a piece, and without faults, which may delay them.
     pub positions_seconds: Series<f64>,
     pub commands_seconds: Series<f64>,
-    /// What the nodes of the run did beside their cyclic frames; empty in a piece, and where all nodes are canrig's and no fault
-    /// acts.
+    /// Acts of the run's nodes beside their cyclic frames; empty in a piece, and where all nodes are canrig's and no fault acts.
     pub conduct: Arc<[NodeAct]>,
     /// Frames of unknown identifiers, if there are any; they are of no loop.
     pub unknown: Option<UnknownFrames>,

@@ -41,10 +41,13 @@ struct Station {
 }
 
 impl Station {
-    /// Returns the node that sends frames with an identifier.
+    /// Returns the node that sends frames with an identifier, if that is known.
     fn sender(&self, identifier: u16) -> Option<&str> {
+        if let [(_, only)] = &self.nodes[..] {
+            return Some(only);
+        }
         let is_its = |(id, _): &&(u8, String)| identifier & NODE_ID_BITS == u16::from(*id);
-        let node = self.nodes.iter().find(is_its).or(self.nodes.first());
+        let node = self.nodes.iter().find(is_its);
         node.map(|(_, name)| name.as_str())
     }
 }
