@@ -182,7 +182,10 @@ fn a_controller_that_gives_up_for_a_fault_says_so() {
 #[test]
 fn a_drive_may_stop_when_the_controllers_heartbeat_does() {
     let lost = fault("lost_heartbeat", "controller", 2.0);
-    let stops = |at_seconds| played(&fault("crash", "drive", at_seconds));
+    let stops = |at_seconds| {
+        let crash = fault("crash", "drive", at_seconds);
+        played(&format!("{lost}{crash}"))
+    };
     passes(&judged(&stops(2.1), &lost, DRIVE));
     fails(
         &judged(&stops(3.0), &lost, DRIVE),

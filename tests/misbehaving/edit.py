@@ -84,6 +84,17 @@ def scenario(text):
     return lambda own: own.files.update({"scenario.toml": own.files["scenario.toml"] + text})
 
 
+def hits(row):
+    """What the faults of the new scenario hit: without it a recording does not say that."""
+    header = "fault,effect,node,identifier,from_seconds,until_seconds,frames,amount"
+    return lambda own: own.files.update({"hits.csv": f"{header}\n{row}\n"})
+
+
+SLOW_HITS = hits("fault.node.slow_cycle.0,late,controller,,0.000000,,0,0.100")
+NOISE_HITS = hits("fault.sensor.noise.0,changed,drive,,0.000000,,0,0.000")
+CRASH_HITS = hits("fault.node.crash.0,not_run,controller,,1.000000,,0,0.000")
+
+
 def external(*nodes):
     def edit(own):
         own.files["verdict.json"] = json.dumps(json.loads(own.files["verdict.json"]) | {"external": nodes}) + "\n"
@@ -108,13 +119,13 @@ A_POSITION_LOST = [stall(0.5, 0.025), drop(REAL_POSITION, 0.495, 0.515)]
 
 CASES = {
     # Row 1: lasting faults.
-    "killed_controller_beside_noise": ("controller/killed_at_1s", goes_on, scenario(NOISE)),
-    "each_20th_sync_beside_noise": ("controller/leaves_out_each_20th_sync", goes_on, scenario(NOISE)),
-    "no_command_beside_noise": ("controller/no_command_from_1s", goes_on, scenario(NOISE)),
-    "dead_drive_beside_slow_cycle": ("drive/none", drop((REAL_POSITION, REAL_HEARTBEAT), 1.5), scenario(SLOW)),
-    "mute_drive_beside_slow_cycle": ("drive/none", drop(REAL_POSITION, 1.5), scenario(SLOW)),
-    "each_3rd_position_beside_slow_cycle": ("drive/drops_each_3rd_position", goes_on, scenario(SLOW)),
-    "killed_on_purpose": ("simulated/crash", limit("")),
+    "killed_controller_beside_noise": ("controller/killed_at_1s", goes_on, scenario(NOISE), NOISE_HITS),
+    "each_20th_sync_beside_noise": ("controller/leaves_out_each_20th_sync", goes_on, scenario(NOISE), NOISE_HITS),
+    "no_command_beside_noise": ("controller/no_command_from_1s", goes_on, scenario(NOISE), NOISE_HITS),
+    "dead_drive_beside_slow_cycle": ("drive/none", drop((REAL_POSITION, REAL_HEARTBEAT), 1.5), scenario(SLOW), SLOW_HITS),
+    "mute_drive_beside_slow_cycle": ("drive/none", drop(REAL_POSITION, 1.5), scenario(SLOW), SLOW_HITS),
+    "each_3rd_position_beside_slow_cycle": ("drive/drops_each_3rd_position", goes_on, scenario(SLOW), SLOW_HITS),
+    "killed_on_purpose": ("simulated/crash", limit(""), CRASH_HITS),
     # Row 3: limits beside stalls.
     "limit_met_beside_short_stalls": ("simulated/step", *SHORT_STALLS),
     "limit_missed_by_far_beside_short_stalls": ("simulated/step", *SHORT_STALLS, limit("position_millimetres_max = { max = 12.0 }")),

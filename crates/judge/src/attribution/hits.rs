@@ -19,13 +19,45 @@ const MICROSECONDS: f64 = 2e-6;
 /// Parts in a million.
 const MILLION: f64 = 1e6;
 
+/// What the frames of a duty, served in their order, leave of the cycles without one.
+#[derive(Default)]
+struct HeldUp {
+    /// Cycles whose frame came too late by no more than faults held it up.
+    cycles: BTreeSet<u64>,
+    /// Cycles for which no frame is left, in their order.
+    unserved: Vec<u64>,
+    /// Numbers of the breaches so far, and of those that were explained by this.
+    seen: Cell<u64>,
+    explained: Cell<u64>,
+}
+
+impl HeldUp {
+    /// Whether the frame of this cycle was held up. A frame that serves an earlier cycle is missing in its own: of the breaches
+    /// so far, as many remain as there are cycles without any frame.
+    fn explains(&self, cycle: u64) -> bool {
+        let seen = self.seen.get() + 1;
+        self.seen.set(seen);
+        let unserved = self.unserved.partition_point(|one| *one <= cycle) as u64;
+        let is_free = unserved + self.explained.get() < seen;
+        let is_held_up = is_free && self.cycles.contains(&cycle);
+        self.explained
+            .set(self.explained.get() + u64::from(is_held_up));
+        is_held_up
+    }
+
+    fn rewind(&self) {
+        self.seen.set(0);
+        self.explained.set(0);
+    }
+}
+
 /// Hits that concern a loop.
 pub(crate) struct LoopHits<'a> {
     timeline: &'a Timeline,
     control_loop: &'a ControlLoop,
     hits: Option<&'a Hits>,
-    /// Cycles whose SYNC, position or command a fault only held up.
-    held_up: [BTreeSet<u64>; 3],
+    /// Cycles whose SYNC, position or command a fault only held up, and those in which none came at all.
+    held_up: [HeldUp; 3],
     /// Number of SYNCs that a wrong clock has cost so far, while breaches are explained in their order.
     by_clock: Cell<u64>,
 }
@@ -74,6 +106,7 @@ impl<'a> LoopHits<'a> {
     /// Begins the explanation of breaches in the order of time.
     pub(super) fn rewind(&self) {
         self.by_clock.set(0);
+        self.held_up.iter().for_each(HeldUp::rewind);
     }
 
     /// Whether a fault took this very frame, or kept its node from running. `stays_since` is the start of the breaches without
@@ -148,7 +181,7 @@ impl<'a> LoopHits<'a> {
             Duty::Command => 2,
             _ => return false,
         };
-        self.held_up[place].contains(&cycle)
+        self.held_up[place].explains(cycle)
     }
 
     /// Whether the controller's clock is wrong by so much that it has cost this SYNC, too.
@@ -350,7 +383,7 @@ impl<'a> LoopHits<'a> {
 
     /// Finds the cycles whose frame came too late, but no later than faults held it up. Each frame serves the first cycle that
     /// waits for it, so frames that were never sent remain missing.
-    fn find_held_up(&self, duty: Duty, due: u64) -> BTreeSet<u64> {
+    fn find_held_up(&self, duty: Duty, due: u64) -> HeldUp {
         let timeline = self.timeline;
         let period = timeline.period_seconds;
         let (lead, arrivals): (f64, &Series<f64>) = match duty {
@@ -368,7 +401,7 @@ impl<'a> LoopHits<'a> {
         let end = self.end_seconds();
         let mut pending = self.pending(duty);
         let mut arrivals = arrivals.iter().peekable();
-        let mut held_up = BTreeSet::new();
+        let mut held_up = HeldUp::default();
         for (cycle, at) in due {
             while arrivals
                 .next_if(|time| *time < at - lead - MICROSECONDS)
@@ -377,14 +410,16 @@ impl<'a> LoopHits<'a> {
             let deadline = at + period - lead;
             let latest = deadline + self.delay(duty, at) + MICROSECONDS;
             match arrivals.next_if(|time| *time <= latest) {
-                Some(time) if time + MICROSECONDS > deadline => drop(held_up.insert(cycle)),
+                Some(time) if time + MICROSECONDS > deadline => {
+                    held_up.cycles.insert(cycle);
+                }
                 Some(_) => {}
                 // It still waits when the run ends.
                 None if latest >= end && pending > 0 => {
                     pending -= 1;
-                    held_up.insert(cycle);
+                    held_up.cycles.insert(cycle);
                 }
-                None => {}
+                None => held_up.unserved.push(cycle),
             }
         }
         held_up

@@ -604,6 +604,4 @@ pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> 
 }
 
 #[cfg(test)]
-mod stall_tests;
-#[cfg(test)]
 mod tests;

@@ -16,6 +16,8 @@ use scenario::Trial;
 
 use super::*;
 
+mod stalls;
+
 const PERIOD_MICROS: u64 = 10_000;
 /// Scenario time 0 on the recording's clock.
 const ZERO_MICROS: u64 = 1_700_000_000_000_000;

@@ -212,7 +212,10 @@ impl HitNotes {
             nodes.clone().find(is_it).map(|(_, name)| name.clone())
         };
         if let Some(node) = name(node_id).filter(|_| emergency.code != ErrorCode::NO_ERROR) {
-            let about = name(about.into()).unwrap_or_default();
+            // Node-ID 0 means no node in particular.
+            let about = Some(about).filter(|about| *about > 0);
+            let about = about.and_then(|about| name(about.into()));
+            let about = about.unwrap_or_default();
             self.reasons.add(Reason {
                 node,
                 at_seconds,

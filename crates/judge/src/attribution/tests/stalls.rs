@@ -9,7 +9,7 @@ use recording::log::Stamped;
 use recording::stalls::{NodeName, Who};
 use recording::timeline::decode;
 
-use super::tests::{Cycle, Held, frames, setup};
+use super::{Cycle, Held, frames, setup};
 use crate::circumstances::Circumstances;
 use crate::decision::judge;
 use crate::verdict::{Outcome, Verdict};
