@@ -103,6 +103,12 @@ impl<'a> LoopHits<'a> {
         hits.filter(move |hit| hit.effect == effect)
     }
 
+    /// Whether a fault has hit anything by a time.
+    pub(super) fn has_begun(&self, until: f64) -> bool {
+        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
+        hits.any(|hit| hit.from_seconds <= until)
+    }
+
     /// Begins the explanation of breaches in the order of time.
     pub(super) fn rewind(&self) {
         self.by_clock.set(0);

@@ -319,14 +319,17 @@ impl<'a> Attribution<'a> {
                     self.stood_in(node, breach.from_seconds, breach.until_seconds)
                 }))
             });
-        // Beside faults a node of canrig's does what it must: what nothing explains is not its own.
-        let is_by_canrig = !duty.is_of_external(self.control_loop)
-            && matches!(duty, Duty::Sync | Duty::Position | Duty::Command)
-            && !self.control_loop.trial.run.faults.is_empty();
-        cause.unwrap_or(if is_by_canrig {
-            Cause::Unknown(duty)
-        } else {
-            Cause::Node(duty)
+        // Beside faults a node of canrig's does what it must: what nothing explains is not its own. Where no other node is in the
+        // loop, it follows from what the faults hit before.
+        let one = self.control_loop;
+        let is_by_canrig = !duty.is_of_external(one)
+            && !matches!(duty, Duty::State(_))
+            && !one.trial.run.faults.is_empty();
+        let is_alone = one.is_ours(Part::Controller) && one.is_ours(Part::Drive);
+        cause.unwrap_or(match is_by_canrig {
+            true if is_alone && self.hits.has_begun(breach.until_seconds) => Cause::Fault,
+            true => Cause::Unknown(duty),
+            false => Cause::Node(duty),
         })
     }
 

@@ -171,7 +171,14 @@ fn slow(
             _ => "controller",
         };
         let is_ours = !external.contains(&whose_node);
-        let own = if is_ours && !faults.is_empty() {
+        let first = faults
+            .iter()
+            .map(|(begins, _)| 10 * i64::from(*begins))
+            .min();
+        let has_begun = first.is_some_and(|first| first <= until);
+        let own = if is_ours && has_begun && external.is_empty() {
+            "fault"
+        } else if is_ours && !faults.is_empty() {
             "unknown"
         } else {
             "node"
@@ -183,7 +190,7 @@ fn slow(
             (true, ..) => ("fault", false),
             (_, true, _) => ("bench", false),
             (.., Some((_, begun))) if begun.0 != "bench" => begun,
-            _ => (own, is_ours),
+            _ => (own, is_ours && own != "fault"),
         };
         if *cycle == Cycle::WithoutPosition {
             silence.get_or_insert((number, (doing, is_by_canrig)));
