@@ -239,7 +239,7 @@ impl Finder<'_, '_> {
             - super::SILENT_AT_END
                 .1
                 .max(25.0 * self.timeline.period_seconds);
-        let missed = missed_cycles(self.timeline, u64::MAX.min(self.timeline.cycles_due));
+        let missed = missed_cycles(self.timeline, self.timeline.cycles_due);
         let lately = missed.filter(|breach| {
             breach.duty == Duty::Position
                 && breach.until_seconds > since
@@ -436,7 +436,7 @@ impl Finder<'_, '_> {
             return;
         };
         let has_booted = state == NmtState::Initialising;
-        if self.is_ours(node.part) && !has_booted || id == controller.id && !has_booted {
+        if !has_booted && (self.is_ours(node.part) || id == controller.id) {
             return;
         }
         let root = if self.hits.kept_from_running(node, at, at, at)

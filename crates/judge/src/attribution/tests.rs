@@ -16,7 +16,7 @@ use scenario::Trial;
 
 use super::*;
 
-mod stalls;
+mod stalled;
 
 const PERIOD_MICROS: u64 = 10_000;
 /// Scenario time 0 on the recording's clock.
