@@ -64,6 +64,7 @@ const NOT_PLAYED: [(&str, &str); 12] = [
 const OF_A_MACHINE: [&str; 5] = ["doctor", "nodes", "sdo", "monitor", "identify"];
 
 /// Writes the files that the pages name, with sizes that play soon.
+#[expect(clippy::too_many_lines, reason = "a list of files")]
 fn workplace(folder: &Path) {
     let write = |name: &str, text: &str| {
         let path = folder.join(name);

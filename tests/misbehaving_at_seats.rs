@@ -50,6 +50,7 @@ fn of_node(kind: &str, keys: &str) -> String {
     format!("[[fault.node.{kind}]]\nfrom_seconds = 0.0\nnode = \"drive\"\n{keys}\n")
 }
 
+#[expect(clippy::too_many_lines, reason = "a table")]
 fn cases() -> Vec<Case> {
     let load = idle_fault("load", "identifier = 0x333\nperiod_milliseconds = 1000.0");
     let of_nobody = |kind, more: &str| {

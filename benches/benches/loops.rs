@@ -79,7 +79,7 @@ fn played(plan: &Plan) -> Vec<usize> {
     let clock = plan.scenario_clock().expect("the bus has a SYNC");
     let mut capture = Capture::in_memory(clock, &watch);
     simulate(plan, &Hosting::default(), &mut capture).expect("they are played");
-    let (frames, _) = capture.finish().expect("the memory suffices");
+    let (frames, _) = capture.finish(plan).expect("the memory suffices");
     let timelines = decode(&frames, plan).expect("they are decoded");
     black_box(judge(plan, &timelines, &Circumstances::default()));
     let cycles = timelines.iter().map(|timeline| timeline.cycle.len());

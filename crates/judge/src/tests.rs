@@ -1337,8 +1337,9 @@ fn a_sync_period_error_that_equals_its_limit_is_met() {
         let mut frames = frames(4000, |_| Some(10.0));
         answer_positions(&mut frames);
         for stamped in &mut frames {
-            let cycles = (stamped.time.as_micros() / 1000) as u64;
-            let slow = u32::try_from(cycles.saturating_sub(from).min(64)).unwrap();
+            let cycles = stamped.time.as_micros() / 1000;
+            let slow = cycles.saturating_sub(u128::from(from)).min(64);
+            let slow = u32::try_from(slow).unwrap();
             stamped.time += Duration::from_micros(u64::from(slow * slow_micros));
         }
         let timelines = decode(&frames.into(), &plan).unwrap();

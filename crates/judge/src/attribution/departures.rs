@@ -7,6 +7,7 @@ use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::{NmtCommand, NmtState};
 use plan::ControlLoop;
 use recording::conduct::{Act, NodeAct};
+use recording::losses::LostHeartbeat;
 use recording::reasons::{Reason, Reasons};
 use recording::timeline::Timeline;
 use scenario::node::{Node, Part};
@@ -100,6 +101,26 @@ impl Departures {
             _ => None,
         })
     }
+}
+
+/// The heartbeat of the controller for which a drive that is not canrig's had waited when it fell silent.
+pub(super) fn lost_heartbeat_before<'a>(
+    timeline: &'a Timeline,
+    control_loop: &ControlLoop,
+    since: f64,
+) -> Option<&'a LostHeartbeat> {
+    let real = control_loop.real_drive.as_ref();
+    let watch = real.map(|drive| drive.real.timeouts.controller_lost_milliseconds);
+    let watch = watch.map(|watch| f64::from(watch) / 1e3);
+    let watch = watch.filter(|watch| *watch > 0.0);
+    let watch = watch.unwrap_or(super::HEARTBEAT_SECONDS);
+    let mut lost = timeline.lost_heartbeats.iter();
+    lost.find(|lost| {
+        let waited = since - lost.due_seconds;
+        lost.node == Part::Controller
+            && lost.back_seconds >= since
+            && (watch / 2.0..=2.0 * watch).contains(&waited)
+    })
 }
 
 /// Finds departures act by act.
@@ -246,6 +267,13 @@ impl Finder<'_, '_> {
                 && breach.from_seconds < at
         });
         let lately = Vec::from_iter(lately);
+        let first = lately.first().filter(|_| !self.is_ours(Part::Drive));
+        let heartbeat = first.and_then(|first| {
+            lost_heartbeat_before(self.timeline, self.control_loop, first.from_seconds)
+        });
+        if let Some(lost) = heartbeat {
+            return self.root_of_heartbeat(self.controller(), lost.due_seconds, at);
+        }
         self.hits.rewind();
         let is_own = lately
             .iter()

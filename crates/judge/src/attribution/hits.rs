@@ -19,7 +19,7 @@ const MICROSECONDS: f64 = 2e-6;
 /// Parts in a million.
 const MILLION: f64 = 1e6;
 
-/// What the frames of a duty, served in their order, leave of the cycles without one.
+/// Cycles without a frame of a duty in time, where its frames serve the cycles in their order.
 #[derive(Default)]
 struct HeldUp {
     /// Cycles whose frame came too late by no more than faults held it up.

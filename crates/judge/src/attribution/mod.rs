@@ -238,19 +238,7 @@ impl<'a> Attribution<'a> {
 
     /// Returns why a drive that is not canrig's is silent, if it fell silent when it had waited for the controller's heartbeat.
     fn answered_silence(&self, since: f64) -> Option<Cause> {
-        let real = self.control_loop.real_drive.as_ref();
-        let watch = real.map(|drive| drive.real.timeouts.controller_lost_milliseconds);
-        let watch = watch.map(|watch| f64::from(watch) / 1e3);
-        let watch = watch.filter(|watch| *watch > 0.0);
-        let watch = watch.unwrap_or(HEARTBEAT_SECONDS);
-        let mut lost = self.timeline.lost_heartbeats.iter();
-        let lost = lost.find(|lost| {
-            let waited = since - lost.due_seconds;
-            lost.node == Part::Controller
-                && lost.back_seconds >= since
-                && waited >= watch / 2.0
-                && waited <= 2.0 * watch
-        })?;
+        let lost = departures::lost_heartbeat_before(self.timeline, self.control_loop, since)?;
         let explained = self.heartbeat_explained(lost);
         Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(Part::Controller))))
     }

@@ -101,13 +101,8 @@ fn overlapping(spans: &[(i64, i64)]) -> Option<(usize, usize)> {
     pairs.into_iter().find(touch)
 }
 
-/// Attributes each missed cycle by going through everything for it, in whole milliseconds.
-fn slow(
-    cycles: &[Cycle],
-    held: &[Held],
-    faults: &[(u32, u32)],
-    external: &[&str],
-) -> Vec<(f64, &'static str)> {
+/// The missed cycles that stalls explain, in whole milliseconds.
+fn allowed(cycles: &[Cycle], held: &[Held], external: &[&str]) -> BTreeSet<u32> {
     let is_felt = |held: &&Held, cycle: Cycle| match (held.who, cycle) {
         (Who::Machine | Who::Bus, _) | (Who::Controller, Cycle::WithoutSync) => true,
         (Who::PlantEmulator, Cycle::WithoutSync) => false,
@@ -151,7 +146,18 @@ fn slow(
             }
         }
     }
-    let is_held = |number: u32, _: Cycle| allowed.contains(&number);
+    allowed
+}
+
+/// Attributes each missed cycle by going through everything for it, in whole milliseconds.
+fn slow(
+    cycles: &[Cycle],
+    held: &[Held],
+    faults: &[(u32, u32)],
+    external: &[&str],
+) -> Vec<(f64, &'static str)> {
+    let allowed = allowed(cycles, held, external);
+    let is_held = |number: u32| allowed.contains(&number);
     let mut whose: Vec<(f64, &'static str, bool)> = Vec::new();
     // The first cycle without a position of the present silence, and whose doing that is.
     let mut silence: Option<(u32, (&'static str, bool))> = None;
@@ -186,7 +192,7 @@ fn slow(
         // A controller gives up when the drive is silent.
         let given_up =
             silence.filter(|(since, _)| *cycle == Cycle::WithoutSync && 10 * (number - since) > 50);
-        let (doing, is_by_canrig) = match (is_by_fault, is_held(number, *cycle), given_up) {
+        let (doing, is_by_canrig) = match (is_by_fault, is_held(number), given_up) {
             (true, ..) => ("fault", false),
             (_, true, _) => ("bench", false),
             (.., Some((_, begun))) if begun.0 != "bench" => begun,

@@ -199,7 +199,7 @@ impl HitNotes {
     pub(crate) fn note_reason(&mut self, frame: &CanFrame, at_seconds: f64) {
         let node_id = frame.standard_id().and_then(|id| {
             let is_emergency = EMERGENCIES.contains(&id);
-            is_emergency.then(|| id & NODE_ID_BITS)
+            is_emergency.then_some(id & NODE_ID_BITS)
         });
         let emergency = EmergencyMessage::decode(frame.data());
         let Some((node_id, emergency)) = node_id.zip(emergency) else {
