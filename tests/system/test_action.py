@@ -14,6 +14,11 @@ name = "a step"
 duration_seconds = 4.0
 
 [controller.pid]
+proportional_amperes_per_metre = 64.8
+integral_amperes_per_metre_second = 489.0
+derivative_ampere_seconds_per_metre = 3.74
+set_point_weight = 0.377
+derivative_filter_radians_per_second = 500.0
 
 [[reference.step]]
 at_seconds = 1.0
