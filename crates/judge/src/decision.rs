@@ -421,12 +421,12 @@ fn unexplained(evidence: &Evidence<'_>) -> Option<String> {
     let breach = unknown.or_else(commands)?;
     let node = node_name(evidence, breach.duty.node(evidence.control_loop));
     let (what, at) = (breach.duty.breach(), breach.from_seconds);
-    Some(match evidence.attribution.hits.are_known() {
-        false => format!(
-            "{node}: {what} at {at:.3} s, and this recording does not say what its faults hit: play it again"
-        ),
-        true => format!("{node}: {what} at {at:.3} s, which no fault of the scenario explains"),
-    })
+    let why = if evidence.attribution.hits.are_known() {
+        ", which no fault of the scenario explains"
+    } else {
+        ", and this recording does not say what its faults hit: play it again"
+    };
+    Some(format!("{node}: {what} at {at:.3} s{why}"))
 }
 
 /// Returns the duties that were broken too often, and the first of them.

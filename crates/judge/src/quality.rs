@@ -72,7 +72,7 @@ fn by_foreign_sender(foreign: &Foreign) -> Option<NamedCause> {
     let at = first.at_seconds;
     let all = Vec::from_iter(all).join(", ");
     Some(NamedCause {
-        node: "foreign".to_owned(),
+        node: FOREIGN.to_owned(),
         duty: foreign_duty(first.identifier).to_owned(),
         at_seconds: Some(rounded(at)),
         description: format!(

@@ -101,9 +101,11 @@ impl Hit {
         let identifier = self
             .identifier
             .map_or_else(String::new, |id| format!("0x{id:03X}"));
-        let time = |seconds: f64| match seconds.is_finite() {
-            true => format!("{seconds:.6}"),
-            false => String::new(),
+        let time = |seconds: f64| {
+            let is_known = seconds.is_finite();
+            is_known
+                .then(|| format!("{seconds:.6}"))
+                .unwrap_or_default()
         };
         let (from, until) = (time(self.from_seconds), time(self.until_seconds));
         let (fault, effect) = (&self.fault, self.effect.word());
@@ -140,7 +142,20 @@ impl Hit {
 
 /// All hits of a run, in the order of their starts.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Hits(Vec<Hit>);
+pub struct Hits {
+    all: Vec<Hit>,
+    /// Places of the hits with the same fault, effect, node and identifier: these hardly overlap, so a search looks at few.
+    groups: Vec<AlikeHits>,
+}
+
+/// Hits with the same fault, effect, node and identifier, in the order of their starts.
+#[derive(Clone, Debug, PartialEq)]
+struct AlikeHits {
+    effect: Effect,
+    places: Vec<usize>,
+    /// Latest end of each hit and those before it.
+    reached_seconds: Vec<f64>,
+}
 
 impl Hits {
     /// Joins the hits on the bus with those of the faults that act inside nodes and plants.
@@ -151,20 +166,59 @@ impl Hits {
         let inside = faults.flat_map(|fault| inside(fault, plan));
         let mut hits = Vec::from_iter(on_bus.into_iter().chain(inside).map(rounded));
         hits.sort_by(order);
-        Self(hits)
+        Self::indexed(hits)
+    }
+
+    fn indexed(all: Vec<Hit>) -> Self {
+        let mut groups: BTreeMap<_, AlikeHits> = BTreeMap::new();
+        for (place, hit) in all.iter().enumerate() {
+            let key = (&hit.fault, hit.effect, &hit.node, hit.identifier);
+            let group = groups.entry(key).or_insert_with(|| AlikeHits {
+                effect: hit.effect,
+                places: Vec::new(),
+                reached_seconds: Vec::new(),
+            });
+            let before = group.reached_seconds.last();
+            let reached = before.map_or(hit.until_seconds, |before| before.max(hit.until_seconds));
+            group.places.push(place);
+            group.reached_seconds.push(reached);
+        }
+        let groups = groups.into_values().collect();
+        Self { all, groups }
     }
 
     pub fn iter(&self) -> std::slice::Iter<'_, Hit> {
-        self.0.iter()
+        self.all.iter()
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+    /// Hits with an effect.
+    pub fn of(&self, effect: Effect) -> impl Iterator<Item = &Hit> {
+        let groups = self.groups.iter();
+        let of_effect = groups.filter(move |group| group.effect == effect);
+        of_effect.flat_map(|group| group.places.iter().map(|place| &self.all[*place]))
+    }
+
+    /// Hits with an effect that overlap a stretch of scenario time.
+    pub fn overlapping(
+        &self,
+        effect: Effect,
+        from_seconds: f64,
+        until_seconds: f64,
+    ) -> impl Iterator<Item = &Hit> {
+        let groups = self.groups.iter();
+        let of_effect = groups.filter(move |group| group.effect == effect);
+        of_effect.flat_map(move |group| {
+            let reached = &group.reached_seconds;
+            let first = reached.partition_point(|reached| *reached < from_seconds);
+            let hits = group.places[first..].iter().map(|place| &self.all[*place]);
+            hits.take_while(move |hit| hit.from_seconds <= until_seconds)
+                .filter(move |hit| hit.overlaps(from_seconds, until_seconds))
+        })
     }
 
     /// The text of `hits.csv`.
     pub fn to_csv(&self) -> String {
-        let rows: String = self.0.iter().map(Hit::to_row).collect();
+        let rows: String = self.all.iter().map(Hit::to_row).collect();
         format!("{HEADER}\n{rows}")
     }
 
@@ -177,7 +231,7 @@ impl Hits {
             return Ok(None);
         };
         let rows = parse_rows(&text, HEADER, Hit::parse);
-        rows.map(|rows| Some(Self(rows)))
+        rows.map(|rows| Some(Self::indexed(rows)))
             .map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason))
     }
 }
@@ -343,6 +397,34 @@ mod tests {
     }
 
     #[test]
+    fn a_search_finds_what_overlaps() {
+        let mut log = HitLog::default();
+        for number in 0..40_u32 {
+            // Every third frame, 2.5 ms late: each hit reaches into the times of the next ones.
+            let at = f64::from(number) * 1e-3;
+            let frame = (0x190, u64::from(3 * number));
+            let hit = ("fault.bus.delay.0", Effect::Late, Some("drive"));
+            log.note(hit, frame, (at, at + 2.5e-3));
+            let whole = ("fault.bus.lose.0", Effect::Lost, Some("drive"));
+            log.note(whole, (0x080, u64::from(2 * number)), (at, at));
+        }
+        let mut all = log.take();
+        all.sort_by(order);
+        let hits = Hits::indexed(all);
+        for effect in [Effect::Late, Effect::Lost, Effect::NotRun] {
+            for step in 0..90_u32 {
+                let from = f64::from(step) * 0.5e-3 - 2e-3;
+                for until in [from, from + 1e-3, from + 1.0] {
+                    let slow = hits.iter().filter(|hit| hit.effect == effect);
+                    let slow = slow.filter(|hit| hit.overlaps(from, until));
+                    let found = hits.overlapping(effect, from, until);
+                    assert!(found.eq(slow), "{effect:?} {from} {until}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn what_is_written_is_read() {
         let hit = Hit {
             fault: "fault.node.crash.0".to_owned(),
@@ -363,13 +445,13 @@ mod tests {
             amount: 0.25,
             ..hit.clone()
         };
-        let hits = Hits(vec![hit, late]);
+        let hits = Hits::indexed(vec![hit, late]);
         let text = hits.to_csv();
         assert_eq!(
             text.lines().nth(2),
             Some("fault.node.crash.0,late,*,0x190,1.500000,1.750000,3,0.250")
         );
-        assert_eq!(parse_rows(&text, HEADER, Hit::parse), Ok(hits.0));
+        assert_eq!(parse_rows(&text, HEADER, Hit::parse), Ok(hits.all));
         let damaged = text.replace("not_run", "ran");
         assert!(parse_rows(&damaged, HEADER, Hit::parse).is_err());
     }

@@ -15,7 +15,7 @@ use crate::truth::is_temperature;
 /// Number of periods without a cyclic frame that count as a loss, as for the controller.
 pub(crate) const PERIODS_MAX: u32 = 20;
 /// Number of periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
-const HEARTBEATS_MAX: u32 = 5;
+pub const HEARTBEATS_MAX: u32 = 5;
 
 /// Time in which the heartbeat of a node did not come for longer than the others wait for it.
 #[derive(Clone, Copy, Debug, PartialEq)]

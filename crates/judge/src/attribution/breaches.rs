@@ -67,9 +67,7 @@ impl Duty {
             Self::State(_) => "no cycle since it left its state",
         }
     }
-}
 
-impl Duty {
     /// Describes how a node left its duties: `left its state at 1.234 s`.
     pub(crate) fn departure(self, at_seconds: f64) -> String {
         let what = match self {

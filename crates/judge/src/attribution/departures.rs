@@ -2,14 +2,17 @@
 //! or is stopped. Each has the explanation of what it follows from, found by what the nodes themselves said and did; only one
 //! that follows from nothing is the node's own.
 
+use std::cell::OnceCell;
+
 use canopen::cia402::State;
 use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::{NmtCommand, NmtState};
 use plan::ControlLoop;
 use recording::conduct::{Act, NodeAct};
-use recording::losses::LostHeartbeat;
+use recording::losses::{HEARTBEATS_MAX, LostHeartbeat};
 use recording::reasons::{Reason, Reasons};
 use recording::timeline::Timeline;
+use scenario::expect::Emergency;
 use scenario::node::{Node, Part};
 
 use super::breaches::{Duty, missed_cycles};
@@ -76,6 +79,7 @@ impl Departures {
             control_loop,
             hits,
             found: Self::default(),
+            last_position_seconds: OnceCell::new(),
         };
         let mut acts = timeline.conduct.to_vec();
         acts.extend(reasons.iter().filter_map(|reason| finder.emergency(reason)));
@@ -88,10 +92,13 @@ impl Departures {
 
     /// The latest departure of a node before a time, if its loop has not run again since.
     pub(crate) fn latest(&self, node_id: u8, before: f64) -> Option<&Departure> {
-        let of_node = self.all.iter().filter(|one| one.node_id == node_id);
-        let latest = of_node.take_while(|one| one.at_seconds <= before).last()?;
-        let has_returned = |at: &f64| *at > latest.at_seconds && *at < before;
-        (!self.returns.iter().any(has_returned)).then_some(latest)
+        let until = self.all.partition_point(|one| one.at_seconds <= before);
+        let mut latest_first = self.all[..until].iter().rev();
+        let latest = latest_first.find(|one| one.node_id == node_id)?;
+        let returns = &self.returns;
+        let next = returns.partition_point(|at| *at <= latest.at_seconds);
+        let has_returned = returns.get(next).is_some_and(|at| *at < before);
+        (!has_returned).then_some(latest)
     }
 
     /// The first departures that are a node's own.
@@ -129,9 +136,11 @@ struct Finder<'a, 'b> {
     control_loop: &'a ControlLoop,
     hits: &'a LoopHits<'b>,
     found: Departures,
+    /// Scenario time of the drive's last position, once it was asked for.
+    last_position_seconds: OnceCell<Option<f64>>,
 }
 
-impl Finder<'_, '_> {
+impl<'a> Finder<'a, '_> {
     fn on_act(&mut self, act: &NodeAct) {
         let (at, id) = (act.at_seconds, act.node_id);
         let (controller, drive) = (self.controller().id, self.drive().id);
@@ -173,11 +182,11 @@ impl Finder<'_, '_> {
         })
     }
 
-    fn controller(&self) -> &Node {
+    fn controller(&self) -> &'a Node {
         &self.control_loop.nodes.controller
     }
 
-    fn drive(&self) -> &Node {
+    fn drive(&self) -> &'a Node {
         &self.control_loop.nodes.drive
     }
 
@@ -278,10 +287,12 @@ impl Finder<'_, '_> {
         let is_own = lately
             .iter()
             .any(|breach| !self.hits.took(breach, breach.from_seconds));
-        match lately.is_empty() {
-            false if is_own => Root::Own(Duty::Position),
-            false => Root::Fault,
-            true => self.missed_by(self.controller(), &[Duty::Position], since, at),
+        if is_own {
+            Root::Own(Duty::Position)
+        } else if lately.is_empty() {
+            self.missed_by(self.controller(), &[Duty::Position], since, at)
+        } else {
+            Root::Fault
         }
     }
 
@@ -328,7 +339,7 @@ impl Finder<'_, '_> {
     fn heartbeat_patience(&self, node: &Node) -> f64 {
         let message = self.control_loop.message(node, dbc::names::HEARTBEAT).ok();
         let period = message.map_or(0, |message| message.cycle_time_milliseconds);
-        5.0 * period.max(1) as f64 / 1e3
+        f64::from(HEARTBEATS_MAX) * period.max(1) as f64 / 1e3
     }
 
     /// Whether a receiver missed the frames of these duties by a fault.
@@ -353,11 +364,11 @@ impl Finder<'_, '_> {
         if OF_THE_BUS.contains(&code) {
             return;
         }
-        let (drive, controller) = (self.drive().clone(), self.controller().clone());
+        let (drive, controller) = (self.drive(), self.controller());
         let owed = match code {
             LOST_HEARTBEAT => Some((
                 Duty::Heartbeat(Part::Controller),
-                self.heartbeat_patience(&controller),
+                self.heartbeat_patience(controller),
             )),
             LOST_SYNC => Some((Duty::Sync, 0.05f64.max(3.0 * self.timeline.period_seconds))),
             LOST_COMMAND => Some((Duty::Command, 0.1)),
@@ -365,7 +376,7 @@ impl Finder<'_, '_> {
         };
         let root = match owed {
             Some((duty, patience)) => self.root_of_loss(at, duty, patience),
-            None if self.hits.changed(&drive, f64::NEG_INFINITY, at) => Root::Fault,
+            None if self.hits.changed(drive, f64::NEG_INFINITY, at) => Root::Fault,
             None => Root::Own(Duty::State(drive.id)),
         };
         self.add(at, drive.id, root);
@@ -386,9 +397,10 @@ impl Finder<'_, '_> {
                 duty => hits.is_hit_in(duty, since, at),
             }
             || self.missed_by(drive, &[duty], since, at) == Root::Fault;
-        match is_taken {
-            true => Root::Fault,
-            false => Root::Own(duty),
+        if is_taken {
+            Root::Fault
+        } else {
+            Root::Own(duty)
         }
     }
 
@@ -398,14 +410,14 @@ impl Finder<'_, '_> {
             self.found.returns.push(at);
             return;
         }
-        let (drive, controller) = (self.drive().clone(), self.controller().clone());
+        let (drive, controller) = (self.drive(), self.controller());
         // What another state it goes to afterwards does not matter.
         if self.found.latest(drive.id, at).is_some() {
             return;
         }
         let is_fault = matches!(state, State::Fault | State::FaultReactionActive);
         let is_hit =
-            self.hits.changed_order(&drive, at) || self.hits.kept_from_running(&drive, at, at, at);
+            self.hits.changed_order(drive, at) || self.hits.kept_from_running(drive, at, at, at);
         if is_hit {
             self.add(at, drive.id, Root::Fault);
         } else if is_asked && !self.is_ours(Part::Controller) {
@@ -432,17 +444,11 @@ impl Finder<'_, '_> {
         if let Some(lost) = lost {
             return Some(self.root_of_heartbeat(self.controller(), lost.due_seconds, at));
         }
-        let last = self
-            .timeline
-            .syncs_seconds
-            .iter()
-            .take_while(|time| *time <= at)
-            .last()?;
+        let syncs = &self.timeline.syncs_seconds;
+        let heard = syncs.partition_point(|time| time <= at);
+        let last = syncs.get(heard.checked_sub(1)?)?;
         let silent = at - last;
-        let is_silence = silent
-            > super::SILENT_AT_END
-                .1
-                .max(5.0 * self.timeline.period_seconds);
+        let is_silence = silent > super::silence_seconds_max(self.timeline);
         is_silence.then(|| {
             let is_hit = self.hits.is_hit_in(Duty::Sync, last, at)
                 || self
@@ -458,8 +464,8 @@ impl Finder<'_, '_> {
 
     /// Takes a new state in a heartbeat.
     fn on_heartbeat(&mut self, at: f64, id: u8, state: NmtState) {
-        let (controller, drive) = (self.controller().clone(), self.drive().clone());
-        let node = [&controller, &drive].into_iter().find(|node| node.id == id);
+        let (controller, drive) = (self.controller(), self.drive());
+        let node = [controller, drive].into_iter().find(|node| node.id == id);
         let Some(node) = node.filter(|_| state != NmtState::Operational) else {
             return;
         };
@@ -489,7 +495,7 @@ impl Finder<'_, '_> {
         if command == NmtCommand::Start {
             return;
         }
-        let (controller, drive) = (self.controller().clone(), self.drive().clone());
+        let (controller, drive) = (self.controller(), self.drive());
         let io = self.control_loop.trial.wiring.io_nodes();
         let io = io.map(|node| node.id);
         let meant = Vec::from_iter([drive.id].into_iter().chain(io));
@@ -523,13 +529,14 @@ impl Finder<'_, '_> {
         if self.is_ours(Part::Controller) {
             return;
         }
-        let last = self
-            .timeline
-            .measured_position()
-            .iter()
-            .zip(self.timeline.time_seconds.iter());
-        let last = last.filter(|(position, _)| !position.is_nan()).last();
-        let is_silent = last.is_none_or(|(_, time)| time <= at + self.timeline.period_seconds);
+        let timeline = self.timeline;
+        let last = *self.last_position_seconds.get_or_init(|| {
+            let rows = timeline.measured_position().iter();
+            let rows = rows.zip(timeline.time_seconds.iter());
+            let last = rows.filter(|(position, _)| !position.is_nan()).last();
+            last.map(|(_, time)| time)
+        });
+        let is_silent = last.is_none_or(|time| time <= at + timeline.period_seconds);
         if is_silent {
             let drive = self.drive().id;
             self.add(at, drive, Root::Own(Duty::Lead));
@@ -540,10 +547,9 @@ impl Finder<'_, '_> {
     fn expected_stop(&self, at: f64) -> Option<Root> {
         let expect = &self.control_loop.trial.expect;
         let controller = self.controller();
-        let demands = expect
-            .listed("emcy")
-            .iter()
-            .any(|text| text.split_whitespace().next() == Some(&*controller.name));
+        let is_of_controller = |wanted: Emergency| wanted.node == controller.name;
+        let mut demanded = expect.listed("emcy").iter();
+        let demands = demanded.any(|text| text.parse().is_ok_and(is_of_controller));
         let is_limited = ["safe_state", "{command}_zero_within_milliseconds"]
             .iter()
             .any(|metric| expect.of(metric).is_some());

@@ -4,7 +4,8 @@
 use std::cell::Cell;
 use std::collections::BTreeSet;
 
-use canopen::nmt::ERROR_CONTROL_ID;
+use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID};
+use dbc::scenario_clock::SYNC_COB_ID;
 use plan::ControlLoop;
 use recording::hits::{Effect, Hit, Hits};
 use recording::timeline::{Series, Timeline};
@@ -16,6 +17,8 @@ use crate::circumstances::Circumstances;
 
 /// Times of hits and of frames are whole microseconds, each rounded by itself.
 const MICROSECONDS: f64 = 2e-6;
+/// Bits of the node-ID in an identifier (CiA 301, 7.3.5).
+const NODE_ID_BITS: u16 = 0x7F;
 /// Parts in a million.
 const MILLION: f64 = 1e6;
 
@@ -98,15 +101,27 @@ impl<'a> LoopHits<'a> {
         !self.are_known() && self.control_loop.faults().any(acts)
     }
 
+    fn all(&self) -> impl Iterator<Item = &'a Hit> {
+        self.hits.into_iter().flat_map(Hits::iter)
+    }
+
     fn of(&self, effect: Effect) -> impl Iterator<Item = &'a Hit> {
-        let hits = self.hits.into_iter().flat_map(Hits::iter);
-        hits.filter(move |hit| hit.effect == effect)
+        self.hits.into_iter().flat_map(move |hits| hits.of(effect))
+    }
+
+    /// Hits with an effect in a time. Times of frames and of hits are rounded each by itself.
+    fn within(&self, effect: Effect, from: f64, until: f64) -> impl Iterator<Item = &'a Hit> {
+        let (from, until) = (from - MICROSECONDS, until + MICROSECONDS);
+        let hits = self.hits.into_iter();
+        hits.flat_map(move |hits| hits.overlapping(effect, from, until))
     }
 
     /// Whether a fault has hit anything by a time.
     pub(super) fn has_begun(&self, until: f64) -> bool {
-        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
-        hits.any(|hit| hit.from_seconds <= until)
+        // They are in the order of their starts.
+        self.all()
+            .next()
+            .is_some_and(|hit| hit.from_seconds <= until)
     }
 
     /// Begins the explanation of breaches in the order of time.
@@ -144,39 +159,24 @@ impl<'a> LoopHits<'a> {
                 && from <= hit.until_seconds + bring_up;
             hit.is_at(&node.name) && (hit.overlaps(from, until) || has_stayed)
         };
-        let off_bus =
-            |hit: &&Hit| hit.node.as_deref() == Some(&*node.name) && hit.overlaps(from, until);
         self.of(Effect::NotRun).any(|hit| is_down(&hit))
-            || self
-                .of(Effect::Lost)
-                .filter(|hit| hit.identifier.is_none())
-                .any(|hit| off_bus(&hit))
     }
 
     /// Whether the frame of a duty reached nobody, or the frame that triggers it did not reach its node.
     fn is_lost(&self, duty: Duty, from: f64, until: f64) -> bool {
-        let controller = &*self.control_loop.nodes.controller.name;
-        let drive = &*self.control_loop.nodes.drive.name;
-        let (own, triggers) = match duty {
-            Duty::Sync => (self.identifier(Duty::Sync), Vec::new()),
-            Duty::Position => {
-                let sync = self.identifier(Duty::Sync);
-                (self.identifier(duty), vec![(drive, sync)])
-            }
-            Duty::Command => {
-                let position = self.identifier(Duty::Position);
-                (self.identifier(duty), vec![(controller, position)])
-            }
-            _ => return false,
+        let nodes = &self.control_loop.nodes;
+        let own = self.identifier(duty);
+        let trigger = match duty {
+            Duty::Position => Some((&nodes.drive, self.identifier(Duty::Sync))),
+            Duty::Command => Some((&nodes.controller, self.identifier(Duty::Position))),
+            _ => None,
         };
-        let (from, until) = (from - MICROSECONDS, until + MICROSECONDS);
-        self.of(Effect::Lost).any(|hit| {
-            let is_own = hit.node.is_none() && own.is_some_and(|id| hit.is_of(id));
-            let mut triggers = triggers.iter();
-            let is_trigger = triggers.any(|(node, id)| {
-                hit.node.as_deref() == Some(node) && id.is_some_and(|id| hit.is_of(id))
-            });
-            (is_own || is_trigger) && hit.overlaps(from, until)
+        self.within(Effect::Lost, from, until).any(|hit| {
+            let is_of = |identifier: Option<u16>| identifier.is_some_and(|id| hit.is_of(id));
+            match &hit.node {
+                None => is_of(own),
+                Some(name) => trigger.is_some_and(|(node, id)| *name == node.name && is_of(id)),
+            }
         })
     }
 
@@ -245,7 +245,8 @@ impl<'a> LoopHits<'a> {
                 && hit.from_seconds <= from + patience
                 && ends + patience >= until.min(self.end_seconds())
         };
-        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
+        let effects = [Effect::Lost, Effect::NotRun, Effect::Late];
+        let mut hits = effects.into_iter().flat_map(|effect| self.of(effect));
         hits.any(is_taken)
     }
 
@@ -261,35 +262,28 @@ impl<'a> LoopHits<'a> {
         from: f64,
         until: f64,
     ) -> bool {
-        self.of(Effect::Lost).any(|hit| {
-            hit.is_at(&receiver.name)
-                && identifiers.iter().any(|id| hit.is_of(*id))
-                && hit.overlaps(from - MICROSECONDS, until + MICROSECONDS)
-        })
+        self.within(Effect::Lost, from, until)
+            .any(|hit| hit.is_at(&receiver.name) && identifiers.iter().any(|id| hit.is_of(*id)))
     }
 
     /// Whether faults changed what a node measures or sends, or gave it a command, before a time.
     pub(super) fn changed(&self, node: &Node, from: f64, until: f64) -> bool {
-        let is_other = |hit: &Hit| {
-            matches!(hit.effect, Effect::Changed | Effect::Commanded)
-                && hit.is_at(&node.name)
-                && hit.overlaps(from, until + MICROSECONDS)
-        };
-        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
-        hits.any(is_other)
+        let effects = [Effect::Changed, Effect::Commanded].into_iter();
+        let mut hits = effects.flat_map(|effect| self.within(effect, from, until));
+        hits.any(|hit| hit.is_at(&node.name))
     }
 
     /// Whether faults changed a frame that a drive obeys, in the cycles before a time.
     pub(super) fn changed_order(&self, drive: &Node, at: f64) -> bool {
         let command = self.identifier(Duty::Command);
         let is_obeyed = |identifier: u16| {
-            let is_to_node = identifier & 0x7F == u16::from(drive.id);
-            is_to_node || [0x000, 0x080].contains(&identifier) || Some(identifier) == command
+            let is_to_node = identifier & NODE_ID_BITS == u16::from(drive.id);
+            let is_to_all = [COMMAND_ID, SYNC_COB_ID].contains(&identifier);
+            is_to_node || is_to_all || Some(identifier) == command
         };
         let from = at - 3.0 * self.timeline.period_seconds;
-        self.of(Effect::Changed).any(|hit| {
-            hit.identifier.is_some_and(is_obeyed) && hit.overlaps(from, at + MICROSECONDS)
-        })
+        let mut changed = self.within(Effect::Changed, from, at);
+        changed.any(|hit| hit.identifier.is_some_and(is_obeyed))
     }
 
     /// Whether a fault changed the position or the command of the cycle before a time, or may have.
@@ -297,22 +291,18 @@ impl<'a> LoopHits<'a> {
         let values = [Duty::Position, Duty::Command].map(|duty| self.identifier(duty));
         let from = at - self.timeline.period_seconds;
         let is_value = |hit: &Hit| values.iter().flatten().any(|id| hit.is_of(*id));
-        let mut changed = self
-            .of(Effect::Changed)
-            .filter(|hit| hit.overlaps(from, at + MICROSECONDS));
+        let mut changed = self.within(Effect::Changed, from, at);
         changed.any(is_value) || self.may_explain(from, at)
     }
 
     /// Scenario time of the first hit on a frame or value that a node receives from others.
     pub(super) fn first_on_others(&self, node: &Node) -> Option<f64> {
-        let hits = self.hits.into_iter().flat_map(Hits::iter);
         let is_received = |hit: &&Hit| match hit.effect {
             Effect::Lost => hit.is_at(&node.name),
             _ => hit.node.as_deref() != Some(&*node.name),
         };
-        hits.filter(is_received)
-            .map(|hit| hit.from_seconds)
-            .reduce(f64::min)
+        let received = self.all().filter(is_received);
+        received.map(|hit| hit.from_seconds).reduce(f64::min)
     }
 
     /// Whether a fault lost or held up frames of a duty in a time.
@@ -320,21 +310,19 @@ impl<'a> LoopHits<'a> {
         let Some((node, identifier)) = self.node_of(duty).zip(self.identifier(duty)) else {
             return false;
         };
-        let is_hit = |hit: &Hit| {
-            let is_lost = hit.effect == Effect::Lost && hit.node.is_none();
-            let is_late = hit.effect == Effect::Late && hit.is_at(&node.name);
-            (is_lost || is_late) && hit.is_of(identifier) && hit.overlaps(from, until)
-        };
-        let mut hits = self.hits.into_iter().flat_map(Hits::iter);
-        hits.any(is_hit)
+        let lost = self.within(Effect::Lost, from, until);
+        let lost = lost.filter(|hit| hit.node.is_none());
+        let late = self.within(Effect::Late, from, until);
+        let late = late.filter(|hit| hit.is_at(&node.name));
+        lost.chain(late).any(|hit| hit.is_of(identifier))
     }
 
     /// Whether the scenario gave an NMT command at a time.
     pub(super) fn commanded(&self, at: f64) -> bool {
         let slack = 2.0 * self.timeline.period_seconds;
-        let commanded = self.of(Effect::Commanded);
-        let mut near = commanded.filter(|hit| hit.overlaps(at - slack, at + MICROSECONDS));
-        near.next().is_some()
+        self.within(Effect::Commanded, at - slack, at)
+            .next()
+            .is_some()
     }
 
     fn node_of(&self, duty: Duty) -> Option<&'a Node> {
@@ -345,7 +333,7 @@ impl<'a> LoopHits<'a> {
     pub(super) fn identifier(&self, duty: Duty) -> Option<u16> {
         let one = self.control_loop;
         let raw_id = match duty {
-            Duty::Sync => dbc::scenario_clock::SYNC_COB_ID.into(),
+            Duty::Sync => SYNC_COB_ID.into(),
             Duty::Position => one.drive_position().ok()?.raw_id(),
             Duty::Command => one.target_current().ok()?.raw_id(),
             _ => return None,
@@ -363,10 +351,8 @@ impl<'a> LoopHits<'a> {
         let (Some(node), Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
             return trigger;
         };
-        let late = self.of(Effect::Late).filter(|hit| {
-            let until = at + self.timeline.period_seconds;
-            hit.is_at(&node.name) && hit.is_of(identifier) && hit.overlaps(at, until)
-        });
+        let late = self.within(Effect::Late, at, at + self.timeline.period_seconds);
+        let late = late.filter(|hit| hit.is_at(&node.name) && hit.is_of(identifier));
         trigger + late.map(|hit| hit.amount / 1e3).sum::<f64>()
     }
 

@@ -212,7 +212,7 @@ impl<'a> Attribution<'a> {
         let of_drive = stay.and_then(|stay| stay.of_drive);
         if let Some((began, cause)) = of_drive.filter(|_| duty == Duty::Sync) {
             let silent = from - began;
-            let is_long = silent > SILENT_AT_END.1.max(5.0 * self.timeline.period_seconds);
+            let is_long = silent > silence_seconds_max(self.timeline);
             // A stall explains no more than its own time.
             if is_long && !matches!(cause, Cause::Host(_)) {
                 return cause;
@@ -314,10 +314,14 @@ impl<'a> Attribution<'a> {
             && !matches!(duty, Duty::State(_))
             && !one.trial.run.faults.is_empty();
         let is_alone = one.is_ours(Part::Controller) && one.is_ours(Part::Drive);
-        cause.unwrap_or(match is_by_canrig {
-            true if is_alone && self.hits.has_begun(breach.until_seconds) => Cause::Fault,
-            true => Cause::Unknown(duty),
-            false => Cause::Node(duty),
+        cause.unwrap_or_else(|| {
+            if !is_by_canrig {
+                Cause::Node(duty)
+            } else if is_alone && self.hits.has_begun(breach.until_seconds) {
+                Cause::Fault
+            } else {
+                Cause::Unknown(duty)
+            }
         })
     }
 
@@ -371,6 +375,12 @@ struct Silence {
     since: f64,
     /// Scenario time of the first one that is the drive's, with the explanation of it.
     of_drive: Option<(f64, Cause)>,
+}
+
+/// Returns the longest time without a frame that is no silence yet.
+fn silence_seconds_max(timeline: &Timeline) -> f64 {
+    let (periods, seconds) = SILENT_AT_END;
+    seconds.max(periods as f64 * timeline.period_seconds)
 }
 
 /// Returns the index of a node among controller and drive.

@@ -166,9 +166,7 @@ impl Switch {
             }
         }
     }
-}
 
-impl Switch {
     /// Notes the process of a node at its first boot-up or heartbeat.
     fn note_node(&mut self, sender: usize, frame: &CanFrame) {
         let offset = frame
