@@ -99,6 +99,45 @@ fn beside_a_real_drive_a_second_master_ends_the_run_without_current() {
     });
 }
 
+/// On an embedded bus the hub knows who sent a frame, so one in a drive's name is not the drive's.
+#[test]
+fn a_frame_in_the_name_of_a_drive_is_the_other_clients() {
+    let said = [
+        (
+            CanFrame::new(0x710, &[0x04]),
+            "0x710 (drive_heartbeat), 1 frame",
+        ),
+        (
+            CanFrame::new(0x090, &[0x10, 0x23, 0x02, 0, 0, 0, 0, 0]),
+            "0x090 (drive_emergency), 1 frame",
+        ),
+    ];
+    for (frame, expected) in said {
+        in_real_time(|| {
+            let folder = tempfile::tempdir().unwrap();
+            let arguments = ["--external", "drive", "--no-heating"];
+            let run = Run::of(&scenario_text(""), folder.path(), &arguments);
+            let drive = run.start("plant-emulator");
+            let runs = run.runs.clone();
+            wait_for("the first command", || log(&runs).contains(" 210#0F00"));
+            join(&run.address).send(&frame).unwrap();
+            let (code, text, run) = run.end();
+            stop(drive);
+            assert_eq!(code, Some(5), "{text}");
+            let reason =
+                format!("inconclusive: a second master: {expected} of another client, from ");
+            assert!(text.contains(&reason), "{text}");
+            let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+            let (code, text, stderr) = output(replay.arg("replay").arg(run));
+            assert_eq!(code, Some(5), "{text}{stderr}");
+            assert!(
+                text.contains(&reason) && text.contains("the same verdict"),
+                "{text}"
+            );
+        });
+    }
+}
+
 #[test]
 fn a_bench_is_heard_during_its_pre_flight_and_its_pause() {
     in_real_time(|| {

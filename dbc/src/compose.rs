@@ -15,7 +15,7 @@ const CONTROLLER: &str = "controller";
 const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
 /// Messages that belong to the bus.
-const BUS_MESSAGES: [&str; 2] = ["nmt_command", "sync"];
+const BUS_MESSAGES: [&str; 2] = [names::NMT_COMMAND, names::SYNC];
 const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
 

@@ -57,6 +57,8 @@ pub const SERVICES: [(&str, u32); 11] = [
 pub const TERMS_MAX: usize = 4;
 /// SYNC.
 pub const SYNC: &str = "sync";
+/// Message with the NMT commands.
+pub const NMT_COMMAND: &str = "nmt_command";
 
 /// State bits of a drive's statusword.
 pub const STATUSWORD: &str = "statusword_state";
@@ -139,6 +141,19 @@ pub fn set_point(loop_name: &str) -> String {
 }
 
 impl Database {
+    /// Returns what the frames with an identifier are, for the user: `SYNC`, `NMT`, or the name of their message.
+    pub fn purpose(&self, identifier: u16) -> &str {
+        let raw_id = u32::from(identifier);
+        let mut messages = self.messages().iter();
+        let message = messages.find(|message| message.raw_id == raw_id);
+        match message.map(|message| message.name.as_str()) {
+            Some(SYNC) => "SYNC",
+            Some(NMT_COMMAND) => "NMT",
+            Some(name) => name,
+            None => "of no message",
+        }
+    }
+
     /// Returns a signal of a message, both by name.
     ///
     /// # Errors

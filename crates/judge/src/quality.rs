@@ -1,6 +1,7 @@
 //! Checks whether a recording is good enough to decide anything.
 
-use plan::ControlLoop;
+use dbc::Database;
+use plan::{ControlLoop, each_once};
 use recording::foreign::Foreign;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
@@ -48,7 +49,7 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
 pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
     let circumstances = evidence.circumstances;
     if let Some(foreign) = &circumstances.unrecorded.foreign {
-        return by_foreign_sender(foreign);
+        return by_foreign_sender(foreign, &evidence.control_loop.database);
     }
     let found = evidence.timeline.sources.found(&circumstances.host.sent);
     let first = found.first()?;
@@ -62,22 +63,31 @@ pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
 }
 
 /// Returns the reason for frames of which the bus knows that no node of the run sent them.
-fn by_foreign_sender(foreign: &Foreign) -> Option<NamedCause> {
+fn by_foreign_sender(foreign: &Foreign, database: &Database) -> Option<NamedCause> {
     let first = foreign.iter().next()?;
-    let mut identifiers = Vec::from_iter(foreign.iter().map(|frames| frames.identifier));
-    identifiers.sort_unstable();
-    identifiers.dedup();
-    let all = identifiers.iter().map(|id| format!("0x{id:03X}"));
-    let frames: u64 = foreign.iter().map(|frames| frames.frames).sum();
-    let at = first.at_seconds;
-    let all = Vec::from_iter(all).join(", ");
+    let identifiers = each_once(foreign.iter().map(|frames| frames.identifier));
+    let sources = identifiers.into_iter().map(|identifier| {
+        let mut at_seconds = None;
+        let mut frames = 0;
+        for one in foreign.iter().filter(|one| one.identifier == identifier) {
+            at_seconds = at_seconds.or(Some(one.at_seconds));
+            frames += one.frames;
+        }
+        let (noun, at) = (
+            if frames == 1 { "frame" } else { "frames" },
+            at_seconds.unwrap_or_default(),
+        );
+        let purpose = database.purpose(identifier);
+        format!(
+            "0x{identifier:03X} ({purpose}), {frames} {noun} of another client, from {at:.3} s on"
+        )
+    });
+    let sources = Vec::from_iter(sources).join("; ");
     Some(NamedCause {
         node: FOREIGN.to_owned(),
         duty: foreign_duty(first.identifier).to_owned(),
-        at_seconds: Some(rounded(at)),
-        description: format!(
-            "a second master: {frames} frames of another client ({all}), from {at:.3} s on"
-        ),
+        at_seconds: Some(rounded(first.at_seconds)),
+        description: format!("a second master: {sources}"),
     })
 }
 

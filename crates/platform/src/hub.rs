@@ -15,7 +15,7 @@
 //! another notice before its next frame. A packet that is not a frame is ignored. Only clients of the hub's
 //! own user may join; the socket has mode 0600 in a directory of mode 0700.
 //!
-//! Each frame is stamped where it passes and handed to the [`Recorder`].
+//! Each frame is stamped where it passes and handed to the [`Recorder`], with the process of its client.
 
 mod place;
 mod switch;
@@ -24,7 +24,6 @@ mod tests;
 
 use std::io;
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, channel};
 
 use crate::bus::{BusAddress, BusError};
 use crate::listener::Listener;
@@ -51,15 +50,6 @@ pub struct Hub {
     // The thread ends before its socket is removed.
     _thread: StoppedThread,
     listener: Listener,
-    joined: Receiver<Joined>,
-}
-
-/// Node on the bus, by its first boot-up or heartbeat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Joined {
-    /// Process that sent the frame.
-    pub process: u32,
-    pub node_id: u8,
 }
 
 impl Hub {
@@ -77,9 +67,8 @@ impl Hub {
             |error: io::Error| BusError(format!("the embedded bus could not be started: {error}"));
         let socket = listener.socket().map_err(refused)?;
         let (ring, recorder) = recorder::ring();
-        let (nodes, joined) = channel();
         let thread = StoppedThread::start("hub", |stop| {
-            let switch = Switch::new(socket, stop, ring, nodes)?;
+            let switch = Switch::new(socket, stop, ring)?;
             Ok(move || {
                 // Without that priority the bus is only slower.
                 let _ = scheduling::request_fifo(PRIORITY);
@@ -89,14 +78,8 @@ impl Hub {
         let hub = Self {
             _thread: thread.map_err(refused)?,
             listener,
-            joined,
         };
         Ok((hub, recorder))
-    }
-
-    /// Returns the nodes that were heard for the first time since the last call.
-    pub fn joined(&self) -> impl Iterator<Item = Joined> {
-        self.joined.try_iter()
     }
 
     /// Returns the address of the bus.

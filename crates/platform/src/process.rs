@@ -49,6 +49,17 @@ pub fn myself() -> io::Result<Command> {
     Ok(command)
 }
 
+/// Returns whether a process of this machine runs; one that has ended and that its parent has not
+/// asked for yet does not.
+pub fn is_running(process: u32) -> bool {
+    let Ok(stat) = std::fs::read_to_string(format!("/proc/{process}/stat")) else {
+        return false;
+    };
+    // The name of the program, in parentheses, may contain anything.
+    let state = stat.rsplit_once(") ").map(|(_, rest)| rest);
+    state.is_some_and(|state| !state.starts_with(['Z', 'X']))
+}
+
 /// Gives the process of a command a session and a group of its own, out of reach of any terminal, and restores the default
 /// actions of signals. The process is killed when the thread that spawned it ends.
 pub(crate) fn in_new_session(command: &mut Command) {

@@ -36,6 +36,8 @@ pub struct ReceivedFrame {
     pub time: Duration,
     /// The frame.
     pub frame: CanFrame,
+    /// Process that sent it; `None` on a CAN interface, and from another container.
+    pub process: Option<u32>,
 }
 
 /// Recorder of every frame on a bus, in the order of time.
@@ -112,13 +114,18 @@ pub(crate) struct Ring {
 }
 
 impl Ring {
-    /// Records a frame with the present time.
-    pub(crate) fn push_now(&mut self, frame: CanFrame) {
-        self.push(self.clock.now(), frame);
+    /// Records a frame of a process with the present time.
+    pub(crate) fn push_now(&mut self, frame: CanFrame, process: Option<u32>) {
+        let time = self.clock.now();
+        self.push(ReceivedFrame {
+            time,
+            frame,
+            process,
+        });
     }
 
-    fn push(&mut self, time: Duration, frame: CanFrame) {
-        if self.frames.push(ReceivedFrame { time, frame }).is_err() {
+    fn push(&mut self, received: ReceivedFrame) {
+        if self.frames.push(received).is_err() {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -202,7 +209,11 @@ fn read_all(socket: &CanFdSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool 
             Ok((frame, stamp)) => {
                 let time = stamps.run_time(stamp);
                 match from_socketcan(&frame) {
-                    Some(frame) => ring.push(time, frame),
+                    Some(frame) => ring.push(ReceivedFrame {
+                        time,
+                        frame,
+                        process: None,
+                    }),
                     None => drop(ring.fd_frames.fetch_add(1, Ordering::Relaxed)),
                 }
             }

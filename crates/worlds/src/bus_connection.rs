@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use can::Filter;
 use platform::bus::{Bus, BusAddress, BusError};
-use platform::hub::{Hub, Joined};
+use platform::hub::Hub;
 use platform::link::link;
 use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
@@ -13,6 +13,7 @@ use platform::stop::{StopSignal, Stopper};
 use crate::bus_choice::RunBus;
 use crate::error::WorldError;
 use crate::names::BENCH;
+use crate::senders::Senders;
 use plan::Plan;
 use recording::capture::Capture;
 use recording::log::Stamped;
@@ -30,17 +31,18 @@ pub struct BusConnection {
     address: BusAddress,
     recorder: Recorder,
     hub: Option<Hub>,
+    senders: Senders,
     private: Option<PrivateBus>,
     /// Whether the bus has no wire: every node on it runs on this machine.
     is_of_this_machine: bool,
 }
 
 impl BusConnection {
-    /// Joins the bus, or makes it.
+    /// Joins the bus of a run of the plan, or makes it.
     ///
     /// # Errors
     /// If the bus is not available.
-    pub fn open(bus: &RunBus) -> Result<Self, WorldError> {
+    pub fn open(bus: &RunBus, plan: &Plan) -> Result<Self, WorldError> {
         let (mut hub, mut private) = (None, None);
         let (address, recorder) = match bus {
             RunBus::Embedded { .. } => {
@@ -64,6 +66,7 @@ impl BusConnection {
             address,
             recorder,
             hub,
+            senders: Senders::new(plan),
             private,
             is_of_this_machine,
         })
@@ -83,10 +86,9 @@ impl BusConnection {
         }
     }
 
-    /// Returns the nodes that were heard on an embedded bus for the first time since the last call,
-    /// with their processes.
-    pub(super) fn joined(&self) -> impl Iterator<Item = Joined> {
-        self.hub.iter().flat_map(Hub::joined)
+    /// Returns the senders that were heard so far, if the bus knows the process of each.
+    pub(super) fn senders(&self) -> Option<&Senders> {
+        self.hub.as_ref().map(|_| &self.senders)
     }
 
     /// Joins the bus as a node of the bench itself.
@@ -114,8 +116,10 @@ impl BusConnection {
     /// Gives the capture the frames recorded since the last call.
     pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         let epoch = self.recorder.clock.wall_epoch();
-        while let Some(stamped) = self.recorder.next() {
-            capture.record(Stamped::new(epoch + stamped.time, stamped.frame));
+        while let Some(received) = self.recorder.next() {
+            let time = epoch + received.time;
+            self.senders.hear(time, &received);
+            capture.record(Stamped::new(time, received.frame));
         }
         Ok(capture.flush()?)
     }
@@ -128,20 +132,27 @@ impl BusConnection {
         self.collect(capture)
     }
 
-    /// Discards the frames that were recorded since the last call.
+    /// Discards the frames that were recorded since the last call; who sent them is known from then on.
     pub fn discard(&mut self) {
-        while self.recorder.next().is_some() {}
+        while let Some(received) = self.recorder.next() {
+            self.senders.hear(received.time, &received);
+        }
+        self.senders.forget_foreign();
     }
 
-    /// Ends the bus; gives the capture the last frames, and the number of frames that were not recorded.
+    /// Ends the bus; gives the capture the last frames, the number of frames that were not recorded, and those that no node of the
+    /// run sent.
     ///
     /// # Errors
     /// If the recording cannot be written.
-    pub fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
+    pub fn close(mut self, capture: &mut Capture<'_>, plan: &Plan) -> Result<(), WorldError> {
         self.recorder.stop();
-        self.hub = None;
+        let is_hub = self.hub.take().is_some();
         capture.unrecorded.frames_lost += self.recorder.lost();
         capture.unrecorded.fd_frames += self.recorder.fd_frames();
-        self.collect(capture)
+        self.collect(capture)?;
+        let foreign = self.senders.foreign(capture.zero(), plan.duration());
+        capture.unrecorded.foreign = is_hub.then_some(foreign);
+        Ok(())
     }
 }

@@ -38,6 +38,7 @@ pub mod processes;
 pub mod programs;
 pub mod real_time;
 mod second_master;
+mod senders;
 mod silence;
 mod stalls;
 mod supervisor;

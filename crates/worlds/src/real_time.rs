@@ -211,8 +211,10 @@ impl Run<'_, '_> {
             }
             let now = clock.now();
             self.connection.collect(self.capture)?;
-            self.stalls.watch_joined(self.connection);
-            second_master.check(self.capture)?;
+            if let Some(senders) = self.connection.senders() {
+                self.stalls.watch_heard(senders);
+            }
+            second_master.check(self.capture, self.connection.senders())?;
             if self.capture.watch().is_interrupted() {
                 return Ok(End::Interrupted);
             }

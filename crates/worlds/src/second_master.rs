@@ -1,17 +1,21 @@
 //! Watch for a second master on the bus of a real drive, while a scenario is played in real time.
 
-use dbc::SignalMissing;
+use std::sync::Arc;
+
 use dbc::scenario_clock::ScenarioClock;
+use dbc::{Database, SignalMissing};
 use plan::{ControlLoop, Plan};
 use recording::capture::Capture;
 use recording::sources::{Sent, SourceReader};
 use scenario::node::Part;
 
 use crate::error::WorldError;
+use crate::senders::Senders;
 
 /// Watch over the recorded frames, by their stamps: the bench itself may be late.
 pub(super) struct SecondMasterWatch {
     clock: ScenarioClock,
+    database: Arc<Database>,
     drives: Vec<SourceReader>,
     taken: usize,
 }
@@ -23,16 +27,31 @@ impl SecondMasterWatch {
         let real = plan.loops.iter().filter(is_real);
         Ok(Self {
             clock: plan.scenario_clock()?,
+            database: Arc::clone(plan.database()),
             drives: real.map(SourceReader::new).collect(),
             taken: 0,
         })
     }
 
-    /// Reads the new frames of the recording. No node has reported yet how much it sent.
+    /// Reads the new frames of the recording. No node has reported yet how much it sent, so where the senders are not known, rates
+    /// and contents must show another one.
     ///
     /// # Errors
     /// If another controller leads.
-    pub(super) fn check(&mut self, capture: &Capture<'_>) -> Result<(), WorldError> {
+    pub(super) fn check(
+        &mut self,
+        capture: &Capture<'_>,
+        senders: Option<&Senders>,
+    ) -> Result<(), WorldError> {
+        if let Some(senders) = senders {
+            let first = senders.first_foreign().filter(|_| !self.drives.is_empty());
+            return first.map_or(Ok(()), |identifier| {
+                let what = self.database.purpose(identifier);
+                Err(WorldError::SecondMaster(format!(
+                    "0x{identifier:03X} ({what}) from another client of the bus"
+                )))
+            });
+        }
         for stamped in capture.since(&mut self.taken) {
             self.clock.on_frame(stamped.time, &stamped.frame);
             let scenario_time = self.clock.scenario_time(stamped.time);

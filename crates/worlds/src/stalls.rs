@@ -5,17 +5,16 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use plan::Plan;
-use platform::hub::Joined;
 use platform::stall_watch::{SeenStall, StallWatch};
 use recording::latency::NodeReport;
 use recording::stalls::{NodeName, Stall, What, Who};
-use scenario::node::Node;
 
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
 use crate::error::WorldError;
 use crate::names::BENCH;
 use crate::processes::Processes;
+use crate::senders::Senders;
 
 /// Name of the thread that carries the frames of an embedded bus.
 const HUB_THREAD: &str = "hub";
@@ -24,8 +23,8 @@ const HUB_THREAD: &str = "hub";
 pub(super) struct StallRecorder<'a> {
     watch: StallWatch<Who>,
     plan: &'a Plan,
-    /// Node-IDs of the nodes whose processes canrig did not start, and has not found yet.
-    expected: RefCell<BTreeMap<u8, String>>,
+    /// Names of the nodes whose processes canrig did not start, and has not found yet.
+    expected: RefCell<Vec<String>>,
     /// Half a SYNC period: a shorter stall makes no cycle miss.
     longer_than: Duration,
 }
@@ -37,13 +36,10 @@ impl<'a> StallRecorder<'a> {
         let longer_than = plan.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(WorldError::spawn(BENCH))?;
         watch.watch(Who::Bus, std::process::id(), Some(HUB_THREAD));
-        let expected = plan.expected_names();
-        let is_expected = |node: &&Node| expected.contains(&node.name);
-        let nodes = plan.nodes().filter(is_expected);
         let recorder = Self {
             watch,
             plan,
-            expected: RefCell::new(nodes.map(|node| (node.id, node.name.clone())).collect()),
+            expected: RefCell::new(plan.expected_names()),
             longer_than,
         };
         for process in &processes.all {
@@ -58,14 +54,15 @@ impl<'a> StallRecorder<'a> {
         self.watch.watch(who, process.number(), None);
     }
 
-    /// Watches the processes of nodes that canrig did not start, as they come to an embedded bus.
-    pub(super) fn watch_joined(&self, connection: &BusConnection) {
-        for Joined { process, node_id } in connection.joined() {
-            let expected = self.expected.borrow_mut().remove(&node_id);
-            if let Some(name) = expected {
-                self.watch.watch(who(&name, self.plan), process, None);
+    /// Watches the processes of nodes that canrig did not start, as they are heard on an embedded bus.
+    pub(super) fn watch_heard(&self, senders: &Senders) {
+        self.expected.borrow_mut().retain(|name| {
+            let process = senders.process_of(name);
+            if let Some(process) = process {
+                self.watch.watch(who(name, self.plan), process, None);
             }
-        }
+            process.is_none()
+        });
     }
 
     /// Returns all observed stalls, and the late wake-ups that the nodes' own loops report, on the clock of the recording.

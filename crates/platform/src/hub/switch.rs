@@ -3,7 +3,6 @@
 use std::io;
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
-use std::sync::mpsc::Sender;
 
 use can::{CanFrame, Filter};
 use rustix::event::epoll::{self, EventFlags};
@@ -12,17 +11,11 @@ use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
 
 use crate::claim::peer_process;
-use crate::hub::Joined;
 use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
 use crate::recorder::Ring;
 
 /// Largest number of participants at once.
 pub const CLIENTS_MAX: usize = 32;
-
-/// Number of node-IDs, and the identifier of the boot-up and the heartbeats of node 0 (CiA 301,
-/// 7.3.5).
-const NODES: usize = 0x80;
-const ERROR_CONTROL_ID: u16 = 0x700;
 
 /// Largest number of filters of a client (the kernel's `CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;
@@ -49,19 +42,11 @@ pub(super) struct Switch {
     _stop: OwnedFd,
     clients: [Option<Client>; CLIENTS_MAX],
     ring: Ring,
-    /// Takes each node with its process when it is first heard.
-    nodes: Sender<Joined>,
-    heard: [bool; NODES],
     packet: Box<[u8; PACKET_MAX]>,
 }
 
 impl Switch {
-    pub(super) fn new(
-        listener: OwnedFd,
-        stop: OwnedFd,
-        ring: Ring,
-        nodes: Sender<Joined>,
-    ) -> io::Result<Self> {
+    pub(super) fn new(listener: OwnedFd, stop: OwnedFd, ring: Ring) -> io::Result<Self> {
         let epoll = epoll::create(epoll::CreateFlags::CLOEXEC)?;
         watch(&epoll, &listener, LISTENER)?;
         watch(&epoll, &stop, STOP)?;
@@ -71,8 +56,6 @@ impl Switch {
             _stop: stop,
             clients: [const { None }; CLIENTS_MAX],
             ring,
-            nodes,
-            heard: [false; NODES],
             packet: Box::new([0; PACKET_MAX]),
         })
     }
@@ -156,35 +139,15 @@ impl Switch {
 
     /// Records a frame and sends it to all other clients that want it.
     fn pass_on(&mut self, sender: usize, frame: &CanFrame) {
-        self.ring.push_now(*frame);
-        self.note_node(sender, frame);
+        let client = self.clients.get(sender).and_then(Option::as_ref);
+        let process = client.and_then(|client| client.process);
+        self.ring.push_now(*frame, process);
         let bytes = encode_frame(frame);
         for (index, client) in self.clients.iter_mut().enumerate() {
             let Some(client) = client else { continue };
             if index != sender && client.wants(frame) && !client.deliver(&bytes) {
                 client.dropped += 1;
             }
-        }
-    }
-
-    /// Notes the process of a node at its first boot-up or heartbeat.
-    fn note_node(&mut self, sender: usize, frame: &CanFrame) {
-        let offset = frame
-            .standard_id()
-            .and_then(|id| id.checked_sub(ERROR_CONTROL_ID));
-        let node_id = offset.and_then(|offset| u8::try_from(offset).ok());
-        let Some((node_id, heard)) =
-            node_id.and_then(|node_id| Some((node_id, self.heard.get_mut(usize::from(node_id))?)))
-        else {
-            return;
-        };
-        if std::mem::replace(heard, true) {
-            return;
-        }
-        let client = self.clients.get(sender).and_then(Option::as_ref);
-        if let Some(process) = client.and_then(|client| client.process) {
-            // The bench may be gone already.
-            let _ = self.nodes.send(Joined { process, node_id });
         }
     }
 }

@@ -242,7 +242,7 @@ fn the_next_directory_is_tried_and_none_is_an_error() {
 fn what_the_recorder_has_no_room_for_is_counted() {
     let (mut ring, recorder) = crate::recorder::ring();
     for _ in 0..crate::recorder::RING_FRAMES + 3 {
-        ring.push_now(frame(1, 1));
+        ring.push_now(frame(1, 1), None);
     }
     assert_eq!(recorder.lost(), 3);
 }

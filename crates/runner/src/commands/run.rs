@@ -143,7 +143,7 @@ impl<'a> RunTestbed<'a> {
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
         self.vigil.take().map_or(Ok(()), Vigil::end)?;
-        let mut line = BusConnection::open(&self.bus)?;
+        let mut line = BusConnection::open(&self.bus, plan)?;
         self.announce_address(line.address());
         let preflight = self.run_preflight(plan, folder.path(), &mut line, capture.watch());
         let ended = match preflight {
@@ -155,7 +155,7 @@ impl<'a> RunTestbed<'a> {
             Err(error) => Err(error),
         };
         let address = line.address().clone();
-        line.close(capture)?;
+        line.close(capture, plan)?;
         // If a controller may have been lost, its silence takes the current away.
         let is_orderly =
             matches!(&ended, Ok(played) if played.end == End::Completed) && !plan.has_faults();
@@ -205,7 +205,7 @@ impl<'a> RunTestbed<'a> {
         }
         let watch = Watch::default();
         let made = || {
-            let mut line = BusConnection::open(&self.bus)?;
+            let mut line = BusConnection::open(&self.bus, &plan)?;
             self.announce_address(line.address());
             self.run_preflight(&plan, &args.output, &mut line, &watch)
         };
