@@ -14,7 +14,7 @@ use scenario::metrics::{Form as Limit, METRICS, Metric, Needs, Subject};
 pub(crate) struct Draw(pub(crate) u64);
 
 impl Draw {
-    fn below(&mut self, end: usize) -> usize {
+    pub(crate) fn below(&mut self, end: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -22,7 +22,7 @@ impl Draw {
         usize::try_from((mixed ^ (mixed >> 31)) % end).unwrap()
     }
 
-    fn choose<T: Clone>(&mut self, all: &[T]) -> T {
+    pub(crate) fn choose<T: Clone>(&mut self, all: &[T]) -> T {
         all[self.below(all.len())].clone()
     }
 

@@ -170,6 +170,51 @@ fn cases() -> Vec<Case> {
         ),
         case("a flood", by(r#"{"floods_from": 2.0}"#), "", CONTROLLER),
         case(
+            "a flood late in the run",
+            by(r#"{"floods_from": 2.6}"#),
+            "",
+            CONTROLLER,
+        ),
+        case(
+            "a counter that goes back beside a slow drive",
+            by(r#"{"counter_steps_back_each": 50}"#),
+            &of_node("slow_cycle", "delay_milliseconds = 5.0"),
+            CONTROLLER,
+        ),
+        case(
+            "commands that a gateway sends after the next frame",
+            by("{}"),
+            &idle_fault(
+                "reorder",
+                "sender = \"controller\"\nidentifier = 0x210\nprobability = 0.5",
+            ),
+            PASS,
+        ),
+        case(
+            "SYNCs that a gateway sends twice",
+            by("{}"),
+            &idle_fault("duplicate", "sender = \"controller\"\nidentifier = 0x080"),
+            PASS,
+        ),
+        case(
+            "positions held up after a drive that hung",
+            by("{}"),
+            HANG_AND_DELAY,
+            PASS,
+        ),
+        case(
+            "no frame after an NMT stop that it did not obey",
+            by(MUTE),
+            "[[fault.node.nmt_stop]]\nat_seconds = 1.2\nnode = \"controller\"\n",
+            CONTROLLER,
+        ),
+        case(
+            "no frame a second after its drive tripped by a fault",
+            by(r#"{"mute_from": 3.2}"#),
+            "[[fault.amplifier.dead]]\nfrom_seconds = 0.8\nuntil_seconds = 2.0\n",
+            CONTROLLER,
+        ),
+        case(
             "heartbeats each 60 ms, watched for 50",
             by(r#"{"watch_milliseconds": 50, "beats_each": 3}"#),
             "",
@@ -206,37 +251,75 @@ fn cases() -> Vec<Case> {
 }
 
 const SHORT_LOAD: &str = "[[fault.bus.load]]\nfrom_seconds = 1.9\nuntil_seconds = 2.0\nidentifier = 0x333\nperiod_milliseconds = 10.0\n";
+const HANG_AND_DELAY: &str = "[[fault.node.hang]]\nfrom_seconds = 0.4\nuntil_seconds = 0.6\nnode = \"drive\"\n\
+    [[fault.bus.delay]]\nfrom_seconds = 2.4\nuntil_seconds = 3.4\nsender = \"drive\"\n\
+    delay_milliseconds = 13.9\nidentifier = 0x190\nprobability = 0.1\n";
 const CRASH: &str =
     "[[fault.node.crash]]\nfrom_seconds = 2.0\nuntil_seconds = 2.3\nnode = \"controller\"\n";
 
-/// Writes the programs and the scenario of a case into a folder.
-fn write(case: &Case, base: &str, folder: &Path) {
+/// The controller that `canrig new controller` writes, without the line that starts it.
+pub(crate) fn controller_base(place: &Path) -> String {
+    let mut new = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    new.args(["new", "controller", "base", "--language", "python"]);
+    let (code, stdout, stderr) = output(new.current_dir(place));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let base = fs::read_to_string(place.join("base/controller.py")).unwrap();
+    base.replace("Controller.run()\n", "")
+}
+
+/// What controller and drive do wrong (JSON; a node without is canrig's own).
+pub(crate) type Wrong<'a> = [Option<&'a str>; 2];
+
+/// Plays a scenario with these nodes and faults in a folder of its own, and returns outcome, node and reason, each also as a
+/// replay says it.
+pub(crate) fn play(
+    folder: &Path,
+    base: &str,
+    [controller, drive]: Wrong<'_>,
+    faults: &str,
+) -> [(Vec<String>, String); 2] {
+    fs::create_dir(folder).unwrap();
+    write(folder, base, [controller, drive], faults);
+    let mut play = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    play.args(["simulate", "scenario.toml", "--quiet", "--output", "runs"]);
+    play.env("CONTROLLER", controller.unwrap_or("{}"));
+    play.env("DRIVE", drive.unwrap_or("{}"));
+    let (_, stdout, stderr) = output(play.current_dir(folder));
+    let runs = folder.join("runs");
+    assert!(runs.exists(), "{stdout}{stderr}");
+    let run = only_run(&runs);
+    let verdict = found(&fs::read_to_string(run.join("verdict.json")).unwrap());
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (_, again, _) = output(replay.args(["replay", "--json"]).arg(&run));
+    [verdict, found(&again)]
+}
+
+/// Writes the programs and the scenario into a folder.
+fn write(folder: &Path, base: &str, [controller, drive]: Wrong<'_>, faults: &str) {
     let read = |path: &str| fs::read_to_string(root().join(path)).unwrap();
     let seats = "tests/misbehaving/seats";
-    let controller = base.replace("Controller.run()\n", "")
-        + &read(&format!("{seats}/controller_misbehaviour.py"));
-    let drive = read("tests/data/programs/drive.py").replace("Drive.run()\n", "")
+    let law = base.to_owned() + &read(&format!("{seats}/controller_misbehaviour.py"));
+    let servo = read("tests/data/programs/drive.py").replace("Drive.run()\n", "")
         + &read(&format!("{seats}/drive_misbehaviour.py"));
     for (name, text) in [
-        ("controller.py", controller),
-        ("drive.py", drive),
+        ("controller.py", law),
+        ("drive.py", servo),
         ("canrig_node.py", read("python/canrig/node.py")),
         ("servo.eds", read("tests/foreign/servo.eds")),
         ("rig.toml", read(&format!("{seats}/rig.toml"))),
     ] {
         fs::write(folder.join(name), text).unwrap();
     }
-    let rig = case.drive.map_or("dc_motor", |_| "rig.toml");
-    let leads = match case.controller {
+    let rig = drive.map_or("dc_motor", |_| "rig.toml");
+    let leads = match controller {
         Some(_) => "[node.controller]\nprogram = [\"python3\", \"controller.py\"]",
         None => "[controller.open_loop]",
     };
     let text = format!(
-        "schema = 1\nrig = \"{rig}\"\nname = \"m\"\nduration_seconds = 4.0\n[bus]\nsync_period_milliseconds = 10.0\n{leads}\n{}\
+        "schema = 1\nrig = \"{rig}\"\nname = \"m\"\nduration_seconds = 4.0\n[bus]\nsync_period_milliseconds = 10.0\n{leads}\n{faults}\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
          [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 15.0\n\
-         [expect]\nposition_millimetres_max = {{ max = 5000.0 }}\n",
-        case.fault
+         [expect]\nposition_millimetres_max = {{ max = 5000.0 }}\n"
     );
     fs::write(folder.join("scenario.toml"), text).unwrap();
 }
@@ -252,33 +335,14 @@ fn found(text: &str) -> (Vec<String>, String) {
 #[test]
 fn the_guilty_one_is_named_beside_faults_too() {
     let place = tempfile::tempdir().unwrap();
-    let mut new = Command::new(env!("CARGO_BIN_EXE_canrig"));
-    new.args(["new", "controller", "base", "--language", "python"]);
-    let (code, stdout, stderr) = output(new.current_dir(place.path()));
-    assert_eq!(code, Some(0), "{stdout}{stderr}");
-    let base = fs::read_to_string(place.path().join("base/controller.py")).unwrap();
+    let base = controller_base(place.path());
     let mut differences = Vec::new();
     for (number, case) in cases().iter().enumerate() {
         let folder = place.path().join(number.to_string());
-        fs::create_dir(&folder).unwrap();
-        write(case, &base, &folder);
-        let mut play = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        play.args(["simulate", "scenario.toml", "--quiet", "--output", "runs"]);
-        play.env("CONTROLLER", case.controller.unwrap_or("{}"));
-        play.env("DRIVE", case.drive.unwrap_or("{}"));
-        let (_, stdout, stderr) = output(play.current_dir(&folder));
-        let runs = folder.join("runs");
-        assert!(runs.exists(), "{}: {stdout}{stderr}", case.name);
-        let run = only_run(&runs);
-        let verdict = found(&fs::read_to_string(run.join("verdict.json")).unwrap());
-        let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        let (_, again, _) = output(replay.args(["replay", "--json"]).arg(&run));
-        if verdict.0 != case.outcome || found(&again) != verdict {
-            differences.push(format!(
-                "{}: {verdict:?}, again {:?}",
-                case.name,
-                found(&again)
-            ));
+        let wrong = [case.controller, case.drive];
+        let [verdict, again] = play(&folder, &base, wrong, &case.fault);
+        if verdict.0 != case.outcome || again != verdict {
+            differences.push(format!("{}: {verdict:?}, again {again:?}", case.name));
         }
     }
     assert!(differences.is_empty(), "{}", differences.join("\n"));

@@ -362,7 +362,10 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
         (Outcome::Inconclusive, Some(reason), cause)
     });
     opened.unwrap_or_else(|| {
-        match not_judged(metrics).or_else(|| unknown_load(metrics, unrecorded)) {
+        let open = not_judged(metrics)
+            .or_else(|| unknown_load(metrics, unrecorded))
+            .or_else(|| not_recovered(evidence));
+        match open {
             None => (Outcome::Pass, None, None),
             reason => (Outcome::Inconclusive, reason, None),
         }
@@ -429,6 +432,16 @@ fn unexplained(evidence: &Evidence<'_>) -> Option<String> {
     Some(format!("{node}: {what} at {at:.3} s{why}"))
 }
 
+/// Returns the reason why the outcome is open if a node has not come back when the run ends, after a fault that has.
+fn not_recovered(evidence: &Evidence<'_>) -> Option<String> {
+    let first = evidence.attribution.not_recovered()?;
+    let node = node_name(evidence, first.duty.node(evidence.control_loop));
+    let (what, from) = (first.duty.breach(), first.from_seconds);
+    Some(format!(
+        "{node}: {what} from {from:.3} s to the end, after a fault of the scenario: what comes after it was not tried"
+    ))
+}
+
 /// Returns the duties that were broken too often, and the first of them.
 fn too_many(
     evidence: &Evidence<'_>,
@@ -469,7 +482,8 @@ fn counter_goes_back(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let (frames, at) = sources
         .sync_steps_back()
         .filter(|_| is_external && is_known)?;
-    let percent = 100.0 * frames as f64 / evidence.attribution.due.max(1) as f64;
+    let own = frames.saturating_sub(evidence.attribution.hits.syncs_changed());
+    let percent = 100.0 * own as f64 / evidence.attribution.due.max(1) as f64;
     let max = percent_max(evidence, MISSED_CYCLES);
     let node = node_name(evidence, Part::Controller);
     let description = format!(

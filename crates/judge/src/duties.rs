@@ -169,10 +169,21 @@ pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
 }
 
 /// Returns the times between SYNCs, as far as they are judged.
-fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64)> + use<'a> {
+fn sync_intervals<'a>(evidence: &'a Evidence<'_>) -> impl Iterator<Item = (f64, f64)> + use<'a> {
     let syncs = &evidence.timeline.syncs_seconds;
     let end = evidence.trial.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
-    syncs.pairs().take_while(move |(_, until)| *until < end)
+    let hits = &evidence.attribution.hits;
+    let half = evidence.timeline.period_seconds / 2.0;
+    let mut before = None;
+    let own = syncs.iter().filter(move |at| {
+        let is_soon = before.is_some_and(|before| at - before < half);
+        let is_own = !(is_soon && hits.is_copy(*at));
+        before = if is_own { Some(*at) } else { before };
+        is_own
+    });
+    let mut since = None;
+    let pairs = own.filter_map(move |at| Some((since.replace(at)?, at)));
+    pairs.take_while(move |(_, until)| *until < end)
 }
 
 #[cfg(test)]

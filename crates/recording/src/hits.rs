@@ -29,6 +29,8 @@ pub enum Effect {
     Late,
     /// A frame of the node, or the value in it, is another than without the fault.
     Changed,
+    /// A copy of a frame of the node followed it.
+    Copied,
     /// The node did not run.
     NotRun,
     /// The node's clock was wrong, by the amount in parts per million.
@@ -38,10 +40,11 @@ pub enum Effect {
 }
 
 impl Effect {
-    const EACH: [(Self, &'static str); 6] = [
+    const EACH: [(Self, &'static str); 7] = [
         (Self::Lost, "lost"),
         (Self::Late, "late"),
         (Self::Changed, "changed"),
+        (Self::Copied, "copied"),
         (Self::NotRun, "not_run"),
         (Self::Clock, "clock"),
         (Self::Commanded, "commanded"),
@@ -102,10 +105,11 @@ impl Hit {
             .identifier
             .map_or_else(String::new, |id| format!("0x{id:03X}"));
         let time = |seconds: f64| {
-            let is_known = seconds.is_finite();
-            is_known
-                .then(|| format!("{seconds:.6}"))
-                .unwrap_or_default()
+            if seconds.is_finite() {
+                format!("{seconds:.6}")
+            } else {
+                String::new()
+            }
         };
         let (from, until) = (time(self.from_seconds), time(self.until_seconds));
         let (fault, effect) = (&self.fault, self.effect.word());

@@ -141,6 +141,8 @@ pub struct Sources {
     pub(crate) is_order_lost: bool,
     /// Whether a fault of a node changes the rate of its frames.
     is_rate_changed: bool,
+    /// Whether one changes that of the controller's, so that a SYNC may overtake another.
+    is_sync_shifted: bool,
     /// Whether a fault of the scenario changes, doubles or adds frames on the bus, so that contents do not identify a sender.
     is_bus_faulty: bool,
 }
@@ -348,6 +350,9 @@ impl SourceReader {
             sources: Sources {
                 watched,
                 is_rate_changed: scenario.loop_faults().any(is_changing),
+                is_sync_shifted: scenario
+                    .loop_faults()
+                    .any(|fault| is_changing(fault) && fault.is_at_controller()),
                 is_bus_faulty: scenario.run.faults.in_group(Group::Bus).next().is_some(),
                 ..Sources::default()
             },
@@ -435,7 +440,7 @@ impl SourceReader {
         let counters = usual.1.zip(payload.1);
         let is_back = counters.is_some_and(|(usual, counter)| counter <= usual && counter != 1);
         let is_unexpected = usual.0 != payload.0 || usual != payload && is_back;
-        if is_unexpected && !self.sources.is_rate_changed {
+        if is_unexpected && !self.sources.is_sync_shifted {
             let what = "SYNC, its counter does not go on";
             self.sources.add(SYNC, SYNC_COB_ID, what, now);
         } else {

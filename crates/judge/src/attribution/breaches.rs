@@ -91,16 +91,19 @@ pub(crate) struct Breach {
     pub(crate) cycle: u64,
     pub(crate) from_seconds: f64,
     pub(crate) until_seconds: f64,
+    /// Whether the frame came, but too late.
+    pub(crate) is_late: bool,
 }
 
 impl Breach {
     /// Returns the breach of a single cycle.
-    fn in_cycle(duty: Duty, cycle: u64, timeline: &Timeline) -> Self {
+    pub(super) fn in_cycle(duty: Duty, cycle: u64, timeline: &Timeline) -> Self {
         Self {
             duty,
             cycle,
             from_seconds: timeline.cycle_start_seconds(cycle),
             until_seconds: timeline.cycle_start_seconds(cycle + 1),
+            is_late: false,
         }
     }
 }
@@ -124,10 +127,14 @@ pub(super) fn command_breaches(
     timeline: &Timeline,
     breaking: impl Iterator<Item = u64>,
     due: impl Iterator<Item = u64>,
+    are_late: bool,
 ) -> impl Iterator<Item = Breach> {
     let mut breaking = breaking.peekable();
     let cycles = due.filter(move |cycle| has_next(&mut breaking, *cycle));
-    cycles.map(move |cycle| Breach::in_cycle(Duty::Command, cycle, timeline))
+    cycles.map(move |cycle| Breach {
+        is_late: are_late,
+        ..Breach::in_cycle(Duty::Command, cycle, timeline)
+    })
 }
 
 /// Returns the cycles with a position.

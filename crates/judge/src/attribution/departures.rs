@@ -23,7 +23,12 @@ const LOST_HEARTBEAT: u16 = 0x8130;
 const LOST_SYNC: u16 = 0x8100;
 const LOST_COMMAND: u16 = 0x8250;
 /// Emergencies of the CAN controller: events, which stop nobody by themselves.
-const OF_THE_BUS: [u16; 3] = [0x8110, 0x8120, 0x8140];
+const OF_THE_BUS: [u16; 3] = [0x8110, 0x8120, BUS_OFF];
+/// Emergency of a node that was off the bus.
+const BUS_OFF: u16 = 0x8140;
+/// Longest time from the last frame that a node lost while it was off the bus to the emergency in which it says so: the recovery
+/// takes 128 times 11 recessive bits, and frames of others come between them.
+const OFF_SECONDS: f64 = 0.1;
 /// Largest index of the objects for communication.
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
@@ -56,6 +61,8 @@ pub(crate) struct Departure {
     pub(crate) at_seconds: f64,
     pub(crate) node_id: u8,
     pub(crate) root: Root,
+    /// Scenario time at which the node did its duties again although it was ordered to stop; infinite if it did not.
+    until_seconds: f64,
 }
 
 /// All departures that a loop sees, in the order of time.
@@ -98,7 +105,7 @@ impl Departures {
         let returns = &self.returns;
         let next = returns.partition_point(|at| *at <= latest.at_seconds);
         let has_returned = returns.get(next).is_some_and(|at| *at < before);
-        (!has_returned).then_some(latest)
+        (!has_returned && latest.until_seconds >= before).then_some(latest)
     }
 
     /// The first departures that are a node's own.
@@ -205,8 +212,27 @@ impl<'a> Finder<'a, '_> {
                 at_seconds,
                 node_id,
                 root,
+                until_seconds: f64::INFINITY,
             };
             self.found.all.push(departure);
+        }
+    }
+
+    /// Adds the departure of a node that an NMT command takes from its duties. It ends with the first frame by which the node does
+    /// them again: it was started since, or did not obey.
+    fn add_ordered(&mut self, at_seconds: f64, node_id: u8, root: Root) {
+        let frames = match node_id {
+            id if id == self.controller().id => &self.timeline.syncs_seconds,
+            id if id == self.drive().id => &self.timeline.positions_seconds,
+            _ => return self.add(at_seconds, node_id, root),
+        };
+        // A frame that was under way still comes.
+        let from = at_seconds + 2.0 * self.timeline.period_seconds;
+        let next = frames.get(frames.partition_point(|time| time < from));
+        let before = self.found.all.len();
+        self.add(at_seconds, node_id, root);
+        if let Some(added) = self.found.all.get_mut(before) {
+            added.until_seconds = next.unwrap_or(f64::INFINITY);
         }
     }
 
@@ -289,10 +315,11 @@ impl<'a> Finder<'a, '_> {
             .any(|breach| !self.hits.took(breach, breach.from_seconds));
         if is_own {
             Root::Own(Duty::Position)
-        } else if lately.is_empty() {
-            self.missed_by(self.controller(), &[Duty::Position], since, at)
-        } else {
+        } else if !lately.is_empty() || self.hits.is_hit_in(Duty::Sync, since, at) {
+            // Without its SYNC the drive owes no position.
             Root::Fault
+        } else {
+            self.missed_by(self.controller(), &[Duty::Position], since, at)
         }
     }
 
@@ -313,6 +340,8 @@ impl<'a> Finder<'a, '_> {
         let hits = self.hits;
         let since = at - patience;
         if hits.changed(drive, since, at)
+            || hits.was_off(drive, since, at)
+            || hits.was_off(self.controller(), since, at)
             || hits.kept_from_running(drive, since, at, since)
             || hits.took_heartbeats(drive, since, at, patience)
         {
@@ -361,10 +390,14 @@ impl<'a> Finder<'a, '_> {
 
     /// Takes the reason of one of canrig's drives.
     fn on_emergency(&mut self, at: f64, code: u16) {
+        let (drive, controller) = (self.drive(), self.controller());
+        if code == BUS_OFF && self.hits.was_off(drive, at - OFF_SECONDS, at) {
+            // It waits until it is started again (0x1029, CiA 301).
+            self.add(at, drive.id, Root::Fault);
+        }
         if OF_THE_BUS.contains(&code) {
             return;
         }
-        let (drive, controller) = (self.drive(), self.controller());
         let owed = match code {
             LOST_HEARTBEAT => Some((
                 Duty::Heartbeat(Part::Controller),
@@ -502,10 +535,10 @@ impl<'a> Finder<'a, '_> {
         let meant = Vec::from_iter(meant.into_iter().filter(|node| id == 0 || *node == id));
         if self.hits.commanded(at) {
             for node in meant {
-                self.add(at, node, Root::Fault);
+                self.add_ordered(at, node, Root::Fault);
             }
             if id == controller.id {
-                self.add(at, id, Root::Fault);
+                self.add_ordered(at, id, Root::Fault);
             }
             return;
         }
@@ -520,7 +553,7 @@ impl<'a> Finder<'a, '_> {
             .unwrap_or(Root::Own(Duty::Nmt));
         self.add(at, controller.id, root);
         for node in meant {
-            self.add(at, node, root);
+            self.add_ordered(at, node, root);
         }
     }
 
@@ -545,15 +578,19 @@ impl<'a> Finder<'a, '_> {
 
     /// Whether the scenario demands that the controller stops, and a fault has hit something that it receives.
     fn expected_stop(&self, at: f64) -> Option<Root> {
-        let expect = &self.control_loop.trial.expect;
         let controller = self.controller();
-        let is_of_controller = |wanted: Emergency| wanted.node == controller.name;
-        let mut demanded = expect.listed("emcy").iter();
-        let demands = demanded.any(|text| text.parse().is_ok_and(is_of_controller));
-        let is_limited = ["safe_state", "{command}_zero_within_milliseconds"]
-            .iter()
-            .any(|metric| expect.of(metric).is_some());
         let first = self.hits.first_on_others(controller)?;
-        (at >= first && (demands || is_limited)).then_some(Root::Fault)
+        (at >= first && expects_stop(self.control_loop)).then_some(Root::Fault)
     }
+}
+
+/// Returns whether the scenario demands or limits how the controller stops.
+pub(crate) fn expects_stop(control_loop: &ControlLoop) -> bool {
+    let expect = &control_loop.trial.expect;
+    let controller = &control_loop.nodes.controller;
+    let is_of_controller = |wanted: Emergency| wanted.node == controller.name;
+    let mut demanded = expect.listed("emcy").iter();
+    let demands = demanded.any(|text| text.parse().is_ok_and(is_of_controller));
+    let mut limits = ["safe_state", "{command}_zero_within_milliseconds"].iter();
+    demands || limits.any(|metric| expect.of(metric).is_some())
 }

@@ -134,12 +134,18 @@ impl<'a> LoopHits<'a> {
     /// interruption that this one belongs to.
     pub(super) fn took(&self, breach: &Breach, stays_since: f64) -> bool {
         let (duty, from, until) = (breach.duty, breach.from_seconds, breach.until_seconds);
+        // Each breach counts among those that remain, also one that has another explanation.
+        let is_held_up = if breach.is_late {
+            self.is_as_late_as_hit(breach.cycle)
+        } else {
+            self.is_held_up(duty, breach.cycle)
+        };
         let Some(node) = self.node_of(duty) else {
             return false;
         };
-        self.kept_from_running(node, from, until, stays_since)
-            || self.is_lost(duty, from, until)
-            || self.is_held_up(duty, breach.cycle)
+        is_held_up
+            || self.kept_from_running(node, from, until, stays_since)
+            || self.is_lost(duty, breach.cycle)
             || duty == Duty::Sync && self.is_by_clock(node, from)
     }
 
@@ -163,7 +169,7 @@ impl<'a> LoopHits<'a> {
     }
 
     /// Whether the frame of a duty reached nobody, or the frame that triggers it did not reach its node.
-    fn is_lost(&self, duty: Duty, from: f64, until: f64) -> bool {
+    fn is_lost(&self, duty: Duty, cycle: u64) -> bool {
         let nodes = &self.control_loop.nodes;
         let own = self.identifier(duty);
         let trigger = match duty {
@@ -171,13 +177,32 @@ impl<'a> LoopHits<'a> {
             Duty::Command => Some((&nodes.controller, self.identifier(Duty::Position))),
             _ => None,
         };
-        self.within(Effect::Lost, from, until).any(|hit| {
-            let is_of = |identifier: Option<u16>| identifier.is_some_and(|id| hit.is_of(id));
-            match &hit.node {
-                None => is_of(own),
-                Some(name) => trigger.is_some_and(|(node, id)| *name == node.name && is_of(id)),
-            }
-        })
+        let due = self.timeline.cycle_start_seconds(cycle);
+        let half = self.timeline.period_seconds / 2.0;
+        let span = |identifier: u16| match identifier {
+            SYNC_COB_ID => (due - half, due + half),
+            _ => (self.begins(cycle), self.begins(cycle + 1)),
+        };
+        let lost = |identifier: Option<u16>, is_by: &dyn Fn(&Hit) -> bool| {
+            identifier.is_some_and(|identifier| {
+                let (from, until) = span(identifier);
+                let mut lost = self.within(Effect::Lost, from, until);
+                lost.any(|hit| hit.is_of(identifier) && is_by(hit))
+            })
+        };
+        lost(own, &|hit| hit.node.is_none())
+            || trigger.is_some_and(|(node, identifier)| {
+                lost(identifier, &|hit| hit.node.as_ref() == Some(&node.name))
+            })
+    }
+
+    /// Scenario time at which a cycle begins: that of its SYNC, which may come early or late, else the time at which it is due.
+    fn begins(&self, cycle: u64) -> f64 {
+        let due = self.timeline.cycle_start_seconds(cycle);
+        let half = self.timeline.period_seconds / 2.0;
+        let syncs = &self.timeline.syncs_seconds;
+        let next = syncs.get(syncs.partition_point(|time| time < due - half));
+        next.filter(|time| *time < due + half).unwrap_or(due)
     }
 
     fn is_held_up(&self, duty: Duty, cycle: u64) -> bool {
@@ -188,6 +213,39 @@ impl<'a> LoopHits<'a> {
             _ => return false,
         };
         self.held_up[place].explains(cycle)
+    }
+
+    /// Whether the command of a cycle, which came after the next SYNC, would have come before it without the faults.
+    fn is_as_late_as_hit(&self, cycle: u64) -> bool {
+        let timeline = self.timeline;
+        let at = timeline.cycle_start_seconds(cycle);
+        let next = at + timeline.period_seconds;
+        let first_from =
+            |times: &Series<f64>, from: f64| times.get(times.partition_point(|time| time < from));
+        let sync = first_from(
+            &timeline.syncs_seconds,
+            next - timeline.period_seconds / 2.0,
+        );
+        let sync = sync.unwrap_or(next);
+        let arrival = first_from(&timeline.commands_seconds, sync - MICROSECONDS);
+        let delay = self.delay(Duty::Command, at);
+        arrival.is_some_and(|arrival| delay > 0.0 && arrival - delay <= sync + MICROSECONDS)
+    }
+
+    /// Whether a gateway sent a SYNC again at a time: the second one is a copy.
+    pub(crate) fn is_copy(&self, at: f64) -> bool {
+        let identifier = self.identifier(Duty::Sync);
+        let since = at - self.timeline.period_seconds / 2.0;
+        let mut copied = self.within(Effect::Copied, since, at);
+        copied.any(|hit| identifier.is_some_and(|id| hit.is_of(id)))
+    }
+
+    /// Number of SYNCs that faults changed.
+    pub(crate) fn syncs_changed(&self) -> u64 {
+        let identifier = self.identifier(Duty::Sync);
+        let changed = self.of(Effect::Changed);
+        let changed = changed.filter(|hit| identifier.is_some_and(|id| hit.identifier == Some(id)));
+        changed.map(|hit| hit.frames).sum()
     }
 
     /// Whether the controller's clock is wrong by so much that it has cost this SYNC, too.
@@ -295,6 +353,21 @@ impl<'a> LoopHits<'a> {
         changed.any(is_value) || self.may_explain(from, at)
     }
 
+    /// Whether frames of a node reached nobody in a time: it was off the bus.
+    pub(super) fn was_off(&self, node: &Node, from: f64, until: f64) -> bool {
+        let is_its = |identifier: u16| identifier & NODE_ID_BITS == u16::from(node.id);
+        let mut lost = self.within(Effect::Lost, from, until);
+        lost.any(|hit| hit.node.is_none() && hit.identifier.is_some_and(is_its))
+    }
+
+    /// Whether a hit took the frame of this breach itself, or kept its node from running.
+    pub(super) fn covers(&self, breach: &Breach) -> bool {
+        let (from, until) = (breach.from_seconds, breach.until_seconds);
+        let down = self.node_of(breach.duty);
+        self.is_lost(breach.duty, breach.cycle)
+            || down.is_some_and(|node| self.kept_from_running(node, from, until, from))
+    }
+
     /// Scenario time of the first hit on a frame or value that a node receives from others.
     pub(super) fn first_on_others(&self, node: &Node) -> Option<f64> {
         let is_received = |hit: &&Hit| match hit.effect {
@@ -394,12 +467,15 @@ impl<'a> LoopHits<'a> {
         let mut pending = self.pending(duty);
         let mut arrivals = arrivals.iter().peekable();
         let mut held_up = HeldUp::default();
-        for (cycle, at) in due {
+        for (place, (cycle, at)) in due.iter().copied().enumerate() {
             while arrivals
                 .next_if(|time| *time < at - lead - MICROSECONDS)
                 .is_some()
             {}
-            let deadline = at + period - lead;
+            // What triggers the next one ends the time of this one, also if it comes early.
+            let next = due.get(place + 1).filter(|(next, _)| *next == cycle + 1);
+            let next = next.map_or(f64::INFINITY, |(_, at)| *at);
+            let deadline = (at + period).min(next) - lead;
             let latest = deadline + self.delay(duty, at) + MICROSECONDS;
             match arrivals.next_if(|time| *time <= latest) {
                 Some(time) if time + MICROSECONDS > deadline => {

@@ -19,7 +19,7 @@ use scenario::events::Window;
 use scenario::node::Part;
 
 use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
-use self::departures::{Departures, Root};
+use self::departures::{Departures, Root, expects_stop};
 use self::hits::LoopHits;
 use self::stalls::{Allowance, FeltStalls, Stretch, longest, stretches, undecided};
 use crate::circumstances::Circumstances;
@@ -34,8 +34,6 @@ const SILENT_AT_END: (u64, f64) = (5, 0.02);
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Longest such time without faults, in periods: the last SYNC comes a period before the end, or late.
 const END_PERIODS: f64 = 1.5;
-/// Part of the bus that unknown frames must occupy to keep the nodes of the run from it.
-const FLOOD: f64 = 0.5;
 /// Factor by which the misses of stalls must exceed those of canrig's own nodes for stalls to explain the latter, too.
 const PREVAILING: usize = 4;
 
@@ -63,8 +61,6 @@ pub(crate) struct Attribution<'a> {
     felt: [FeltStalls; 2],
     pub(crate) hits: LoopHits<'a>,
     pub(crate) departures: Departures,
-    /// Scenario time from which on unknown frames flood the bus.
-    flooded_from: Option<f64>,
     /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
     /// Longest stall, if stalls leave open what controller and drive broke that canrig did not
@@ -92,10 +88,6 @@ impl<'a> Attribution<'a> {
         let reasons = &circumstances.unrecorded.reasons;
         let judged_until = one.trial.judged_end_seconds();
         let departures = Departures::new(timeline, one, &hits, reasons, judged_until);
-        let bitrate = one.trial.run.bus.bitrate_kilobits_per_second;
-        let flood = timeline
-            .unknown
-            .filter(|unknown| unknown.load(bitrate) > FLOOD);
         let mut attribution = Self {
             timeline,
             control_loop: one,
@@ -104,7 +96,6 @@ impl<'a> Attribution<'a> {
             felt,
             hits,
             departures,
-            flooded_from: flood.map(|flood| flood.from_seconds),
             stood: [None; 2],
             undecided: [Part::Controller, Part::Drive]
                 .map(|node| undecided(node, &stretches, one, host)),
@@ -202,7 +193,7 @@ impl<'a> Attribution<'a> {
         if let Some(stretch) = stall {
             return Cause::Host(stretch);
         }
-        if let Some(root) = self.departed(duty.node(one), until) {
+        if let Some(root) = self.departed(duty.node(one), since, until) {
             return match root {
                 Root::Fault | Root::Elsewhere => Cause::Fault,
                 Root::Own(begun) => self.by_node(begun, breach),
@@ -212,7 +203,7 @@ impl<'a> Attribution<'a> {
         let of_drive = stay.and_then(|stay| stay.of_drive);
         if let Some((began, cause)) = of_drive.filter(|_| duty == Duty::Sync) {
             let silent = from - began;
-            let is_long = silent > silence_seconds_max(self.timeline);
+            let is_long = silent > silence_seconds_max(self.timeline) + TIME_TOLERANCE_SECONDS;
             // A stall explains no more than its own time.
             if is_long && !matches!(cause, Cause::Host(_)) {
                 return cause;
@@ -224,16 +215,29 @@ impl<'a> Attribution<'a> {
         {
             return cause;
         }
-        if self.flooded_from.is_some_and(|flooded| until >= flooded)
-            && !one.is_ours(Part::Controller)
-            && !duty.is_of_external(one)
-        {
-            return self.by_node(Duty::Lead, breach);
+        if let Some(cause) = self.by_flood(breach) {
+            return cause;
         }
         if hits.may_explain(from, until) {
             return Cause::Unknown(duty);
         }
         self.by_node(duty, breach)
+    }
+
+    /// Returns who kept a node from a bus that is full of frames of no node: the only node that is not canrig's. Of two the
+    /// recording does not show which one sent them.
+    fn by_flood(&self, breach: &Breach) -> Option<Cause> {
+        let (from, until) = (breach.from_seconds, breach.until_seconds);
+        let floods = &self.timeline.floods;
+        let next = floods.partition_point(|(_, ends)| *ends < from);
+        floods.get(next).filter(|(begins, _)| *begins <= until)?;
+        let one = self.control_loop;
+        match [Part::Controller, Part::Drive].map(|part| one.is_ours(part)) {
+            [true, true] => None,
+            [false, true] => Some(self.by_node(Duty::Lead, breach)),
+            [true, false] => Some(self.by_node(Duty::State(one.nodes.drive.id), breach)),
+            [false, false] => Some(Cause::Unknown(breach.duty)),
+        }
     }
 
     /// Returns why a drive that is not canrig's is silent, if it fell silent when it had waited for the controller's heartbeat.
@@ -243,8 +247,9 @@ impl<'a> Attribution<'a> {
         Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(Part::Controller))))
     }
 
-    /// Returns why a node, or the one that it depends on, has left its duties by a time.
-    fn departed(&self, node: Part, until: f64) -> Option<Root> {
+    /// Returns why a node that is silent since a time, or the one that it depends on, has left its duties by another time. A
+    /// controller that is not canrig's and goes on without its drive for longer than it waits for it falls silent by itself.
+    fn departed(&self, node: Part, since: f64, until: f64) -> Option<Root> {
         let nodes = &self.control_loop.nodes;
         let (own, other) = match node {
             Part::Controller => (&nodes.controller, &nodes.drive),
@@ -252,8 +257,32 @@ impl<'a> Attribution<'a> {
         };
         let until = until + TIME_TOLERANCE_SECONDS;
         let departure = self.departures.latest(own.id, until);
-        let departure = departure.or_else(|| self.departures.latest(other.id, until));
+        let departure = departure.or_else(|| {
+            let others = self.departures.latest(other.id, until)?;
+            let is_free = node == Part::Controller && !self.control_loop.is_ours(node);
+            let patience = self.drive_lost_seconds();
+            (!is_free || since <= others.at_seconds + patience).then_some(others)
+        });
         departure.map(|one| one.root)
+    }
+
+    /// Longest time for which a controller goes on without its drive, and until it says so.
+    fn drive_lost_seconds(&self) -> f64 {
+        let real = self.control_loop.real_drive.as_ref();
+        let limit = real.map(|drive| drive.real.timeouts.drive_lost_milliseconds);
+        let limit = limit.map_or(0.0, |limit| f64::from(limit) / 1e3);
+        2.0 * limit.max(HEARTBEAT_SECONDS)
+    }
+
+    /// Returns the first of the breaches that last to the end of a run with nodes that are not canrig's, if they follow from a
+    /// fault that has ended: what comes after the recovery was not tried. A stop that the scenario limits is none.
+    pub(crate) fn not_recovered(&self) -> Option<Breach> {
+        let one = self.control_loop;
+        let is_alone = [Part::Controller, Part::Drive].map(|part| one.is_ours(part)) == [true; 2];
+        let lasting = self.cycles.lasting(self.due)?;
+        let last = Breach::in_cycle(lasting.first.duty, lasting.last_cycle, self.timeline);
+        let is_open = lasting.cause == Cause::Fault && !self.hits.covers(&last);
+        (is_open && !is_alone && !expects_stop(one)).then_some(lasting.first)
     }
 
     /// Returns why the heartbeats of a node stay away, unless that is a stall or its own.
@@ -269,7 +298,7 @@ impl<'a> Attribution<'a> {
         if self.hits.may_explain(due, due) {
             return Some(Cause::Unknown(Duty::Heartbeat(lost.node)));
         }
-        match self.departed(lost.node, due)? {
+        match self.departed(lost.node, due, due)? {
             Root::Fault | Root::Elsewhere => Some(Cause::Fault),
             Root::Own(duty) => Some(Cause::Node(duty)),
             Root::Unknown => Some(Cause::Unknown(Duty::Heartbeat(lost.node))),
@@ -428,7 +457,12 @@ impl Commands {
         let breaking = self.breaking(evidence.timeline).iter();
         let mut due = 0;
         let counted = commands_due(evidence).inspect(|_| due += 1);
-        let breaches = command_breaches(evidence.timeline, breaking, counted);
+        let breaches = command_breaches(
+            evidence.timeline,
+            breaking,
+            counted,
+            matches!(self, Self::Late),
+        );
         let totals = Totals::of(0, evidence.control_loop, attribution.attributed(breaches));
         Totals { due, ..totals }
     }

@@ -10,7 +10,6 @@ use plan::loop_prefix;
 use platform::series::Series;
 use scenario::cycle_start_seconds;
 
-use super::passing::UnknownFrames;
 use crate::conduct::NodeAct;
 use crate::drive_reports::DriveReports;
 use crate::events::Events;
@@ -61,8 +60,8 @@ pub struct Timeline {
     pub commands_seconds: Series<f64>,
     /// Acts of the run's nodes beside their cyclic frames; empty in a piece, and where all nodes are canrig's and no fault acts.
     pub conduct: Arc<[NodeAct]>,
-    /// Frames of unknown identifiers, if there are any; they are of no loop.
-    pub unknown: Option<UnknownFrames>,
+    /// Stretches of scenario time in which frames that no loop reads keep the nodes of the run from the bus, in their order.
+    pub floods: Arc<[(f64, f64)]>,
     /// Heartbeats of controller and drive that did not come; empty in a piece.
     pub lost_heartbeats: Vec<LostHeartbeat>,
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.

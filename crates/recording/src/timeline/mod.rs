@@ -3,10 +3,10 @@
 mod columns;
 mod commands;
 mod decoded;
+mod floods;
 mod passing;
 mod reader;
 
 pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline, all_events, signals};
-pub use passing::UnknownFrames;
 pub use platform::series::{Series, SeriesWriter};
 pub use reader::{RunReader, decode};

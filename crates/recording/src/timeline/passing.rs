@@ -1,11 +1,13 @@
 //! Properties of all frames: time and order, and the bus load of the judged time.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use plan::Plan;
 
+use super::floods::FloodReader;
 use crate::log::STEP_MAX;
 use crate::log::Stamped;
 
@@ -36,30 +38,7 @@ pub(super) struct Traffic {
     latest: Duration,
     sync_interval_max: Option<Duration>,
     bits: u64,
-    unknown: Option<UnknownFrames>,
-}
-
-/// Frames with identifiers that no node of the run sends.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UnknownFrames {
-    /// Scenario times of the first and the last one.
-    pub from_seconds: f64,
-    pub until_seconds: f64,
-    /// Bits that they occupied.
-    pub bits: u64,
-}
-
-impl UnknownFrames {
-    /// Share of the bus that they occupied from the first one to the last one.
-    pub fn load(&self, bitrate_kilobits_per_second: u32) -> f64 {
-        let seconds = self.until_seconds - self.from_seconds;
-        let bits = 1e3 * f64::from(bitrate_kilobits_per_second) * seconds;
-        if bits > 0.0 {
-            self.bits as f64 / bits
-        } else {
-            0.0
-        }
-    }
+    floods: FloodReader,
 }
 
 impl Passing {
@@ -101,6 +80,7 @@ impl Traffic {
         let ends = plan.loops.iter().map(|one| one.trial.judged_end_seconds());
         Self {
             judged_end: Duration::from_secs_f64(ends.fold(0.0, f64::max)),
+            floods: FloodReader::new(plan.shared.run.bus.bitrate_kilobits_per_second),
             ..Self::default()
         }
     }
@@ -125,24 +105,18 @@ impl Traffic {
         }
     }
 
-    /// Takes a frame with an identifier that no node of the run sends.
+    /// Takes a frame that no loop reads.
     #[cold]
     pub(super) fn on_unknown(&mut self, stamped: &Stamped, time: Duration) {
         if time >= self.judged_end || can::error_frames::read(&stamped.frame).is_some() {
             return;
         }
-        let at = time.as_secs_f64();
-        let unknown = self.unknown.get_or_insert(UnknownFrames {
-            from_seconds: at,
-            until_seconds: at,
-            bits: 0,
-        });
-        unknown.until_seconds = at;
-        unknown.bits += u64::from(stamped.occupied_bits);
+        self.floods.on_frame(time, stamped.occupied_bits);
     }
 
-    pub(super) fn unknown(&self) -> Option<UnknownFrames> {
-        self.unknown
+    /// Returns the stretches of scenario time in which frames that no loop reads keep the nodes of the run from the bus.
+    pub(super) fn floods(&self) -> Arc<[(f64, f64)]> {
+        self.floods.found().into()
     }
 
     /// Returns NaN before there are two frames from the first SYNC on.

@@ -384,7 +384,7 @@ impl LoopReader {
             bring_up_seconds: origin
                 .saturating_sub(passing.first_frame.unwrap_or_default())
                 .as_secs_f64(),
-            unknown: passing.traffic.unknown(),
+            floods: passing.traffic.floods(),
             ..Timeline::default()
         }
     }

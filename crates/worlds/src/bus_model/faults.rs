@@ -343,7 +343,11 @@ impl BusFaults {
             let until = seconds + later.as_secs_f64();
             noted.push((delay.path.clone(), Effect::Late, until));
         }
-        let copies = 1 + self.hits("duplicate", index, seconds, frame).count();
+        let mut copies = 1;
+        for duplicate in self.hits("duplicate", index, seconds, frame) {
+            copies += 1;
+            noted.push((duplicate.path.clone(), Effect::Copied, seconds));
+        }
         let reorders = self.hits("reorder", index, seconds, frame);
         let reorder = reorders.map(|one| one.path.clone()).last();
         for (fault, effect, until) in noted {
