@@ -1,5 +1,5 @@
-"""A CANopen drive at a bus seat: the objects of an EDS, SDO, NMT, heartbeats, PDOs as they are mapped, and the power states of
-CiA 402. A class made from it adds the motion."""
+"""A CANopen drive at a bus seat: the objects of an EDS, SDO, NMT, heartbeats, PDOs as they are
+mapped, and the power states of CiA 402. A class made from it adds the motion."""
 
 import configparser
 import os
@@ -15,7 +15,8 @@ BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 # The low byte of the statusword by power state (CiA 402-2, table 30).
 SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED = 0x50, 0x31, 0x33, 0x37
 REMOTE = 0x0200
-# A controlword's mask and value: the state it leads to, and the states from which it does (table 29).
+# Mask and value of a controlword, the state it leads to, and the states from which it does
+# (table 29).
 TRANSITIONS = [
     (0x8F, 0x0F, ENABLED, (SWITCHED_ON, ENABLED)),
     (0x8F, 0x0F, SWITCHED_ON, (READY,)),
@@ -55,7 +56,8 @@ class Objects:
                 self.read_only.add(place)
 
     def answer(self, request):
-        """To an expedited download or an upload (CiA 301, 7.2.4.3); also the object that was written, if one was."""
+        """Answers an expedited download or an upload (CiA 301, 7.2.4.3); also returns the object
+        that was written, if one was."""
         place = struct.unpack_from("<HB", request, 1)
         where = struct.pack("<HB", *place)
         if place not in self.values:
@@ -76,12 +78,13 @@ class Objects:
     def mapped(self, index):
         """The objects of a PDO mapping, each with its format."""
         entries = range(1, self.values[index, 0] + 1)
-        places = [(self.values[index, entry] >> 16, self.values[index, entry] >> 8 & 0xFF) for entry in entries]
+        objects = [self.values[index, entry] for entry in entries]
+        places = [(one >> 16, one >> 8 & 0xFF) for one in objects]
         return [(place, self.formats[place]) for place in places]
 
 
 class Drive(node.Node):
-    """Measures at each SYNC, and acts on the target of the cycle before, as the emulated drive does."""
+    """Measures at each SYNC, and acts on the target of the cycle before."""
 
     EDS = ""
     filters = [NMT, SYNC, 0x200 + NODE, ASK + NODE, HEARTBEAT + MANAGER]
@@ -127,7 +130,8 @@ class Drive(node.Node):
         if command in (129, 130):
             self.boot()
             return
-        self.nmt_state = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}.get(command, self.nmt_state)
+        states = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}
+        self.nmt_state = states.get(command, self.nmt_state)
         if self.nmt_state != OPERATIONAL:
             self.state = SWITCH_ON_DISABLED
 

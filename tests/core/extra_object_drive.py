@@ -1,5 +1,6 @@
-"""A torque drive that creeps towards 40 mm for each ampere, with a time constant of 50 ms. It reports the rest of the way as its
-following error (0x60F4), which its EDS maps; with `--silent-object` it always reports 0."""
+"""A torque drive that creeps towards 40 mm for each ampere, with a time constant of 50 ms. It
+reports the rest of the way as its following error (0x60F4), which its EDS maps; with
+`--silent-object` it always reports 0."""
 
 import math
 import sys
@@ -17,7 +18,8 @@ class Drive(canopen_drive.Drive):
     def advance(self, seconds, is_enabled):
         values = self.objects.values
         held = MILLIMETRES_PER_AMPERE * self.amperes
-        self.millimetres = held + (self.millimetres - held) * math.exp(-seconds / TIME_CONSTANT_SECONDS)
+        remains = math.exp(-seconds / TIME_CONSTANT_SECONDS)
+        self.millimetres = held + (self.millimetres - held) * remains
         # The position is that of the current until now; what is commanded acts from now on.
         self.amperes = values[0x6071, 0] / 1e3 if is_enabled else 0.0
         values[0x6064, 0] = round(1e3 * self.millimetres)

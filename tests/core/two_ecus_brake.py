@@ -1,5 +1,6 @@
-"""The brake of `two_ecus.dbc`: it slows a car of 20 m/s down by 0.1 m/s² for each percent of the pedal, and sends its message
-each 10 ms. With `--silent-from SECONDS` it falls silent that long after its start."""
+"""The brake of `two_ecus.dbc`: it slows a car of 20 m/s down by 0.1 m/s² for each percent of the
+pedal, and sends its message each 10 ms. With `--silent-from SECONDS` it falls silent that long
+after its start."""
 
 import pathlib
 import struct
@@ -30,7 +31,8 @@ class Brake(node.Node):
         self.metres_per_second = max(0.0, self.metres_per_second - slower)
         if self.now < SILENT_FROM:
             bar = BAR_PER_PERCENT * self.percent
-            self.send(WHEEL, struct.pack("<HHI", round(1e3 * self.metres_per_second), round(1e2 * bar), 0))
+            values = round(1e3 * self.metres_per_second), round(1e2 * bar), 0
+            self.send(WHEEL, struct.pack("<HHI", *values))
 
 
 Brake.run()
