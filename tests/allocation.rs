@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use can::{CanFrame, Node};
 use controller::{ControllerNode, controller_node};
+use plan::Plan;
 use plant_emulator::{PlantEmulator, catalogue};
-use scenario::{Trial, without_colours};
+use scenario::without_colours;
 
 use crate::counting_allocator::allocations;
 use crate::support::scenario;
@@ -55,8 +56,8 @@ struct World {
 
 impl World {
     fn new() -> Self {
-        let path = scenario("step.toml");
-        let scenario = Trial::load(&path).unwrap();
+        let text = fs::read_to_string(scenario("step.toml")).unwrap();
+        let scenario = testing::part(&text, "drive");
         let view = scenario.controller_view();
         Self {
             controller: Counted::new(controller_node(&view).unwrap()),
@@ -158,8 +159,9 @@ fn allocations_to_refuse(entries: usize) -> u64 {
         rig.extend((0..entries).map(|number| format!("n{number}={{}}\n")));
     }
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let catalogue = worlds::catalogue::catalogue();
     let before = allocations();
-    let refused = Trial::load(&path);
+    let refused = Plan::load(&path, catalogue);
     let count = allocations() - before;
     let error = without_colours(&refused.unwrap_err());
     assert!(error.contains("entries in [plant]"), "{error}");

@@ -13,12 +13,12 @@ use canopen::{AbortCode, ObjectDictionary, eds};
 use plan::named_nodes::node_sheets;
 use plan::{ControlLoop, Plan};
 use plant_emulator::catalogue;
-use scenario::Trial;
 use scenario::node::Part;
 use worlds::law_process::LawPlace;
 use worlds::names::emulator_name;
 use worlds::nodes::{controller_views, make_controller, plant_emulator};
 
+use crate::rigs::rig;
 use crate::support::{root, scenario};
 
 const START: u8 = 1;
@@ -61,7 +61,8 @@ impl Sheet {
 
     /// Returns the node after power-on, in Pre-operational.
     fn node(&self) -> Bench {
-        let scenario = Trial::load(&scenario("step.toml")).unwrap();
+        let text = fs::read_to_string(scenario("step.toml")).unwrap();
+        let scenario = testing::part(&text, "drive");
         let node: Box<dyn Node> = match self.node_id {
             0x01 => {
                 let view = scenario.controller_view();
@@ -532,20 +533,7 @@ fn the_nodes_of_a_rig_are_as_their_sheets_say() {
     // The loops of the two io nodes are in another order than these, and in an emulator each.
     let folder = tempfile::tempdir().unwrap();
     let fans = folder.path().join("fans.toml");
-    let mut rig = "schema = 1\nname = \"fans\"\n[defaults.drive]\namplifier = { rated = 1.0, min = -1.0, max = 1.0 }\n\
-        sensor = { unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }\n\
-        [node.controller]\nkind = \"controller\"\nnode_id = 1\n".to_owned();
-    for (place, (drive, fan)) in [("a", "zfan"), ("b", "yfan")].into_iter().enumerate() {
-        rig += &format!(
-            "[plant.m{drive}.dc_motor]\n[node.{drive}]\nkind = \"drive\"\nnode_id = {}\namplifier.port = \"m{drive}.current_amperes\"\n\
-             sensor.port = \"m{drive}.position_metres\"\n[node.{fan}]\nkind = \"io\"\nnode_id = {}\n\
-             outputs = {{ convection_factor = \"m{drive}.convection_factor\" }}\n[loop.{drive}]\nfeedback = \"{drive}.position\"\n\
-             outputs = [\"{drive}.current\"]\n",
-            0x10 + place,
-            0x30 + place
-        );
-    }
-    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    fs::write(folder.path().join("rig.toml"), rig("two_fans")).unwrap();
     let idle = "schema = 1\nrig = \"rig.toml\"\nname = \"fans\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
     fs::write(&fans, idle).unwrap();
     for scenario in [

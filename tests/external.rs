@@ -10,6 +10,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::book_commands::expects_its_node;
 use crate::real_time::{Started, in_real_time, wait_for};
+use crate::rigs::{changed_rig, rig};
 use crate::support::{canrig, only_run, output, root, scenario};
 
 const CYCLE: &str = "[bus]\nsync_period_milliseconds = 100.0\n";
@@ -304,22 +305,7 @@ fn two_external_drives_of_one_loop_are_led_and_checked_one_after_the_other() {
                  [expect]\ncurrent_amperes_rms = {{ max = 1.0 }}\n"
             )
         };
-        let drive = |name: &str, id: u8| {
-            format!(
-                "[node.{name}]\nkind = \"drive\"\nnode_id = {id}\n\
-                 sensor = {{ unit = \"degrees\", min = -60.0, max = 60.0, resolution_bits = 14 }}\n\
-                 limits = {{ current_amperes = 1.0, min = -70.0, max = 70.0, rate_max = 1e4 }}\n\
-                 timeouts = {{ drive_lost_milliseconds = 1000, controller_lost_milliseconds = 1000 }}\n"
-            )
-        };
-        let rig = format!(
-            "schema = 1\nname = \"joint\"\n[bus]\nsync_period_milliseconds = 50.0\n\
-             [node.hand]\nkind = \"controller\"\nnode_id = 1\n{}{}\
-             [loop.angle]\nfeedback = \"flexor.position\"\noutputs = [\"flexor.current\", \"extensor.current\"]\n",
-            drive("flexor", 0x10),
-            drive("extensor", 0x12)
-        );
-        fs::write(folder.path().join("joint.toml"), rig).unwrap();
+        fs::write(folder.path().join("joint.toml"), rig("real_pair")).unwrap();
         let run = Run::of(&text("joint.toml", ""), folder.path(), &["--no-heating"]);
         // The emulator does not know the rig.
         let scenario = folder.path().join("elsewhere.toml");
@@ -548,12 +534,9 @@ fn a_set_point_that_the_rig_may_not_reach_is_refused_before_current_flows() {
 
 /// Returns the text of a rig with one real drive of these keys, its loop, and a cycle of this length.
 pub(crate) fn rig_of_a_drive(sync_period_milliseconds: f64, drive: &str) -> String {
-    format!(
-        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = {sync_period_milliseconds:?}\n\
-         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n\
-         [node.drive]\nkind = \"drive\"\nnode_id = 16\n{drive}\n"
-    )
+    let period = format!("sync_period_milliseconds = {sync_period_milliseconds:?}");
+    let rig = changed_rig("one_drive", &[("sync_period_milliseconds = 1.0", &period)]);
+    format!("{rig}{drive}\n")
 }
 
 /// The terms of a law are frames of canrig's own controller, and leave room for the set-points.

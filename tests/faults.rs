@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use campaigns::campaign::{Campaign, CampaignRun, one_loop_plan};
 use judge::verdict::Outcome;
+use plan::Plan;
 use scenario::Trial;
 
 use crate::real_time::in_real_time;
@@ -36,13 +37,9 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
     let catalogue = catalogue();
     assert!(catalogue.len() >= 25, "{} cases", catalogue.len());
     for path in &catalogue {
-        let scenario = Trial::load(path).unwrap();
-        let expect = &scenario.expect;
-        assert!(
-            !scenario.run.faults.is_empty(),
-            "{} has no fault",
-            path.display()
-        );
+        let plan = Plan::load(path, worlds::catalogue::catalogue()).unwrap();
+        let expect = &plan.loops[0].trial.expect;
+        assert!(plan.has_faults(), "{} has no fault", path.display());
         assert!(
             expect.of("safe_state").is_some() && expect.of("temperature_celsius").is_some(),
             "{} demands nothing",
@@ -54,25 +51,23 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
 /// Without its faults no case of the catalogue passes that expects an event: the expectations can fail.
 #[test]
 fn a_reaction_that_does_not_come_fails() {
-    let is_safe_wanted = |scenario: &Trial| {
-        scenario
-            .expect
-            .limit("safe_state")
-            .is_some_and(|limit| limit.admits(1.0))
+    let is_safe_wanted = |plan: &Plan| {
+        let expect = &plan.loops[0].trial.expect;
+        let limit = expect.limit("safe_state");
+        limit.is_some_and(|limit| limit.admits(1.0))
     };
-    let scenarios: Vec<Trial> = catalogue().into_iter().filter_map(|path| {
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 3.0\n\
+        [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 1.0\n\
+        [[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";
+    let without = testing::plan(text).shared.run.faults.clone();
+    let plans = catalogue().into_iter().map(|path| {
         let mut scenario = Trial::load(&path).unwrap();
-        let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";
-        let text = format!(
-            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n[[reference.hold]]\n\
-             at_seconds = 0.0\nposition_millimetres = 1.0\n{harmless}"
-        );
-        let without = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        scenario.run_mut().faults = without.run.faults.clone();
-        is_safe_wanted(&scenario).then_some(scenario)
-    }).collect();
-    assert!(scenarios.len() >= 10);
-    let outcomes = campaign().play(scenarios.into_iter().map(one_loop_plan), |played| {
+        scenario.run_mut().faults = without.clone();
+        one_loop_plan(scenario)
+    });
+    let plans = Vec::from_iter(plans.filter(is_safe_wanted));
+    assert!(plans.len() >= 10);
+    let outcomes = campaign().play(plans.into_iter(), |played| {
         (played.plan.shared.run.name.clone(), played.verdict.outcome)
     });
     for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
@@ -105,25 +100,20 @@ const LAWS: [&str; 3] = ["sliding_mode", "sliding_mode_paper", "pid"];
 /// The table law × fault can be reviewed in a minute. `UPDATE_SNAPSHOTS=1` writes it anew.
 #[test]
 fn each_law_meets_each_fault_as_in_the_table() {
-    let mut scenarios = Vec::new();
+    let mut plans = Vec::new();
     for path in catalogue() {
         let text = fs::read_to_string(&path).unwrap();
         for law in LAWS {
             let text = text.replace("[controller.sliding_mode]", &format!("[controller.{law}]"));
-            let scenario = Trial::parse(&text, law, |_| unreachable!("no table")).unwrap();
-            scenarios.push((name(&path), law, scenario));
+            let plan = testing::plan_beside(&text, &[], worlds::catalogue::catalogue());
+            plans.push((name(&path), law, plan));
         }
     }
-    let names: Vec<_> = scenarios
+    let names: Vec<_> = plans
         .iter()
         .map(|(name, law, _)| (name.clone(), *law))
         .collect();
-    let played = campaign().play(
-        scenarios
-            .into_iter()
-            .map(|(.., scenario)| one_loop_plan(scenario)),
-        cells,
-    );
+    let played = campaign().play(plans.into_iter().map(|(.., plan)| plan), cells);
     let mut rows: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for ((name, _), cells) in names.into_iter().zip(played.unwrap()) {
         rows.entry(name).or_default().push(cells.unwrap());

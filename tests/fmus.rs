@@ -13,6 +13,7 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use crate::processes::last_command;
+use crate::rigs::rig;
 use crate::support::{canrig, only_run, output, root, runs};
 
 fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
@@ -85,32 +86,6 @@ fn a_plant_that_does_not_ship_is_not_exported() {
 /// Arguments for lock-step in processes.
 const LOCKSTEP: [&str; 4] = ["--clock", "lockstep", "--bus", "embedded"];
 
-const RIG: &str = r#"
-schema = 1
-name = "cart"
-[plant.cart.fmu]
-file = "cart.fmu"
-[plant.cart.fmu.start]
-mass_kilograms = 2.4
-mode = 0
-from_seconds = 1.0
-[plant.cart.fmu.ports]
-current_amperes = { variable = "current_amperes" }
-position_metres = { variable = "position_metres" }
-speed_metres_per_second = { variable = "speed_metres_per_second", range = [-3.0, 3.0] }
-[node.controller]
-kind = "controller"
-node_id = 1
-[node.lift]
-kind = "drive"
-node_id = 16
-amplifier = { port = "cart.current_amperes", min = -1.0, max = 1.0 }
-sensor = { port = "cart.position_metres", unit = "millimetres", min = -10.0, max = 60.0, resolution_bits = 16 }
-[loop.height]
-feedback = "lift.position"
-outputs = ["lift.current"]
-"#;
-
 const STEP: &str = r#"
 schema = 1
 rig = "rigs/cart.toml"
@@ -146,7 +121,7 @@ pub(crate) fn cart(folder: &Path, marker: &str) -> PathBuf {
     let rigs = folder.join("rigs");
     fs::create_dir_all(&rigs).unwrap();
     write_cart(folder, marker, &fs::read(library).unwrap());
-    fs::write(rigs.join("cart.toml"), RIG).unwrap();
+    fs::write(rigs.join("cart.toml"), rig("cart")).unwrap();
     let path = folder.join("step.toml");
     fs::write(&path, STEP).unwrap();
     path
@@ -257,7 +232,11 @@ fn played(folder: &Path, name: &str, rig: &[(&str, &str)], step: &[(&str, &str)]
             text.replace(of, by)
         })
     };
-    fs::write(folder.join("rigs/cart.toml"), changed(RIG, rig)).unwrap();
+    fs::write(
+        folder.join("rigs/cart.toml"),
+        changed(&crate::rigs::rig("cart"), rig),
+    )
+    .unwrap();
     fs::write(folder.join("step.toml"), changed(STEP, step)).unwrap();
     let step = folder.join("step.toml");
     let [alone, together] = ["alone", "together"].map(|world| folder.join(name).join(world));

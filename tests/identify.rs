@@ -130,8 +130,9 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
             .unwrap()
             .contains("</svg>")
     );
-    let again = scenario::Trial::load(&result.join("scenario.toml")).unwrap();
-    assert_eq!(again.plant().actuator(), Some(plant));
+    let path = result.join("scenario.toml");
+    let again = plan::Plan::load(&path, worlds::catalogue::catalogue()).unwrap();
+    assert_eq!(again.loops[0].trial.plant().actuator(), Some(plant));
 }
 
 #[test]

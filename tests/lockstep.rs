@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use plan::Plan;
 use platform::lockstep::{Local, Participant};
 use sha2::{Digest, Sha256};
 
-use crate::net::judged_again;
+use crate::net::{PRINTS_PART, judged_again, printed_parts};
 use crate::real_time::{busy, in_real_time};
 use crate::support::{canrig, only_run, output, root, runs, scenario};
 
@@ -32,11 +32,19 @@ fn contents(run: &Path) -> Vec<Vec<u8>> {
 /// Members of `verdict.json` that identify the judge and are not results: no line depends on them.
 const LEFT_OUT: [&str; 2] = ["version", "identity"];
 
-/// The columns of the file of hashes, before the scenario's name.
-const HASHED: [&str; 3] = ["bus.log", "signals.csv", "verdict.json"];
+/// The columns of the file of hashes, before the scenario's name: files and folders of a run, and what a program in the
+/// controller's place is told, `-` where the scenario cannot be played with a program.
+const HASHED: [&str; 6] = [
+    "bus.log",
+    "signals.csv",
+    "verdict.json",
+    "frames.dbc",
+    "eds",
+    "part",
+];
 
-/// Every scenario passes, and leaves the bytes in the file of hashes: of the frames on the bus, of the decoded signals
-/// and of the verdict. A change that keeps the runs leaves that file as it is. Each scenario has a line there, and each
+/// Every scenario passes, and leaves the bytes in the file of hashes: of the frames on the bus, of the decoded signals,
+/// of the verdict, of what the frames mean, of the EDS files, and of a program's part of the plan. A change that keeps the runs leaves that file as it is. Each scenario has a line there, and each
 /// line a scenario. After a deliberate change to a run, or with a new scenario, write the file anew and review its
 /// difference: `UPDATE_SNAPSHOTS=1 cargo test --release -p canrig --test tests every_shipped_scenario_passes`.
 #[test]
@@ -55,7 +63,8 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
         assert_eq!(verdict["outcome"], "pass", "{verdict}");
     }
     let runs = runs(folder.path());
-    let mut lines: Vec<_> = runs.iter().map(|run| hash_line(run)).collect();
+    let parts = parts();
+    let mut lines: Vec<_> = runs.iter().map(|run| hash_line(run, &parts)).collect();
     lines.sort();
     let hashes = lines.concat();
     let path = root().join("tests/data/recordings.sha256");
@@ -74,25 +83,61 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
     }
 }
 
-/// Returns the scenario of a run with the hashes of its recording and verdict.
-fn hash_line(run: &Path) -> String {
+/// Plays every shipped scenario with a program that prints its part and ends. Returns the parts by the scenarios' names.
+fn parts() -> BTreeMap<String, Vec<u8>> {
+    let folder = tempfile::tempdir().unwrap();
+    let mut simulate = canrig(folder.path(), "simulate");
+    simulate.arg("--quiet").arg(root().join("scenarios"));
+    output(simulate.args(PRINTS_PART));
+    let runs = runs(folder.path());
+    assert!(runs.len() >= 70, "{} runs with a program", runs.len());
+    let part = |run: &PathBuf| {
+        let mut parts = printed_parts(run);
+        assert_eq!(parts.len(), 1, "{}", run.display());
+        (name_of(run), parts.swap_remove(0).1)
+    };
+    runs.iter().map(part).collect()
+}
+
+/// Returns the name of a run's scenario.
+fn name_of(run: &Path) -> String {
     let scenario = fs::read_to_string(run.join("scenario.toml")).unwrap();
     let scenario: toml::Table = scenario.parse().unwrap();
-    let hash = |name: &str| {
-        let bytes = fs::read(run.join(name)).unwrap();
-        let bytes = match name {
-            "verdict.json" => without_members(str::from_utf8(&bytes).unwrap(), &LEFT_OUT).into(),
-            _ => bytes,
+    scenario["name"].as_str().unwrap().to_owned()
+}
+
+/// Returns the scenario of a run with the hashes of its files, and of a program's part of its plan.
+fn hash_line(run: &Path, parts: &BTreeMap<String, Vec<u8>>) -> String {
+    let name = name_of(run);
+    let hash = |column: &str| {
+        let bytes = match column {
+            "verdict.json" => {
+                let verdict = fs::read_to_string(run.join(column)).unwrap();
+                without_members(&verdict, &LEFT_OUT).into()
+            }
+            "eds" => files_of(&run.join(column)),
+            "part" => match parts.get(&name) {
+                Some(part) => part.clone(),
+                None => return "-".to_owned(),
+            },
+            _ => fs::read(run.join(column)).unwrap(),
         };
         let digest = Sha256::digest(bytes);
-        digest
-            .iter()
-            .take(16)
-            .map(|byte| format!("{byte:02x}"))
-            .collect::<String>()
+        let digits = digest.iter().take(16).map(|byte| format!("{byte:02x}"));
+        digits.collect()
     };
-    let name = scenario["name"].as_str().unwrap();
     format!("{}  {name}\n", HASHED.map(hash).join(" "))
+}
+
+/// Returns the names and the contents of the files in a folder, in the order of the names.
+fn files_of(folder: &Path) -> Vec<u8> {
+    let entries = fs::read_dir(folder).unwrap();
+    let files = BTreeSet::from_iter(entries.map(|entry| entry.unwrap().path()));
+    let contents = files.iter().flat_map(|path| {
+        let name = path.file_name().unwrap().as_encoded_bytes();
+        [name, b"\n", &fs::read(path).unwrap()].concat()
+    });
+    contents.collect()
 }
 
 /// Returns a JSON object in canrig's format without some of its members. Commas at line ends are removed, since the
@@ -148,10 +193,10 @@ fn by_name(lines: &str) -> BTreeMap<&str, [&str; HASHED.len()]> {
 
 #[test]
 fn a_scenario_without_a_line_and_a_line_without_a_scenario_are_named() {
-    let committed = "1 2 3  step\n4 5 6  fan\n";
+    let committed = "1 2 3 4 5 6  step\n4 5 6 7 8 -  fan\n";
     assert_eq!(changes(committed, committed), [] as [&str; 0]);
     assert_eq!(
-        changes(committed, "1 2 7  step\n8 9 6  hold\n"),
+        changes(committed, "1 2 7 4 5 6  step\n8 9 6 7 8 9  hold\n"),
         [
             "fan: the line has no scenario",
             "hold: the scenario has no line",

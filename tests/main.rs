@@ -12,6 +12,7 @@ mod book_commands;
 mod bought_sheets;
 mod checks;
 mod command_line;
+mod core;
 mod counterfactual;
 #[path = "../crates/platform/tests/support/counting_allocator.rs"]
 mod counting_allocator;

@@ -1,7 +1,7 @@
 //! Missing frames and their excuses: runs are simulated, frames are removed from their recordings, and the rest is
 //! judged as a run with foreign nodes.
 
-use campaigns::campaign::{Campaign, one_loop_plan};
+use campaigns::campaign::Campaign;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge};
 use plan::Plan;
@@ -10,7 +10,7 @@ use recording::hits::{Effect, Hit, Hits};
 use recording::log::Stamped;
 use recording::timeline::decode;
 use recording::unrecorded::Unrecorded;
-use scenario::Trial;
+use worlds::catalogue::catalogue;
 
 use crate::support;
 
@@ -25,12 +25,12 @@ const NOISE: &str = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnoise_millimetr
 const SLOW: &str = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.0\nnode = \"controller\"\ndelay_milliseconds = 0.1\n";
 
 /// 6 s at 1 kHz.
-fn scenario(faults: &str) -> Trial {
+fn plan(faults: &str, catalogue: &Catalogue) -> Plan {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"missed\"\nseed = 7\nduration_seconds = 6.0\n[controller.sliding_mode]\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n{faults}"
     );
-    Trial::parse(&text, "missed.toml", |_| unreachable!("no table")).unwrap()
+    testing::plan_beside(&text, &[], catalogue)
 }
 
 fn fault(kind: &str, node: &str, from_seconds: f64) -> String {
@@ -40,7 +40,7 @@ fn fault(kind: &str, node: &str, from_seconds: f64) -> String {
 /// Returns the frames of a run.
 fn played(faults: &str) -> Vec<Stamped> {
     let campaign = Campaign::on_all_cores(false);
-    let frames = campaign.play([one_loop_plan(scenario(faults))].into_iter(), |played| {
+    let frames = campaign.play([plan(faults, catalogue())].into_iter(), |played| {
         played.frames.iter().collect::<Vec<Stamped>>()
     });
     frames.unwrap().remove(0).unwrap()
@@ -59,8 +59,7 @@ fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) ->
 
 /// Judges frames by a scenario with these faults, with a foreign node.
 fn judged(frames: &[Stamped], text: &str, external: &str) -> Verdict {
-    let plan =
-        Plan::new(scenario(text), &Catalogue::shipped()).recorded_external(&[external.to_owned()]);
+    let plan = plan(text, &Catalogue::shipped()).recorded_external(&[external.to_owned()]);
     let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
     judge(&plan, &timelines, &hit(Vec::new(), &plan))
 }
@@ -135,7 +134,7 @@ fn a_fault_of_the_bus_excuses_the_answers_to_what_it_hit() {
     let third = without(&played(""), &[POSITION], |number| number % 3 == 0);
     let fault = "[[fault.bus.lose]]\nfrom_seconds = 0.0\nreceiver = \"drive\"\n";
     fails(&judged(&third, fault, DRIVE), "drive: no position in 33.3");
-    let plan = Plan::new(scenario(fault), &Catalogue::shipped());
+    let plan = plan(fault, &Catalogue::shipped());
     let plan = plan.recorded_external(&[DRIVE.to_owned()]);
     let timelines = decode(&third.clone().into(), &plan).unwrap();
     let timeline = &timelines[0];
@@ -222,7 +221,7 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
     assert_eq!(row(&judged(&sound, LIMITS, DRIVE)), None, "nobody asks");
 
     let zero = {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = plan("", &Catalogue::shipped());
         decode(&sound.clone().into(), &plan).unwrap()[0]
             .zero_seconds
             .unwrap()

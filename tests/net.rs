@@ -17,6 +17,7 @@ use sha2::{Digest, Sha256};
 
 use crate::fmus::{cart, motor};
 use crate::mutator::mutant;
+use crate::programs::drive_and_fan;
 use crate::support::{canrig, only_run, output, root};
 
 /// The law of two loops that `canrig new law --loops 2` writes.
@@ -295,12 +296,43 @@ pub(crate) fn judged_again(run: &Path) -> String {
 /// Returns the stored lines of a run.
 fn run_lines(name: &str, run: &Path) -> Vec<String> {
     let verdict = judged_again(run);
-    let files = ["bus.log", "signals.csv"].map(|file| {
+    let mut files = ["bus.log", "signals.csv", "frames.dbc"]
+        .map(PathBuf::from)
+        .to_vec();
+    let sheets = fs::read_dir(run.join("eds")).unwrap();
+    files.extend(sheets.map(|sheet| Path::new("eds").join(sheet.unwrap().file_name())));
+    files[3..].sort();
+    let hashed = |file: &PathBuf| {
         let bytes = fs::read(run.join(file)).unwrap();
-        format!("{name}: {file} {}", hash(bytes))
-    });
-    let verdict = verdict_lines(name, &verdict);
-    [&files[..], &verdict, &signal_lines(name, run)].concat()
+        format!("{name}: {} {}", file.display(), hash(bytes))
+    };
+    let mut lines = Vec::from_iter(files.iter().map(hashed));
+    lines.extend(verdict_lines(name, &verdict));
+    lines.extend(signal_lines(name, run));
+    lines
+}
+
+/// Arguments behind a scenario that put a program in the controller's place, which prints its part
+/// of the plan and ends.
+pub(crate) const PRINTS_PART: [&str; 4] = ["--", "sh", "-c", "cat \"$CANRIG_PART\""];
+
+/// Returns what the programs of a run printed, by their nodes.
+pub(crate) fn printed_parts(run: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut parts = Vec::new();
+    for entry in fs::read_dir(run).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if let Some(node) = name.strip_suffix(".log").filter(|node| *node != "bus") {
+            parts.push((node.to_owned(), fs::read(&path).unwrap()));
+        }
+    }
+    parts.sort();
+    parts
+}
+
+/// Returns the hash of what a program is told of the plan, by its node.
+fn part_line(name: &str, (node, part): &(String, Vec<u8>)) -> String {
+    format!("{name}: part of {node} {}", hash(part))
 }
 
 /// Simulates a scenario; returns its lines.
@@ -309,7 +341,40 @@ fn simulated(folder: &Path, scenario: &Path) -> Vec<String> {
     let runs = folder.join("runs").join(name);
     let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(scenario));
     assert!(matches!(code, Some(0 | 1)), "{name}: {stdout}{stderr}");
-    run_lines(name, &only_run(&runs))
+    let mut lines = run_lines(name, &only_run(&runs));
+    let told = folder.join("told").join(name);
+    let mut simulate = canrig(&told, "simulate");
+    let (_, stdout, stderr) = output(simulate.arg("--quiet").arg(scenario).args(PRINTS_PART));
+    assert!(told.is_dir(), "{name}: {stdout}{stderr}");
+    let parts = printed_parts(&only_run(&told));
+    assert_eq!(parts.len(), 1, "{name}: {stdout}{stderr}");
+    lines.push(part_line(name, &parts[0]));
+    lines
+}
+
+/// Simulates a rig whose drive and io node are programs, of which one prints its part of the plan
+/// and ends; returns the lines of both parts.
+fn told_to_drive_and_fan(folder: &Path) -> Vec<String> {
+    let mut lines = Vec::new();
+    for node in ["drive", "fan"] {
+        let folder = folder.join("told").join(node);
+        fs::create_dir_all(&folder).unwrap();
+        let scenario = drive_and_fan(&folder);
+        let rig = folder.join("rig.toml");
+        let text = fs::read_to_string(&rig).unwrap();
+        let program = format!("[\"python3\", \"{node}.py\"]");
+        assert!(text.contains(&program), "{text}");
+        let prints = format!("{:?}", &PRINTS_PART[1..]);
+        fs::write(&rig, text.replace(&program, &prints)).unwrap();
+        let runs = folder.join("runs");
+        let (_, stdout, stderr) = output(canrig(&runs, "simulate").arg(scenario));
+        assert!(runs.is_dir(), "{stdout}{stderr}");
+        let mut parts = printed_parts(&only_run(&runs));
+        parts.retain(|(other, _)| other == node);
+        assert_eq!(parts.len(), 1, "{stdout}{stderr}");
+        lines.push(part_line("drive_and_fan", &parts[0]));
+    }
+    lines
 }
 
 #[derive(Debug, Parser)]
@@ -358,7 +423,8 @@ fn simulated_outside(folder: &Path, name: &str, kind: &[&str]) -> Vec<String> {
     run_lines(name, &only_run(&runs))
 }
 
-/// A dozen rigs leave the stored frames, verdicts (of the run and of its replay) and signals.
+/// A dozen rigs leave the stored frames with what they mean, EDS files, verdicts (of the run and of
+/// its replay), signals, and parts of programs.
 #[test]
 fn rigs_are_played_as_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -379,6 +445,7 @@ fn rigs_are_played_as_before() {
         &["law", "--loops", "2"],
     ));
     lines.extend(simulated_outside(folder, "my_plant", &["plant"]));
+    lines.extend(told_to_drive_and_fan(folder));
     for scenario in NOT_PLAYED {
         let path = root().join(scenario);
         lines.extend(signal_lines(

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::support::{canrig, only_run, output, scenario};
+use crate::support::{canrig, only_run, output, root, scenario};
 
 fn program(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_canrig"));
@@ -28,6 +28,20 @@ fn edit(path: &Path, from: &str, to: &str) {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.contains(from), "{text}");
     fs::write(path, text.replace(from, to)).unwrap();
+}
+
+/// Returns the text of a rig in `tests/rigs/`.
+pub(crate) fn rig(name: &str) -> String {
+    let path = root().join("tests/rigs").join(name).with_extension("toml");
+    fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// Returns the text of a rig in `tests/rigs/` with changes, each of a text that it has once.
+pub(crate) fn changed_rig(name: &str, changes: &[(&str, &str)]) -> String {
+    changes.iter().fold(rig(name), |rig, (from, to)| {
+        assert_eq!(rig.matches(from).count(), 1, "{from}: {rig}");
+        rig.replacen(from, to, 1)
+    })
 }
 
 fn verdict(run: &Path) -> Value {
@@ -405,31 +419,6 @@ fn a_contour_is_judged_by_the_rules_of_all_metrics() {
     assert_eq!(row["remark"], "the window begins behind what is judged");
 }
 
-const SPINDLE: &str = r#"
-schema = 1
-name = "spindle"
-[bus]
-sync_period_milliseconds = 2.0
-[plant.motor.dc_motor]
-[node.controller]
-kind = "controller"
-node_id = 0x01
-[node.spindle]
-kind = "drive"
-node_id = 0x10
-amplifier = { port = "motor.current_amperes", min = -1.0, max = 1.0 }
-[node.spindle.sensor]
-port = "motor.motor_speed_revolutions_per_minute"
-signal = "speed"
-unit = "revolutions_per_minute"
-min = -6000.0
-max = 6000.0
-resolution_bits = 16
-[loop.speed]
-feedback = "spindle.speed"
-outputs = ["spindle.current"]
-"#;
-
 const TURNS: &str = r#"
 schema = 1
 name = "turns"
@@ -460,7 +449,7 @@ stays = { min = -300.0, max = 300.0 }
 fn a_loop_of_a_speed_is_played_and_judged_under_names_of_a_speed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("turns.toml");
-    fs::write(folder.path().join("spindle.toml"), SPINDLE).unwrap();
+    fs::write(folder.path().join("spindle.toml"), rig("spindle")).unwrap();
     fs::write(&path, TURNS).unwrap();
     let [alone, together] = in_both_worlds(folder.path(), &path);
     let read = |run: &Path, file: &str| fs::read_to_string(run.join(file)).unwrap();
@@ -490,7 +479,7 @@ fn an_output_beyond_its_field_has_no_value_and_is_not_judged() {
     let far = "[plant.motor.dc_motor]\ngear_ratio = 1.0\npinion_radius_metres = 0.001\n\
                gear_friction_newton_metres = 0.0001\nload_kilograms = 0.0\nspring_newtons_per_metre = 0.0\n\
                travel_metres = 10.0";
-    let rig = SPINDLE.replace("[plant.motor.dc_motor]", far);
+    let rig = changed_rig("spindle", &[("[plant.motor.dc_motor]", far)]);
     fs::write(folder.path().join("spindle.toml"), rig).unwrap();
     let path = folder.path().join("far.toml");
     let text = "schema = 1\nname = \"far\"\nrig = \"spindle.toml\"\nduration_seconds = 4.0\n\
@@ -520,16 +509,21 @@ fn an_output_beyond_its_field_has_no_value_and_is_not_judged() {
     assert!((0.1305..0.131_07).contains(&farthest), "{farthest}");
 }
 
-/// Returns a drive of the motor with this amplifier and sensor, and node-IDs of controller, drive and io node.
+/// Returns the rig `axis` with this amplifier, sensor and motor, and with these node-IDs of
+/// controller, drive and io node.
 fn axis(amplifier: &str, sensor: &str, motor: &str, [controller, drive, io]: [u8; 3]) -> String {
-    format!(
-        "schema = 1\nname = \"axis\"\n[plant.motor.dc_motor]\n{motor}\n\
-         [node.controller]\nkind = \"controller\"\nnode_id = {controller}\n\
-         [node.drive]\nkind = \"drive\"\nnode_id = {drive}\n\
-         amplifier = {{ port = \"motor.current_amperes\", {amplifier} }}\n\
-         sensor = {{ port = \"motor.position_metres\", {sensor} }}\n\
-         [node.fan]\nkind = \"io\"\nnode_id = {io}\noutputs = {{ convection_factor = \"motor.convection_factor\" }}\n\
-         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n"
+    let node = |kind: &str, id: u8| format!("kind = {kind:?}\nnode_id = {id}\n");
+    let motor = format!("[plant.motor.dc_motor]\n{motor}\n");
+    changed_rig(
+        "axis",
+        &[
+            ("min = -1.0, max = 1.0", amplifier),
+            (SENSOR, sensor),
+            ("[plant.motor.dc_motor]\n", &motor),
+            (&node("controller", 1), &node("controller", controller)),
+            (&node("drive", 16), &node("drive", drive)),
+            (&node("io", 17), &node("io", io)),
+        ],
     )
 }
 
@@ -777,32 +771,23 @@ fn a_drive_that_is_only_followed_gets_no_current() {
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
 
-/// Returns a rig of two motors on one bus, and a third that no drive moves; the wiring of the two drives is open.
-fn two_motors_and_a_third([a, b]: [&str; 2], feedback: [&str; 2]) -> String {
-    let drive = |name: &str, node_id: u8, moves: &str, measures: &str, more: &str| {
-        format!(
-            "[node.{name}]\nkind = \"drive\"\nnode_id = {node_id}\namplifier = {{ port = \"{moves}.current_amperes\", min = -1.0 }}\n\
-             sensor = {{ port = \"{measures}.position_metres\", {SENSOR} }}\n{more}"
-        )
+/// Returns the rig `three_motors`, whose drives measure these plants and whose loops follow these
+/// drives.
+fn crossed_motors([a, b]: [&str; 2], feedback: [&str; 2]) -> String {
+    let sensor = |moves: &str, measures: &str| {
+        let amplifier = format!("\"{moves}.current_amperes\", min = -1.0 }}\n");
+        format!("{amplifier}sensor.port = \"{measures}.position_metres\"")
     };
-    let loop_table = |name: &str, follows: &str| {
-        format!(
-            "[loop.{name}]\nfeedback = \"{follows}.position\"\noutputs = [\"{name}.current\"]\n"
-        )
-    };
-    [
-        "schema = 1\nname = \"motors\"\n[bus]\nsync_period_milliseconds = 2.0\n\
-         [plant.left.dc_motor]\n[plant.right.dc_motor]\nload_kilograms = 0.4\n[plant.third.dc_motor]\n\
-         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-         [node.weight]\nkind = \"io\"\nnode_id = 20\n\
-         outputs = { added_load_grams = \"left.added_load_kilograms\", current_milliamperes = \"third.current_amperes\" }\n\
-         [node.fan]\nkind = \"io\"\nnode_id = 21\noutputs = { convection_factor = \"left.convection_factor\" }\n",
-        &drive("a", 16, "left", a, "record = [\"winding_temperature_celsius\"]\n"),
-        &drive("b", 17, "right", b, "record = [\"third.position_metres\"]\n"),
-        &loop_table("a", feedback[0]),
-        &loop_table("b", feedback[1]),
-    ]
-    .concat()
+    let follows = |name: &str, of: &str| format!("[loop.{name}]\nfeedback = \"{of}.position\"");
+    changed_rig(
+        "three_motors",
+        &[
+            (&sensor("left", "left"), &sensor("left", a)),
+            (&sensor("right", "right"), &sensor("right", b)),
+            (&follows("a", "a"), &follows("a", feedback[0])),
+            (&follows("b", "b"), &follows("b", feedback[1])),
+        ],
+    )
 }
 
 const MOTORS: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"motors\"\nduration_seconds = 2.5\n\
@@ -837,7 +822,7 @@ fn nodes_are_wired_to_any_plant() {
     let played = |name: &str, measured: [&str; 2], feedback: [&str; 2]| {
         let folder = folder.path().join(name);
         fs::create_dir_all(&folder).unwrap();
-        let rig = two_motors_and_a_third(measured, feedback);
+        let rig = crossed_motors(measured, feedback);
         fs::write(folder.join("rig.toml"), rig).unwrap();
         let path = folder.join("motors.toml");
         fs::write(&path, MOTORS).unwrap();
@@ -890,11 +875,9 @@ fn nodes_are_wired_to_any_plant() {
 #[test]
 fn an_output_that_two_io_nodes_have_needs_the_name_of_one() {
     let folder = tempfile::tempdir().unwrap();
-    let rig = two_motors_and_a_third(["left", "right"], ["a", "b"]);
-    let rig = rig.replace(
-        "convection_factor = \"left.",
-        "added_load_grams = \"right.added_load_kilograms\", convection_factor = \"left.",
-    );
+    let from = "convection_factor = \"left.";
+    let to = format!("added_load_grams = \"right.added_load_kilograms\", {from}");
+    let rig = changed_rig("three_motors", &[(from, &to)]);
     fs::write(folder.path().join("rig.toml"), &rig).unwrap();
     let path = folder.path().join("motors.toml");
     fs::write(&path, MOTORS).unwrap();
@@ -918,12 +901,9 @@ fn an_output_that_two_io_nodes_have_needs_the_name_of_one() {
 fn a_number_without_a_unit_has_the_word_of_its_sensor() {
     let folder = tempfile::tempdir().unwrap();
     let rig = |unit: &str, max: f64| {
-        format!(
-            "schema = 1\nname = \"wire\"\n[plant.wire.sma]\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-             [node.drive]\nkind = \"drive\"\nnode_id = 16\namplifier.port = \"wire.current_amperes\"\n\
-             sensor = {{ port = \"wire.martensite_fraction\", signal = \"martensite\", unit = \"{unit}\", min = 0.0, max = {max:?}, resolution_bits = 8 }}\n\
-             [loop.transformed]\nfeedback = \"drive.martensite\"\noutputs = [\"drive.current\"]\n"
-        )
+        let (unit, max) = (format!("unit = {unit:?}"), format!("max = {max:?}"));
+        let changes = [("unit = \"percent\"", &*unit), ("max = 100.0", &*max)];
+        changed_rig("martensite", &changes)
     };
     let play = |unit: &str, full: f64| {
         let folder = folder.path().join(unit);
@@ -961,12 +941,6 @@ fn a_number_without_a_unit_has_the_word_of_its_sensor() {
 #[test]
 fn a_loop_of_a_temperature_is_not_the_temperature_of_its_plant() {
     let folder = tempfile::tempdir().unwrap();
-    let rig = "schema = 1\nname = \"winding\"\n[plant.motor.dc_motor]\n\
-        [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-        [node.drive]\nkind = \"drive\"\nnode_id = 16\namplifier.port = \"motor.current_amperes\"\n\
-        sensor = { port = \"motor.winding_temperature_celsius\", unit = \"celsius\", signal = \"temperature\", min = 0.0, max = 150.0, resolution_bits = 14 }\n\
-        record = [\"RECORDED\"]\n\
-        [loop.warmth]\nfeedback = \"drive.temperature\"\noutputs = [\"drive.current\"]\n";
     let scenario = "schema = 1\nrig = \"rig.toml\"\nname = \"warm\"\nduration_seconds = 1.0\n\
         [controller.pid]\nproportional_amperes_per_celsius = 0.1\nintegral_amperes_per_celsius_second = 0.0\n\
         derivative_ampere_seconds_per_celsius = 0.0\n\
@@ -975,7 +949,11 @@ fn a_loop_of_a_temperature_is_not_the_temperature_of_its_plant() {
     let path = folder.path().join("warm.toml");
     fs::write(&path, scenario).unwrap();
     let judged = |recorded: &str| {
-        let rig = rig.replace("RECORDED", recorded);
+        let record = format!("record = [{recorded:?}]");
+        let rig = changed_rig(
+            "winding",
+            &[("record = [\"winding_temperature_celsius\"]", &record)],
+        );
         fs::write(folder.path().join("rig.toml"), rig).unwrap();
         let runs = folder.path().join(&recorded[..6]);
         let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
@@ -996,11 +974,7 @@ fn a_loop_of_a_temperature_is_not_the_temperature_of_its_plant() {
 /// Plays the two motors with other tables, on a rig with changes; returns the exit code, the output, and the verdict.
 fn motors(more: &str, changes: &[(&str, &str)]) -> (Option<i32>, String, Value) {
     let folder = tempfile::tempdir().unwrap();
-    let mut rig = two_motors_and_a_third(["left", "right"], ["a", "b"]);
-    for (from, to) in changes {
-        assert!(rig.contains(from), "{from}: {rig}");
-        rig = rig.replace(from, to);
-    }
+    let rig = changed_rig("three_motors", changes);
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
     let path = folder.path().join("motors.toml");
     fs::write(&path, format!("{MOTORS}{more}")).unwrap();
@@ -1130,7 +1104,8 @@ fn what_would_be_judged_on_something_else_is_refused() {
 /// An output of an io node is a column of the loop that it disturbs, whichever loop has the other outputs of the node.
 #[test]
 fn an_output_of_an_io_node_is_a_signal_of_the_loop_that_it_disturbs() {
-    let more = "current_milliamperes = \"third.current_amperes\", more_grams = \"right.added_load_kilograms\"";
+    let more = "current_milliamperes = \"third.current_amperes\"\n\
+        more_grams = \"right.added_load_kilograms\"";
     let change = [("current_milliamperes = \"third.current_amperes\"", more)];
     let load = "[[disturbance.output]]\nname = \"more_grams\"\nat_seconds = 1.0\nvalue = 100.0\n";
     let stays = |name: &str, in_loop: &str| {
@@ -1145,21 +1120,10 @@ fn an_output_of_an_io_node_is_a_signal_of_the_loop_that_it_disturbs() {
     );
 }
 
-/// Two motors that one law leads, each on a plant of its own, and a weight on the second one's.
-const GANTRY: &str = "schema = 1\nname = \"gantry\"\n[bus]\nsync_period_milliseconds = 2.0\n\
-    [defaults.drive]\namplifier = { rated = 1.0, min = 0.0, max = 1.0 }\n\
-    sensor = { unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }\n\
-    [plant.near.dc_motor]\n[plant.far.dc_motor]\nload_kilograms = 0.1\n\
-    [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-    [node.first]\nkind = \"drive\"\nnode_id = 0x10\namplifier.port = \"near.current_amperes\"\nsensor.port = \"near.position_metres\"\n\
-    [node.second]\nkind = \"drive\"\nnode_id = 0x12\namplifier.port = \"far.current_amperes\"\nsensor.port = \"far.position_metres\"\n\
-    [node.weight]\nkind = \"io\"\nnode_id = 0x18\noutputs = { added_load_grams = \"far.added_load_kilograms\" }\n\
-    [loop.gantry]\nfeedback = \"first.position\"\noutputs = [\"first.current\", \"second.current\"]\n";
-
 #[test]
 fn a_disturbance_of_a_further_drive_s_plant_is_a_signal_of_that_drive() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("rig.toml"), GANTRY).unwrap();
+    fs::write(folder.path().join("rig.toml"), rig("gantry")).unwrap();
     let path = folder.path().join("moves.toml");
     let write = |grams: f64| {
         let text = format!(
@@ -1180,7 +1144,8 @@ fn a_disturbance_of_a_further_drive_s_plant_is_a_signal_of_that_drive() {
     assert!(code == Some(3) && stderr.contains(said), "{stderr}");
     // The loop would be that of the drive which its law leads besides.
     let path = folder.path().join("rig.toml");
-    fs::write(&path, GANTRY.replace("[loop.gantry]", "[loop.second]")).unwrap();
+    let rig = changed_rig("gantry", &[("[loop.gantry]", "[loop.second]")]);
+    fs::write(&path, rig).unwrap();
     let (code, _, stderr) = output(program(&["check"]).arg(&path));
     assert!(
         code == Some(3) && stderr.contains("the name of two things"),
@@ -1263,19 +1228,21 @@ fn a_program_reads_what_its_loop_follows() {
     }
 }
 
-/// Three motors: `a` moves and measures `ma`, `b` moves `mb`; the fan blows on a plant without a drive.
+/// Returns the rig `idle_motor` with another name of the idle plant; its drive `b` measures the
+/// plant `measured`, and the loop `b` follows the drive `followed`.
 fn motors_and_an_idle_one(idle: &str, measured: &str, followed: &str) -> String {
-    format!(
-        "schema = 1\nname = \"idle\"\n[bus]\nsync_period_milliseconds = 2.0\n\
-         [defaults.drive]\namplifier = {{ rated = 1.0, min = -1.0, max = 1.0 }}\n\
-         sensor = {{ unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }}\n\
-         [plant.ma.dc_motor]\n[plant.mb.dc_motor]\n[plant.{idle}.dc_motor]\n\
-         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-         [node.a]\nkind = \"drive\"\nnode_id = 16\namplifier.port = \"ma.current_amperes\"\nsensor.port = \"ma.position_metres\"\n\
-         [node.b]\nkind = \"drive\"\nnode_id = 17\namplifier.port = \"mb.current_amperes\"\nsensor.port = \"{measured}.position_metres\"\n\
-         [node.gust]\nkind = \"io\"\nnode_id = 48\noutputs = {{ convection_factor = \"{idle}.convection_factor\" }}\n\
-         [loop.a]\nfeedback = \"a.position\"\noutputs = [\"a.current\"]\n\
-         [loop.b]\nfeedback = \"{followed}.position\"\noutputs = [\"b.current\"]\n"
+    let plant = format!("[plant.{idle}.dc_motor]");
+    let output = format!("\"{idle}.convection_factor\"");
+    let sensor = format!("sensor.port = \"{measured}.position_metres\"");
+    let feedback = format!("[loop.b]\nfeedback = \"{followed}.position\"");
+    changed_rig(
+        "idle_motor",
+        &[
+            ("[plant.idle.dc_motor]", &plant),
+            ("\"idle.convection_factor\"", &output),
+            ("sensor.port = \"mb.position_metres\"", &sensor),
+            ("[loop.b]\nfeedback = \"a.position\"", &feedback),
+        ],
     )
 }
 
@@ -1351,8 +1318,11 @@ fn an_output_at_an_idle_plant_is_a_column_of_each_loop() {
 fn an_output_at_a_plant_that_is_emulated_elsewhere_is_a_signal_as_any_other() {
     let folder = tempfile::tempdir().unwrap();
     let fan = "[node.xfan]\nkind = \"io\"\nnode_id = 49\noutputs = { convection_factor = \"mb.convection_factor\" }\n";
-    let rig =
-        motors_and_an_idle_one("ma", "mb", "a").replace("[plant.ma.dc_motor]\n[plant", "[plant");
+    let changes = [
+        ("[plant.idle.dc_motor]\n", ""),
+        ("\"idle.convection_factor\"", "\"ma.convection_factor\""),
+    ];
+    let rig = changed_rig("idle_motor", &changes);
     fs::write(folder.path().join("rig.toml"), format!("{rig}{fan}")).unwrap();
     let path = folder.path().join("rest.toml");
     let rest = "schema = 1\nrig = \"rig.toml\"\nname = \"rest\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n\
@@ -1564,13 +1534,7 @@ fn what_is_demanded_of_all_drives_holds_for_a_further_drive() {
 #[test]
 fn a_current_of_an_io_node_ends_with_its_watch_over_its_manager() {
     let folder = tempfile::tempdir().unwrap();
-    let rig = "schema = 1\nname = \"pair\"\n[bus]\nsync_period_milliseconds = 2.0\n[plant.joint.sma_pair]\n\
-        [node.hand]\nkind = \"controller\"\nnode_id = 1\n\
-        [node.flexor]\nkind = \"drive\"\nnode_id = 16\namplifier = { rated = 1.0, min = 0.0, max = 1.0, port = \"joint.flexor_current_amperes\" }\n\
-        sensor = { port = \"joint.angle_degrees\", unit = \"degrees\", min = -60.0, max = 60.0, resolution_bits = 14 }\n\
-        [node.heater]\nkind = \"io\"\nnode_id = 24\noutputs = { current_milliamperes = \"joint.extensor_current_amperes\" }\n\
-        [loop.angle]\nfeedback = \"flexor.position\"\noutputs = [\"flexor.current\"]\n";
-    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    fs::write(folder.path().join("rig.toml"), rig("heated_pair")).unwrap();
     let played = |name: &str, more: &str| {
         let path = folder.path().join(format!("{name}.toml"));
         let text = format!(

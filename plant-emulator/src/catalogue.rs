@@ -139,7 +139,7 @@ mod tests {
         let text = format!(
             "schema = 1\nrig = \"{rig}\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n{plant}"
         );
-        Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
+        testing::part(&text, "drive")
     }
 
     /// Returns the frames of the drive that moves a plant.

@@ -67,8 +67,7 @@ impl Plant for Arm {
 
 fn scenario(input: &str) -> Trial {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-    let mut scenario =
-        Trial::parse(text, "t.toml", |_| unreachable!("no table")).expect("it is valid");
+    let mut scenario = testing::part(text, "drive");
     scenario.sensor.max = Some(180.0);
     scenario.sensor.resolution_bits = Some(20);
     let mut nodes = LoopNodes::default();

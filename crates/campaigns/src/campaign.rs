@@ -280,8 +280,7 @@ mod tests {
                  [node.drive.sensor]\nnoise_rms = 0.05\n\
                  [[reference.step]]\nat_seconds = 0.0\nposition_millimetres = {position}\n"
             );
-            let scenario = Trial::parse(&text, "run.toml", |_| unreachable!("no table"));
-            one_loop_plan(scenario.unwrap())
+            testing::plan_beside(&text, &[], catalogue())
         })
     }
 

@@ -67,8 +67,8 @@ mod tests {
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{noise}{noise}"
         );
-        let scenario = scenario::Trial::parse(&text, "t.toml", |_| unreachable!("no table"));
-        let faults = Vec::from_iter(scenario.unwrap().run.faults.iter().cloned());
+        let trial = testing::part(&text, "drive");
+        let faults = Vec::from_iter(trial.run.faults.iter().cloned());
         let draw = |seed, index: usize| Stream::for_fault(seed, &faults[index]).bits();
         assert_eq!(draw(1, 0), draw(1, 0));
         assert_ne!(draw(1, 0), draw(1, 1));

@@ -175,15 +175,13 @@ mod tests {
     use std::slice;
 
     use super::*;
-    use crate::tests::{frames, scenario};
+    use crate::tests::{frames, step_plan};
     use crate::verdict::Metric;
-    use plan::Plan;
-    use plan::catalogue::Catalogue;
     use recording::timeline::{Column, decode};
 
     #[test]
     fn runs_of_different_length_do_not_agree() {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let timelines = decode(&frames(500, |_| Some(10.0)).into(), &plan).unwrap();
         let whole = &timelines[0];
         let verdict = Verdict::incomplete("compared", 1, "");
@@ -215,7 +213,7 @@ mod tests {
 
     #[test]
     fn a_term_may_be_ten_cycles_late_since_it_comes_with_every_tenth() {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let timelines = decode(&frames(500, |_| Some(10.0)).into(), &plan).unwrap();
         let tolerances = Tolerances {
             given: &[],
@@ -251,7 +249,7 @@ mod tests {
 
     #[test]
     fn a_difference_is_positive_where_the_second_run_is_above_the_first() {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let run = |position: fn(u32) -> Option<f64>| {
             decode(&frames(501, position).into(), &plan).unwrap()
         };
@@ -289,7 +287,7 @@ mod tests {
 
     #[test]
     fn metrics_of_either_run_are_compared_by_their_tolerances() {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,

@@ -188,17 +188,15 @@ fn sync_intervals<'a>(evidence: &'a Evidence<'_>) -> impl Iterator<Item = (f64, 
 
 #[cfg(test)]
 mod tests {
-    use plan::Plan;
-    use plan::catalogue::Catalogue;
     use recording::timeline::{Series, decode};
 
     use super::*;
     use crate::Circumstances;
-    use crate::tests::{frames, scenario};
+    use crate::tests::{frames, step_plan};
 
     /// Returns the largest error of a controller with these intervals between its SYNCs, in milliseconds.
     fn error(intervals: &[f64]) -> f64 {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let mut timeline = decode(&frames(4, |_| Some(10.0)).into(), &plan)
             .unwrap()
             .remove(0);

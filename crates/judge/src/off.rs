@@ -93,11 +93,8 @@ mod tests {
 
     use can::CanFrame;
     use dbc::Database;
-    use plan::Plan;
-    use plan::catalogue::Catalogue;
     use recording::log::Stamped;
     use recording::timeline::decode;
-    use scenario::Trial;
 
     use super::*;
     use crate::verdict::Outcome;
@@ -133,8 +130,7 @@ mod tests {
     /// Returns the row and the outcome of a run that ended with these frames.
     fn judged(by: EndedBy, frames: &[Stamped]) -> (Option<bool>, String, Outcome, Option<String>) {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"off\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "off.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let end = EarlyEnd {
             at_seconds: (by == EndedBy::Node).then_some(0.2),
             node: (by == EndedBy::Node).then(|| "controller".to_owned()),

@@ -172,6 +172,7 @@ fn nearest_text(
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
     use std::time::Duration;
 
     use can::CanFrame;
@@ -180,7 +181,7 @@ mod tests {
     use plan::catalogue::Catalogue;
     use recording::log::Stamped;
     use recording::timeline::decode;
-    use scenario::Trial;
+    use scenario::Beside;
 
     use super::*;
 
@@ -227,8 +228,10 @@ mod tests {
             "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
-        let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let beside = Beside::new(Path::new("s.toml"));
+        let read = |_: &str| unreachable!("no table");
+        let plan = Plan::parse_with_any_signals(&beside, text, read, &Catalogue::shipped());
+        let plan = plan.unwrap();
         let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(

@@ -165,14 +165,12 @@ fn distances(
 
 #[cfg(test)]
 mod tests {
-    use plan::Plan;
-    use plan::catalogue::Catalogue;
     use proptest::prelude::*;
     use recording::timeline::decode;
 
     use super::*;
     use crate::Circumstances;
-    use crate::tests::{frames, scenario};
+    use crate::tests::{frames, step_plan};
 
     fn trace(samples: Vec<SignalSample>) -> SignalTrace {
         SignalTrace {
@@ -212,7 +210,7 @@ mod tests {
 
     /// Measures a signal in a run without stalls.
     fn measured(trace: &SignalTrace, window: Window, demand: &Demand<'_>) -> Measurement {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let timeline = decode(&frames(4, |_| Some(10.0)).into(), &plan)
             .unwrap()
             .remove(0);

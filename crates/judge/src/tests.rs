@@ -3,7 +3,6 @@ use std::time::Duration;
 use can::CanFrame;
 use dbc::Database;
 use plan::Plan;
-use plan::catalogue::Catalogue;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frames::Frames;
 use recording::hits::Hits;
@@ -12,19 +11,15 @@ use recording::log::Stamped;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
 use recording::unrecorded::Unrecorded;
-use scenario::Trial;
 
 use crate::verdict::{Metric, Outcome, Verdict};
 use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
-/// Returns a scenario of 4 s with a step from 10 mm to 35 mm at 1 s, and an addition.
-pub(crate) fn scenario(added: &str) -> Trial {
-    Trial::parse(&scenario_text(added), "judged.toml", |_| {
-        unreachable!("no table")
-    })
-    .unwrap()
+/// Returns the plan of 4 s with a step from 10 mm to 35 mm at 1 s, and an addition.
+pub(crate) fn step_plan(added: &str) -> Plan {
+    testing::plan(&scenario_text(added))
 }
 
 fn scenario_text(added: &str) -> String {
@@ -61,18 +56,17 @@ pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<
     frames
 }
 
-fn verdict_on(trial: &Trial, frames: &[Stamped], lost: u64) -> Verdict {
-    let plan = Plan::new(trial.clone(), &Catalogue::shipped());
-    let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
+fn verdict_on(plan: &Plan, frames: &[Stamped], lost: u64) -> Verdict {
+    let timelines = decode(&frames.to_vec().into(), plan).unwrap();
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
             frames_lost: lost,
-            hits: Some(Hits::new(Vec::new(), &plan)),
+            hits: Some(Hits::new(Vec::new(), plan)),
             ..Unrecorded::default()
         },
         ..Circumstances::default()
     };
-    judge(&plan, &timelines, &circumstances)
+    judge(plan, &timelines, &circumstances)
 }
 
 fn row<'a>(verdict: &'a Verdict, name: &str) -> &'a Metric {
@@ -86,7 +80,7 @@ fn value(verdict: &Verdict, name: &str) -> Option<f64> {
 
 fn check(added: &str, position: impl Fn(f64) -> f64, name: &str, expected: f64) {
     let verdict = verdict_on(
-        &scenario(added),
+        &step_plan(added),
         &frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3))),
         0,
     );
@@ -105,20 +99,18 @@ fn step_response(settled: f64) -> impl Fn(f64) -> f64 {
 /// The loader refuses such a limit, but a recording may be judged by the limits of another scenario.
 #[test]
 fn a_limit_is_missed_where_the_scenario_lacks_what_its_metric_needs() {
-    let others = scenario(
+    let others = step_plan(
         "[[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 2.0\n\
          [expect]\nrecovery_time_seconds = { max = 1.0 }\n",
     );
-    let trial = Trial {
-        expect: others.expect,
-        ..scenario("")
-    };
-    let verdict = verdict_on(&trial, &frames(4000, |_| Some(10.0)), 0);
+    let mut plan = step_plan("");
+    plan.loops[0].trial.expect = others.loops[0].trial.expect.clone();
+    let verdict = verdict_on(&plan, &frames(4000, |_| Some(10.0)), 0);
     let recovery = row(&verdict, "recovery_time_seconds");
     let lacks = Some("the scenario lacks a [[disturbance.…]]");
     assert_eq!(recovery.remark.as_deref(), lacks);
     assert_eq!(recovery.passed, Some(false));
-    let verdict = verdict_on(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&step_plan(""), &frames(4000, |_| Some(10.0)), 0);
     let mut rows = verdict.metrics.iter();
     assert!(rows.all(|row| row.name != "recovery_time_seconds"));
 }
@@ -156,8 +148,8 @@ fn the_edge_of_a_band_is_inside_whatever_its_decimals() {
     };
     check(fan, recovers, "recovery_time_seconds", 0.5);
     // And 13.15 - 13 is more than 5 % of 3.
-    let mut small = scenario("");
-    small.reference.step[0].position = 13.0;
+    let mut small = step_plan("");
+    small.loops[0].trial.reference.step[0].position = 13.0;
     let settles = |cycle: u32| Some(if cycle < 1100 { 10.0 } else { 13.15 });
     let verdict = verdict_on(&small, &frames(4000, settles), 0);
     assert_eq!(value(&verdict, "settling_time_seconds"), Some(0.1));
@@ -177,7 +169,7 @@ fn hunting_is_how_far_the_mean_position_goes_in_the_last_second() {
     };
     check(HUNTING, swinging, "hunting_millimetres", 0.4);
     // Hunting is not limited, so it is not reported.
-    let verdict = verdict_on(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&step_plan(""), &frames(4000, |_| Some(10.0)), 0);
     assert!(
         verdict
             .metrics
@@ -191,7 +183,7 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
     let late = format!(
         "{HUNTING}[[reference.ramp]]\nfrom_seconds = 3.0\nuntil_seconds = 3.5\nposition_millimetres = 20.0\n"
     );
-    let verdict = verdict_on(&scenario(&late), &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&step_plan(&late), &frames(4000, |_| Some(10.0)), 0);
     let reason = row(&verdict, "hunting_millimetres").remark.as_deref();
     assert_eq!(
         reason,
@@ -199,19 +191,20 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
     );
 }
 
-/// Returns a scenario of 4 s with a chirp of 10 mm from 2 to 8 Hz, and an addition.
-fn chirp(added: &str) -> Trial {
+/// Returns the plan of 4 s with a chirp of 10 mm from 2 to 8 Hz, and an addition.
+fn chirp_plan(added: &str) -> Plan {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
          [[reference.chirp]]\nfrom_seconds = 0.0\nuntil_seconds = 4.0\ncentre_millimetres = 25.0\n\
          amplitude_millimetres = 10.0\nfrom_hertz = 2.0\nuntil_hertz = 8.0\n"
     );
-    Trial::parse(&text, "judged.toml", |_| unreachable!("no table")).unwrap()
+    testing::plan(&text)
 }
 
 /// Returns the frames of a position that follows the chirp with this gain, 30° late and 1 mm high.
 fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
-    let chirp = chirp("").reference.chirp[0].clone();
+    let plan = chirp_plan("");
+    let chirp = plan.loops[0].trial.reference.chirp[0].clone();
     frames(4000, |cycle| {
         let phase = chirp.phase_at(f64::from(cycle) / 1e3);
         let late = phase.radians() - 30_f64.to_radians();
@@ -222,7 +215,7 @@ fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
 #[test]
 fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     let frames = follows_the_chirp(|_| 0.9);
-    let plan = Plan::new(chirp(""), &Catalogue::shipped());
+    let plan = chirp_plan("");
     let timelines = decode(&frames.into(), &plan).unwrap();
     let [points] = &crate::frequency_responses(&timelines[0], plan.only_loop().unwrap())[..] else {
         panic!("one chirp")
@@ -242,7 +235,7 @@ fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
 fn the_bandwidth_is_the_last_frequency_before_the_gain_falls() {
     let bandwidth = |frames: &[Stamped]| {
         let verdict = verdict_on(
-            &chirp("[expect]\nbandwidth_hertz = { min = 4.0 }\n"),
+            &chirp_plan("[expect]\nbandwidth_hertz = { min = 4.0 }\n"),
             frames,
             0,
         );
@@ -301,14 +294,14 @@ fn ripple_is_the_standard_deviation_of_the_command_in_the_last_hold() {
         _ => 0.59,
     };
     let verdict = verdict_on(
-        &scenario(RIPPLE),
+        &step_plan(RIPPLE),
         &commanded(step_response(1.0), current),
         0,
     );
     let ripple = value(&verdict, "current_ripple_amperes_rms").unwrap();
     assert!((ripple - 0.01).abs() < 1e-4, "{ripple}");
     let late = verdict_on(
-        &scenario(RIPPLE),
+        &step_plan(RIPPLE),
         &commanded(step_response(1.3), current),
         0,
     );
@@ -320,7 +313,7 @@ fn ripple_is_the_standard_deviation_of_the_command_in_the_last_hold() {
 fn a_disturbance_ends_the_hold_before_it() {
     let load = format!("{RIPPLE}[[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 1.0\n");
     let frames = commanded(step_response(1.0), |_| 0.5);
-    let verdict = verdict_on(&scenario(&load), &frames, 0);
+    let verdict = verdict_on(&step_plan(&load), &frames, 0);
     let reason = row(&verdict, "current_ripple_amperes_rms")
         .remark
         .as_deref();
@@ -330,7 +323,7 @@ fn a_disturbance_ends_the_hold_before_it() {
 /// The row exists without a limit, too, since a reader who misses a row takes its metric for met.
 #[test]
 fn a_step_that_never_settles_has_a_row() {
-    let never = verdict_on(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    let never = verdict_on(&step_plan(""), &frames(4000, |_| Some(10.0)), 0);
     let reason = row(&never, "settling_time_seconds").remark.as_deref();
     assert_eq!(reason, Some("never settled"));
     assert_eq!(never.outcome, Outcome::Pass, "nothing is demanded");
@@ -342,7 +335,7 @@ fn a_stay_lasts_for_a_tenth_of_a_second_at_least() {
     let judged = |settled: f64| {
         let position = step_response(settled);
         let frames = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
-        verdict_on(&scenario(limit), &frames, 0)
+        verdict_on(&step_plan(limit), &frames, 0)
     };
     let late = judged(3.95);
     let reason = "the window ends 0.05 s after the position entered the band; 0.1 s are needed";
@@ -386,7 +379,7 @@ fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
 #[test]
 fn what_a_silent_node_kept_from_being_seen_fails() {
     let dead = verdict_on(
-        &scenario(&format!("{CRASH}{LIMITS}")),
+        &step_plan(&format!("{CRASH}{LIMITS}")),
         &dying_frames(990),
         0,
     );
@@ -411,19 +404,19 @@ fn what_is_judged_may_end_before_the_scenario_does() {
     // The limit admits 21 missed cycles of 1500, which are 1.4 %.
     let limits = LIMITS.replace("percent = { max = 1.0 }", "percent = { max = 2.0 }");
     let ends = format!("{CRASH}{limits}judged_until_seconds = 1.5\n");
-    let dead = verdict_on(&scenario(&ends), &dying_frames(1500), 0);
+    let dead = verdict_on(&step_plan(&ends), &dying_frames(1500), 0);
     assert_eq!(dead.outcome, Outcome::Pass, "{:?}", dead.metrics);
     assert_eq!(value(&dead, "settling_time_seconds"), Some(0.1));
     assert_eq!(value(&dead, "missed_cycles_percent"), Some(0.0));
     // A stretch of 0.02 s without a position is no silence, one of 0.021 s is.
-    let passes = |cycles| verdict_on(&scenario(&ends), &dying_frames(cycles), 0).outcome;
+    let passes = |cycles| verdict_on(&step_plan(&ends), &dying_frames(cycles), 0).outcome;
     assert_eq!(passes(1481), Outcome::Pass);
     assert_eq!(passes(1479), Outcome::Fail);
 }
 
 #[test]
 fn what_the_bench_kept_from_being_seen_is_not_judged() {
-    let plan = Plan::new(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
+    let plan = step_plan(&format!("{CRASH}{LIMITS}"));
     let cut = dying_frames(990);
     let cut = &cut[..cut.len() / 2];
     let timelines = decode(&cut.to_vec().into(), &plan).unwrap();
@@ -442,12 +435,12 @@ fn what_the_bench_kept_from_being_seen_is_not_judged() {
 
 #[test]
 fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
-    let mut plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let mut plan = step_plan("");
     let frames = frames(4000, |_| Some(35.0));
     let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
-    let with_fault = scenario(&format!("{CRASH}[expect]\n{limits}"));
-    plan.loops[0].trial.expect = with_fault.expect;
+    let with_fault = step_plan(&format!("{CRASH}[expect]\n{limits}"));
+    plan.loops[0].trial.expect = with_fault.loops[0].trial.expect.clone();
     let timelines = decode(&frames.into(), &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
@@ -463,7 +456,7 @@ fn a_run_without_currents_says_so() {
     frames.remove(0);
     let feedback = CanFrame::new(0x190, &[0x37, 0x02]);
     frames.insert(0, Stamped::new(Duration::ZERO, feedback));
-    let verdict = verdict_on(&scenario(""), &frames, 0);
+    let verdict = verdict_on(&step_plan(""), &frames, 0);
     let reason = row(&verdict, "current_amperes_rms").remark.as_deref();
     assert_eq!(reason, Some("no current in the recording"));
 }
@@ -494,7 +487,7 @@ fn errors_are_means_over_their_windows() {
 fn a_sine_is_followed_with_gain_phase_and_offset() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"sine\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.sine]]\n\
                 from_seconds = 0.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = 0.8\n";
-    let sine = Trial::parse(text, "sine.toml", |_| unreachable!("no table")).unwrap();
+    let sine = testing::plan(text);
     let omega = std::f64::consts::TAU / 0.8;
     let judged = |lag: f64| {
         let position = |cycle| 24.0 + 7.0 * libm::sin(omega * f64::from(cycle) / 1e3 - lag);
@@ -522,7 +515,7 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
 fn a_step_without_a_value_is_named_among_several() {
     let second = "[[reference.step]]\nat_seconds = 2.5\nposition_millimetres = 15.0\n";
     let text = format!("{}{second}", scenario_text(""));
-    let steps = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+    let steps = testing::plan(&text);
     let settles_once = frames(4000, |cycle| Some(if cycle < 1100 { 10.0 } else { 35.0 }));
     let verdict = verdict_on(&steps, &settles_once, 0);
     let reason = row(&verdict, "settling_time_seconds").remark.as_deref();
@@ -531,7 +524,7 @@ fn a_step_without_a_value_is_named_among_several() {
 
 #[test]
 fn the_limits_of_a_scenario_are_those_of_its_verdict() {
-    let limited = scenario(
+    let limited = step_plan(
         "[expect]\novershoot_percent = { max = 5.0 }\nno_event = [\"bus-off\"]\n\
          [[expect.signal]]\nname = \"position_millimetres\"\nfrom_seconds = 2\n\
          stays = { min = 34.0, max = 36.0 }\nreaches = { min = 35.0 }\n\
@@ -544,7 +537,7 @@ fn the_limits_of_a_scenario_are_those_of_its_verdict() {
     let judged: Vec<_> = rows
         .filter_map(|row| Some((row.name, row.limit?)))
         .collect();
-    let all = limited.expected_rows().into_iter();
+    let all = limited.loops[0].trial.expected_rows().into_iter();
     let expected = all.filter_map(|row| Some((row.name, row.limit?)));
     assert_eq!(Vec::from_iter(expected), judged);
     assert_eq!(judged.len(), 5);
@@ -569,9 +562,8 @@ fn each_sine_is_judged_and_the_worst_reported() {
     let amplitude = |cycle| if cycle < 2000 { 7.0 } else { 12.0 };
     let position = |cycle| 25.0 + amplitude(cycle) * libm::sin(omega * f64::from(cycle) / 1e3);
     let judged = |expect: &str| {
-        let sines = Trial::parse(&text(expect), "s.toml", |_| unreachable!("no table"));
         let verdict = verdict_on(
-            &sines.unwrap(),
+            &testing::plan(&text(expect)),
             &frames(4000, |cycle| Some(position(cycle))),
             0,
         );
@@ -612,7 +604,7 @@ fn what_nobody_sends_is_not_judged_and_does_not_pass() {
     let mut frames = frames(4000, |cycle| Some(step(f64::from(cycle) / 1e3)));
     // A module without a heartbeat is absent, so its commands have no effect.
     frames.retain(|stamped| stamped.frame.standard_id() != Some(0x711));
-    let judged = |limits: &str| verdict_on(&scenario(&format!("{fan}{limits}")), &frames, 0);
+    let judged = |limits: &str| verdict_on(&step_plan(&format!("{fan}{limits}")), &frames, 0);
     let verdict = judged(limits);
     assert_eq!(verdict.outcome, Outcome::Inconclusive);
     let reason = "not judged: recovery_time_seconds, temperature_celsius";
@@ -627,7 +619,7 @@ fn what_nobody_sends_is_not_judged_and_does_not_pass() {
 fn without_a_set_point_nothing_deviates_or_recovers() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"open\"\nduration_seconds = 4.0\n[controller.open_loop]\n\
                 [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 5.0\n";
-    let open = Trial::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
+    let open = testing::plan(text);
     let verdict = verdict_on(&open, &frames(4000, |_| Some(10.0)), 0);
     let judged: Vec<_> = verdict
         .metrics
@@ -643,7 +635,7 @@ fn without_a_set_point_nothing_deviates_or_recovers() {
 
 #[test]
 fn a_step_that_never_settles_misses_its_limit() {
-    let limited = scenario("[expect]\nsettling_time_seconds = { max = 3.0 }");
+    let limited = step_plan("[expect]\nsettling_time_seconds = { max = 3.0 }");
     let verdict = verdict_on(&limited, &frames(4000, |_| Some(10.0)), 0);
     assert_eq!(verdict.outcome, Outcome::Fail);
     assert_eq!(verdict.metrics[0].remark.as_deref(), Some("never settled"));
@@ -655,7 +647,7 @@ fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
     // The scenario begins at 1 ms and ends at 4.001 s. A drive that stops may send anything after that.
     let late = Duration::from_micros(4_001_200);
     frames.push(Stamped::new(late, frames[0].frame));
-    let verdict = verdict_on(&scenario(""), &frames, 0);
+    let verdict = verdict_on(&step_plan(""), &frames, 0);
     assert_eq!(value(&verdict, "steady_state_error_millimetres"), Some(0.0));
 }
 
@@ -663,13 +655,13 @@ fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
 fn cycles_that_are_missing_at_the_end_are_missed_ones() {
     let mut late = frames(3985, |_| Some(35.0));
     assert_eq!(
-        verdict_on(&scenario(""), &late, 0).outcome,
+        verdict_on(&step_plan(""), &late, 0).outcome,
         Outcome::Incomplete
     );
     // A SYNC after the end shows that the scenario ended: the machine stood still for 15 ms, not the run.
     let after_end = Duration::from_micros(4_001_300);
     late.push(Stamped::new(after_end, CanFrame::new(0x080, &[1])));
-    let verdict = verdict_on(&scenario(""), &late, 0);
+    let verdict = verdict_on(&step_plan(""), &late, 0);
     assert_eq!(value(&verdict, "missed_cycles_percent"), Some(0.375));
     assert_eq!(verdict.outcome, Outcome::Pass);
 }
@@ -679,7 +671,7 @@ fn a_bad_recording_decides_nothing() {
     let whole = frames(4000, |cycle| {
         Some(step_response(1.1)(f64::from(cycle) / 1e3))
     });
-    let outcome = |frames: &[Stamped], lost| verdict_on(&scenario(""), frames, lost).outcome;
+    let outcome = |frames: &[Stamped], lost| verdict_on(&step_plan(""), frames, lost).outcome;
     assert_eq!(outcome(&whole, 0), Outcome::Pass);
     assert_eq!(outcome(&whole, 1), Outcome::Inconclusive);
     assert_eq!(outcome(&whole[..whole.len() / 2], 0), Outcome::Incomplete);
@@ -691,23 +683,23 @@ fn a_bad_recording_decides_nothing() {
 fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
     let whole = frames(4000, |_| Some(35.0));
     let silent = frames(4000, |cycle| (cycle % 50 != 7).then_some(35.0));
-    let verdict = verdict_on(&scenario(""), &silent, 3);
+    let verdict = verdict_on(&step_plan(""), &silent, 3);
     assert_eq!(verdict.outcome, Outcome::Fail);
     let reason = "drive: no position in 2.00 % of the cycles, first at 0.007 s (limit 1 %)";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
-    let outcome = |lost| verdict_on(&scenario(""), &silent, lost).outcome;
+    let outcome = |lost| verdict_on(&step_plan(""), &silent, lost).outcome;
     assert_eq!(outcome(50), Outcome::Inconclusive, "half may be lost ones");
     let is_kept = |stamped: &&Stamped| {
         let is_sync = stamped.frame.standard_id() == Some(0x080);
         !(is_sync && stamped.time.as_millis() % 50 == 7)
     };
     let skipped: Vec<Stamped> = whole.iter().filter(is_kept).copied().collect();
-    let verdict = verdict_on(&scenario(""), &skipped, 0);
+    let verdict = verdict_on(&step_plan(""), &skipped, 0);
     assert_eq!(verdict.outcome, Outcome::Fail);
     let reason = "controller: no SYNC in 2.00 % of the cycles, first at 0.006 s (limit 1 %)";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
     // A scenario that permits as many has its own limit.
-    let permits = scenario("[expect]\nmissed_cycles_percent = { max = 3 }");
+    let permits = step_plan("[expect]\nmissed_cycles_percent = { max = 3 }");
     assert_eq!(verdict_on(&permits, &skipped, 0).outcome, Outcome::Pass);
 }
 
@@ -729,7 +721,7 @@ fn beside_a_stall(
     stall: (u64, u64),
     position: impl Fn(f64) -> f64,
 ) -> Verdict {
-    let plan = Plan::new(scenario(added), &Catalogue::shipped());
+    let plan = step_plan(added);
     let is_missed = |cycle| missed.contains(&cycle);
     judge_beside_a_stall(&plan, is_missed, stall, position)
 }
@@ -792,7 +784,7 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
 #[test]
 fn what_another_play_might_hide_or_cannot_decide_is_not_spoiled() {
     let judged = |limit: &str, own_miss: Option<u32>| {
-        let plan = Plan::new(scenario(limit), &Catalogue::shipped());
+        let plan = step_plan(limit);
         let plan = plan.recorded_external(&["drive".to_owned()]);
         let is_missed = |cycle| (1150..1165).contains(&cycle) || Some(cycle) == own_miss;
         let verdict = judge_beside_a_stall(&plan, is_missed, (1150, 1165), overshooting);
@@ -830,7 +822,7 @@ fn a_check_of_what_a_stall_moved_is_open() {
 #[test]
 fn a_silence_behind_that_of_a_stall_is_the_nodes() {
     let check = "[[expect.signal]]\nname = \"position_millimetres\"\nstays = { max = 60.0 }\n";
-    let plan = Plan::new(scenario(check), &Catalogue::shipped());
+    let plan = step_plan(check);
     let judged = |missed: std::ops::Range<u32>| {
         let is_missed = |cycle| (1150..1190).contains(&cycle) || missed.contains(&cycle);
         let mut frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
@@ -928,7 +920,7 @@ fn the_worst_step_may_be_one_that_a_stall_hid() {
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     let judged = |max: f64| {
         let limit = format!("[expect]\nmissed_cycles_percent = {{ max = {max:.1} }}\n");
-        let plan = Plan::new(scenario(&limit), &Catalogue::shipped());
+        let plan = step_plan(&limit);
         let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
         let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
         let timelines = decode(&frames.into(), &plan).unwrap();
@@ -952,7 +944,7 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
 #[test]
 fn missed_commands_have_their_limit_without_those_of_the_bench() {
     let limit = "[expect]\nmissed_commands_percent = { max = 3.0 }\n";
-    let plan = Plan::new(scenario(limit), &Catalogue::shipped());
+    let plan = step_plan(limit);
     let mut frames = commanded(step_response(1.1), |_| 0.5);
     frames.retain(|stamped| {
         let is_command = stamped.frame.standard_id() == Some(0x210);
@@ -986,7 +978,7 @@ fn missed_commands_have_their_limit_without_those_of_the_bench() {
 /// A node is given up in a stall in which no cycle was missed.
 #[test]
 fn an_end_in_a_stall_proves_nothing() {
-    let plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let plan = step_plan("");
     let mut frames = frames(2000, |_| Some(10.0));
     answer_positions(&mut frames);
     let timelines = decode(&frames.into(), &plan).unwrap();
@@ -1020,7 +1012,7 @@ fn an_end_in_a_stall_proves_nothing() {
 fn a_drive_beyond_a_limit_of_its_rig_fails_the_run() {
     let judged = |added: &str, external: &[&str]| {
         let external = external.iter().map(ToString::to_string);
-        let plan = Plan::new(scenario(added), &Catalogue::shipped());
+        let plan = step_plan(added);
         let plan = plan.recorded_external(&Vec::from_iter(external));
         let mut frames = frames(1500, |_| Some(10.0));
         answer_positions(&mut frames);
@@ -1063,7 +1055,7 @@ fn a_drive_beyond_a_limit_of_its_rig_fails_the_run() {
 
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
-    let plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let plan = step_plan("");
     let timelines = decode(&frames(2000, |_| Some(10.0)).into(), &plan).unwrap();
     let judged = |by| {
         let circumstances = Circumstances {
@@ -1106,7 +1098,7 @@ fn a_second_master_lets_nothing_pass_and_nothing_fail() {
         "[expect]\n",
         "[expect]\nposition_millimetres_max = { max = 1.0 }\n",
     ] {
-        let verdict = verdict_on(&scenario(limits), &frames, 0);
+        let verdict = verdict_on(&step_plan(limits), &frames, 0);
         assert_eq!(verdict.outcome, Outcome::Inconclusive);
         let reason = verdict.reason.unwrap();
         let expected = "a second master: 0x080 (SYNC), ";
@@ -1124,7 +1116,7 @@ fn a_load_that_no_bus_carries_fails_without_a_limit() {
             frames.extend(vec![Stamped::new(time, filler); frames_per_cycle]);
         }
         frames.sort_by_key(|stamped| stamped.time);
-        verdict_on(&scenario(""), &frames, 0)
+        verdict_on(&step_plan(""), &frames, 0)
     };
     let full = load(7);
     assert!(value(&full, "bus_load_percent").unwrap() > 90.0);
@@ -1152,7 +1144,7 @@ fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
             Outcome::Inconclusive,
         ),
     ] {
-        let plan = Plan::new(scenario(limits), &Catalogue::shipped());
+        let plan = step_plan(limits);
         let timelines = decode(&frames, &plan).unwrap();
         let verdict = judge(&plan, &timelines, &circumstances);
         assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));
@@ -1211,7 +1203,7 @@ fn the_earliest_breach_is_the_cause() {
     }
     all.sort_by_key(|stamped| stamped.time);
     let judged = |frames: &[Stamped], stalls: Vec<Stall>| {
-        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let plan = step_plan("");
         let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {
@@ -1264,7 +1256,7 @@ fn a_node_without_a_heartbeat_at_the_end_is_named() {
     let beats = (0..150_u64).map(|beat| Duration::from_micros(20_000 * beat + 500));
     all.extend(beats.map(|time| Stamped::new(time, CanFrame::new(0x710, &[5]))));
     all.sort_by_key(|stamped| stamped.time);
-    let verdict = verdict_on(&scenario(""), &all, 0);
+    let verdict = verdict_on(&step_plan(""), &all, 0);
     assert_eq!(verdict.outcome, Outcome::Fail);
     let reason = "drive: no heartbeat from 3.000 s to the end";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
@@ -1274,7 +1266,7 @@ fn a_node_without_a_heartbeat_at_the_end_is_named() {
 #[test]
 fn a_run_in_which_nothing_is_limited_judges_nothing() {
     let whole = frames(4000, |_| Some(10.0));
-    let judged = |limits: &str| verdict_on(&scenario(limits), &whole, 0);
+    let judged = |limits: &str| verdict_on(&step_plan(limits), &whole, 0);
     let verdict = judged("");
     assert_eq!(
         (verdict.outcome, verdict.cause.is_none()),
@@ -1294,7 +1286,7 @@ fn ripple_needs_commands() {
         let is_command = stamped.frame.standard_id() == Some(0x210);
         !(is_command && (2500..2525).contains(&stamped.time.as_millis()))
     });
-    let verdict = verdict_on(&scenario(RIPPLE), &frames, 0);
+    let verdict = verdict_on(&step_plan(RIPPLE), &frames, 0);
     let remark = row(&verdict, "current_ripple_amperes_rms")
         .remark
         .clone()
@@ -1313,7 +1305,7 @@ fn a_slow_loop_is_watched_until_something_else_moves_it() {
         [[disturbance.load]]\nat_seconds = 1.0\nadded_grams = 1.0\n";
     let recovery = |added: &str| {
         let text = format!("{text}{added}");
-        let slow = Trial::parse(&text, "slow.toml", |_| unreachable!("no table")).unwrap();
+        let slow = testing::plan(&text);
         let frames = frames(9000, |cycle| {
             Some(if (5000..6000).contains(&cycle) {
                 11.0
@@ -1331,7 +1323,7 @@ fn a_slow_loop_is_watched_until_something_else_moves_it() {
 /// A clock that runs 2 % slow for 64 periods has just the error that is allowed.
 #[test]
 fn a_sync_period_error_that_equals_its_limit_is_met() {
-    let plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let plan = step_plan("");
     let plan = plan.recorded_external(&["controller".to_owned()]);
     let outcome = |slow_micros: u32, from: u64| {
         let mut frames = frames(4000, |_| Some(10.0));

@@ -219,8 +219,6 @@ fn is_none(frames: &u64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
     use scenario::expect::Limit;
 
     use super::*;
@@ -264,8 +262,7 @@ mod tests {
     fn a_verdict_names_scenario_seed_requirements_and_foreign_nodes() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Trial::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped())
+        let plan = testing::plan(text)
             .with_external(&["drive".to_owned()])
             .unwrap();
         let expected = Verdict {

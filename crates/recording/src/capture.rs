@@ -229,8 +229,6 @@ impl<'a> Capture<'a> {
 mod tests {
     use super::*;
     use can::CanFrame;
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     fn frame(number: usize) -> Stamped {
         // One identifier comes only once, at the beginning.
@@ -243,8 +241,7 @@ mod tests {
     fn memory_has_the_latest_frames_of_a_long_run_and_the_log_all() {
         let folder = tempfile::tempdir().unwrap();
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let watch = Watch::default();
         let mut capture = Capture::new(
             BusLog::create(folder.path().join("bus.log.zst")).unwrap(),
@@ -276,8 +273,7 @@ mod tests {
     fn a_long_run_without_a_folder_is_not_in_memory_either() {
         let watch = Watch::default();
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let mut capture = Capture::in_memory(plan.scenario_clock().unwrap(), &watch);
         let (count, part) = (WITHOUT_LOG_MAX + 5 * KEPT_MAX, KEPT_MAX / 2);
         for begin in (0..count).step_by(part) {

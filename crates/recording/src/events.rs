@@ -337,7 +337,7 @@ mod tests {
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
             [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
-        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let trial = testing::part(text, "drive");
         let events = in_order(planned(&trial, Some("y")));
         let texts = Vec::from_iter(events.iter().map(|event| event.what.text.as_str()));
         assert_eq!(
@@ -378,7 +378,7 @@ mod tests {
             [[disturbance.fan]]\nfrom_seconds = 12.0\nuntil_seconds = 15.0\nconvection_factor = 5.0\n\
             [[disturbance.load]]\nat_seconds = 13.0\nadded_grams = 10.0\n\
             [[disturbance.load]]\nat_seconds = 25.0\nadded_grams = -5.0\n";
-        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let trial = testing::part(text, "drive");
         let taken = in_order(planned(&trial, None));
         let events = taken.iter();
         let texts = events.map(|event| format!("{} {}", event.time_seconds, event.text));
@@ -402,7 +402,7 @@ mod tests {
             [[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 5.0\n\
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
-        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let trial = testing::part(text, "drive");
         let events = in_order(planned(&trial, None));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));
         let expected = [

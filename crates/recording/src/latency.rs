@@ -262,13 +262,12 @@ mod tests {
     use can::CanFrame;
     use plan::Plan;
     use plan::catalogue::Catalogue;
-    use scenario::{Beside, Trial};
+    use scenario::Beside;
     use std::path::Path;
 
     fn plan() -> Plan {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        Plan::new(scenario, &Catalogue::shipped())
+        testing::plan(text)
     }
 
     fn stamped(micros: u64, id: u16, data: &[u8]) -> Stamped {

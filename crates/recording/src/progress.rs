@@ -114,8 +114,6 @@ impl ProgressReader {
 mod tests {
     use can::CanFrame;
     use dbc::Database;
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     use super::*;
 
@@ -124,8 +122,7 @@ mod tests {
         let database = Database::shipped();
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"progress\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Trial::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let reader = ProgressReader::new(&plan).unwrap();
         let mut clock = plan.scenario_clock().unwrap();
         let drive = |position: f64| {

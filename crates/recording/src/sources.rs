@@ -602,8 +602,6 @@ fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {
 #[cfg(test)]
 mod tests {
     use plan::Plan;
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     use super::*;
     use crate::run_folder::parse_rows;
@@ -653,10 +651,8 @@ mod tests {
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{faults}"
         );
-        let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let external = external.iter().map(ToString::to_string);
-        let plan =
-            Plan::new(scenario, &Catalogue::shipped()).recorded_external(&Vec::from_iter(external));
+        let plan = testing::plan(&text).recorded_external(&Vec::from_iter(external));
         let sources = read(&plan, frames);
         let found = sources.found(sent).into_iter();
         let short = found.map(|one| {

@@ -99,17 +99,13 @@ impl TruthReader {
 #[cfg(test)]
 mod tests {
     use dbc::Database;
-    use plan::Plan;
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     use super::*;
 
     #[test]
     fn a_plant_without_a_temperature_has_none() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(trial, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let mut reader = TruthReader::new(&plan.loops[0]).unwrap();
         let mut message = Database::shipped().builder("drive_truth").unwrap();
         let signal = Database::shipped().signal("drive_truth.plant_peak_temperature_celsius");

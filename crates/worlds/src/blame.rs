@@ -338,16 +338,13 @@ impl<'a> Seen<'a> {
 mod tests {
     use super::*;
     use can::CanFrame;
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     const POSITION: u16 = 0x190;
 
     #[test]
     fn a_drive_that_is_given_up_is_amiss_since_its_last_position_before() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let frame = |milliseconds, id, data: &[u8]| {
             Stamped::new(Duration::from_millis(milliseconds), CanFrame::new(id, data))
         };

@@ -61,7 +61,7 @@ mod tests {
                  austenite_modulus_pascals = {modulus}\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
-            let trial = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            let trial = testing::part(&text, "drive");
             law_objection(&trial).map(|objection| objection.path)
         };
         for law in ["sliding_mode", "sliding_mode_paper"] {
@@ -85,7 +85,7 @@ mod tests {
                 "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n{gains}\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
-            let trial = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            let trial = testing::part(&text, "drive");
             assert_eq!(catalogue().objections(&trial), []);
         }
     }

@@ -57,8 +57,6 @@ impl ProcessFaults {
 
 #[cfg(test)]
 mod tests {
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     use super::*;
 
@@ -68,8 +66,7 @@ mod tests {
             [[fault.node.crash]]\nfrom_seconds = 3.0\nuntil_seconds = 4.0\nnode = \"controller\"\n\
             [[fault.node.hang]]\nfrom_seconds = 1.0\nnode = \"controller\"\n\
             [[fault.node.crash]]\nfrom_seconds = 2.0\nnode = \"drive\"\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let mut actions = ProcessFaults::new(&plan);
         assert_eq!(actions.due(Duration::ZERO), None);
         let all = std::iter::from_fn(|| actions.due(Duration::from_secs(5)));

@@ -195,9 +195,10 @@ fn is_excused(trial: &Trial, time_seconds: f64, seconds_max: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::{one_loop_plan, play_one};
+    use crate::campaign::play_one;
     use recording::capture::Watch;
     use recording::log::Stamped;
+    use worlds::catalogue::catalogue;
 
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
@@ -209,8 +210,8 @@ mod tests {
     /// Returns the invariant that a run with a changed recording breaks.
     fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
         let text = format!("{BASE}{HARMLESS}");
-        let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let found = play_one(0, &one_loop_plan(trial), &Watch::default(), |played| {
+        let plan = testing::plan_beside(&text, &[], catalogue());
+        let found = play_one(0, &plan, &Watch::default(), |played| {
             let (mut frames, mut timeline) = (
                 Vec::from_iter(played.frames.iter()),
                 played.only_timeline().unwrap().clone(),
@@ -301,7 +302,7 @@ mod tests {
         let window = "from_seconds = 0.3\nuntil_seconds = 0.4\n";
         let is_excused_at = |fault: &str, seconds: [f64; 3]| {
             let text = format!("{BASE}[[fault.{fault}\n{window}");
-            let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+            let trial = testing::part(&text, "drive");
             seconds.map(|seconds| is_excused(&trial, seconds, 0.05))
         };
         for (fault, over) in [

@@ -2,7 +2,6 @@
 
 use can::CanFrame;
 use dbc::Database;
-use scenario::Trial;
 use scenario::fault::{Form, Group, KINDS, Kind, Time};
 
 use super::*;
@@ -67,7 +66,7 @@ fn node_with(fault: &str) -> Faulty<Ticker> {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{fault}"
     );
-    let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+    let trial = testing::part(&text, "drive");
     let plan = FaultPlan::new(&trial.run.faults, 0x10);
     let mut node = Faulty::new(Ticker::default(), plan, clock(), |ticker| {
         *ticker = Ticker::default()

@@ -4,7 +4,6 @@ use std::time::Duration;
 use can::CanFrame;
 use dbc::Database;
 use plan::Plan;
-use plan::catalogue::Catalogue;
 use proptest::prelude::*;
 use recording::hits::Hits;
 use recording::latency::{Host, NodeReport};
@@ -12,7 +11,6 @@ use recording::log::Stamped;
 use recording::losses::LostHeartbeat;
 use recording::timeline::decode;
 use recording::unrecorded::Unrecorded;
-use scenario::Trial;
 
 use super::*;
 
@@ -62,10 +60,8 @@ pub(super) fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> 
             "[[fault.node.crash]]\nnode = \"controller\"\nfrom_seconds = {from:.2}\nuntil_seconds = {until:.2}\n"
         );
     }
-    let scenario = Trial::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
     let external = external.iter().map(ToString::to_string);
-    let plan = Plan::new(scenario, &Catalogue::shipped());
-    plan.recorded_external(&Vec::from_iter(external))
+    testing::plan(&text).recorded_external(&Vec::from_iter(external))
 }
 
 /// Returns the recording of these cycles, of which the first has its SYNC, and of a frame at the end.

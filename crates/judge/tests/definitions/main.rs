@@ -7,11 +7,8 @@ mod plain;
 
 use judge::verdict::Verdict;
 use judge::{Circumstances, judge};
-use plan::Plan;
-use plan::catalogue::Catalogue;
 use proptest::prelude::*;
 use recording::timeline::decode;
-use scenario::Trial;
 
 use crate::drawn::{Drawn, drawn};
 use crate::plain::{Rows, rows};
@@ -25,10 +22,7 @@ const CHECKS: [&str; 4] = [
 ];
 
 fn verdict(drawn: &Drawn) -> Verdict {
-    let scenario = Trial::parse(&drawn.text(), "drawn.toml", |_| unreachable!("no table"));
-    let scenario =
-        scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
-    let plan = Plan::new(scenario, &Catalogue::shipped());
+    let plan = testing::plan(&drawn.text());
     let timelines = decode(&drawn.stamped().into(), &plan).unwrap();
     judge(&plan, &timelines, &Circumstances::default())
 }

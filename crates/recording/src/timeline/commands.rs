@@ -139,15 +139,12 @@ impl CommandReader {
 #[cfg(test)]
 mod tests {
     use plan::Plan;
-    use plan::catalogue::Catalogue;
-    use scenario::Trial;
 
     use super::*;
 
     fn plan() -> Plan {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        Plan::new(scenario, &Catalogue::shipped())
+        testing::plan(text)
     }
 
     /// Returns the cycles without a command, those with a late one, and the losses. Each cycle is a text of frames, a tenth of its

@@ -403,7 +403,6 @@ fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
 mod tests {
     use can::CanFrame;
     use dbc::SignalHandle;
-    use plan::catalogue::Catalogue;
     use proptest::prelude::*;
 
     use super::*;
@@ -449,8 +448,7 @@ mod tests {
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
              [[expect.signal]]\nname = \"{signal}\"\nreaches = {{ min = 9.0 }}\n"
         );
-        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(trial, &Catalogue::shipped());
+        let plan = testing::plan(text);
         let database = plan.database();
         let position = |millimetres: f64| {
             let mut message = database.builder("drive_tpdo1").unwrap();
@@ -573,8 +571,7 @@ mod tests {
         #[test]
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
-            let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-            let plan = Plan::new(trial, &Catalogue::shipped());
+            let plan = testing::plan(text);
             let one = plan.only_loop().unwrap();
             let database = &*one.database;
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];

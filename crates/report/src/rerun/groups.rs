@@ -208,8 +208,6 @@ pub(super) fn held() -> SeriesLines {
 
 #[cfg(test)]
 mod tests {
-    use plan::Plan;
-    use scenario::Trial;
 
     use super::*;
     use dbc::{Port, Ports};
@@ -226,18 +224,20 @@ mod tests {
                 output("height_metres").with_comment("Height of the load."),
                 output("flexor_tension_newtons"),
             ];
-            Some(Ports {
-                outputs,
-                ..Ports::default()
-            })
+            let inputs = vec![
+                Port::input("current_amperes", [-40.0, 40.0]),
+                Port::input("convection_factor", [0.0, 32.0]),
+                Port::input("added_load_kilograms", [-3.3, 3.3]),
+            ];
+            Some(Ports { inputs, outputs })
         };
         let catalogue = Catalogue {
             find_ports: Some(find_ports),
             ..Catalogue::shipped()
         };
-        let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &catalogue);
+        let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n\
+            [bus]\nsync_period_milliseconds = 2.0\n[controller.open_loop]\n";
+        let plan = testing::plan_beside(text, &[], &catalogue);
         let views = custom_views(plan.only_loop().unwrap());
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
         assert_eq!(

@@ -21,11 +21,9 @@ use recording::timeline::Timeline;
 use super::*;
 use judge::{Circumstances, judge};
 use plan::Plan;
-use plan::catalogue::Catalogue;
 use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::timeline;
-use scenario::Trial;
 
 /// Cycle in which the drive of the made-up run is silent.
 const SILENT: u64 = 70;
@@ -37,8 +35,7 @@ fn plan() -> Plan {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
-    let scenario = Trial::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
-    Plan::new(scenario, &Catalogue::shipped())
+    testing::plan(text)
 }
 
 /// Returns 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.

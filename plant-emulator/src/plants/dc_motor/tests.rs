@@ -1,6 +1,5 @@
 //! Physics of the DC motor, compared with closed forms and with numbers of the data sheet that are not parameters.
 
-use scenario::Trial;
 use scenario::plant::DcMotor as Config;
 
 use super::*;
@@ -331,7 +330,7 @@ fn a_jammed_pinion_stands_and_a_dropped_load_no_longer_pulls() {
     let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
                 [[fault.plant.jammed_pulley]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
                 [[fault.plant.dropped_load]]\nfrom_seconds = 2.0\n";
-    let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+    let scenario = testing::part(text, "drive");
     motor.set_condition(CURRENT, &scenario.run.faults, 1.5);
     motor.advance(1.0, &current(1.0));
     assert_eq!(motor.motion.position_metres, 0.03);

@@ -140,9 +140,10 @@ fn an_emulated_drive_may_be_somebody_else_s() {
 /// Returns the plan of a scenario on the shipped rig, with these nodes external.
 fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
     let head = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
-    let scenario = Trial::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());
-    let plan = Plan::new(scenario.unwrap(), &Catalogue::shipped());
-    plan.with_external(&Vec::from_iter(names.iter().map(ToString::to_string)))
+    let beside = Beside::new(Path::new("t.toml"));
+    let plan = Plan::parse_beside(&beside, format!("{head}{fault}"), &Catalogue::shipped());
+    plan.unwrap()
+        .with_external(&Vec::from_iter(names.iter().map(ToString::to_string)))
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use plan::catalogue::Catalogue;
-use scenario::{Beside, Trial};
+use scenario::Beside;
 
 use super::*;
 use crate::catalogue::catalogue;
@@ -14,8 +14,7 @@ fn faults(tables: &str) -> BusFaults {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
     );
-    let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-    let plan = Plan::new(scenario, &Catalogue::shipped());
+    let plan = testing::plan(&text);
     let participants = ["plant-emulator".to_owned()];
     let mut faults = BusFaults::new(&plan, &participants).unwrap().unwrap();
     faults.observe(
@@ -101,9 +100,8 @@ fn no_fault_hits_the_report_of_a_plant_whatever_its_identifier() {
         [[fault.bus.delay]]\nfrom_seconds = 0.0\nsender = \"drive\"\ndelay_milliseconds = 5.0\n";
     let shipped = scenario::rig::shipped::text("sma_actuator").unwrap();
     let rig = shipped.replace("node_id = 0x10", "node_id = 0x30");
-    let trial = Trial::parse(text, "t.toml", |_| Ok(rig.clone())).unwrap();
-    assert_eq!(trial.wiring.identifiers.truth, 0x6D0);
-    let plan = Plan::new(trial, &Catalogue::shipped());
+    let plan = testing::plan_beside(text, &[("rig.toml", &rig)], &Catalogue::shipped());
+    assert_eq!(plan.loops[0].trial.wiring.identifiers.truth, 0x6D0);
     let participants = ["plant-emulator".to_owned()];
     let mut faults = BusFaults::new(&plan, &participants).unwrap().unwrap();
     for (id, data) in [(0x1B0, &[0x37, 2, 0, 0, 0, 0, 0, 0][..]), (0x080, &[1])] {
