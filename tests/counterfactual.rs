@@ -15,7 +15,7 @@ const FRAMES: [[&[&str]; 2]; 2] = [
 ];
 const NODE_IDS: [&str; 2] = ["10", "20"];
 
-/// What is played: which nodes are programs, what the guilty one does wrong, and the faults.
+/// Drawn play: the nodes that are programs, what the guilty one does wrong, and the faults.
 #[derive(Debug)]
 struct Drawn {
     are_programs: [bool; 2],

@@ -168,6 +168,12 @@ fn cases() -> Vec<Case> {
             "",
             CONTROLLER,
         ),
+        case(
+            "stops the io node that is to disturb",
+            by(r#"{"acts": [{"at": 2.0, "id": "000", "data": "0211"}]}"#),
+            "[[disturbance.load]]\nat_seconds = 2.5\nadded_grams = 1000.0\n",
+            CONTROLLER,
+        ),
         case("a flood", by(r#"{"floods_from": 2.0}"#), "", CONTROLLER),
         case(
             "a flood late in the run",
@@ -267,7 +273,7 @@ pub(crate) fn controller_base(place: &Path) -> String {
     base.replace("Controller.run()\n", "")
 }
 
-/// What controller and drive do wrong (JSON; a node without is canrig's own).
+/// Mistakes of controller and drive, as JSON; a node without any is canrig's own.
 pub(crate) type Wrong<'a> = [Option<&'a str>; 2];
 
 /// Plays a scenario with these nodes and faults in a folder of its own, and returns outcome, node and reason, each also as a

@@ -27,6 +27,9 @@ const TRUTH_SECONDS_MAX: f64 = 0.025;
 /// Longest time from the plant's message to the recording, including the rounding of times.
 const MESSAGE_SECONDS_MAX: f64 = 1e-3;
 
+/// Duties that a node of canrig's does whatever happens to it, so that a breach of one is never its own.
+const BREACHES: [&str; 6] = ["sync", "position", "command", "heartbeat", "nmt", "lead"];
+
 /// Invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BrokenInvariant {
@@ -80,6 +83,15 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let verdict = played.verdict;
     if let Some(end) = &verdict.ended_early {
         return violated("verdict", end.to_string());
+    }
+    let breach = verdict.cause.as_ref();
+    let breach = breach.filter(|cause| BREACHES.contains(&cause.duty.as_str()));
+    let guilty = breach.filter(|cause| {
+        let mut nodes = played.plan.nodes();
+        nodes.any(|node| node.name == cause.node)
+    });
+    if let Some(guilty) = guilty {
+        return violated("blame", guilty.description.clone());
     }
     if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
         return None;

@@ -97,7 +97,7 @@ pub(crate) struct Breach {
 
 impl Breach {
     /// Returns the breach of a single cycle.
-    pub(super) fn in_cycle(duty: Duty, cycle: u64, timeline: &Timeline) -> Self {
+    fn in_cycle(duty: Duty, cycle: u64, timeline: &Timeline) -> Self {
         Self {
             duty,
             cycle,

@@ -360,12 +360,10 @@ impl<'a> LoopHits<'a> {
         lost.any(|hit| hit.node.is_none() && hit.identifier.is_some_and(is_its))
     }
 
-    /// Whether a hit took the frame of this breach itself, or kept its node from running.
-    pub(super) fn covers(&self, breach: &Breach) -> bool {
-        let (from, until) = (breach.from_seconds, breach.until_seconds);
-        let down = self.node_of(breach.duty);
-        self.is_lost(breach.duty, breach.cycle)
-            || down.is_some_and(|node| self.kept_from_running(node, from, until, from))
+    /// Whether a fault still acts at a time, or has shortly before.
+    pub(super) fn go_on(&self, at: f64) -> bool {
+        let lately = at - self.timeline.bring_up_seconds - self.timeline.period_seconds;
+        self.all().any(|hit| hit.overlaps(lately, at))
     }
 
     /// Scenario time of the first hit on a frame or value that a node receives from others.

@@ -280,8 +280,8 @@ impl<'a> Attribution<'a> {
         let one = self.control_loop;
         let is_alone = [Part::Controller, Part::Drive].map(|part| one.is_ours(part)) == [true; 2];
         let lasting = self.cycles.lasting(self.due)?;
-        let last = Breach::in_cycle(lasting.first.duty, lasting.last_cycle, self.timeline);
-        let is_open = lasting.cause == Cause::Fault && !self.hits.covers(&last);
+        let end = self.timeline.cycle_start_seconds(lasting.last_cycle);
+        let is_open = lasting.cause == Cause::Fault && !self.hits.go_on(end);
         (is_open && !is_alone && !expects_stop(one)).then_some(lasting.first)
     }
 
