@@ -74,10 +74,6 @@ pub struct Settings {
     pub heating_drift: f64,
     /// Whether the observer trusts the model: `ρ` is 1.
     pub trusts_model: bool,
-    /// Whether the reference has rested for so long that `ρ` is 1 without caution.
-    pub in_hold: bool,
-    /// Whether the law is calm: `κ` is 1.
-    pub is_calm: bool,
     /// `β`: the caution, from 0 to 1.
     pub caution: f64,
     /// Rate of the wire's transformation with temperature, relative to the model.
@@ -269,8 +265,6 @@ impl Modes {
             fraction_drift: self.fraction_drift.at(rest),
             heating_drift: self.heating_drift.at(rest),
             trusts_model: rest >= 1.0,
-            in_hold: state.rest >= 1.0,
-            is_calm: state.calmness >= 1.0,
             caution,
             // The law commands less, and does not treat the effects as a disturbance.
             liveliness: self.liveliness.at(caution),
@@ -395,25 +389,6 @@ mod tests {
                 modes.step(&mut state, &moving(centre), PERIOD);
             }
             assert_eq!(modes.settings(&state), in_move());
-        }
-    }
-
-    #[test]
-    fn a_cautious_law_distrusts_the_model_in_a_hold_and_grows_calm() {
-        let modes = modes();
-        let mut state = State::default();
-        assert!(rung(&modes, &mut state, 7, 0.0).caution > 0.0);
-        for (cycles, in_hold, is_calm) in
-            [(100, false, false), (300, true, false), (900, true, true)]
-        {
-            state = after(&modes, state, cycles, 0.0);
-            let settings = modes.settings(&state);
-            assert!(settings.caution > 0.0 && !settings.trusts_model);
-            assert_eq!(
-                (settings.in_hold, settings.is_calm),
-                (in_hold, is_calm),
-                "{cycles}"
-            );
         }
     }
 

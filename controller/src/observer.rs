@@ -4,8 +4,7 @@
 //! wire that does, with the slope `sr` of its branch, beside one of Eq. (2), with `sf`: `dξ/dT = (1 − μ) sf + μ sr`. It is a
 //! sixth quantity of the filter, which knows it as little as any share, 0.5 ± 0.5, and learns it in moves. In a hold the
 //! position is one of few steps of the sensor, whose errors are no noise; there the filter only takes its doubt into
-//! account (Schmidt's filter). A cautious law learns it in holds, too, since its load may ring; but from a wire that remembers
-//! only until the law is calm.
+//! account (Schmidt's filter).
 //!
 //! The filter predicts to the instant at which the command of this cycle acts, which accounts for the one cycle of
 //! delay. On the stop the position contains no information on the fraction, so the model runs alone until the load
@@ -114,26 +113,6 @@ pub struct State {
 }
 
 impl State {
-    /// Returns whether another weight is looked for: in a hold in which the observer trusts the model, and in a cautious one of a
-    /// wire that remembers its turns. There a weight that is taken for heat moves the turns with the temperature, and hides that
-    /// the wire has passed them; to one that forgets, heat is heat at any temperature.
-    fn is_weighed(&self, settings: &Settings) -> bool {
-        let in_hold = settings.trusts_model || (settings.in_hold && self.remembers());
-        in_hold && is_slow(&self.model)
-    }
-
-    /// Returns whether positions teach the memory. The load of a law that is calm, though it is cautious, does not swing over
-    /// steps of the sensor that could teach a wire that remembers to forget.
-    fn learns_memory(&self, settings: &Settings) -> bool {
-        let holds_still = settings.is_calm && self.remembers();
-        !settings.trusts_model && !holds_still
-    }
-
-    /// Returns whether the wire remembers its turns rather than forgets them.
-    fn remembers(&self) -> bool {
-        self.memory > 0.5
-    }
-
     /// Returns how many times as fast as in the model the wire transforms with its temperature, in heating and in cooling.
     pub fn liveliness(&self, settings: &Settings) -> [f64; 2] {
         self.relative_slopes
@@ -248,10 +227,10 @@ impl Observer {
     /// follow.
     fn weigh(&self, state: &mut State, settings: &Settings) {
         let steps = state.innovation_metres / self.sensor_step_metres;
-        let is_weighed = state.is_weighed(settings);
+        let is_in_hold = settings.trusts_model && is_slow(&state.model);
         for (sum, distance) in state.aside_steps.iter_mut().zip([steps, -steps]) {
             let next = (*sum + distance - WEIGHT_FREE_STEPS).max(0.0);
-            *sum = if is_weighed { next } else { 0.0 };
+            *sum = if is_in_hold { next } else { 0.0 };
         }
         let proof = WEIGHT_STEPS + WEIGHT_STEPS_BY_MEMORY * state.memory;
         if state.aside_steps.iter().all(|sum| *sum <= proof) {
@@ -328,10 +307,10 @@ impl Observer {
         model.temperature_celsius += change[TEMPERATURE];
         model.unknown_heating_kelvins_per_second += change[HEATING];
         state.turns.shift(change[TEMPERATURE]);
-        if state.learns_memory(settings) {
-            state.memory = (state.memory + change[MEMORY]).clamp(0.0, 1.0);
-        } else {
+        if settings.trusts_model {
             state.covariance[(MEMORY, MEMORY)] = memory_variance;
+        } else {
+            state.memory = (state.memory + change[MEMORY]).clamp(0.0, 1.0);
         }
     }
 
@@ -664,53 +643,22 @@ mod tests {
         assert!(found[1] > 0.9, "{found:?}");
     }
 
-    /// Returns the settings of a law that is cautious in a calm hold.
-    fn in_cautious_hold() -> Settings {
-        Settings {
-            trusts_model: false,
-            caution: 0.1,
-            ..in_hold()
-        }
-    }
-
-    /// Returns the memory at the start and at the end of a hold, and its variances.
-    fn memories_in(settings: &Settings, memory: f64) -> [(f64, f64); 2] {
+    #[test]
+    fn a_hold_teaches_nothing_of_the_memory() {
         let (observer, mut state, squared_current) = holding();
-        state.memory = memory;
-        let doubted = |state: &State| (state.memory, state.covariance[(MEMORY, MEMORY)]);
-        let before = doubted(&state);
+        let before = state;
         for _ in 0..2000 {
             observer.step(
                 &mut state,
-                settings,
+                &in_hold(),
                 sampled(0.02),
                 squared_current,
                 PERIOD_SECONDS,
             );
         }
-        [before, doubted(&state)]
-    }
-
-    #[test]
-    fn a_hold_teaches_nothing_of_the_memory() {
-        for memory in [0.2, 0.7] {
-            let [before, after] = memories_in(&in_hold(), memory);
-            assert_eq!(before, after);
-        }
-    }
-
-    #[test]
-    fn a_calm_hold_with_caution_teaches_no_wire_that_remembers_to_forget() {
-        let [before, after] = memories_in(&in_cautious_hold(), 0.7);
-        assert_eq!(before, after);
-        let roused = Settings {
-            is_calm: false,
-            ..in_cautious_hold()
-        };
-        for (settings, memory) in [(roused, 0.7), (in_cautious_hold(), 0.2)] {
-            let [before, after] = memories_in(&settings, memory);
-            assert_ne!(before, after);
-        }
+        let variance = |state: &State| state.covariance[(MEMORY, MEMORY)];
+        assert_eq!(state.memory, before.memory);
+        assert_eq!(variance(&state), variance(&before));
     }
 
     #[test]
@@ -838,21 +786,18 @@ mod tests {
     }
 
     /// Hangs 10 g on the 40 g of a wire with a memory, in a hold, for some cycles; returns truth and estimate.
-    fn with_another_weight(
-        settings: &Settings,
-        memory: f64,
-        cycles: u32,
-    ) -> (ModelState, ModelState) {
+    fn with_another_weight(memory: f64, cycles: u32) -> (ModelState, ModelState) {
         let heavier = NominalModel::new(&ModelConfig {
             load_kilograms: 0.05,
             ..ModelConfig::default()
         });
         let (observer, mut state, squared_current) = holding();
         state.memory = memory;
+        let settings = in_hold();
         let step = |state: &mut State, position_metres: f64| {
             observer.step(
                 state,
-                settings,
+                &settings,
                 sampled(position_metres),
                 squared_current,
                 PERIOD_SECONDS,
@@ -871,18 +816,16 @@ mod tests {
 
     #[test]
     fn another_weight_is_no_heat() {
-        for (settings, memory) in [(in_hold(), MEMORY_AT_START), (in_cautious_hold(), 0.6)] {
-            let (truth, estimate) = with_another_weight(&settings, memory, 25);
-            let metres = estimate.position_metres - truth.position_metres;
-            assert!(metres.abs() < SENSOR_STEP_METRES, "{metres} m");
-            let kelvins = estimate.temperature_celsius - truth.temperature_celsius;
-            assert!(kelvins.abs() < 0.7, "{kelvins} K");
-        }
+        let (truth, estimate) = with_another_weight(MEMORY_AT_START, 25);
+        let metres = estimate.position_metres - truth.position_metres;
+        assert!(metres.abs() < SENSOR_STEP_METRES, "{metres} m");
+        let kelvins = estimate.temperature_celsius - truth.temperature_celsius;
+        assert!(kelvins.abs() < 0.7, "{kelvins} K");
     }
 
     #[test]
     fn a_wire_that_forgets_shows_another_weight_within_15_cycles() {
-        let (truth, estimate) = with_another_weight(&in_hold(), 0.0, 15);
+        let (truth, estimate) = with_another_weight(0.0, 15);
         let share = estimate.velocity_metres_per_second / truth.velocity_metres_per_second;
         assert!((0.7..1.3).contains(&share), "{share}");
     }

@@ -35,8 +35,6 @@ pub(crate) fn in_move() -> Settings {
         fraction_drift: config.observer.fraction_drift,
         heating_drift: config.observer.heating_drift_kelvins_per_second,
         trusts_model: false,
-        in_hold: false,
-        is_calm: false,
         caution: 0.0,
         liveliness: 1.0,
     }
@@ -50,8 +48,6 @@ pub(crate) fn in_hold() -> Settings {
         fraction_drift: hold.fraction_drift,
         heating_drift: hold.heating_drift_kelvins_per_second,
         trusts_model: true,
-        in_hold: true,
-        is_calm: true,
         ..in_move()
     }
 }
