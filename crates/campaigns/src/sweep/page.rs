@@ -96,8 +96,8 @@ pub(super) fn to_html(summary: &Summary<'_>, identity: &Identity) -> String {
 
 fn parameters(keys: &[(String, String)]) -> Markup {
     html! { @match keys {
-        [(first, variation), others @ .., (last, _)] if others.iter().all(|(_, other)| other == variation) => p {
-            "Each is " (variation) ": " (page::key(first)) @for (key, _) in others { ", " (page::key(key)) } ", " (page::key(last)) "."
+        [(first, variation), others @ ..] if !others.is_empty() && others.iter().all(|(_, other)| other == variation) => p {
+            "Each is " (variation) ": " (page::key(first)) @for (key, _) in others { ", " (page::key(key)) } "."
         },
         _ => div.wide { table.stacked {
             thead { tr { th { "key" } th { "values" } } }
@@ -362,6 +362,20 @@ mod tests {
             max: Some(max),
         });
         MetricSpread::new("overshoot_percent", limit, 0, sorted)
+    }
+
+    #[test]
+    fn each_key_has_the_values_that_were_played() {
+        let keys = |variations: &[&str]| {
+            let named = ('a'..).zip(variations);
+            let keys = named.map(|(key, values)| (key.to_string(), (*values).to_owned()));
+            parameters(&Vec::from_iter(keys)).into_string()
+        };
+        assert!(keys(&["1 to 2", "1 to 2", "1 to 2"]).contains("Each is 1 to 2"));
+        let last_differs = keys(&["1 to 2", "1 to 2", "3 to 4"]);
+        assert!(last_differs.contains("3 to 4"), "{last_differs}");
+        assert!(keys(&["1 to 2", "3 to 4"]).contains("3 to 4"));
+        assert!(keys(&["1 to 2"]).contains("1 to 2"));
     }
 
     #[test]
