@@ -72,7 +72,7 @@ fn answer(command: &str, code: Option<i32>, said: &str) -> Vec<String> {
     lines
 }
 
-/// Returns outcome and reason of a verdict, and the limits that are not met.
+/// Returns the outcome and the reason of a verdict, and the limits that were missed.
 fn outcome(verdict: &str) -> String {
     let verdict: Value = serde_json::from_str(verdict).unwrap_or_else(|_| panic!("{verdict}"));
     let mut said = verdict["outcome"].as_str().unwrap().to_owned();
@@ -89,7 +89,7 @@ fn outcome(verdict: &str) -> String {
 
 /// Simulates a scenario. What is played is played in processes, too, and judged again, to the same
 /// bytes.
-fn simulated(folder: &Path, name: &str) -> Vec<String> {
+fn simulate(folder: &Path, name: &str) -> Vec<String> {
     let file = format!("{name}.toml");
     let [simulated, in_processes] = ["simulated", "in_processes"].map(|world| {
         let runs = folder.join(name).join(world);
@@ -193,7 +193,7 @@ fn each_rig_has_the_stored_answer() {
         for command in commands {
             lines.extend(said(folder, command, name));
         }
-        lines.extend(simulated(folder, name));
+        lines.extend(simulate(folder, name));
     }
     let without = root().join("tests/core/part_alone_without.toml");
     for (name, of) in [

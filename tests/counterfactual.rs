@@ -1,5 +1,5 @@
 //! The counterfactual: scenarios that are drawn, each with a node in Python that misbehaves and with faults, with the faults alone,
-//! and with the misbehaviour alone. What a node breaks by itself no fault excuses, and nobody is accused of what a fault did.
+//! and with the misbehaviour alone. No fault excuses what a node breaks by itself, and no node is accused of what a fault did.
 
 use std::path::Path;
 

@@ -273,7 +273,7 @@ pub(crate) fn controller_base(place: &Path) -> String {
     base.replace("Controller.run()\n", "")
 }
 
-/// Mistakes of controller and drive, as JSON; a node without any is canrig's own.
+/// Mistakes of controller and drive, as JSON; a node without an entry is canrig's own.
 pub(crate) type Wrong<'a> = [Option<&'a str>; 2];
 
 /// Plays a scenario with these nodes and faults in a folder of its own, and returns outcome, node and reason, each also as a

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -27,6 +27,16 @@ fn scenario_text(expect: &str) -> String {
 fn join(address: &str) -> Box<dyn Bus> {
     let address: BusAddress = address.parse().unwrap();
     platform::open(&address, &[Filter::ALL]).unwrap()
+}
+
+/// Begins a run that leads an emulated drive as an external one, and waits for the first command to it.
+fn begin_beside_a_drive(folder: &Path) -> (Run, Child) {
+    let arguments = ["--external", "drive", "--no-heating"];
+    let run = Run::of(&scenario_text(""), folder, &arguments);
+    let drive = run.start("plant-emulator");
+    let runs = run.runs.clone();
+    wait_for("the first command", || log(&runs).contains(" 210#0F00"));
+    (run, drive)
 }
 
 /// Calls `work` while a foreign producer sends SYNC on the bus.
@@ -74,11 +84,7 @@ fn a_foreign_producer_of_sync_is_named_and_no_run_beside_it_passes() {
 fn beside_a_real_drive_a_second_master_ends_the_run_without_current() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
-        let arguments = ["--external", "drive", "--no-heating"];
-        let run = Run::of(&scenario_text(""), folder.path(), &arguments);
-        let drive = run.start("plant-emulator");
-        let runs = run.runs.clone();
-        wait_for("the first command", || log(&runs).contains(" 210#0F00"));
+        let (run, drive) = begin_beside_a_drive(folder.path());
         let address = run.address.clone();
         let (code, text, run) = beside_a_producer(&address, || run.end());
         stop(drive);
@@ -115,11 +121,7 @@ fn a_frame_in_the_name_of_a_drive_is_the_other_clients() {
     for (frame, expected) in said {
         in_real_time(|| {
             let folder = tempfile::tempdir().unwrap();
-            let arguments = ["--external", "drive", "--no-heating"];
-            let run = Run::of(&scenario_text(""), folder.path(), &arguments);
-            let drive = run.start("plant-emulator");
-            let runs = run.runs.clone();
-            wait_for("the first command", || log(&runs).contains(" 210#0F00"));
+            let (run, drive) = begin_beside_a_drive(folder.path());
             join(&run.address).send(&frame).unwrap();
             let (code, text, run) = run.end();
             stop(drive);

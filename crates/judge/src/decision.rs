@@ -482,7 +482,7 @@ fn counter_goes_back(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let (frames, at) = sources
         .sync_steps_back()
         .filter(|_| is_external && is_known)?;
-    let own = frames.saturating_sub(evidence.attribution.hits.syncs_changed());
+    let own = frames.saturating_sub(evidence.attribution.hits.count_changed_syncs());
     let percent = 100.0 * own as f64 / evidence.attribution.due.max(1) as f64;
     let max = percent_max(evidence, MISSED_CYCLES);
     let node = node_name(evidence, Part::Controller);

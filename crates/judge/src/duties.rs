@@ -174,15 +174,14 @@ fn sync_intervals<'a>(evidence: &'a Evidence<'_>) -> impl Iterator<Item = (f64, 
     let end = evidence.trial.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
     let hits = &evidence.attribution.hits;
     let half = evidence.timeline.period_seconds / 2.0;
-    let mut before = None;
-    let own = syncs.iter().filter(move |at| {
+    let mut before: Option<f64> = None;
+    let pairs = syncs.iter().filter_map(move |at| {
         let is_soon = before.is_some_and(|before| at - before < half);
-        let is_own = !(is_soon && hits.is_copy(*at));
-        before = if is_own { Some(*at) } else { before };
-        is_own
+        if is_soon && hits.is_copy(at) {
+            return None;
+        }
+        Some((before.replace(at)?, at))
     });
-    let mut since = None;
-    let pairs = own.filter_map(move |at| Some((since.replace(at)?, at)));
     pairs.take_while(move |(_, until)| *until < end)
 }
 

@@ -17,7 +17,7 @@ use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
-/// Returns the plan of 4 s with a step from 10 mm to 35 mm at 1 s, and an addition.
+/// Returns a plan of 4 s with a step from 10 mm to 35 mm at 1 s, and with these additions.
 pub(crate) fn step_plan(added: &str) -> Plan {
     testing::plan(&scenario_text(added))
 }

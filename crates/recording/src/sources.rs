@@ -141,7 +141,7 @@ pub struct Sources {
     pub(crate) is_order_lost: bool,
     /// Whether a fault of a node changes the rate of its frames.
     is_rate_changed: bool,
-    /// Whether one changes that of the controller's, so that a SYNC may overtake another.
+    /// Whether such a fault happens to the controller, so that one SYNC may overtake another.
     is_sync_shifted: bool,
     /// Whether a fault of the scenario changes, doubles or adds frames on the bus, so that contents do not identify a sender.
     is_bus_faulty: bool,

@@ -2,7 +2,7 @@
 //! sent in a node's name.
 //!
 //! A node is the process that sent its boot-up or, before one, its first frame. Another process takes its place once that one has
-//! ended. The bench plays nodes too, so its own frames are never foreign. An SDO client that only reads commands nobody.
+//! ended. The bench plays nodes too, so its own frames are never foreign. Nor are those of an SDO client that only reads.
 
 use std::time::Duration;
 
@@ -192,7 +192,7 @@ mod tests {
         let other = 1;
         let position = CanFrame::new(0x190, &[0; 8]);
         let foreign = heard(&[
-            // The first one, then the one that boots, whatever the bench sends.
+            // The process that boots replaces the first one; frames of the bench do not count.
             (other, heartbeat),
             (node, boot),
             (bench, heartbeat),

@@ -54,7 +54,7 @@ impl<'a> StallRecorder<'a> {
         self.watch.watch(who, process.number(), None);
     }
 
-    /// Watches the processes of nodes that canrig did not start, as they are heard on an embedded bus.
+    /// Watches the processes of nodes that canrig did not start, once they are heard on an embedded bus.
     pub(super) fn watch_heard(&self, senders: &Senders) {
         self.expected.borrow_mut().retain(|name| {
             let process = senders.process_of(name);

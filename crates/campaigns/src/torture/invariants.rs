@@ -27,7 +27,7 @@ const TRUTH_SECONDS_MAX: f64 = 0.025;
 /// Longest time from the plant's message to the recording, including the rounding of times.
 const MESSAGE_SECONDS_MAX: f64 = 1e-3;
 
-/// Duties that a node of canrig's does whatever happens to it, so that a breach of one is never its own.
+/// Duties that canrig's nodes do under any fault: a breach of one is never the node's own.
 const BREACHES: [&str; 6] = ["sync", "position", "command", "heartbeat", "nmt", "lead"];
 
 /// Invariant that a run broke.

@@ -202,6 +202,10 @@ impl<'a> Finder<'a, '_> {
     }
 
     fn add(&mut self, at_seconds: f64, node_id: u8, root: Root) {
+        self.add_until(at_seconds, f64::INFINITY, node_id, root);
+    }
+
+    fn add_until(&mut self, at_seconds: f64, until_seconds: f64, node_id: u8, root: Root) {
         // Where the recording does not say what its faults hit, a departure beside one may be due to it.
         let is_unknown =
             matches!(root, Root::Own(_)) && self.hits.may_explain(at_seconds, at_seconds);
@@ -212,7 +216,7 @@ impl<'a> Finder<'a, '_> {
                 at_seconds,
                 node_id,
                 root,
-                until_seconds: f64::INFINITY,
+                until_seconds,
             };
             self.found.all.push(departure);
         }
@@ -229,11 +233,7 @@ impl<'a> Finder<'a, '_> {
         // A frame that was under way still comes.
         let from = at_seconds + 2.0 * self.timeline.period_seconds;
         let next = frames.get(frames.partition_point(|time| time < from));
-        let before = self.found.all.len();
-        self.add(at_seconds, node_id, root);
-        if let Some(added) = self.found.all.get_mut(before) {
-            added.until_seconds = next.unwrap_or(f64::INFINITY);
-        }
+        self.add_until(at_seconds, next.unwrap_or(f64::INFINITY), node_id, root);
     }
 
     fn root_of(&self, node_id: u8, at: f64) -> Option<Root> {

@@ -196,13 +196,19 @@ impl<'a> LoopHits<'a> {
             })
     }
 
-    /// Scenario time at which a cycle begins: that of its SYNC, which may come early or late, else the time at which it is due.
+    /// Scenario time at which a cycle begins: when its SYNC came, or when it was due if none came near that time.
     fn begins(&self, cycle: u64) -> f64 {
         let due = self.timeline.cycle_start_seconds(cycle);
         let half = self.timeline.period_seconds / 2.0;
-        let syncs = &self.timeline.syncs_seconds;
-        let next = syncs.get(syncs.partition_point(|time| time < due - half));
-        next.filter(|time| *time < due + half).unwrap_or(due)
+        let sync = self.first_sync_of(cycle).filter(|at| *at < due + half);
+        sync.unwrap_or(due)
+    }
+
+    /// Scenario time of the first SYNC that a cycle may begin with: one that comes half a period early, or later.
+    fn first_sync_of(&self, cycle: u64) -> Option<f64> {
+        let timeline = self.timeline;
+        let earliest = timeline.cycle_start_seconds(cycle) - timeline.period_seconds / 2.0;
+        first_from(&timeline.syncs_seconds, earliest)
     }
 
     fn is_held_up(&self, duty: Duty, cycle: u64) -> bool {
@@ -219,14 +225,8 @@ impl<'a> LoopHits<'a> {
     fn is_as_late_as_hit(&self, cycle: u64) -> bool {
         let timeline = self.timeline;
         let at = timeline.cycle_start_seconds(cycle);
-        let next = at + timeline.period_seconds;
-        let first_from =
-            |times: &Series<f64>, from: f64| times.get(times.partition_point(|time| time < from));
-        let sync = first_from(
-            &timeline.syncs_seconds,
-            next - timeline.period_seconds / 2.0,
-        );
-        let sync = sync.unwrap_or(next);
+        let next = self.first_sync_of(cycle + 1);
+        let sync = next.unwrap_or(at + timeline.period_seconds);
         let arrival = first_from(&timeline.commands_seconds, sync - MICROSECONDS);
         let delay = self.delay(Duty::Command, at);
         arrival.is_some_and(|arrival| delay > 0.0 && arrival - delay <= sync + MICROSECONDS)
@@ -241,7 +241,7 @@ impl<'a> LoopHits<'a> {
     }
 
     /// Number of SYNCs that faults changed.
-    pub(crate) fn syncs_changed(&self) -> u64 {
+    pub(crate) fn count_changed_syncs(&self) -> u64 {
         let identifier = self.identifier(Duty::Sync);
         let changed = self.of(Effect::Changed);
         let changed = changed.filter(|hit| identifier.is_some_and(|id| hit.identifier == Some(id)));
@@ -353,7 +353,7 @@ impl<'a> LoopHits<'a> {
         changed.any(is_value) || self.may_explain(from, at)
     }
 
-    /// Whether frames of a node reached nobody in a time: it was off the bus.
+    /// Whether frames of a node reached no other node in a time, since it was off the bus.
     pub(super) fn was_off(&self, node: &Node, from: f64, until: f64) -> bool {
         let is_its = |identifier: u16| identifier & NODE_ID_BITS == u16::from(node.id);
         let mut lost = self.within(Effect::Lost, from, until);
@@ -490,6 +490,11 @@ impl<'a> LoopHits<'a> {
         }
         held_up
     }
+}
+
+/// First of some times, which are in order, that is not before another one.
+fn first_from(times: &Series<f64>, from: f64) -> Option<f64> {
+    times.get(times.partition_point(|time| time < from))
 }
 
 /// Cycles in which these frames came, each once, with the time of the first. Frames belong to the cycle that began before them, or

@@ -46,8 +46,8 @@ impl FloodReader {
         }
     }
 
-    /// Notes that the bus is full from a time on. What it keeps back comes when it ends, so that the next stretch of time belongs
-    /// to it, and as it may have begun in the one before, that does, too.
+    /// Notes that the bus is full in the stretch of time that starts here. The flood may have begun in the stretch before, and the
+    /// frames that it kept back come in the one after: both belong to it.
     fn note(&mut self, from: f64) {
         let length = FLOOD_WINDOW.as_secs_f64();
         let (from, until) = (from - length, from + 2.0 * length);
