@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Composer, Database, Measurand, Message, Signal, SignalHandle, SignalMissing, names};
+use dbc::{Composer, Database, Message, Quantity, Signal, SignalHandle, SignalMissing, names};
 use scenario::fault::{Actor, Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::wiring::{IoOutput, Measured};
@@ -344,12 +344,12 @@ fn compose(plan: &Plan) -> Database {
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
     let composer = followers.fold(composer, |composer, one| {
         let wiring = &one.trial.wiring;
-        let measurand = &wiring.feedback.measurand;
-        let symbol = measurand.unit.symbol();
+        let quantities = &wiring.quantities;
+        let symbol = quantities.feedback.unit.symbol();
         composer.with_set_point(
             one.name(),
             wiring.identifiers.set_point,
-            &measurand.name(names::SET_POINT),
+            &quantities.name(names::SET_POINT),
             [symbol, &format!("{symbol}/s")],
         )
     });
@@ -437,10 +437,8 @@ impl ControlLoop {
     /// # Errors
     /// The database has no such signal.
     pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(
-            &self.nodes.followed.name,
-            &self.trial.wiring.feedback.measurand,
-        )
+        let measured = &self.trial.wiring.quantities.feedback;
+        self.measured_by(&self.nodes.followed.name, measured)
     }
 
     /// Returns the position that its own drive measures.
@@ -448,7 +446,7 @@ impl ControlLoop {
     /// # Errors
     /// The database has no such signal.
     pub fn drive_position(&self) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(&self.nodes.drive.name, &self.trial.wiring.sensor.measurand)
+        self.measured_by(&self.nodes.drive.name, &self.trial.wiring.sensor.quantity)
     }
 
     /// Returns the position from which its command follows: that of the loop whose law commands its drive.
@@ -459,24 +457,23 @@ impl ControlLoop {
         let leader = self.trial.wiring.leader();
         leader.map_or_else(
             || self.position(),
-            |one| self.measured_by(&one.followed, &one.measurand),
+            |one| self.measured_by(&one.followed, &one.quantities.feedback),
         )
     }
 
-    fn measured_by(&self, drive: &str, by: &Measurand) -> Result<SignalHandle, SignalMissing> {
+    fn measured_by(&self, drive: &str, by: &Quantity) -> Result<SignalHandle, SignalMissing> {
         let message = names::message(drive, names::TPDO1);
-        self.database.signal_of(&message, &by.name(names::POSITION))
+        self.database.signal_of(&message, &by.key())
     }
 
-    /// Returns the current that its controller commands.
+    /// Returns what its controller commands.
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn target_current(&self) -> Result<SignalHandle, SignalMissing> {
+    pub fn target(&self) -> Result<SignalHandle, SignalMissing> {
         let command = names::message(&self.nodes.drive.name, names::RPDO1);
-        let measurand = &self.trial.wiring.sensor.measurand;
-        self.database
-            .signal_of(&command, &measurand.name(names::TARGET_CURRENT))
+        let target = self.trial.wiring.quantities.name(names::TARGET);
+        self.database.signal_of(&command, &target)
     }
 
     /// Returns the messages whose signals become columns, in their order.
@@ -500,8 +497,8 @@ impl ControlLoop {
     pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
         let messages = self.database.plant_messages(&self.nodes.drive.name);
         let signals = messages.flat_map(|message| &message.signals);
-        let measurand = &self.trial.wiring.sensor.measurand;
-        let measured = measurand.name(names::TRUE_POSITION);
+        let quantities = self.trial.wiring.drive_quantities();
+        let measured = quantities.name(names::TRUE_POSITION);
         signals.filter(move |signal| signal.name != measured)
     }
 

@@ -210,7 +210,7 @@ pub(crate) fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
         events.push(Occurrence::new(at_seconds, Event::new(level, text)));
     };
     let prefix = loop_name.map_or_else(String::new, |name| format!("{name}: "));
-    let unit = trial.wiring.feedback.measurand.unit.symbol();
+    let unit = trial.wiring.feedback.quantity.unit.symbol();
     for step in &trial.reference.step {
         let text = format!("{prefix}step to {} {unit}", step.position);
         add(step.at_seconds, Level::Info, &text);

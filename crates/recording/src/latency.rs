@@ -210,7 +210,7 @@ impl CycleReader {
             clock: one.scenario_clock()?,
             position_id: one.position()?.raw_id(),
             followed_id: one.commanding_position()?.raw_id(),
-            command_id: one.target_current()?.raw_id(),
+            command_id: one.target()?.raw_id(),
             sync: None,
             has_position: false,
             followed: None,

@@ -62,7 +62,7 @@ impl LossReader {
         let sync_period = one.trial.run.bus.sync_period();
         let nodes = &one.nodes;
         let [controller, drive] = [&nodes.controller, &nodes.drive].map(Node::in_sentence);
-        let signal = &one.trial.wiring.sensor.measurand.signal;
+        let signal = &one.trial.wiring.sensor.quantity.name;
         let drives = |service| one.message(&nodes.drive, service).ok();
         let watch = |message: &Message, what, heartbeat_sender, period, periods_max: u32| {
             let watched = Watched {

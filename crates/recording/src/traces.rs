@@ -67,7 +67,7 @@ impl TraceReader {
         let scenario = &one.trial;
         let mut collected = BTreeMap::new();
         let named = scenario.expect.named_signals().map(|(_, name)| name);
-        let truth = scenario.wiring.feedback.measurand.name(TRUE_POSITION);
+        let truth = scenario.wiring.quantities.name(TRUE_POSITION);
         let truth = scenario.has_true_metrics().then_some(truth.as_str());
         for name in named.chain(truth) {
             let Ok(path) = one.names().find(name) else {

@@ -136,7 +136,7 @@ impl SetPoints {
 impl SentSetPoint {
     fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = set_point(one.name());
-        let value = one.trial.wiring.feedback.measurand.name(SET_POINT);
+        let value = one.trial.wiring.quantities.name(SET_POINT);
         let database = &one.database;
         Ok(Self {
             trajectory: one.trial.reference.trajectory(),

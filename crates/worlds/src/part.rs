@@ -33,17 +33,17 @@ pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
 
 fn loop_part(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
     let wiring = &one.trial.wiring;
-    let current = wiring.current();
+    let commands = wiring.amplifier.range();
     let drive = &one.nodes.drive;
     let mut told = json!({
         "name": one.name(),
         "drive": {"name": drive.name, "node_id": drive.id},
         "io": Vec::from_iter(wiring.io_nodes().map(|io| json!({"name": io.name, "node_id": io.id}))),
-        "signal": wiring.feedback.measurand.name(names::POSITION),
+        "signal": wiring.quantities.name(names::POSITION),
         "range": wiring.feedback.range(),
-        "command_range": [current.min, current.max],
+        "command_range": [commands.min, commands.max],
         "reads": frame(plan, one.position().ok()),
-        "writes": frame(plan, one.target_current().ok()),
+        "writes": frame(plan, one.target().ok()),
     });
     if part == Part::Controller && wiring.led_by.is_none() {
         let (end, period) = (

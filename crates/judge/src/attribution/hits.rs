@@ -406,7 +406,7 @@ impl<'a> LoopHits<'a> {
         let raw_id = match duty {
             Duty::Sync => SYNC_COB_ID.into(),
             Duty::Position => one.drive_position().ok()?.raw_id(),
-            Duty::Command => one.target_current().ok()?.raw_id(),
+            Duty::Command => one.target().ok()?.raw_id(),
             _ => return None,
         };
         u16::try_from(raw_id).ok()

@@ -51,7 +51,7 @@ impl CommandReader {
         };
         Ok(Self {
             position_id: one.position()?.raw_id(),
-            command: one.target_current()?,
+            command: one.target()?,
             period,
             what,
             cycle: None,

@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::schema::definition;
 use super::{Fault, Faults, Group, KINDS, Key, Kind, Need, Time, Value};
-use crate::document::{Document, Quantities};
+use crate::document::{Document, Meaning};
 use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
@@ -164,21 +164,23 @@ impl<'text> Reader<'_, 'text> {
         wiring: &Wiring,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
         let part = &schema::FAULTS["definitions"][definition(kind)];
+        let quantities = wiring.drive_quantities();
         let naming = Naming {
             source: &self.document.source,
-            measurand: &wiring.sensor.measurand,
+            quantities: &quantities,
             loop_name: &wiring.loop_name,
             schema: &schema::FAULTS,
         };
         naming.apply(&mut table, part).map_err(one)?;
-        let quantities = Quantities {
+        let meaning = Meaning {
             measured: wiring.sensor.clone(),
-            current: wiring.current(),
+            commands: wiring.amplifier.range(),
+            quantities,
         };
-        let document = self.document.with_loop(DeTable::new(), quantities);
+        let document = self.document.with_loop(DeTable::new(), meaning);
         let at = (span, &table);
         let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
-        without_problems(in_unit(problems, &document.quantities), table)
+        without_problems(in_unit(problems, &document.meaning), table)
     }
 }
 
