@@ -31,6 +31,7 @@ mod knowledge;
 mod laws;
 mod lockstep;
 mod long_runs;
+mod messages;
 mod misbehaving_at_seats;
 mod missed;
 mod mutator;

@@ -205,7 +205,7 @@ impl Database {
     }
 
     /// Makes a database of messages in any order, each of which has been checked.
-    pub(crate) fn from_messages(mut messages: Vec<Message>) -> Self {
+    pub fn from_messages(mut messages: Vec<Message>) -> Self {
         messages.sort_by_key(|message| message.raw_id);
         Self { messages }
     }

@@ -36,6 +36,7 @@ pub mod database;
 pub mod error;
 mod law;
 pub mod loops;
+pub mod messages;
 pub mod names;
 pub mod node_objects;
 mod notation;

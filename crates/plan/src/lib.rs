@@ -15,6 +15,7 @@ pub mod named_nodes;
 mod plan;
 mod ports;
 pub mod presence;
+pub mod resolve;
 mod signal_names;
 mod swept_fmu;
 

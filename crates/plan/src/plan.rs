@@ -546,6 +546,16 @@ impl ControlLoop {
         messages.flat_map(|message| &message.signals)
     }
 
+    /// Returns the terms that its law publishes, in their order.
+    pub(crate) fn published_terms(&self) -> &[Signal] {
+        &self.frames.published.terms
+    }
+
+    /// Returns the signals of its plant that its drive publishes, in their order.
+    pub(crate) fn published_signals(&self) -> &[Signal] {
+        &self.frames.published.signals
+    }
+
     /// Returns all names of all signals.
     pub fn names(&self) -> &SignalNames {
         self.frames.names()

@@ -3,7 +3,7 @@
 use can::CanFrame;
 use canopen::eds::{EdsError, IDENTITY};
 use canopen::nmt::NodeId;
-use canopen::object_dictionary::Access;
+use canopen::object_dictionary::{Access, DataType, Entry};
 use canopen::{ObjectDictionary, add_half, cia402};
 
 use super::{RealDrive, object_address};
@@ -399,6 +399,29 @@ impl DriveLayout {
             feedback,
             command,
         })
+    }
+
+    /// Returns the drive's objects with the PDOs that the manager will write: their identifiers, and the mappings that the rig
+    /// file needs.
+    pub fn mapped_objects(&self) -> ObjectDictionary {
+        let mut objects = self.dictionary.clone();
+        let mut put = |index, sub_index, data_type, value: u32| {
+            let size = DataType::size_bytes(data_type).unwrap_or_default();
+            let value = value.to_le_bytes()[..size].to_vec();
+            let entry = Entry::new(index, sub_index, "", data_type, Access::ReadWrite, value);
+            objects.insert(entry);
+        };
+        for pdo in [&self.feedback, &self.command] {
+            let kind = u32::from(pdo.transmission_type);
+            put(pdo.parameters, 1, DataType::Unsigned32, pdo.cob_id);
+            put(pdo.parameters, 2, DataType::Unsigned8, kind);
+            let count = u32::try_from(pdo.entries.len()).unwrap_or(u32::MAX);
+            put(pdo.mapping, 0, DataType::Unsigned8, count);
+            for (place, entry) in (1..).zip(&pdo.entries) {
+                put(pdo.mapping, place, DataType::Unsigned32, *entry);
+            }
+        }
+        objects
     }
 
     /// Decodes TPDO1; `None` for other frames, and for one that is too short.

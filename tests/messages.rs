@@ -1,0 +1,110 @@
+//! The messages that are composed from the objects of the nodes are those of before, on every rig
+//! of the repository.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use dbc::{Database, Message};
+use plan::Plan;
+use plan::resolve::messages;
+
+use crate::support::root;
+
+/// Objects with the truth about a plant.
+const TRUTH: &str = "0x210";
+
+/// Returns a message without its description, which says the same in other words, and without the
+/// cycle of the truth, which was that of each SYNC however often it was sent.
+fn without_comments(message: &Message) -> Message {
+    let mut signals = message.signals.iter();
+    let is_truth = signals.any(|signal| signal.object.starts_with(TRUTH));
+    Message {
+        comment: String::new(),
+        cycle_time_milliseconds: if is_truth {
+            0
+        } else {
+            message.cycle_time_milliseconds
+        },
+        ..message.clone()
+    }
+}
+
+/// Returns the TOML files of the repository's folders of scenarios and rigs.
+fn toml_files() -> Vec<PathBuf> {
+    let mut folders =
+        Vec::from(["scenarios", "docs/examples", "tests/core", "tests/rigs"].map(PathBuf::from));
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(root().join(&folder)).unwrap() {
+            let entry = entry.unwrap();
+            let path = folder.join(entry.file_name());
+            if entry.path().is_dir() {
+                folders.push(path);
+            } else if path
+                .extension()
+                .is_some_and(|extension| extension == "toml")
+            {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// Describes a message and its signals, a line each.
+fn lines(message: &Message) -> Vec<String> {
+    let without_signals = Message {
+        signals: Vec::new(),
+        ..message.clone()
+    };
+    let signals = message
+        .signals
+        .iter()
+        .map(|signal| format!("    {signal:?}"));
+    [format!("{without_signals:?}")]
+        .into_iter()
+        .chain(signals)
+        .collect()
+}
+
+/// Returns the lines in which the messages of two databases differ.
+fn differences(file: &Path, before: &Database, composed: &Database) -> Vec<String> {
+    let all = |database: &Database| {
+        let messages = database.messages().iter().map(without_comments);
+        Vec::from_iter(messages.flat_map(|message| lines(&message)))
+    };
+    let [before, composed] = [before, composed].map(all);
+    let file = file.display();
+    let gone = before.iter().filter(|line| !composed.contains(line));
+    let new = composed.iter().filter(|line| !before.contains(line));
+    let gone = gone.map(|line| format!("{file} - {line}"));
+    gone.chain(new.map(|line| format!("{file} + {line}")))
+        .collect()
+}
+
+#[test]
+fn composed_messages_are_those_of_before() {
+    let mut differing = Vec::new();
+    let mut count = 0;
+    for file in toml_files() {
+        let (path, catalogue) = (root().join(&file), worlds::catalogue::catalogue());
+        let text = fs::read_to_string(&path).unwrap();
+        let plan = if scenario::rig::nodes::Rig::is_meant(&text) {
+            Plan::from_rig(&path, &text, catalogue)
+        } else {
+            Plan::load(&path, catalogue)
+        };
+        let Ok(plan) = plan else { continue };
+        count += 1;
+        differing.extend(differences(
+            &file,
+            plan.database(),
+            &messages::database(&plan),
+        ));
+    }
+    assert!(count > 50, "{count}");
+    let first = differing.iter().take(20).map(String::as_str);
+    let first = Vec::from_iter(first).join("\n");
+    assert!(differing.is_empty(), "{} lines:\n{first}", differing.len());
+}
