@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use dbc::{Database, Message};
+use dbc::{Database, Message, Signal};
 use plan::Plan;
 use plan::resolve::messages;
 
@@ -12,6 +12,8 @@ use crate::support::root;
 
 /// Objects with the truth about a plant.
 const TRUTH: &str = "0x210";
+/// Objects of an amplifier: its output and its command.
+const AMPLIFIER: [&str; 2] = ["0x6078:00", "0x6071:00"];
 
 /// Returns a message without its description, which says the same in other words, and without the
 /// cycle of the truth, which was that of each SYNC however often it was sent.
@@ -25,7 +27,22 @@ fn without_comments(message: &Message) -> Message {
         } else {
             message.cycle_time_milliseconds
         },
+        signals: message.signals.iter().map(described_alike).collect(),
         ..message.clone()
+    }
+}
+
+/// Returns a signal; that of a bought drive's amplifier without its description, which named a rated
+/// value of 1 A.
+fn described_alike(signal: &Signal) -> Signal {
+    let is_of_bought = AMPLIFIER.contains(&&*signal.object) && signal.coding.range.is_none();
+    Signal {
+        comment: if is_of_bought {
+            String::new()
+        } else {
+            signal.comment.clone()
+        },
+        ..signal.clone()
     }
 }
 

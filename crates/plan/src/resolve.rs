@@ -1,3 +1,4 @@
-//! What a plan is made of, composed from the rig: a file for each kind of thing.
+//! The parts of a plan, composed from the rig: a file for each kind of thing.
 
+mod drive_messages;
 pub mod messages;

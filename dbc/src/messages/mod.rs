@@ -45,7 +45,7 @@ pub enum Pdo {
 /// signals may share an object.
 pub type Carried = BTreeMap<(u16, u8), Vec<Signal>>;
 
-/// What a bus says of a message beside its bits.
+/// Name, parties and description of a message.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct Heading {
     /// Name of the message.

@@ -4,24 +4,16 @@
 //! identifiers of its frames; out comes the database that says what each frame means. `Plan` asks for it once.
 
 use canopen::ObjectDictionary;
-use dbc::loops::{TERMS_EVERY_CYCLES, truth_presets};
+use dbc::loops::TERMS_EVERY_CYCLES;
 use dbc::messages::{Carried, Heading, Pdo, compose, services};
-use dbc::node_objects::{self, PLANT_OBJECTS, PlantSignals, TRUE_POSITION_OBJECT};
-use dbc::{
-    Coding, Database, Kind, Message, Port, Quantity, Range, Signal, first_term, layout, names,
-};
+use dbc::node_objects;
+use dbc::{Coding, Database, Kind, Message, Port, Quantity, Signal, first_term, layout, names};
 use scenario::node::{Node, Part};
-use scenario::rig::drive::Scaled;
-use scenario::rig::nodes::Amplifier;
-use scenario::rig::object_address;
-use scenario::wiring::{IoOutput, Measured, TRUE_STEPS_PER_UNIT};
+use scenario::wiring::IoOutput;
 
+use super::drive_messages::compose_drive;
 use crate::plan::{ControlLoop, Plan};
 
-/// Objects of a drive: position, torque and target torque (CiA 402-2), which an amplifier gives whatever its quantity.
-const POSITION: (u16, u8) = (0x6064, 0);
-const OUTPUT: (u16, u8) = (0x6078, 0);
-const TARGET: (u16, u8) = (0x6071, 0);
 /// Analogue outputs (CiA 401).
 const IO_OUTPUTS: u16 = 0x6411;
 /// Heartbeat time of a node (CiA 301).
@@ -32,9 +24,9 @@ const SDO_ANSWER: u32 = 0x580;
 const SDO_REQUEST: u32 = 0x600;
 const HEARTBEAT: u32 = 0x700;
 /// The SYNC period for which cycle times are given.
-const SYNC_MILLISECONDS: u64 = 1;
-/// PDOs of a real drive that this bus uses.
-const USED: [Pdo; 2] = [Pdo::Transmit(1), Pdo::Receive(1)];
+pub(super) const SYNC_MILLISECONDS: u64 = 1;
+/// Number of TPDOs that each loop has at the controller.
+const TPDOS_OF_LOOP: u16 = 4;
 
 /// Composes the messages of a run.
 pub fn database(plan: &Plan) -> Database {
@@ -42,7 +34,7 @@ pub fn database(plan: &Plan) -> Database {
     let mut messages = bus.own();
     messages.extend(controller(plan, &bus));
     for one in &plan.loops {
-        messages.extend(drive(plan, one, &bus));
+        messages.extend(compose_drive(one, &bus));
     }
     for (io, outputs) in plan.io_outputs() {
         messages.extend(io_node(io, outputs, plan.controller(), &bus));
@@ -51,8 +43,8 @@ pub fn database(plan: &Plan) -> Database {
 }
 
 /// Names of the nodes of a bus.
-struct BusNames<'a> {
-    controller: &'a Node,
+pub(super) struct BusNames<'a> {
+    pub(super) controller: &'a Node,
     drives: Vec<&'a Node>,
     io: Vec<&'a Node>,
 }
@@ -97,8 +89,13 @@ impl<'a> BusNames<'a> {
         ]
     }
 
-    /// Composes the services of a node that answers a client: its emergencies, its SDO channel and its heartbeat.
-    fn services(&self, node: &Node, heartbeat_milliseconds: u64) -> Vec<Message> {
+    /// Composes the services of a node: its emergencies, with labels for the maker's bytes, its SDO channel and its heartbeat.
+    pub(super) fn services(
+        &self,
+        node: &Node,
+        heartbeat_milliseconds: u64,
+        causes: Vec<(i64, String)>,
+    ) -> Vec<Message> {
         let is_manager = node.part == Part::Controller;
         let own = &*node.name;
         let watching = if is_manager {
@@ -120,7 +117,7 @@ impl<'a> BusNames<'a> {
                 from_node(names::EMERGENCY).about(format!("EMCY of {own} (CiA 301, 7.2.7).")),
                 EMERGENCY + id,
                 node.part == Part::Drive,
-                Vec::new(),
+                causes,
             ),
             services::sdo(
                 from_node(names::SDO_ANSWER)
@@ -146,7 +143,7 @@ impl<'a> BusNames<'a> {
 }
 
 /// Returns the heartbeat time of a node, in milliseconds.
-fn heartbeat_of(objects: &ObjectDictionary) -> u64 {
+pub(super) fn heartbeat_of(objects: &ObjectDictionary) -> u64 {
     objects
         .unsigned(HEARTBEAT_TIME, 0)
         .unwrap_or_default()
@@ -164,18 +161,7 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
     let drives = Vec::from_iter(bus.drives.iter().map(|drive| drive.id));
     let io = Vec::from_iter(bus.io.iter().map(|io| io.id));
     let objects = node_objects::controller(node.id, &terms, &drives, &io);
-    let mut messages = bus.services(node, heartbeat_of(&objects));
-    let emergency = names::message(&node.name, names::EMERGENCY);
-    for message in messages
-        .iter_mut()
-        .filter(|message| message.name == emergency)
-    {
-        for signal in &mut message.signals {
-            if signal.name == names::MANUFACTURER_ERROR {
-                signal.labels = causes(plan);
-            }
-        }
-    }
+    let mut messages = bus.services(node, heartbeat_of(&objects), causes(plan));
     let mut carried = Carried::new();
     for ((terms, _), place) in terms.iter().zip(0..) {
         carry_terms(&mut carried, terms, place);
@@ -194,7 +180,8 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
         );
         Some(Heading::new(name, &node.name, [names::BENCH]).about(comment))
     };
-    if one_is_ours(plan) {
+    let is_ours = plan.loops.iter().all(|one| one.is_ours(Part::Controller));
+    if is_ours {
         messages.extend(compose(&objects, &carried, SYNC_MILLISECONDS, heading));
     }
     if plan.set_points_every_cycles().is_some() {
@@ -212,14 +199,6 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
         }
     }
     messages
-}
-
-/// Number of TPDOs that each loop has at the controller.
-const TPDOS_OF_LOOP: u16 = 4;
-
-/// Checks whether canrig plays the controller.
-fn one_is_ours(plan: &Plan) -> bool {
-    plan.loops.iter().all(|one| one.is_ours(Part::Controller))
 }
 
 /// Lays the terms of a law into the objects of its loop's place.
@@ -265,238 +244,6 @@ fn causes(plan: &Plan) -> Vec<(i64, String)> {
     causes
 }
 
-/// Composes the messages of a loop's drive.
-fn drive(plan: &Plan, one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Message> {
-    let (node, wiring) = (&one.nodes.drive, &one.trial.wiring);
-    let (own, manager) = (&*node.name, &*bus.controller.name);
-    let heading = |pdo: Pdo| match pdo {
-        Pdo::Transmit(1) => Some(
-            Heading::new(
-                names::message(own, names::TPDO1),
-                own,
-                [manager, names::BENCH],
-            )
-            .about(format!("TPDO1 of {own}, on SYNC.")),
-        ),
-        Pdo::Transmit(number) => Some(
-            Heading::new(format!("{own}_tpdo{number}"), own, [names::BENCH])
-                .about(format!("TPDO{number} of {own}, on SYNC.")),
-        ),
-        Pdo::Receive(1) => Some(
-            Heading::new(
-                names::message(own, names::RPDO1),
-                manager,
-                [own, names::BENCH],
-            )
-            .about(format!("RPDO1 of {own}, taken over at the next SYNC.")),
-        ),
-        Pdo::Receive(_) => None,
-    };
-    let (objects, heartbeat, mut messages) = match &one.real_drive {
-        Some(real) => {
-            let objects = real.layout.mapped_objects();
-            let carried = real_signals(one);
-            let used = |pdo: Pdo| USED.contains(&pdo).then(|| heading(pdo))?;
-            let messages = compose(&objects, &carried, SYNC_MILLISECONDS, used);
-            let heartbeat = real.real.timeouts.drive_heartbeat_milliseconds.into();
-            (objects, heartbeat, messages)
-        }
-        None => {
-            let position = true_position(&wiring.sensor);
-            let published = one.published_signals();
-            let truth = PlantSignals {
-                published: published.iter().collect(),
-                position: &position,
-            };
-            let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
-            let presets = one.trial.presets().into_iter().chain(pace);
-            let objects = node_objects::drive(node.id, Some(truth), presets);
-            let mut carried = Carried::from([
-                (POSITION, vec![measured(&wiring.sensor)]),
-                (
-                    OUTPUT,
-                    vec![output(&wiring.quantities.output, &wiring.amplifier)],
-                ),
-                (
-                    TARGET,
-                    vec![target(&wiring.quantities.output, &wiring.amplifier)],
-                ),
-                ((TRUE_POSITION_OBJECT, 0), vec![position.clone()]),
-            ]);
-            let numbered = PLANT_OBJECTS.into_iter().zip(published);
-            carried.extend(numbered.map(|(index, signal)| ((index, 0), vec![signal.clone()])));
-            let messages = compose(&objects, &carried, SYNC_MILLISECONDS, heading);
-            let heartbeat = heartbeat_of(&objects);
-            (objects, heartbeat, messages)
-        }
-    };
-    let _ = (objects, plan);
-    messages.extend(bus.services(node, heartbeat));
-    let name = |service: &str| names::message(own, service);
-    let [request, answer] = wiring.identifiers.second_sdo;
-    messages.push(services::sdo(
-        Heading::new(name(names::SDO2_REQUEST), names::BENCH, [own])
-            .about(format!("SDO client to {own}'s second server channel.")),
-        request.into(),
-        true,
-    ));
-    messages.push(services::sdo(
-        Heading::new(name(names::SDO2_ANSWER), own, [names::BENCH])
-            .about(format!("SDO answer of {own}'s second server channel.")),
-        answer.into(),
-        false,
-    ));
-    if one.real_drive.is_none() {
-        messages.push(services::truth(
-            Heading::new(name(names::TRUTH), own, [names::BENCH]).about(
-                "Truth about the plant, in scenarios with faults only: every 10 ms, and whenever the amplifier's output begins or ends.",
-            ),
-            wiring.identifiers.truth.into(),
-            plant_output(&wiring.quantities.output, &wiring.amplifier),
-        ));
-    }
-    messages
-}
-
-/// Returns the signal of the position object of an emulated drive.
-fn measured(sensor: &Measured) -> Signal {
-    let factor = 1.0 / sensor.counts_per_unit();
-    let [minimum, maximum] = [i32::MIN, i32::MAX].map(|end| f64::from(end) * factor);
-    let range = Some(Range { minimum, maximum });
-    let coding = Coding::little_endian(0, 32, Kind::Signed, factor, range);
-    let Quantity { unit, .. } = &sensor.quantity;
-    let comment = "Signal that the drive's sensor measures.";
-    Signal::new(sensor.quantity.key(), unit.symbol(), comment, coding)
-}
-
-/// Returns the signal of the position before the sensor: in millionths of its unit, or a float where 32 bits do not hold it.
-fn true_position(sensor: &Measured) -> Signal {
-    let coding = if sensor.is_true_float() {
-        Coding::little_endian(0, 32, Kind::Float32, 1.0, None)
-    } else {
-        let factor = 1.0 / TRUE_STEPS_PER_UNIT;
-        let [minimum, maximum] = [i32::MIN, i32::MAX].map(|end| f64::from(end) * factor);
-        let range = Some(Range { minimum, maximum });
-        Coding::little_endian(0, 32, Kind::Signed, factor, range)
-    };
-    let name = format!("true_{}", sensor.quantity.key());
-    let symbol = sensor.quantity.unit.symbol();
-    Signal::new(
-        name,
-        symbol,
-        "Signal of the drive before its sensor.",
-        coding,
-    )
-}
-
-/// Returns the signal of an output of an amplifier in 16 bits, in thousandths of its rated value.
-fn thousandths(
-    name: String,
-    of: &Quantity,
-    amplifier: &Amplifier,
-    [minimum, maximum]: [f64; 2],
-    comment: &str,
-) -> Signal {
-    let range = Some(Range { minimum, maximum });
-    let coding = Coding::little_endian(0, 16, Kind::Signed, 1e-3 * amplifier.rated(), range);
-    Signal::new(name, of.unit.symbol(), comment, coding)
-}
-
-/// Describes the counts of an object of an amplifier.
-fn counted(of: &Quantity, amplifier: &Amplifier) -> String {
-    let rated = format!("{} {}", amplifier.rated(), of.unit.symbol());
-    format!(
-        "the object counts thousandths of the rated value of {}.",
-        rated.trim_end()
-    )
-}
-
-/// Returns the measured output of an amplifier.
-fn output(of: &Quantity, amplifier: &Amplifier) -> Signal {
-    let ends = [-32.768, 32.767].map(|end| end * amplifier.rated());
-    let comment = format!("Output of the amplifier; {}", counted(of, amplifier));
-    thousandths(of.key(), of, amplifier, ends, &comment)
-}
-
-/// Returns the range of commands to an amplifier in either direction: they reach the rated value at least.
-fn both_ways(amplifier: &Amplifier) -> [f64; 2] {
-    let most = amplifier.range().largest().max(amplifier.rated());
-    [-most, most]
-}
-
-/// Returns the command to an amplifier.
-fn target(of: &Quantity, amplifier: &Amplifier) -> Signal {
-    let counted = counted(of, amplifier);
-    let comment = format!("Command to the amplifier, as target torque: {counted}");
-    let name = format!("target_{}", of.key());
-    thousandths(name, of, amplifier, both_ways(amplifier), &comment)
-}
-
-/// Returns the output of an amplifier that really acts.
-fn plant_output(of: &Quantity, amplifier: &Amplifier) -> Signal {
-    let comment = "Output of the amplifier that really acts.";
-    let name = format!("plant_{}", of.key());
-    thousandths(name, of, amplifier, both_ways(amplifier), comment)
-}
-
-/// Returns the signals of the objects that a rig file names of a real drive, as it counts them.
-fn real_signals(one: &ControlLoop) -> Carried {
-    let mut carried = Carried::new();
-    let Some(real) = &one.real_drive else {
-        return carried;
-    };
-    let (quantities, layout) = (one.trial.wiring.drive_quantities(), &real.layout);
-    let (measured, output) = (&quantities.feedback, &quantities.output);
-    let mut carry = |object: &str, scaled: Scaled, name: String, of: &Quantity, comment: &str| {
-        if let Ok(address) = object_address(object) {
-            let signal = Signal::new(name, of.unit.symbol(), comment, counts(scaled));
-            carried.insert(address, vec![signal]);
-        }
-    };
-    let comment = "Signal that the drive's sensor measures.";
-    carry(
-        &real.real.position.object,
-        layout.position,
-        measured.key(),
-        measured,
-        comment,
-    );
-    if let Some(current) = layout.current {
-        carry(
-            &real.real.current.object,
-            current,
-            output.key(),
-            output,
-            "Output of the amplifier.",
-        );
-    }
-    let target = format!("target_{}", output.key());
-    carry(
-        &real.real.command.object,
-        layout.target,
-        target,
-        output,
-        "Command to the amplifier.",
-    );
-    carried
-}
-
-/// Returns the coding of an object that a rig file scales, from its own first bit on.
-fn counts(scaled: Scaled) -> Coding {
-    let Scaled {
-        field,
-        units,
-        offset,
-    } = scaled;
-    let kind = if field.is_signed {
-        Kind::Signed
-    } else {
-        Kind::Unsigned
-    };
-    let bits = u8::try_from(8 * field.length_bytes).unwrap_or(u8::MAX);
-    Coding::integer(0, bits, kind, units, offset)
-}
-
 /// Composes the messages of an io node with these outputs.
 fn io_node(node: &Node, outputs: &[IoOutput], manager: &Node, bus: &BusNames<'_>) -> Vec<Message> {
     let in_sheet = outputs.iter().map(IoOutput::in_sheet);
@@ -512,7 +259,7 @@ fn io_node(node: &Node, outputs: &[IoOutput], manager: &Node, bus: &BusNames<'_>
         (pdo == Pdo::Receive(1)).then(|| heading.about(comment))
     };
     let mut messages = compose(&objects, &carried.collect(), SYNC_MILLISECONDS, heading);
-    messages.extend(bus.services(node, heartbeat_of(&objects)));
+    messages.extend(bus.services(node, heartbeat_of(&objects), Vec::new()));
     messages
 }
 
