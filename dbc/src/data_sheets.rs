@@ -237,11 +237,12 @@ mod tests {
     use canopen::object_dictionary::Preset;
 
     use super::*;
-    use crate::Composer;
+    use crate::carried_terms;
     use crate::coding::{Coding, Kind, Range};
     use crate::database::{Database, Signal};
+    use crate::messages::{Carried, Heading, Pdo, compose};
     use crate::names::{ADDED_LOAD, CONVECTION_FACTOR};
-    use crate::node_objects::{self, PlantSignals};
+    use crate::node_objects::{self, PLANT_OBJECTS, PlantSignals};
 
     /// Returns the sheet of a node on a bus, whose objects it has.
     fn checked(
@@ -263,6 +264,24 @@ mod tests {
         });
         let coding = Coding::little_endian(0, 16, kind, factor, range);
         Signal::new(name.to_owned(), "N", "How it pulls.", coding)
+    }
+
+    /// Returns the TPDOs of a node with these objects, which carry these signals.
+    fn sent_by(node: &str, objects: &ObjectDictionary, carried: &Carried) -> Database {
+        let heading_of = |pdo: Pdo| match pdo {
+            Pdo::Transmit(number) => {
+                let name = format!("{node}_tpdo{number}");
+                Some(Heading::new(name, node, ["bench"]))
+            }
+            Pdo::Receive(_) => None,
+        };
+        Database::from_messages(compose(objects, carried, 1, heading_of))
+    }
+
+    /// Returns the signal of a position before its sensor.
+    fn position() -> Signal {
+        let coding = Coding::little_endian(0, 32, Kind::Signed, 1e-6, None);
+        Signal::new("true_position_millimetres".to_owned(), "mm", "", coding)
     }
 
     #[test]
@@ -304,8 +323,13 @@ mod tests {
     #[test]
     fn a_drive_has_the_signals_of_its_plant_and_the_values_of_its_rig() {
         let signals = ["a", "b", "c"].map(|name| signal(name, Kind::Unsigned, 0.01));
-        let bus = Composer::new("controller", 1).with_drive(("y", 0x12), Some(&signals));
-        let bus = bus.finish();
+        let position = position();
+        let published = |count| PlantSignals {
+            published: signals.iter().take(count).collect(),
+            position: &position,
+        };
+        let numbered = PLANT_OBJECTS.into_iter().zip(&signals);
+        let carried = numbered.map(|(index, signal)| ((index, 0), vec![signal.clone()]));
         let target = Preset {
             limits: Some([-2000, 2000]),
             ..Preset::new(0x6071, 0, 0)
@@ -314,11 +338,9 @@ mod tests {
             Preset::new(0x1801, 2, 5),
             Preset::new(0x60A8, 0, 0xFD41_0000),
         ];
-        let objects = node_objects::drive(
-            0x12,
-            PlantSignals::of(&bus, "y"),
-            presets.into_iter().chain([target]),
-        );
+        let presets = presets.into_iter().chain([target]);
+        let objects = node_objects::drive(0x12, Some(published(3)), presets);
+        let bus = sent_by("y", &objects, &carried.collect());
         let text = checked(DRIVE_EDS, ("y", 0x12), &objects, &bus);
         for part in [
             "\nFileName=y.eds\n",
@@ -334,8 +356,7 @@ mod tests {
         ] {
             assert!(text.contains(part), "{part}\n{text}");
         }
-        let alone = Composer::new("controller", 1).with_drive(("y", 0x12), Some(&signals[..1]));
-        let objects = node_objects::drive(0x12, PlantSignals::of(&alone.finish(), "y"), []);
+        let objects = node_objects::drive(0x12, Some(published(1)), []);
         let reserved = objects.get(0x2102, 0).map(|entry| entry.name.as_str());
         assert_eq!(
             (reserved, objects.unsigned(0x1802, 1)),
@@ -355,13 +376,10 @@ mod tests {
             terms.extend(flags.clone());
             (terms, identifiers)
         });
-        let mut composer = Composer::new("hand", 1);
-        for (place, (terms, identifiers)) in (0..).zip(&loops) {
-            let name = ["left", "right"][usize::from(place)];
-            composer = composer.with_terms((place, name), *identifiers, terms);
-        }
-        let bus = composer.finish();
+        let carried = (0..).zip(&loops);
+        let carried = carried.flat_map(|(place, (terms, _))| carried_terms(terms, place));
         let objects = node_objects::controller(1, &loops, &[0x12, 0x14], &[0x1F]);
+        let bus = sent_by("hand", &objects, &carried.collect());
         let text = checked(CONTROLLER_EDS, ("hand", 1), &objects, &bus);
         for part in [
             "\n[ManufacturerObjects]\nSupportedObjects=4\n1=0x2200\n2=0x2201\n3=0x2240\n4=0x2241\n",
@@ -386,7 +404,7 @@ mod tests {
             [0, 1, 2, 3].map(|sub| unsigned(0x1016, sub)),
             [3, 0x12_0000, 0x1F_0064, 0x14_0000]
         );
-        let object = &bus.definition("hand_right_tpdo1.force").unwrap().object;
+        let object = &bus.definition("hand_tpdo5.force").unwrap().object;
         assert_eq!(object, "0x2240:00");
     }
 

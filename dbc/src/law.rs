@@ -1,6 +1,8 @@
 //! The layout of a law's terms in the objects and the frames of the controller.
 
 use crate::database::Signal;
+use crate::messages::Carried;
+use crate::messages::words::yes_or_no;
 use crate::names::TERMS_MAX;
 
 /// Index of the first object of the terms of the first loop, and the number of objects that a loop has.
@@ -58,13 +60,37 @@ pub fn layout(terms: &[Signal]) -> Option<Vec<TermObject>> {
     (message < TERMS_MAX).then_some(objects)
 }
 
+/// Returns the objects of the terms of a law, by the place of its loop, each with the terms that it carries.
+pub fn carried_terms(terms: &[Signal], loop_place: u8) -> Carried {
+    let objects = layout(terms).unwrap_or_default();
+    let carried = (first_term(loop_place)..).zip(objects).map(|(index, object)| {
+        let signals = object.terms.iter().map(|(place, bit)| {
+            let term = &terms[*place];
+            let labels = match term.coding.length_bits {
+                1 => yes_or_no(),
+                _ => Vec::new(),
+            };
+            let coding = term.coding.starting_at(*bit);
+            Signal {
+                coding,
+                labels,
+                ..term.clone()
+            }
+        });
+        ((index, 0), signals.collect())
+    });
+    carried.collect()
+}
+
 #[cfg(test)]
 mod tests {
     use can::CanFrame;
 
     use super::*;
     use crate::coding::{Coding, Kind};
-    use crate::{Composer, Database};
+    use crate::Database;
+    use crate::messages::{Heading, Pdo, compose};
+    use crate::node_objects::controller;
 
     fn term(name: &str, bits: u8, kind: Kind) -> Signal {
         let coding = Coding::little_endian(0, bits, kind, 1.0, None);
@@ -72,10 +98,17 @@ mod tests {
     }
 
     fn with_terms(terms: &[Signal]) -> Database {
-        let composer = Composer::new("controller", 1);
-        composer
-            .with_terms((0, ""), [0x181, 0x281, 0x381, 0x481], terms)
-            .finish()
+        let loops = [(terms.to_vec(), [0x181, 0x281, 0x381, 0x481])];
+        let objects = controller(1, &loops, &[0x10], &[]);
+        let heading_of = |pdo: Pdo| match pdo {
+            Pdo::Transmit(number) => {
+                let name = format!("controller_tpdo{number}");
+                Some(Heading::new(name, "controller", ["bench"]))
+            }
+            Pdo::Receive(_) => None,
+        };
+        let messages = compose(&objects, &carried_terms(terms, 0), 1, heading_of);
+        Database::from_messages(messages)
     }
 
     fn real(name: &str) -> Signal {

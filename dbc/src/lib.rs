@@ -53,7 +53,7 @@ pub use compose::Composer;
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{Database, Message, MessageBuilder, Signal, SignalHandle};
 pub use error::{DbcError, SignalMissing};
-pub use law::{TermObject, first_term, layout};
+pub use law::{TermObject, carried_terms, first_term, layout};
 pub use port::{Port, Ports, Width, local_name, plant_of_port, steps_for};
 pub use quantity::{Quantities, Quantity, UNIT, is_gain, is_pattern, is_same_gain};
 pub use unit::{Unit, conversion, known_units, singular, symbol_of, unit_in};

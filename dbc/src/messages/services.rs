@@ -9,7 +9,7 @@ use super::words::labelled;
 use crate::coding::{Coding, Kind, Range};
 use crate::database::{Message, Signal};
 use crate::names::{MANUFACTURER_ERROR, NMT_STATE};
-use crate::quantity::Quantity;
+use crate::quantity::{Quantities, Quantity};
 
 /// Identifier of SYNC and of NMT commands (CiA 301, 7.3.5).
 const SYNC_IDENTIFIER: u32 = 0x080;
@@ -182,10 +182,9 @@ pub fn emergency(
     heading.message(identifier, 8, signals)
 }
 
-/// Returns the causes for which a manager gives up, by the second of the maker's bytes, for a drive that measures and commands
-/// these quantities.
-pub fn causes(measured: &Quantity, commanded: &Quantity) -> Vec<(i64, String)> {
-    let (measured, commanded) = (&measured.name, &commanded.name);
+/// Returns the causes for which a manager gives up, by the second of the maker's bytes, for a drive with these quantities.
+fn causes(of: &Quantities) -> Vec<(i64, String)> {
+    let (measured, commanded) = (&of.feedback.name, &of.output.name);
     let place = if measured == POSITION {
         "the travel"
     } else {
@@ -206,6 +205,20 @@ pub fn causes(measured: &Quantity, commanded: &Quantity) -> Vec<(i64, String)> {
     ];
     let numbers = (1..).map(|number: i64| number << 8);
     numbers.zip(texts).collect()
+}
+
+/// Returns the causes for which a manager of these drives gives up, each drive with its name, its node-ID, and what it measures
+/// and commands. Of several drives each has causes of its own, whose lowest byte is its node-ID.
+pub fn causes_at(drives: &[(&str, u8, Quantities)]) -> Vec<(i64, String)> {
+    if let [(_, _, only)] = drives {
+        return causes(only);
+    }
+    let mut all = causes(&Quantities::default());
+    for (name, id, quantities) in drives {
+        let own = causes(quantities).into_iter();
+        all.extend(own.map(|(cause, text)| (cause | i64::from(*id), format!("{text} ({name})"))));
+    }
+    all
 }
 
 /// Composes requests to an SDO server, or its answers.

@@ -7,12 +7,12 @@ use canopen::ObjectDictionary;
 use dbc::loops::TERMS_EVERY_CYCLES;
 use dbc::messages::{Carried, Heading, Pdo, compose, services};
 use dbc::node_objects;
-use dbc::{Coding, Database, Kind, Message, Port, Quantity, Signal, first_term, layout, names};
+use dbc::{Coding, Database, Kind, Message, Port, Signal, carried_terms, names};
 use scenario::node::{Node, Part};
 use scenario::wiring::IoOutput;
 
 use super::drive_messages::compose_drive;
-use crate::plan::{ControlLoop, Plan};
+use crate::plan::Plan;
 
 /// Analogue outputs (CiA 401).
 const IO_OUTPUTS: u16 = 0x6411;
@@ -161,11 +161,15 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
     let drives = Vec::from_iter(bus.drives.iter().map(|drive| drive.id));
     let io = Vec::from_iter(bus.io.iter().map(|io| io.id));
     let objects = node_objects::controller(node.id, &terms, &drives, &io);
-    let mut messages = bus.services(node, heartbeat_of(&objects), causes(plan));
-    let mut carried = Carried::new();
-    for ((terms, _), place) in terms.iter().zip(0..) {
-        carry_terms(&mut carried, terms, place);
-    }
+    let led = plan.loops.iter().map(|one| {
+        let drive = &one.nodes.drive;
+        (&*drive.name, drive.id, one.trial.wiring.drive_quantities())
+    });
+    let causes = services::causes_at(&Vec::from_iter(led));
+    let mut messages = bus.services(node, heartbeat_of(&objects), causes);
+    let carried = terms.iter().zip(0..);
+    let carried = carried.flat_map(|((terms, _), place)| carried_terms(terms, place));
+    let carried = carried.collect::<Carried>();
     let heading = |pdo: Pdo| {
         let Pdo::Transmit(number) = pdo else {
             return None;
@@ -199,49 +203,6 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
         }
     }
     messages
-}
-
-/// Lays the terms of a law into the objects of its loop's place.
-fn carry_terms(carried: &mut Carried, terms: &[Signal], place: u8) {
-    let objects = layout(terms).unwrap_or_default();
-    for (index, object) in (first_term(place)..).zip(&objects) {
-        let signals = object.terms.iter().map(|(term, bit)| {
-            let term = &terms[*term];
-            Signal {
-                coding: term.coding.starting_at(*bit),
-                labels: match term.coding.length_bits {
-                    1 => dbc::messages::words::yes_or_no(),
-                    _ => Vec::new(),
-                },
-                ..term.clone()
-            }
-        });
-        carried.insert((index, 0), signals.collect());
-    }
-}
-
-/// Returns the causes for which the controller gives up. Of several drives each has causes of its own, whose lowest byte is its
-/// node-ID.
-fn causes(plan: &Plan) -> Vec<(i64, String)> {
-    let of = |one: &ControlLoop| {
-        let wiring = &one.trial.wiring;
-        services::causes(&wiring.sensor.quantity, &wiring.quantities.output)
-    };
-    if let [only] = &plan.loops[..] {
-        return of(only);
-    }
-    let mut causes = services::causes(&Quantity::default(), &Quantity::current());
-    for one in &plan.loops {
-        let drive = &one.nodes.drive;
-        let own = of(one).into_iter();
-        causes.extend(own.map(|(cause, text)| {
-            (
-                cause | i64::from(drive.id),
-                format!("{text} ({})", drive.name),
-            )
-        }));
-    }
-    causes
 }
 
 /// Composes the messages of an io node with these outputs.
