@@ -172,7 +172,8 @@ mod tests {
     use crate::law::{CommandRange, Cycle, Port, one_loop};
     use crate::laws::pid::Pid;
     use crate::terms::described;
-    use dbc::{Ports, Quantities};
+    use dbc::messages::{Heading, Pdo, compose};
+    use dbc::{Database, Ports, Quantities, carried_terms, node_objects};
     use scenario::{Identifiers, controller};
 
     #[test]
@@ -261,13 +262,20 @@ mod tests {
             ..Controller::default()
         };
         let terms = terms(&sliding_mode, &Wiring::default());
-        let shipped = dbc::Database::shipped();
-        let composer = dbc::Composer::new("controller", 1);
-        let composed = composer
-            .with_terms((0, ""), Identifiers::default().terms, &terms)
-            .finish();
-        let ours = Vec::from_iter(composed.term_messages("controller", ""));
-        let theirs = Vec::from_iter(shipped.term_messages("controller", ""));
+        let loops = [(terms.clone(), Identifiers::default().terms)];
+        let objects = node_objects::controller(1, &loops, &[0x10], &[]);
+        let heading_of = |pdo: Pdo| match pdo {
+            Pdo::Transmit(number) => {
+                let heading =
+                    Heading::new(format!("controller_tpdo{number}"), "controller", ["bench"]);
+                let comment = "of the controller, every 10th SYNC: terms of the law.";
+                Some(heading.about(format!("TPDO{number} {comment}")))
+            }
+            Pdo::Receive(_) => None,
+        };
+        let ours = compose(&objects, &carried_terms(&terms, 0), 1, heading_of);
+        let theirs = Database::shipped().term_messages("controller", "");
+        let theirs = Vec::from_iter(theirs.cloned());
         assert_eq!(ours, theirs);
     }
 

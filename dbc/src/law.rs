@@ -63,22 +63,24 @@ pub fn layout(terms: &[Signal]) -> Option<Vec<TermObject>> {
 /// Returns the objects of the terms of a law, by the place of its loop, each with the terms that it carries.
 pub fn carried_terms(terms: &[Signal], loop_place: u8) -> Carried {
     let objects = layout(terms).unwrap_or_default();
-    let carried = (first_term(loop_place)..).zip(objects).map(|(index, object)| {
-        let signals = object.terms.iter().map(|(place, bit)| {
-            let term = &terms[*place];
-            let labels = match term.coding.length_bits {
-                1 => yes_or_no(),
-                _ => Vec::new(),
-            };
-            let coding = term.coding.starting_at(*bit);
-            Signal {
-                coding,
-                labels,
-                ..term.clone()
-            }
+    let carried = (first_term(loop_place)..)
+        .zip(objects)
+        .map(|(index, object)| {
+            let signals = object.terms.iter().map(|(place, bit)| {
+                let term = &terms[*place];
+                let labels = match term.coding.length_bits {
+                    1 => yes_or_no(),
+                    _ => Vec::new(),
+                };
+                let coding = term.coding.starting_at(*bit);
+                Signal {
+                    coding,
+                    labels,
+                    ..term.clone()
+                }
+            });
+            ((index, 0), signals.collect())
         });
-        ((index, 0), signals.collect())
-    });
     carried.collect()
 }
 
@@ -87,8 +89,8 @@ mod tests {
     use can::CanFrame;
 
     use super::*;
-    use crate::coding::{Coding, Kind};
     use crate::Database;
+    use crate::coding::{Coding, Kind};
     use crate::messages::{Heading, Pdo, compose};
     use crate::node_objects::controller;
 

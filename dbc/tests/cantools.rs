@@ -9,7 +9,9 @@ use std::path::Path;
 
 use can::CanFrame;
 use can::frame::EXTENDED_FLAG;
-use dbc::{Coding, Composer, Database, Kind, Message, Range, Signal, names};
+use dbc::messages::{Carried, Heading, Pdo, compose};
+use dbc::node_objects::{self, PLANT_OBJECTS, PlantSignals, TRUE_POSITION_OBJECT};
+use dbc::{Coding, Database, Kind, Message, Range, Signal, carried_terms};
 
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");
 const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
@@ -61,11 +63,47 @@ fn with_dc_motor() -> Database {
 
 /// Returns the shipped rig with this plant and this law.
 fn composed(plant: &[Signal], terms: &[Signal]) -> Database {
-    Composer::new("controller", 1)
-        .with_drive(("drive", 0x10), Some(plant))
-        .with_io(("disturbance", 0x11), &[])
-        .with_terms((0, ""), [0x181, 0x281, 0x381, 0x481], terms)
-        .finish()
+    let shipped = Database::shipped();
+    let position = shipped.definition("drive_tpdo2.true_position_millimetres");
+    let position = position.unwrap().clone();
+    let truth = PlantSignals {
+        published: plant.iter().collect(),
+        position: &position,
+    };
+    let objects = node_objects::drive(0x10, Some(truth), []);
+    let numbered = PLANT_OBJECTS.into_iter().zip(plant);
+    let mut carried: Carried = numbered
+        .map(|(index, signal)| ((index, 0), vec![signal.clone()]))
+        .collect();
+    let first_bit = position.coding.starting_at(0);
+    carried.insert(
+        (TRUE_POSITION_OBJECT, 0),
+        vec![Signal {
+            coding: first_bit,
+            ..position.clone()
+        }],
+    );
+    let of_plant = compose(&objects, &carried, 1, |pdo| match pdo {
+        Pdo::Transmit(number @ 2..) => Some(heading("drive", number, "the truth")),
+        _ => None,
+    });
+    let loops = [(terms.to_vec(), [0x181, 0x281, 0x381, 0x481])];
+    let objects = node_objects::controller(1, &loops, &[0x10], &[0x11]);
+    let of_law = compose(&objects, &carried_terms(terms, 0), 1, |pdo| match pdo {
+        Pdo::Transmit(number) => Some(heading("controller", number, "terms of the law")),
+        Pdo::Receive(_) => None,
+    });
+    let messages = shipped.messages().iter().filter(|message| {
+        let mut replaced = ["controller_tpdo", "drive_tpdo2", "drive_tpdo3"].into_iter();
+        !replaced.any(|start| message.name.starts_with(start))
+    });
+    let messages = messages.cloned().chain(of_plant).chain(of_law);
+    Database::from_messages(messages.collect())
+}
+
+fn heading(node: &str, number: u16, what: &str) -> Heading {
+    let name = format!("{node}_tpdo{number}");
+    Heading::new(name, node, ["bench"]).about(format!("TPDO{number} of {node}: {what}."))
 }
 
 /// Returns names that a DBC does not allow, and the same within its limits.
@@ -99,22 +137,18 @@ fn real_drive() -> Database {
             coding.is_some()
         });
     };
-    let messages = Database::shipped().term_messages("controller", "");
-    let terms = messages.flat_map(|message| message.signals.clone());
-    Composer::new("controller", 1)
-        .with_drive(("drive", 0x10), None)
-        .edited("drive", names::TPDO1, lay_out)
-        .edited("drive", names::RPDO1, |message| message.raw_id = 0x320)
-        .edited("drive", names::HEARTBEAT, |message| {
-            message.cycle_time_milliseconds = 20;
-        })
-        .with_io(("disturbance", 0x11), &[])
-        .with_terms(
-            (0, ""),
-            [0x181, 0x281, 0x381, 0x481],
-            &Vec::from_iter(terms),
-        )
-        .finish()
+    let is_of_plant = |name: &str| ["drive_tpdo2", "drive_truth"].contains(&name);
+    let messages = Database::shipped().messages().iter();
+    let mut messages = Vec::from_iter(messages.filter(|one| !is_of_plant(&one.name)).cloned());
+    for message in &mut messages {
+        match &*message.name {
+            "drive_tpdo1" => lay_out(message),
+            "drive_rpdo1" => message.raw_id = 0x320,
+            "drive_heartbeat" => message.cycle_time_milliseconds = 20,
+            _ => {}
+        }
+    }
+    Database::from_messages(messages)
 }
 
 fn databases() -> BTreeMap<&'static str, Database> {

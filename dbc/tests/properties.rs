@@ -5,7 +5,9 @@
 use std::collections::BTreeSet;
 
 use can::CanFrame;
-use dbc::{Coding, Composer, Database, Kind, Range, SMA_ACTUATOR, Signal, names};
+use dbc::messages::{Heading, Pdo, compose};
+use dbc::node_objects::{self, PLANT_OBJECTS, PlantSignals};
+use dbc::{Coding, Database, Kind, Message, Range, SMA_ACTUATOR, Signal, carried_terms};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -103,33 +105,56 @@ fn rig(
         "target_current_amperes" => Some(target),
         _ => Some(signal.coding),
     };
-    let composer = Composer::new("controller", 1).with_drive(("drive", 0x20), plant);
-    let pdos = [names::TPDO1, names::RPDO1]
-        .into_iter()
-        .zip(identifiers)
-        .zip([8, 6]);
-    let composer = pdos.filter(|_| plant.is_none()).fold(
-        composer,
-        |composer, ((service, identifier), length_bytes)| {
-            composer.edited("drive", service, |message| {
-                (message.raw_id, message.length_bytes) = (identifier.into(), length_bytes);
-                message.signals.retain_mut(|signal| {
-                    let coding = coding(signal);
-                    signal.coding = coding.unwrap_or(signal.coding);
-                    coding.is_some()
-                });
-            })
-        },
-    );
-    composer
-        .edited("drive", names::HEARTBEAT, |message| {
-            if plant.is_none() {
+    let shipped = Database::shipped().messages().iter();
+    let is_replaced = |message: &&Message| {
+        let mut replaced = ["controller_tpdo", "drive_tpdo2"].into_iter();
+        replaced.any(|start| message.name.starts_with(start))
+    };
+    let mut messages = Vec::from_iter(shipped.filter(|one| !is_replaced(one)).cloned());
+    for message in messages.iter_mut().filter(|_| plant.is_none()) {
+        let (identifier, length_bytes) = match &*message.name {
+            "drive_tpdo1" => (identifiers[0], 8),
+            "drive_rpdo1" => (identifiers[1], 6),
+            "drive_heartbeat" => {
                 message.cycle_time_milliseconds = identifiers[0].into();
+                continue;
             }
-        })
-        .with_io(("fan", 0x21), &[])
-        .with_terms((0, ""), [0x181, 0x281, 0x381, 0x481], terms)
-        .finish()
+            _ => continue,
+        };
+        (message.raw_id, message.length_bytes) = (identifier.into(), length_bytes);
+        message.signals.retain_mut(|signal| {
+            let coding = coding(signal);
+            signal.coding = coding.unwrap_or(signal.coding);
+            coding.is_some()
+        });
+    }
+    if let Some(published) = plant {
+        let position = Signal::new("true_x".to_owned(), "", "", position.starting_at(0));
+        let truth = PlantSignals {
+            published: published.iter().collect(),
+            position: &position,
+        };
+        let objects = node_objects::drive(0x20, Some(truth), []);
+        let numbered = PLANT_OBJECTS.into_iter().zip(published);
+        let carried = numbered.map(|(index, signal)| ((index, 0), vec![signal.clone()]));
+        let of_plant = compose(&objects, &carried.collect(), 1, |pdo| match pdo {
+            Pdo::Transmit(number @ 2..) => Some(heading("drive", number)),
+            _ => None,
+        });
+        messages.extend(of_plant);
+    }
+    let loops = [(terms.to_vec(), [0x181, 0x281, 0x381, 0x481])];
+    let objects = node_objects::controller(1, &loops, &[0x20], &[]);
+    let of_law = compose(&objects, &carried_terms(terms, 0), 1, |pdo| match pdo {
+        Pdo::Transmit(number) => Some(heading("controller", number)),
+        Pdo::Receive(_) => None,
+    });
+    messages.extend(of_law);
+    Database::from_messages(messages)
+}
+
+fn heading(node: &str, number: u16) -> Heading {
+    Heading::new(format!("{node}_tpdo{number}"), node, ["bench"])
 }
 
 proptest! {

@@ -305,7 +305,8 @@ fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
 
 #[cfg(test)]
 mod tests {
-    use dbc::Composer;
+    use dbc::Quantities;
+    use dbc::messages::{Heading, services};
 
     use super::*;
     use crate::node_names::tests::two_loops;
@@ -354,9 +355,11 @@ mod tests {
 
     #[test]
     fn among_several_drives_an_emergency_names_the_one_concerned() {
-        let bus = Composer::new("controller", 1);
-        let bus = bus.with_drive(("left", 0x12), None);
-        let bus = bus.with_drive(("right", 0x13), None).finish();
+        let drives = [("left", 0x12), ("right", 0x13)];
+        let drives = drives.map(|(name, id)| (name, id, Quantities::default()));
+        let heading = Heading::new("controller_emergency".to_owned(), "controller", []);
+        let causes = services::causes_at(&drives);
+        let bus = Database::from_messages(vec![services::emergency(heading, 0x081, false, causes)]);
         let mut reader = EventReader::new(&bus, two_loops());
         for node in [0x12, 0x13] {
             let frame = CanFrame::new(0x081, &[0, 0x10, 1, node, 6, 0, 0, 0]);
