@@ -1,5 +1,4 @@
-//! The messages that are composed from the objects of the nodes are those of before, on every rig
-//! of the repository.
+//! Messages composed from node objects equal `Composer`'s, on every rig in the repository.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,9 +14,9 @@ const TRUTH: &str = "0x210";
 /// Objects of an amplifier: its output and its command.
 const AMPLIFIER: [&str; 2] = ["0x6078:00", "0x6071:00"];
 
-/// Returns a message without its description, which says the same in other words, and without the
-/// cycle of the truth, which was that of each SYNC however often it was sent.
-fn without_comments(message: &Message) -> Message {
+/// Clears what may differ: message descriptions, and the truth's cycle time, which `Composer`
+/// always sets to the SYNC period.
+fn without_known_differences(message: &Message) -> Message {
     let mut signals = message.signals.iter();
     let is_truth = signals.any(|signal| signal.object.starts_with(TRUTH));
     Message {
@@ -27,14 +26,14 @@ fn without_comments(message: &Message) -> Message {
         } else {
             message.cycle_time_milliseconds
         },
-        signals: message.signals.iter().map(described_alike).collect(),
+        signals: message.signals.iter().map(without_rated_comment).collect(),
         ..message.clone()
     }
 }
 
-/// Returns a signal; that of a bought drive's amplifier without its description, which named a rated
-/// value of 1 A.
-fn described_alike(signal: &Signal) -> Signal {
+/// Clears the comment of an external drive's amplifier signals, because `Composer` names a rated
+/// value of 1 A there.
+fn without_rated_comment(signal: &Signal) -> Signal {
     let is_of_bought = AMPLIFIER.contains(&&*signal.object) && signal.coding.range.is_none();
     Signal {
         comment: if is_of_bought {
@@ -88,7 +87,7 @@ fn lines(message: &Message) -> Vec<String> {
 /// Returns the lines in which the messages of two databases differ.
 fn differences(file: &Path, before: &Database, composed: &Database) -> Vec<String> {
     let all = |database: &Database| {
-        let messages = database.messages().iter().map(without_comments);
+        let messages = database.messages().iter().map(without_known_differences);
         Vec::from_iter(messages.flat_map(|message| lines(&message)))
     };
     let [before, composed] = [before, composed].map(all);
@@ -101,7 +100,7 @@ fn differences(file: &Path, before: &Database, composed: &Database) -> Vec<Strin
 }
 
 #[test]
-fn composed_messages_are_those_of_before() {
+fn composed_messages_equal_the_composers() {
     let mut differing = Vec::new();
     let mut count = 0;
     for file in toml_files() {

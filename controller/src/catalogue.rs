@@ -59,7 +59,7 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidRegistration> {
     OWN.set(laws).map_err(|_| InvalidRegistration::again())
 }
 
-/// Checks whether the bus can carry the outputs of a law of one loop, whatever its drive's target may be.
+/// Checks that the bus can carry the outputs of a single-loop law for at least one target: a current, else any known quantity.
 fn check(row: &LawRow) -> Result<(), InvalidRegistration> {
     let check_for = |target: Quantity| {
         let mut wiring = Wiring::default();

@@ -31,8 +31,8 @@ pub struct Cycle {
 /// is `LOOP.position_UNIT`, which is NaN in a cycle without a position; `LOOP.set_point_UNIT`, or with the suffix
 /// `_per_second` or `_per_second_squared` a derivative of the set-point; or `DRIVE.position_UNIT` of a further drive.
 /// An output is `DRIVE.command`, in the unit of the drive's target, one for each drive, or a term of the law,
-/// `LOOP.NAME`, which is recorded among the signals of that loop. A command may instead have the name of the target with
-/// a unit, as `DRIVE.current_amperes`. The law states the unit in the name; the controller converts.
+/// `LOOP.NAME`, which is recorded among the signals of that loop. A command may instead be named by the target's
+/// quantity with a unit, such as `DRIVE.current_amperes`. The law states the unit in the name; the controller converts.
 ///
 /// The controller node does everything else: the drives, SYNC, set-points, missing and implausible positions, and the
 /// objects in which the terms are published. An observer belongs to the law: its state is a part of `State`.
@@ -46,9 +46,9 @@ pub trait Law: fmt::Debug + Send + 'static {
     /// Memory from cycle to cycle. `Copy` excludes memory on the heap.
     type State: Copy + fmt::Debug + Send;
 
-    /// Computes the constants. `commands` are the ranges of the commands to the drives that it leads, in their order.
-    /// For a law of all loops they are those of the first drive of each loop, in the order of the loops' names.
-    fn new(config: &Self::Config, commands: &[CommandRange]) -> Self;
+    /// Computes the constants. `command_ranges` has one entry per led drive, in drive order. For a law of all loops it has
+    /// one entry per loop, for the loop's first drive, in order of loop names.
+    fn new(config: &Self::Config, command_ranges: &[CommandRange]) -> Self;
 
     /// Returns the inputs and outputs. A command is limited to the range of its port and to that of the drive. The
     /// terms are sent every 10th cycle, in at most four frames.

@@ -41,7 +41,7 @@ pub(crate) struct Plausibility {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watch {
     seconds: f64,
-    square_seconds: f64,
+    squared_command_integral: f64,
     lowest: f64,
     highest: f64,
     /// Smallest distance from the set-point.
@@ -71,7 +71,7 @@ impl Plausibility {
         self.seconds_above += period_seconds;
         self.command = command;
         self.watch.seconds += period_seconds;
-        self.watch.square_seconds += command * command * period_seconds;
+        self.watch.squared_command_integral += command * command * period_seconds;
     }
 
     /// Accepts a sample, unless it is implausible.
@@ -120,7 +120,7 @@ impl Plausibility {
             return Ok(());
         }
         let large = stall.current_rms * stall.current_rms;
-        let is_current_large = watch.square_seconds > large * watch.seconds;
+        let is_command_large = watch.squared_command_integral > large * watch.seconds;
         let is_still = watch.highest - watch.lowest < stall.motion;
         let is_at_limit = self.commands.is_at_end(self.command);
         let is_away = |away| is_at_limit && watch.distance >= away;
@@ -133,13 +133,13 @@ impl Plausibility {
             distance,
             ..Watch::default()
         };
-        if is_current_large && is_still && must_move {
+        if is_command_large && is_still && must_move {
             return Err(Cause::PositionFrozen);
         }
         Ok(())
     }
 
-    /// Returns whether the plant is at an end of its travel and the current pushes it outward.
+    /// Returns whether the plant is at an end of its travel and the command pushes it outward.
     fn pushes_outward(&self, position: f64, motion: f64) -> bool {
         let [lowest, highest] = self.ends;
         (position >= highest - motion && self.command > 0.0)

@@ -155,13 +155,13 @@ fn check_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Result<()
         (false, false) if writing.index == 0 => return Ok(()),
         (true, false) => (
             format!("`{name}` is a command, not a term"),
-            "what the law commands stands in `writes`".to_owned(),
+            "list commands in `writes`".to_owned(),
         ),
         (false, true) => {
             let right = loops[writing.index].quantities.output.key();
             (
                 format!("`{name}` is not a drive command"),
-                format!("write `command` or `{right}`; what else the law writes stands in `terms`"),
+                format!("write `command` or `{right}`; list any other output in `terms`"),
             )
         }
         (false, false) => (

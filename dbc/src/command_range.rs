@@ -2,7 +2,7 @@
 
 use canopen::add_half;
 
-/// Counts of the rated value: CiA 402 counts targets of an amplifier in thousandths of it (0x6071, 0x6078).
+/// Counts per rated value: CiA 402 counts target (0x6071) and actual value (0x6078) in thousandths of the rated value.
 const COUNTS_OF_RATED: f64 = 1000.0;
 /// Largest number of counts that 16 bits hold.
 pub const COUNTS_MAX: f64 = 32_767.0;

@@ -6,7 +6,8 @@
 //! [`SMA_ACTUATOR`] lays out every frame on the bus; [`DRIVE_EDS`], [`DISTURBANCE_EDS`] and [`CONTROLLER_EDS`] lay out the
 //! objects behind them, and a test checks that they agree. Recorder, judge and tools read frames through [`Database`];
 //! [`Composer`] makes the database of a rig; [`names`] has the names that the bench itself uses.
-//! [`Port`]s are those of plants and laws, a [`Quantity`] is what a sensor measures or an amplifier gives, in a [`Unit`].
+//! A [`Port`] is an input or output of a plant or a law; a [`Quantity`] is what a sensor measures or an amplifier gives, in a
+//! [`Unit`].
 //!
 //! The crate does not know scenarios, plants and laws beyond their signals and ports, recordings, or the sender of a frame and its reason.
 //!

@@ -68,7 +68,7 @@ pub const CONTROLWORD: &str = "controlword_command";
 pub const POSITION: &str = "{signal}_{unit}";
 /// Position before the sensor.
 pub const TRUE_POSITION: &str = "true_{signal}_{unit}";
-/// Output of its amplifier that a drive measures.
+/// Amplifier output as the drive measures it.
 pub const OUTPUT: &str = "{command}_{command_unit}";
 /// Command to a drive.
 pub const TARGET: &str = "target_{command}_{command_unit}";

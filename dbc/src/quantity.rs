@@ -7,7 +7,8 @@ use crate::unit::{SHARE, Unit, find, known_units, singular, unit_in};
 
 /// Name of what a sensor measures unless it says otherwise.
 const POSITION: &str = "position";
-/// A current is in amperes whatever its port, since the rated current (0x6075), I²t and the limits of a real drive are.
+/// A current is always in amperes, even at a port in milliamperes, because the rated current (0x6075), I²t and a real drive's
+/// limits are in amperes.
 const CURRENT: &str = "current";
 const AMPERES: &str = "amperes";
 /// Names of values that are computed for each loop.
@@ -26,7 +27,7 @@ const PER: &str = "_per_";
 pub struct Quantity {
     /// Name of its signal, in words with underscores.
     pub name: String,
-    /// Unit of its values; without a word for a number without a unit.
+    /// Unit of the values; the word is empty for a plain number.
     pub unit: Unit,
 }
 
@@ -54,8 +55,8 @@ impl Quantity {
     }
 
     /// Returns what an amplifier gives to a port of a plant. Its unit is the end of the port's name, and its name is the quantity
-    /// of this unit: a mass, in kilograms, for `motor.added_load_kilograms`. A share and a number without a unit are called like
-    /// the port: `valve_percent` is `valve`, in percent.
+    /// of this unit: a mass, in kilograms, for `motor.added_load_kilograms`. A percentage or a number without a unit takes the
+    /// port's name: `valve_percent` is `valve`, in percent.
     pub fn of_port(port: &str) -> Self {
         let port = local_name(port);
         let unit = unit_in(port);
@@ -114,7 +115,7 @@ fn with_unit(name: &str, unit: &str) -> String {
     format!("{name}{joint}{unit}")
 }
 
-/// Quantities of a loop: the measured one and the commanded one.
+/// Quantities of a loop's feedback and command.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Quantities {
     /// Quantity of its feedback and its set-point.
@@ -139,8 +140,8 @@ impl Quantities {
     }
 
     /// Fills the places of a pattern, or of a text with patterns: `{signal}_{unit}` becomes `speed_revolutions_per_minute`, and
-    /// `{command}_{command_unit}` becomes `voltage_volts`. In names of gains, `{gain}` is one unit of the command by one of the
-    /// feedback as laws read it, as `amperes_per_metre`, and `{gain_seconds}` the same times a second.
+    /// `{command}_{command_unit}` becomes `voltage_volts`. In gain names, `{gain}` is the command's unit per feedback unit as
+    /// laws read it (`amperes_per_metre`); `{gain_seconds}` is that gain times seconds (`ampere_seconds_per_metre`).
     pub fn name(&self, pattern: &str) -> String {
         if !is_pattern(pattern) {
             return pattern.to_owned();
@@ -185,12 +186,12 @@ pub fn is_pattern(name: &str) -> bool {
     name.contains('{')
 }
 
-/// Checks whether a name is a gain's, which may be by another unit of the loop's quantity.
+/// Checks whether a name is a gain name, which may be per another unit of the loop's quantity.
 pub fn is_gain(name: &str) -> bool {
     name.contains(GAIN) || name.contains(GAIN_SECONDS)
 }
 
-/// Checks whether two names are one gain's, by two units.
+/// Checks whether two names mean the same gain per different units.
 pub fn is_same_gain(one: &str, other: &str) -> bool {
     // Most names differ before the unit already.
     let [before, too] = [one, other].map(|name| name.split_once(PER).map(|(before, _)| before));

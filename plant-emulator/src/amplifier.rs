@@ -8,7 +8,7 @@ use crate::objects::{SIGNED_16, rounded_16};
 /// Largest resolution of the digital-to-analogue converter.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
-/// An amplifier. It gives what is commanded at once, within its range.
+/// An amplifier. The output follows each command without delay, clipped to the range.
 #[derive(Clone, Debug)]
 pub struct Amplifier {
     /// Rated value, of which commands are in permille.
@@ -29,15 +29,15 @@ impl Amplifier {
         }
     }
 
-    /// Returns the output of a command before its limitation.
-    fn wanted(&self, command_permille: i16) -> f64 {
+    /// Returns the output for a command before clipping.
+    fn unclipped_output(&self, command_permille: i16) -> f64 {
         f64::from(command_permille) / 1e3 * self.rated
     }
 
     /// Returns the output of a command, clipped to the range and rounded to the converter's steps.
     pub fn output(&self, command_permille: i16) -> f64 {
         let CommandRange { min, max, .. } = self.range;
-        let clipped = self.wanted(command_permille).clamp(min, max);
+        let clipped = self.unclipped_output(command_permille).clamp(min, max);
         let span = max - min;
         if self.steps == 0.0 || span <= 0.0 {
             return clipped;
@@ -49,7 +49,7 @@ impl Amplifier {
     /// Returns whether a command is outside the amplifier's range.
     pub fn clips(&self, command_permille: i16) -> bool {
         let CommandRange { min, max, .. } = self.range;
-        !(min..=max).contains(&self.wanted(command_permille))
+        !(min..=max).contains(&self.unclipped_output(command_permille))
     }
 
     /// Returns an output in permille of the rated value, as in 0x6078.

@@ -112,7 +112,7 @@ impl Drive {
 
     /// Returns the output of the amplifier.
     pub(crate) fn output(&self) -> f64 {
-        self.plant.input(self.wires.input) / self.wires.input_per_output
+        self.plant.input(self.wires.input) / self.wires.input_per_command
     }
 
     /// Returns the temperature of the part that the output heats.
@@ -143,7 +143,7 @@ impl Drive {
 
     /// Advances the rig, even if the node is silent, and lets its faults begin and end.
     pub(crate) fn follow(&mut self) {
-        self.set_output(self.commanded);
+        self.set_command(self.commanded);
         self.advance();
     }
 
@@ -152,8 +152,8 @@ impl Drive {
         self.followed + self.idle_max
     }
 
-    /// Sets the command of the amplifier.
-    pub(crate) fn set_output(&mut self, commanded: f64) {
+    /// Sets the amplifier's command and, from it and the active faults, the plant's input.
+    pub(crate) fn set_command(&mut self, commanded: f64) {
         let now = self.plant.now;
         self.commanded = commanded;
         let input = self.wires.input;
@@ -172,7 +172,7 @@ impl Drive {
         if self.plant.failure().is_some() {
             output = 0.0;
         }
-        self.disturb(input, output * self.wires.input_per_output);
+        self.disturb(input, output * self.wires.input_per_command);
     }
 
     /// Advances the plant and the overload integral.
@@ -211,7 +211,7 @@ impl Drive {
         let (limited, is_cut) = self.objects.limited_torque(services.dictionary());
         self.is_limit_active = is_cut || self.is_command_cut || self.amplifier.clips(limited);
         let output = self.amplifier.output(limited);
-        self.set_output(output);
+        self.set_command(output);
     }
 
     fn may_drive(&self, services: &Services) -> bool {
@@ -226,7 +226,7 @@ impl Drive {
     /// statusword.
     fn settle(&mut self, services: &mut Services) {
         if !self.may_drive(services) {
-            self.set_output(0.0);
+            self.set_command(0.0);
             self.is_limit_active = false;
         }
         let mode = self.objects.mode(services.dictionary());
@@ -248,7 +248,7 @@ impl Drive {
         }
     }
 
-    /// Reports a fault if the current deviates from its command for some time. The fault is over when the deviation is.
+    /// Reports a fault if the output deviates from the command for some time; the fault ends with the deviation.
     fn supervise_output(&mut self, services: &mut Services) {
         let deviation = self.output() - self.commanded;
         if deviation.abs() <= self.amplifier.deviation_max() {

@@ -103,7 +103,7 @@ impl DriveNode {
         let drive = faulty.node_mut().application_mut();
         drive.faults.zero = zero;
         if is_switched_off {
-            drive.set_output(0.0);
+            drive.set_command(0.0);
         }
         drive.follow();
         truth.observe(now, drive);

@@ -25,8 +25,8 @@ pub(crate) struct Published {
 pub(crate) struct Wires {
     /// Index of the input that the amplifier drives.
     pub(crate) input: usize,
-    /// Factor from the unit of the amplifier's output to the input's.
-    pub(crate) input_per_output: f64,
+    /// Factor from the command's unit to the plant input's unit.
+    pub(crate) input_per_command: f64,
     /// Index of the output that the sensor reads.
     pub(crate) output: usize,
     /// One unit of the sensor, in the unit of the output.
@@ -83,7 +83,7 @@ impl Wires {
         Ok(Self {
             true_position: Signal::new(true_position, "", "", coding),
             input,
-            input_per_output: conversion(output_unit, &ports.inputs[input].unit).unwrap_or(1.0),
+            input_per_command: conversion(output_unit, &ports.inputs[input].unit).unwrap_or(1.0),
             output,
             sensor_unit,
             counts_per_output: wiring.sensor.counts_per_unit() * units_per_output,

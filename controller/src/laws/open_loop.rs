@@ -17,10 +17,10 @@ impl Law for OpenLoop {
     type Config = Config;
     type State = ();
 
-    fn new(config: &Config, commands: &[CommandRange]) -> Self {
+    fn new(config: &Config, command_ranges: &[CommandRange]) -> Self {
         Self {
             profile: config.profile(),
-            current: commands[0],
+            current: command_ranges[0],
         }
     }
 

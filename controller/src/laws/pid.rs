@@ -95,10 +95,10 @@ impl Law for Pid {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, commands: &[CommandRange]) -> Self {
+    fn new(config: &Config, command_ranges: &[CommandRange]) -> Self {
         Self {
             config: config.clone(),
-            current: commands[0],
+            current: command_ranges[0],
         }
     }
 

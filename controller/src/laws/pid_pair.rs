@@ -21,8 +21,8 @@ impl Law for PidPair {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, commands: &[CommandRange]) -> Self {
-        let [first, second] = [commands[0], commands[1]];
+    fn new(config: &Config, command_ranges: &[CommandRange]) -> Self {
+        let [first, second] = [command_ranges[0], command_ranges[1]];
         let output_max = first.max.min(second.max) - config.co_contraction;
         let output = CommandRange {
             min: -output_max,

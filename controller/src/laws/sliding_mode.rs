@@ -130,7 +130,7 @@ impl Law for SlidingMode {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, commands: &[CommandRange]) -> Self {
+    fn new(config: &Config, command_ranges: &[CommandRange]) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         Self {
             surface: Surface {
@@ -148,7 +148,7 @@ impl Law for SlidingMode {
             },
             modes: Modes::new(config),
             observer: Observer::new(&config.observer, model),
-            current: commands[0],
+            current: command_ranges[0],
         }
     }
 

@@ -52,7 +52,7 @@ impl Law for SlidingModePaper {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, commands: &[CommandRange]) -> Self {
+    fn new(config: &Config, command_ranges: &[CommandRange]) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         let position_metres_max = model.set_point_metres_max();
         Self {
@@ -70,7 +70,7 @@ impl Law for SlidingModePaper {
             },
             is_as_printed: config.as_printed,
             model,
-            current: commands[0],
+            current: command_ranges[0],
         }
     }
 

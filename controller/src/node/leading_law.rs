@@ -17,15 +17,15 @@ const ANSWER_SHARE: u32 = 10;
 /// Values of a loop in a cycle that a law may read, in the order of the [`LoopValue`]s.
 pub(super) type Seen = [f64; LOOP_INPUTS.len()];
 
-/// Connection of a command.
+/// Wire from a law's output to a drive.
 #[derive(Clone, Copy, Debug)]
 struct CommandWire {
     /// Index of the loop of the drive.
     place: usize,
-    /// Index of the output; `None` for a drive beyond those that the law leads, which gets no command.
+    /// Index of the output; `None` if the law does not lead the drive: the command is then 0.
     output: Option<usize>,
     range: [f64; 2],
-    /// Command in the unit of the drive's target for an output of one.
+    /// Factor from the output's unit to the unit of the drive's target.
     factor: f64,
     /// Range of the drive's commands.
     drive: CommandRange,

@@ -466,7 +466,7 @@ impl ControlLoop {
         self.database.signal_of(&message, &by.key())
     }
 
-    /// Returns what its controller commands.
+    /// Returns the signal of the controller's command.
     ///
     /// # Errors
     /// The database has no such signal.

@@ -133,7 +133,7 @@ impl Wired<'_> {
         let wiring = &self.trial.wiring;
         let port = self.find(&path, &wiring.input, INPUT)?;
         let unit = &wiring.quantities.output.unit;
-        // The name of a port may lack the unit.
+        // A port name without a unit leaves nothing to compare.
         if unit.word().is_empty() || conversion(unit.word(), &port.unit).is_some() {
             return Ok(());
         }

@@ -1,4 +1,4 @@
-//! The parts of a plan, composed from the rig: a file for each kind of thing.
+//! Builds the parts of a plan from the rig, one file per part.
 
 mod drive_messages;
 pub mod messages;

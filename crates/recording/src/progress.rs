@@ -25,7 +25,7 @@ pub struct RunProgress {
 pub struct LoopProgress {
     /// Name, if there are several loops.
     pub name: Option<String>,
-    /// Quantity that it controls.
+    /// Quantities of the loop's feedback and command.
     pub quantities: Quantities,
     pub position: Option<f64>,
     /// Set-point minus position, if the loop has a set-point.

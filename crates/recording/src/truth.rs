@@ -8,7 +8,7 @@ use platform::series::{Series, SeriesWriter};
 
 use crate::log::Stamped;
 
-/// Signals of a message: the plant's own time, its current and its peak temperature.
+/// Signals of a message: the emulator's time, the amplifier's output, the plant's peak temperature.
 const SIGNALS: [&str; 3] = [
     "plant_time_seconds",
     names::PLANT_OUTPUT,

@@ -235,7 +235,7 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     groups
 }
 
-/// Returns the quantities of all loops, if it is the same.
+/// Returns the section title: the feedback quantity if all loops share it, else "Courses".
 fn heading(groups: &[Vec<Course<'_>>]) -> String {
     let courses = groups.iter().flatten();
     let mut titles = courses.map(|course| course.timeline.quantities.feedback.title());

@@ -181,7 +181,7 @@ fn law_of_a_wire(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let law = trial.controller.law_names().find(is_of_wire)?;
     let Quantities { feedback, output } = &trial.wiring.quantities;
     let (message, label) = if *output != Quantity::current() {
-        let label = format!("the loop commands a {}", output.words());
+        let label = format!("the loop's command is `{}`", output.words());
         (format!("`{law}` commands a current"), label)
     } else {
         let is_length = conversion(feedback.unit.word(), "metres").is_some();
@@ -202,7 +202,7 @@ fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Proble
         .map(|one| &one.quantities.output)
         .find(|output| *output != first)?;
     let label = format!(
-        "its drives command a {} and a {}",
+        "the drives' commands are `{}` and `{}`",
         first.words(),
         other.words()
     );

@@ -19,19 +19,19 @@ const DUPLICATE: &str = "duplicate key";
 pub(crate) struct Document<'text> {
     pub(crate) source: Source,
     root: Spanned<DeTable<'text>>,
-    /// Meaning of the keys, which are patterns: that of the loop whose tables these are.
-    pub(crate) meaning: Meaning,
+    /// Quantities and ranges of the loop that owns these tables; the keys are patterns until it fills them.
+    pub(crate) key_context: KeyContext,
 }
 
-/// Meaning of the keys of a loop or a drive: its quantities fill their patterns, and its ranges limit their values.
+/// Quantities that fill the patterns of a loop's or a drive's keys, and ranges that limit the values.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Meaning {
+pub(crate) struct KeyContext {
     pub(crate) quantities: Quantities,
     pub(crate) measured: Measured,
     pub(crate) commands: CommandRange,
 }
 
-impl Meaning {
+impl KeyContext {
     /// Writes out the patterns in a text.
     pub(crate) fn name(&self, text: &str) -> String {
         self.quantities.name(text)
@@ -57,7 +57,7 @@ impl<'text> Document<'text> {
         let document = Self {
             source,
             root,
-            meaning: Meaning::default(),
+            key_context: KeyContext::default(),
         };
         match errors.as_slice() {
             [] => Ok(document),
@@ -122,7 +122,7 @@ impl<'text> Document<'text> {
         Self {
             source: self.source.clone(),
             root: Spanned::new(self.root.span(), root),
-            meaning: self.meaning.clone(),
+            key_context: self.key_context.clone(),
         }
     }
 
@@ -137,9 +137,9 @@ impl<'text> Document<'text> {
     }
 
     /// Makes a document of the tables of a loop, as [`Document::with_root`].
-    pub(crate) fn with_loop(&self, root: DeTable<'text>, meaning: Meaning) -> Self {
+    pub(crate) fn with_loop(&self, root: DeTable<'text>, key_context: KeyContext) -> Self {
         Self {
-            meaning,
+            key_context,
             ..self.with_root(root)
         }
     }

@@ -68,18 +68,19 @@ pub struct Reading {
     pub factor: f64,
 }
 
-/// Destination of an output of a law: a command to the drive of a loop, limited to the range of its commands, or a term of the loop.
+/// Destination of an output of a law: a command to the drive of a loop, clamped to the drive's range, or a term of the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Writing {
     /// Whether it is a command.
     pub is_command: bool,
     /// Index of the loop.
     pub index: usize,
-    /// Factor from the unit of the port to that of the drive's target, or from the unit in which the law writes to the unit of the term's name.
+    /// For a command: factor from the port's unit to the target's unit. For a term: factor from the law's unit to the unit in the
+    /// term's name.
     pub factor: f64,
 }
 
-/// Meaning of all ports of a law, in their order.
+/// KeyContext of all ports of a law, in their order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LawWires {
     /// Values that the inputs read.
@@ -111,8 +112,8 @@ impl LawWires {
         Ok(wires)
     }
 
-    /// Finds the meaning of the ports of a law of one loop, which measures in this unit and whose drives have these targets. An
-    /// output's index is the place of its drive in the loop.
+    /// Finds the meaning of the ports of a law of one loop. `unit` is the loop's unit, `targets` are the targets of the led drives.
+    /// Each output's index is the drive's place in the loop.
     ///
     /// # Errors
     /// As [`LawWires::for_all_loops`].
@@ -131,8 +132,7 @@ impl LawWires {
         } else {
             let message = "the law commands no drive".to_owned();
             let target = targets.first().cloned().unwrap_or_else(Quantity::current);
-            let named = format!("`{COMMAND}`, or `{}`", target.key());
-            let label = format!("it has no output {named}");
+            let label = format!("add an output `{COMMAND}` or `{}`", target.key());
             Err(wrong(message, label))
         }
     }
@@ -164,15 +164,15 @@ impl LawWires {
     }
 }
 
-/// Returns the place among the drives of a loop, and the rest of the name, of an output that begins with this word:
-/// `command_2` and `current_2_amperes` are of the second drive.
-fn numbered<'a>(output: &'a str, word: &str) -> Option<(usize, &'a str)> {
+/// Splits an output name after `word`: drive place (from 0) and rest. `command_2` and `current_2_amperes` belong to the second
+/// drive.
+fn split_drive_number<'a>(output: &'a str, word: &str) -> Option<(usize, &'a str)> {
     let rest = output.strip_prefix(word)?;
     let number = rest.strip_prefix('_').unwrap_or_default();
     let digits = number.split('_').next().unwrap_or_default();
     let place = digits.parse::<usize>().ok().filter(|number| *number > 1);
     match place {
-        // The number has one form: `command_02` is a term.
+        // No leading zeros: `command_02` is a term.
         Some(number) if number.to_string() == digits => {
             Some((number - 1, &rest[1 + digits.len()..]))
         }
@@ -180,15 +180,15 @@ fn numbered<'a>(output: &'a str, word: &str) -> Option<(usize, &'a str)> {
     }
 }
 
-/// Returns the place of the drive that an output of a law commands, among the drives that the law leads, and the factor to the
-/// unit of the drive's target. An output is a command if it is called `command`, or like the target of that drive with a unit of
-/// the quantity, as `current_milliamperes`; else it is a term. A command to a drive that the loop does not have is none, too.
-fn commanded(output: &str, targets: &[Quantity]) -> Option<(usize, f64)> {
-    if let Some((place, "")) = numbered(output, COMMAND) {
+/// Finds the led drive that an output commands, and the factor to that drive's target unit; `None` for a term. An output is a
+/// command if its name is `command`, or the target's name with a unit of that quantity (`current_milliamperes`). `command_9` is a
+/// command even without a ninth drive; `current_9_amperes` is then a term.
+fn find_command(output: &str, targets: &[Quantity]) -> Option<(usize, f64)> {
+    if let Some((place, "")) = split_drive_number(output, COMMAND) {
         return Some((place, 1.0));
     }
     targets.iter().enumerate().find_map(|(place, target)| {
-        let (number, rest) = numbered(output, &target.name)?;
+        let (number, rest) = split_drive_number(output, &target.name)?;
         let factor = match rest.strip_prefix('_') {
             Some(unit) => conversion(unit, target.unit.word())?,
             None if rest.is_empty() && target.unit.word().is_empty() => 1.0,
@@ -222,7 +222,7 @@ fn loop_writing(port: &Port, inside: f64, targets: &[Quantity]) -> Result<Writin
         return Err(wrong(message, "a law of one loop names no loop".to_owned()));
     }
     let term = if port.is_position { 1.0 / inside } else { 1.0 };
-    let commanded = commanded(&port.name, targets);
+    let commanded = find_command(&port.name, targets);
     let (index, factor) = commanded.unwrap_or((0, term));
     Ok(Writing {
         is_command: commanded.is_some(),
@@ -340,7 +340,7 @@ pub fn writing(port: &Port, loops: &[LoopFacts]) -> Result<Writing, WrongPort> {
     let (index, name) = owner(port, loops)?;
     let drives = Vec::from_iter((0..).map_while(|place| drive_of(&loops[index], place, loops)));
     let targets = drives.iter().map(|drive| &loops[*drive].quantities.output);
-    let commanded = commanded(name, &Vec::from_iter(targets.cloned()));
+    let commanded = find_command(name, &Vec::from_iter(targets.cloned()));
     let command = commanded.and_then(|(place, factor)| Some((*drives.get(place)?, factor)));
     let (index, factor) = command.unwrap_or((index, 1.0));
     Ok(Writing {
@@ -350,7 +350,7 @@ pub fn writing(port: &Port, loops: &[LoopFacts]) -> Result<Writing, WrongPort> {
     })
 }
 
-/// Returns the index of the loop of the drive at a place among those of a loop.
+/// Returns the index in `loops` of a loop's drive at `place`; place 0 is the loop's first drive.
 fn drive_of(one: &LoopFacts, place: usize, loops: &[LoopFacts]) -> Option<usize> {
     loops.iter().position(|other| match (place, &other.led_by) {
         (0, _) => other.name == one.name,
@@ -375,7 +375,7 @@ fn each_drive_once(
             (None, _) => {
                 let message = format!("the law does not command the drive `{drive}`");
                 let target = one.quantities.output.key();
-                let label = format!("it has no output `{drive}.{COMMAND}`, or `{drive}.{target}`");
+                let label = format!("add an output `{drive}.{COMMAND}` or `{drive}.{target}`");
                 return Err(wrong(message, label));
             }
             (Some((first, _)), Some((second, _))) => {
@@ -524,7 +524,7 @@ mod tests {
         };
         assert_eq!(
             said(&CURRENTS[..2]),
-            "the law does not command the drive `lift`: it has no output `lift.command`, or `lift.current_amperes`"
+            "the law does not command the drive `lift`: add an output `lift.command` or `lift.current_amperes`"
         );
         let with = |more: &[&'static str]| Vec::from_iter(CURRENTS.iter().chain(more).copied());
         assert_eq!(
@@ -608,7 +608,7 @@ mod tests {
             ("commanded", None),
             ("current", None),
         ] {
-            assert_eq!(commanded(output, &targets), found, "{output}");
+            assert_eq!(find_command(output, &targets), found, "{output}");
         }
     }
 
@@ -626,7 +626,7 @@ mod tests {
         );
         assert_eq!(
             said(&[], &["current_amperes"]),
-            "the law commands no drive: it has no output `command`, or `voltage_volts`"
+            "the law commands no drive: add an output `command` or `voltage_volts`"
         );
     }
 }

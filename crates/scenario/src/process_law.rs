@@ -42,8 +42,8 @@ pub struct Program {
     /// `_per_second_squared`, in any unit of the quantity. A name may begin with that of the loop and a dot.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
     pub reads: Vec<String>,
-    /// Commands of the law: `command`, in the unit of what the drive's amplifier gives, and `command_2` or `DRIVE.command` of
-    /// each further drive of the loop. The quantity itself, as in `current_amperes` or `voltage_volts`, is converted.
+    /// The law's commands: `command`, in the unit of the amplifier's output, and `command_2` or `DRIVE.command` for each further
+    /// drive of the loop. A name with a unit, such as `current_milliamperes` or `voltage_volts`, is converted.
     #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
     pub writes: Vec<String>,
     /// Terms that the law also writes, to be recorded: names that end in their units.

@@ -59,7 +59,7 @@ pub(crate) fn parse_course(
     Reader::new(name, text, column).named_columns()
 }
 
-/// Reads the course of a command, as [`parse_course`].
+/// Reads the course of a command, like [`parse_course`].
 pub(crate) fn parse_command(
     name: &str,
     text: &str,

@@ -26,7 +26,7 @@ pub(crate) const TRAVEL_MILLIMETRES: f64 = 60.0;
 /// Signal of a sensor, on the bus.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measured {
-    /// Quantity and its unit.
+    /// Measured quantity.
     pub quantity: Quantity,
     /// Lowest value, in that unit.
     pub min: f64,
@@ -271,7 +271,8 @@ impl Wiring {
         loops.find(|one| one.name == by.loop_name)
     }
 
-    /// Returns the ranges of the commands to the drives that its law leads, from its own on; with `None` those of all loops.
+    /// Returns the command ranges of the drives that the law leads, starting with this drive; with `None`, of each loop's first
+    /// drive.
     pub fn command_ranges(&self, drives: Option<usize>) -> Vec<CommandRange> {
         let Some(drives) = drives else {
             return self.shared.loops.iter().map(|one| one.commands).collect();
@@ -282,7 +283,7 @@ impl Wiring {
         ranges
     }
 
-    /// Returns the quantities of the commands to as many drives that its law leads, from its own on.
+    /// Returns the target quantities of `drives` drives that the law leads, starting with this drive.
     pub fn targets(&self, drives: usize) -> Vec<Quantity> {
         let led = self.led_loops().into_iter();
         let mut targets = Vec::from_iter(led.map(|one| one.quantities.output));
@@ -290,7 +291,8 @@ impl Wiring {
         targets
     }
 
-    /// Returns what its drive measures, and what its amplifier gives.
+    /// Returns the quantities of this drive's own sensor and amplifier. `quantities` are those of the loop, which may follow another
+    /// drive.
     pub fn drive_quantities(&self) -> Quantities {
         Quantities {
             feedback: self.sensor.quantity.clone(),

@@ -1,8 +1,7 @@
 //! The messages of a CANopen node, composed from its objects.
 //!
-//! In come the objects of a node, which say what each PDO maps, and the signals that some of its objects carry; out come the
-//! node's messages, with their signals in the order of the mapping. Whoever knows all nodes of a bus calls this for each of them,
-//! and adds the messages of [`services`] and of the bus.
+//! [`compose`] takes a node's objects, which say what each PDO maps, and the signals that objects carry. It returns the node's
+//! messages with signals in mapping order. Call it once per node, then add the messages of [`services`].
 
 use std::collections::BTreeMap;
 
@@ -17,17 +16,17 @@ pub mod words;
 /// First objects of the parameters and of the mappings of PDOs, for receive and transmit PDOs (CiA 301, 7.5.2.35 to 38).
 const RECEIVE: [u16; 2] = [0x1400, 0x1600];
 const TRANSMIT: [u16; 2] = [0x1800, 0x1A00];
-/// Largest number of PDOs of a direction.
+/// Largest number of PDOs per direction.
 const PDOS_MAX: u16 = 512;
-/// Bit of a COB-ID that takes the PDO out of use.
+/// COB-ID bit that disables the PDO.
 const INVALID: u32 = 1 << 31;
 /// Bits of an identifier with 11 bits.
 const IDENTIFIER: u32 = 0x7FF;
 /// Transmission types of a PDO that follows SYNC: each one to each 240th (CiA 301, table 71).
 const CYCLIC: std::ops::RangeInclusive<u32> = 1..=240;
-/// Indices below which a mapped object is a type: a gap of its length (CiA 301, 7.4.7.1).
+/// Lower indices are data types; mapping one leaves a gap of the type's length (CiA 301, 7.4.7.1).
 const DUMMIES_BELOW: u16 = 0x20;
-/// Name of an object that fills a place.
+/// EDS name of an object that only reserves its index; mapped, it is a gap.
 const RESERVED: &str = "reserved";
 const BITS_OF_BYTE: u8 = 8;
 const FRAME_BITS: u8 = 64;
@@ -41,8 +40,8 @@ pub enum Pdo {
     Receive(u16),
 }
 
-/// Signals that objects of a node carry, by index and sub-index. The first bit of each counts from that of its object; several
-/// signals may share an object.
+/// Signals of a node's objects, by index and sub-index. Start bits count from the object's first bit; an object may carry several
+/// signals.
 pub type Carried = BTreeMap<(u16, u8), Vec<Signal>>;
 
 /// Name, parties and description of a message.
@@ -97,10 +96,10 @@ impl Heading {
     }
 }
 
-/// Composes the messages of a node's PDOs that are valid and map something. `carried` has the signals of objects with a meaning
-/// on this bus; a word of [`words`] becomes its bits, a gap nothing, and any other object one signal with the name, the type and
-/// the limits that its data sheet has. `heading_of` says what a PDO is called, or that it is none of this bus. A PDO that follows
-/// SYNC has a cycle of as many times `sync_period_milliseconds` as SYNCs.
+/// Composes a message for each enabled PDO with a mapping. A mapped object in `carried` becomes its carried signals. A statusword
+/// or controlword becomes its bits. A gap adds no signal. Any other object becomes one signal with the data sheet's name, type and
+/// limits. `heading_of` names the PDO; `None` leaves the PDO out. The cycle time of a PDO sent every n-th SYNC is n times
+/// `sync_period_milliseconds`.
 pub fn compose(
     objects: &ObjectDictionary,
     carried: &Carried,
@@ -204,7 +203,7 @@ fn signal_of(entry: &Entry, bits: u8) -> Signal {
     Signal::new(name_of(&entry.name), "", &entry.name, coding)
 }
 
-/// Returns the place of an object, as a database names it.
+/// Returns an object's address as in [`Signal::object`]: `0x6064:00`.
 fn address(index: u16, sub_index: u8) -> String {
     format!("0x{index:04X}:{sub_index:02X}")
 }
@@ -252,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_is_a_meaning_a_word_a_gap_or_what_its_sheet_says() {
+    fn a_mapped_object_gives_carried_signals_word_bits_a_gap_or_one_plain_signal() {
         let position = Coding::little_endian(0, 32, Kind::Signed, 0.5, None);
         let position = Signal::new("position_millimetres".to_owned(), "mm", "", position);
         let carried = Carried::from([((0x6064, 0), vec![position])]);
@@ -274,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pdo_out_of_use_and_an_empty_one_are_no_messages() {
+    fn disabled_and_empty_pdos_give_no_message() {
         let mut objects = mapping(&[]);
         let count = |objects: &ObjectDictionary| {
             let any = |_| Some(Heading::default());

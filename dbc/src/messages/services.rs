@@ -1,11 +1,10 @@
-//! The messages of a node beside its PDOs, and those of the bus: emergencies, SDO channels, heartbeats, NMT, SYNC, the truth
-//! about an emulated plant, and set-points.
+//! Messages other than PDOs: emergencies, SDO channels, heartbeats, NMT, SYNC, the truth about an emulated plant, and set-points.
 //!
-//! In come who sends a message and who uses it, its identifier, and the names that depend on the rig; out come messages with
-//! their labels and descriptions. Whoever composes the messages of a bus calls these beside `compose`.
+//! The caller gives sender, receivers, identifier and rig-dependent names; labels and descriptions are here. Whoever composes a
+//! bus calls these functions beside `compose`.
 
 use super::Heading;
-use super::words::labelled;
+use super::words::to_labels;
 use crate::coding::{Coding, Kind, Range};
 use crate::database::{Message, Signal};
 use crate::names::{MANUFACTURER_ERROR, NMT_STATE};
@@ -14,7 +13,7 @@ use crate::quantity::{Quantities, Quantity};
 /// Identifier of SYNC and of NMT commands (CiA 301, 7.3.5).
 const SYNC_IDENTIFIER: u32 = 0x080;
 const NMT_IDENTIFIER: u32 = 0x000;
-/// Travel and range of what a loop measures, in the causes of emergencies: a position has a travel.
+/// Quantity whose range the emergency causes call "the travel".
 const POSITION: &str = "position";
 
 /// Error codes that nodes of this bus send (CiA 301, table 26; CiA 402-2).
@@ -81,7 +80,7 @@ const ANSWERS: [(i64, &str); 10] = [
 /// Returns a field of an unsigned number over all its values.
 fn unsigned(name: &str, start_bit: u8, length_bits: u8, comment: &str) -> Signal {
     let highest = (1_u64 << length_bits) - 1;
-    between(
+    unsigned_within(
         name,
         (start_bit, length_bits),
         [0.0, highest as f64],
@@ -90,7 +89,7 @@ fn unsigned(name: &str, start_bit: u8, length_bits: u8, comment: &str) -> Signal
 }
 
 /// Returns a field of an unsigned number within a range.
-fn between(
+fn unsigned_within(
     name: &str,
     (start_bit, length_bits): (u8, u8),
     [minimum, maximum]: [f64; 2],
@@ -108,18 +107,18 @@ pub fn nmt_command<'a>(
 ) -> Message {
     let all = [(0, "all nodes")].into_iter();
     let nodes = nodes.into_iter().map(|(id, name)| (i64::from(id), name));
-    let mut nodes = labelled(all.chain(nodes));
+    let mut nodes = to_labels(all.chain(nodes));
     nodes.sort();
     nodes.dedup_by_key(|(id, _)| *id);
     let comment = "Node that shall obey; 0 is every node.";
     let signals = vec![
         Signal {
-            labels: labelled(NMT_COMMANDS),
+            labels: to_labels(NMT_COMMANDS),
             ..unsigned("nmt_command", 0, 8, "Command specifier.")
         },
         Signal {
             labels: nodes,
-            ..between("nmt_node_id", (8, 8), [0.0, 127.0], comment)
+            ..unsigned_within("nmt_node_id", (8, 8), [0.0, 127.0], comment)
         },
     ];
     heading.message(NMT_IDENTIFIER, 2, signals)
@@ -128,15 +127,15 @@ pub fn nmt_command<'a>(
 /// Composes SYNC with its counter.
 pub fn sync(heading: Heading, period_milliseconds: u64) -> Message {
     let comment = "Counts from 1 to 240, then again from 1.";
-    let counter = between("sync_counter", (0, 8), [1.0, 240.0], comment);
+    let counter = unsigned_within("sync_counter", (0, 8), [1.0, 240.0], comment);
     Message {
         cycle_time_milliseconds: period_milliseconds,
         ..heading.message(SYNC_IDENTIFIER, 1, vec![counter])
     }
 }
 
-/// Composes the emergencies of a node. A drive's error code is an object, too (0x603F). `causes` are the labels of the maker's
-/// bytes.
+/// Composes the emergencies of a node. A drive's error code is an object, too (0x603F). `causes` are the labels of the
+/// manufacturer-specific error field.
 pub fn emergency(
     heading: Heading,
     identifier: u32,
@@ -147,7 +146,7 @@ pub fn emergency(
     let object = |address: &str| address.to_owned();
     let signals = vec![
         Signal {
-            labels: labelled(codes),
+            labels: to_labels(codes),
             object: if is_drive {
                 object("0x603F:00")
             } else {
@@ -182,7 +181,7 @@ pub fn emergency(
     heading.message(identifier, 8, signals)
 }
 
-/// Returns the causes for which a manager gives up, by the second of the maker's bytes, for a drive with these quantities.
+/// Returns the causes for which the controller gives up, for a drive with these quantities. The second byte is the cause.
 fn causes(of: &Quantities) -> Vec<(i64, String)> {
     let (measured, commanded) = (&of.feedback.name, &of.output.name);
     let place = if measured == POSITION {
@@ -207,8 +206,8 @@ fn causes(of: &Quantities) -> Vec<(i64, String)> {
     numbers.zip(texts).collect()
 }
 
-/// Returns the causes for which a manager of these drives gives up, each drive with its name, its node-ID, and what it measures
-/// and commands. Of several drives each has causes of its own, whose lowest byte is its node-ID.
+/// Returns the causes for which the controller of these drives gives up: each drive has a name, a node-ID and quantities. With
+/// several drives each drive has separate causes, with the drive's node-ID in the lowest byte.
 pub fn causes_at(drives: &[(&str, u8, Quantities)]) -> Vec<(i64, String)> {
     if let [(_, _, only)] = drives {
         return causes(only);
@@ -224,9 +223,9 @@ pub fn causes_at(drives: &[(&str, u8, Quantities)]) -> Vec<(i64, String)> {
 /// Composes requests to an SDO server, or its answers.
 pub fn sdo(heading: Heading, identifier: u32, is_request: bool) -> Message {
     let commands = if is_request {
-        labelled(REQUESTS)
+        to_labels(REQUESTS)
     } else {
-        labelled(ANSWERS)
+        to_labels(ANSWERS)
     };
     let signals = vec![
         Signal {
@@ -258,7 +257,7 @@ pub fn sdo(heading: Heading, identifier: u32, is_request: bool) -> Message {
 /// Composes boot-up and heartbeats of a node.
 pub fn heartbeat(heading: Heading, identifier: u32, period_milliseconds: u64) -> Message {
     let state = Signal {
-        labels: labelled(NMT_STATES),
+        labels: to_labels(NMT_STATES),
         ..unsigned(NMT_STATE, 0, 8, "NMT state; 0 once, at boot-up.")
     };
     Message {

@@ -1,14 +1,13 @@
 //! Words whose bits have meanings of their own: statusword and controlword of a drive.
 //!
-//! In comes the index of an object, out come the signals of its bits, with names, labels and descriptions. `compose` asks for
-//! each object that a PDO maps.
+//! [`word`] maps an object's index to the signals of the object's bits. `compose` calls it for each object that a PDO maps.
 
 use canopen::cia402::{CONTROLWORD, Command, STATUSWORD, State};
 
 use crate::coding::{Coding, Kind, Range};
 use crate::database::Signal;
 
-/// Values of the bits that hold the state, of which bit 4 (voltage enabled) is one and bits above 6 are none.
+/// Values of statusword bits 0 to 6, which hold the state; bit 4 (voltage enabled) does not affect the state.
 const STATES: std::ops::Range<u16> = 0..0x80;
 /// Values of the bits that hold the command.
 const COMMANDS: std::ops::Range<u16> = 0..0x10;
@@ -128,11 +127,13 @@ pub fn word(index: u16) -> Option<Vec<Signal>> {
 
 /// Returns the labels of a bit.
 pub fn yes_or_no() -> Vec<(i64, String)> {
-    labelled([(0, "no"), (1, "yes")])
+    to_labels([(0, "no"), (1, "yes")])
 }
 
 /// Returns labels from their texts.
-pub(crate) fn labelled<'a>(labels: impl IntoIterator<Item = (i64, &'a str)>) -> Vec<(i64, String)> {
+pub(crate) fn to_labels<'a>(
+    labels: impl IntoIterator<Item = (i64, &'a str)>,
+) -> Vec<(i64, String)> {
     let labels = labels.into_iter();
     labels
         .map(|(value, text)| (value, text.to_owned()))
@@ -141,7 +142,7 @@ pub(crate) fn labelled<'a>(labels: impl IntoIterator<Item = (i64, &'a str)>) -> 
 
 fn states() -> Vec<(i64, String)> {
     let state = |bits: u16| Some((bits.into(), state_text(State::from_statusword(bits)?)));
-    labelled(STATES.filter_map(state))
+    to_labels(STATES.filter_map(state))
 }
 
 /// Returns the name of a state (CiA 402-2, figure 6).
@@ -160,7 +161,7 @@ fn state_text(state: State) -> &'static str {
 
 fn commands() -> Vec<(i64, String)> {
     let command = |bits: u16| (bits.into(), command_text(Command::decode(bits)));
-    labelled(COMMANDS.map(command))
+    to_labels(COMMANDS.map(command))
 }
 
 /// Returns the name of a command (CiA 402-2, table 27).

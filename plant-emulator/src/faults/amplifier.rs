@@ -2,7 +2,7 @@
 
 use scenario::fault::Faults;
 
-/// Returns the output for a command. The fault "dead" has priority over "stuck on", and that over "saturated".
+/// Returns the output for a command. Priority: "dead", then "stuck on", then "saturated".
 pub(super) fn output(faults: &Faults, time_seconds: f64, commanded: f64) -> f64 {
     if faults.any_acts("dead", time_seconds) {
         return 0.0;

@@ -31,7 +31,7 @@ impl Default for Config {
 #[derive(Clone, Debug)]
 pub struct MyLaw {
     config: Config,
-    commands: CommandRange,
+    command_range: CommandRange,
 }
 
 /// State of the law between cycles.
@@ -46,11 +46,11 @@ impl Law for MyLaw {
     type Config = Config;
     type State = State;
 
-    /// The second is what each drive that it leads can be commanded: this law leads one.
-    fn new(config: &Config, commands: &[CommandRange]) -> Self {
+    /// `command_ranges` has one entry for each drive that the law leads. This law leads one.
+    fn new(config: &Config, command_ranges: &[CommandRange]) -> Self {
         Self {
             config: config.clone(),
-            commands: commands[0],
+            command_range: command_ranges[0],
         }
     }
 
@@ -79,8 +79,8 @@ impl Law for MyLaw {
         let error = set_point.position - state.position;
         let proportional = self.config.proportional * error;
         let step = self.config.integral * error * cycle.period_seconds;
-        // The integral goes no further than a command can, so it does not wind up.
-        let CommandRange { min, max, .. } = self.commands;
+        // Anti-windup: clamp the integral to the command range.
+        let CommandRange { min, max, .. } = self.command_range;
         state.integral_amperes = (state.integral_amperes + step).clamp(min, max);
         let command = proportional + state.integral_amperes;
         // The command, then the terms in the order of the ports.
@@ -106,7 +106,7 @@ mod tests {
         MyLaw::new(&Config::default(), &[CommandRange::default()])
     }
 
-    /// Plays one cycle at a position, on the way to 20 mm, and returns the current.
+    /// Plays one cycle at a position, on the way to 20 mm, and returns the command.
     fn step(law: &MyLaw, state: &mut State, position: f64) -> f64 {
         let mut reads = LoopReads {
             position,

@@ -1,7 +1,7 @@
-//! The messages of a drive, emulated or bought.
+//! The messages of a drive, emulated or external.
 //!
-//! In come the loop of the drive with the quantities, the scales and the identifiers that its rig gives it, and the names of the
-//! other nodes; out come its PDOs, its two SDO channels and the truth about its plant. `messages` asks for each drive of a run.
+//! From a loop and the other nodes: the drive's PDOs, both SDO channels and the truth about the plant. `messages` calls
+//! `compose_drive` for each drive of a run.
 
 use canopen::ObjectDictionary;
 use dbc::loops::truth_presets;
@@ -13,19 +13,20 @@ use scenario::rig::nodes::Amplifier;
 use scenario::rig::object_address;
 use scenario::wiring::{Measured, TRUE_STEPS_PER_UNIT};
 
-use super::messages::{BusNames, SYNC_MILLISECONDS, heartbeat_of};
+use super::messages::{BusNodes, SYNC_MILLISECONDS, heartbeat_of};
 use crate::loaded_drive::LoadedDrive;
 use crate::plan::ControlLoop;
 
-/// Objects of a drive: position, torque and target torque (CiA 402-2), which an amplifier gives whatever its quantity.
+/// Objects of a drive (CiA 402-2): position actual value, current actual value, target torque. The last two carry the amplifier's
+/// output and command in any quantity, not only a current.
 const POSITION: (u16, u8) = (0x6064, 0);
 const OUTPUT: (u16, u8) = (0x6078, 0);
 const TARGET: (u16, u8) = (0x6071, 0);
-/// PDOs of a bought drive that this bus uses.
+/// PDOs of an external drive that this bus uses.
 const USED: [Pdo; 2] = [Pdo::Transmit(1), Pdo::Receive(1)];
 
 /// Composes the messages of a loop's drive.
-pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Message> {
+pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNodes<'_>) -> Vec<Message> {
     let (node, wiring) = (&one.nodes.drive, &one.trial.wiring);
     let (own, manager) = (&*node.name, &*bus.controller.name);
     let heading_of = |pdo: Pdo| {
@@ -44,12 +45,12 @@ pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Messag
         };
         Some(heading.about(match pdo {
             Pdo::Transmit(number) => format!("TPDO{number} of {own}, sent at a SYNC."),
-            Pdo::Receive(number) => format!("RPDO{number} of {own}, taken over at the next SYNC."),
+            Pdo::Receive(number) => format!("RPDO{number} of {own}, applied at the next SYNC."),
         }))
     };
     let (mut messages, heartbeat) = match &one.real_drive {
         Some(real) => {
-            let (objects, carried) = (real.layout.mapped_objects(), carried_by_real(one, real));
+            let (objects, carried) = (real.layout.mapped_objects(), external_signals(one, real));
             let used = |pdo: Pdo| USED.contains(&pdo).then(|| heading_of(pdo))?;
             let heartbeat = real.real.timeouts.drive_heartbeat_milliseconds.into();
             (
@@ -58,7 +59,7 @@ pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Messag
             )
         }
         None => {
-            let (objects, carried) = emulated(one);
+            let (objects, carried) = emulated_objects(one);
             let messages = compose(&objects, &carried, SYNC_MILLISECONDS, heading_of);
             (messages, heartbeat_of(&objects))
         }
@@ -68,7 +69,7 @@ pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Messag
     let [request, answer] = wiring.identifiers.second_sdo;
     messages.push(services::sdo(
         Heading::new(name(names::SDO2_REQUEST), names::BENCH, [own])
-            .about(format!("SDO client to {own}'s second server channel.")),
+            .about(format!("SDO request to {own}'s second server channel.")),
         request.into(),
         true,
     ));
@@ -82,7 +83,7 @@ pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Messag
         let heading = Heading::new(name(names::TRUTH), own, [names::BENCH]);
         messages.push(services::truth(
             heading.about(
-                "Truth about the plant, in scenarios with faults only: every 10 ms, and whenever the amplifier's output begins or ends.",
+                "Truth about the plant, sent only in scenarios with faults: every 10 ms, and when the amplifier's output starts or stops.",
             ),
             wiring.identifiers.truth.into(),
             plant_output(&wiring.quantities.output, &wiring.amplifier),
@@ -92,7 +93,7 @@ pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNames<'_>) -> Vec<Messag
 }
 
 /// Returns the objects of an emulated drive, and the signals that they carry.
-fn emulated(one: &ControlLoop) -> (ObjectDictionary, Carried) {
+fn emulated_objects(one: &ControlLoop) -> (ObjectDictionary, Carried) {
     let wiring = &one.trial.wiring;
     let (output, amplifier) = (&wiring.quantities.output, &wiring.amplifier);
     let (position, published) = (true_position(&wiring.sensor), one.published_signals());
@@ -104,7 +105,7 @@ fn emulated(one: &ControlLoop) -> (ObjectDictionary, Carried) {
     let presets = one.trial.presets().into_iter().chain(pace);
     let objects = node_objects::drive(one.nodes.drive.id, Some(truth), presets);
     let own = [
-        (POSITION, measured(&wiring.sensor)),
+        (POSITION, feedback_signal(&wiring.sensor)),
         (OUTPUT, measured_output(output, amplifier)),
         (TARGET, target(output, amplifier)),
         ((TRUE_POSITION_OBJECT, 0), position),
@@ -119,7 +120,7 @@ fn emulated(one: &ControlLoop) -> (ObjectDictionary, Carried) {
 }
 
 /// Returns the signal of the position object of an emulated drive.
-fn measured(sensor: &Measured) -> Signal {
+fn feedback_signal(sensor: &Measured) -> Signal {
     let factor = 1.0 / sensor.counts_per_unit();
     let [minimum, maximum] = [i32::MIN, i32::MAX].map(|end| f64::from(end) * factor);
     let range = Some(Range { minimum, maximum });
@@ -150,7 +151,7 @@ fn true_position(sensor: &Measured) -> Signal {
 }
 
 /// Returns the signal of an output of an amplifier in 16 bits, in thousandths of its rated value.
-fn thousandths(
+fn amplifier_signal(
     name: String,
     of: &Quantity,
     amplifier: &Amplifier,
@@ -163,7 +164,7 @@ fn thousandths(
 }
 
 /// Describes the counts of an object of an amplifier.
-fn counted(of: &Quantity, amplifier: &Amplifier) -> String {
+fn describe_counts(of: &Quantity, amplifier: &Amplifier) -> String {
     let rated = format!("{} {}", amplifier.rated(), of.unit.symbol());
     format!(
         "the object counts thousandths of the rated value of {}.",
@@ -174,11 +175,14 @@ fn counted(of: &Quantity, amplifier: &Amplifier) -> String {
 /// Returns the measured output of an amplifier.
 fn measured_output(of: &Quantity, amplifier: &Amplifier) -> Signal {
     let ends = [-32.768, 32.767].map(|end| end * amplifier.rated());
-    let comment = format!("Output of the amplifier; {}", counted(of, amplifier));
-    thousandths(of.key(), of, amplifier, ends, &comment)
+    let comment = format!(
+        "Output of the amplifier; {}",
+        describe_counts(of, amplifier)
+    );
+    amplifier_signal(of.key(), of, amplifier, ends, &comment)
 }
 
-/// Returns the range of commands to an amplifier in either direction: they reach the rated value at least.
+/// Returns a symmetric command range that includes the rated value.
 fn both_ways(amplifier: &Amplifier) -> [f64; 2] {
     let most = amplifier.range().largest().max(amplifier.rated());
     [-most, most]
@@ -186,25 +190,25 @@ fn both_ways(amplifier: &Amplifier) -> [f64; 2] {
 
 /// Returns the command to an amplifier.
 fn target(of: &Quantity, amplifier: &Amplifier) -> Signal {
-    let counted = counted(of, amplifier);
+    let counted = describe_counts(of, amplifier);
     let comment = format!("Command to the amplifier, as target torque: {counted}");
     let name = format!("target_{}", of.key());
-    thousandths(name, of, amplifier, both_ways(amplifier), &comment)
+    amplifier_signal(name, of, amplifier, both_ways(amplifier), &comment)
 }
 
 /// Returns the output of an amplifier that really acts.
 fn plant_output(of: &Quantity, amplifier: &Amplifier) -> Signal {
     let comment = "Output of the amplifier that really acts.";
     let name = format!("plant_{}", of.key());
-    thousandths(name, of, amplifier, both_ways(amplifier), comment)
+    amplifier_signal(name, of, amplifier, both_ways(amplifier), comment)
 }
 
-/// Returns the signals of the objects that a rig file names of a bought drive, as it counts them.
-fn carried_by_real(one: &ControlLoop, drive: &LoadedDrive) -> Carried {
+/// Returns the signals of an external drive's objects, scaled as in the rig file.
+fn external_signals(one: &ControlLoop, drive: &LoadedDrive) -> Carried {
     let (quantities, layout) = (one.trial.wiring.drive_quantities(), &drive.layout);
     let (measured, output) = (&quantities.feedback, &quantities.output);
     let signal = |name: String, of: &Quantity, comment: &str, scaled: Scaled| {
-        Signal::new(name, of.unit.symbol(), comment, counts(scaled))
+        Signal::new(name, of.unit.symbol(), comment, coding_of(scaled))
     };
     let position = signal(
         measured.key(),
@@ -227,7 +231,7 @@ fn carried_by_real(one: &ControlLoop, drive: &LoadedDrive) -> Carried {
         (&drive.real.command.object, target),
     ];
     let carried = named.into_iter().chain(current);
-    // The layout has found each object in the drive's EDS.
+    // `LoadedDrive` has already found these objects in the EDS.
     let carried = carried.filter_map(|(object, signal)| {
         let address = object_address(object).ok()?;
         Some((address, vec![signal]))
@@ -235,8 +239,8 @@ fn carried_by_real(one: &ControlLoop, drive: &LoadedDrive) -> Carried {
     carried.collect()
 }
 
-/// Returns the coding of an object that a rig file scales, from its own first bit on.
-fn counts(scaled: Scaled) -> Coding {
+/// Returns the coding of a scaled object, starting at the object's first bit.
+fn coding_of(scaled: Scaled) -> Coding {
     let Scaled {
         field,
         units,

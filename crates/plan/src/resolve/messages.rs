@@ -1,7 +1,7 @@
-//! The messages of a run: those of each node, composed from its objects, and those of the bus.
+//! Messages of a run: each node's, composed from the node's objects, and the bus's own.
 //!
-//! In comes the plan of a run, with the quantities of its drives, the terms of its laws, the outputs of its io nodes and the
-//! identifiers of its frames; out comes the database that says what each frame means. `Plan` asks for it once.
+//! From the plan of a run, with the quantities of its drives, the terms of its laws, the outputs of its io nodes and its
+//! identifiers, `database` composes what each frame means.
 
 use canopen::ObjectDictionary;
 use dbc::loops::TERMS_EVERY_CYCLES;
@@ -30,8 +30,8 @@ const TPDOS_OF_LOOP: u16 = 4;
 
 /// Composes the messages of a run.
 pub fn database(plan: &Plan) -> Database {
-    let bus = BusNames::new(plan);
-    let mut messages = bus.own();
+    let bus = BusNodes::new(plan);
+    let mut messages = bus.bus_messages();
     messages.extend(controller(plan, &bus));
     for one in &plan.loops {
         messages.extend(compose_drive(one, &bus));
@@ -42,14 +42,14 @@ pub fn database(plan: &Plan) -> Database {
     Database::from_messages(messages)
 }
 
-/// Names of the nodes of a bus.
-pub(super) struct BusNames<'a> {
+/// Nodes of a bus, by kind.
+pub(super) struct BusNodes<'a> {
     pub(super) controller: &'a Node,
     drives: Vec<&'a Node>,
     io: Vec<&'a Node>,
 }
 
-impl<'a> BusNames<'a> {
+impl<'a> BusNodes<'a> {
     fn new(plan: &'a Plan) -> Self {
         Self {
             controller: plan.controller(),
@@ -70,7 +70,7 @@ impl<'a> BusNames<'a> {
     }
 
     /// Composes the messages of the bus itself.
-    fn own(&self) -> Vec<Message> {
+    fn bus_messages(&self) -> Vec<Message> {
         let all = [self.controller]
             .into_iter()
             .chain(self.drives.iter().copied());
@@ -83,13 +83,13 @@ impl<'a> BusNames<'a> {
                 nodes.map(|node| (node.id, &*node.name)),
             ),
             services::sync(
-                sync.about("SYNC with counter (CiA 301, 7.2.5): drives sample and apply on it. Period 0x1006, overflow 0x1019."),
+                sync.about("SYNC with counter (CiA 301, 7.2.5): drives sample and apply commands at each SYNC. Period 0x1006, overflow 0x1019."),
                 SYNC_MILLISECONDS,
             ),
         ]
     }
 
-    /// Composes the services of a node: its emergencies, with labels for the maker's bytes, its SDO channel and its heartbeat.
+    /// Composes the services of a node: its emergencies, with labels for the manufacturer-specific field, its SDO channel and its heartbeat.
     pub(super) fn services(
         &self,
         node: &Node,
@@ -127,7 +127,7 @@ impl<'a> BusNames<'a> {
             ),
             services::sdo(
                 Heading::new(name(names::SDO_REQUEST), client, [own])
-                    .about(format!("SDO client to {own}'s default server channel.")),
+                    .about(format!("SDO request to {own}'s default server channel.")),
                 SDO_REQUEST + id,
                 true,
             ),
@@ -151,7 +151,7 @@ pub(super) fn heartbeat_of(objects: &ObjectDictionary) -> u64 {
 }
 
 /// Composes the messages of the controller: its services, the terms of its laws, and the set-points that it gets.
-fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
+fn controller(plan: &Plan, bus: &BusNodes<'_>) -> Vec<Message> {
     let node = bus.controller;
     let terms = plan.loops.iter().map(|one| {
         let terms = Vec::from_iter(one.published_terms().iter().cloned());
@@ -194,8 +194,7 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
             let name = names::set_point(one.name());
             let heading = Heading::new(name, names::BENCH, [&*node.name]);
             messages.push(services::set_point(
-                heading
-                    .about("From the bench after a SYNC: what the scenario wants at the next one."),
+                heading.about("The scenario's set-point for the next SYNC, sent by the bench."),
                 wiring.identifiers.set_point.into(),
                 &wiring.quantities.feedback,
                 &wiring.quantities.name(names::SET_POINT),
@@ -206,7 +205,7 @@ fn controller(plan: &Plan, bus: &BusNames<'_>) -> Vec<Message> {
 }
 
 /// Composes the messages of an io node with these outputs.
-fn io_node(node: &Node, outputs: &[IoOutput], manager: &Node, bus: &BusNames<'_>) -> Vec<Message> {
+fn io_node(node: &Node, outputs: &[IoOutput], manager: &Node, bus: &BusNodes<'_>) -> Vec<Message> {
     let in_sheet = outputs.iter().map(IoOutput::in_sheet);
     let objects = node_objects::io(node.id, in_sheet, manager.id);
     let carried = outputs.iter().map(|output| {

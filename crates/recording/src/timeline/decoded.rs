@@ -66,7 +66,7 @@ pub struct Timeline {
     pub lost_heartbeats: Vec<LostHeartbeat>,
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
     pub temperature_silence: Option<(f64, f64)>,
-    /// Quantity that the loop measures; its values are called positions in this code.
+    /// Quantities of the loop's feedback and command. Feedback values are called positions in this code.
     pub quantities: Quantities,
     /// Raw set-point of the scenario, which is NaN if the scenario has none, then the signals on the bus.
     pub columns: Vec<Column>,

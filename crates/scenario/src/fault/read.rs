@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::schema::definition;
 use super::{Fault, Faults, Group, KINDS, Key, Kind, Need, Time, Value};
-use crate::document::{Document, Meaning};
+use crate::document::{Document, KeyContext};
 use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
@@ -172,15 +172,15 @@ impl<'text> Reader<'_, 'text> {
             schema: &schema::FAULTS,
         };
         naming.apply(&mut table, part).map_err(one)?;
-        let meaning = Meaning {
+        let key_context = KeyContext {
             measured: wiring.sensor.clone(),
             commands: wiring.amplifier.range(),
             quantities,
         };
-        let document = self.document.with_loop(DeTable::new(), meaning);
+        let document = self.document.with_loop(DeTable::new(), key_context);
         let at = (span, &table);
         let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
-        without_problems(in_unit(problems, &document.meaning), table)
+        without_problems(in_unit(problems, &document.key_context), table)
     }
 }
 

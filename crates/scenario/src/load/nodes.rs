@@ -517,9 +517,11 @@ impl Check<'_> {
             ),
             Some(_) if output == right => return None,
             Some(node) => (
-                format!("`{output}` is no signal that a loop can command"),
+                format!("`{output}` is not a signal that a loop can command"),
                 match node.amplifier_port() {
-                    Some(port) => format!("write \"{right}\": its amplifier is at `{port}`"),
+                    Some(port) => format!(
+                        "write \"{right}\", because the amplifier of `{drive}` drives `{port}`"
+                    ),
                     None => format!("write \"{right}\""),
                 },
             ),

@@ -131,7 +131,9 @@ impl<'a> Naming<'a> {
         let mut patterns = patterns.iter().map(|(pattern, _)| *pattern);
         for pattern in patterns.clone().filter(|pattern| is_gain(pattern)) {
             let mut units = known_units();
-            if let Some(unit) = units.find(|unit| self.by(unit).name(pattern) == name) {
+            if let Some(unit) =
+                units.find(|unit| self.with_feedback_unit(unit).name(pattern) == name)
+            {
                 let factor = conversion(self.quantities.feedback.unit.law_word(), unit)
                     .ok_or_else(|| self.wrong_gain(key, pattern))?;
                 return Ok(Some((pattern, factor)));
@@ -144,7 +146,7 @@ impl<'a> Naming<'a> {
     }
 
     /// Returns the loop's quantities with another unit of its feedback.
-    fn by(&self, unit: &str) -> Quantities {
+    fn with_feedback_unit(&self, unit: &str) -> Quantities {
         let mut quantities = self.quantities.clone();
         quantities.feedback.unit = Unit::Other(unit.to_owned());
         quantities
@@ -162,7 +164,10 @@ impl<'a> Naming<'a> {
         };
         let message = if Quantity::known().map(commanding).any(has) {
             let command = self.quantities.output.words();
-            format!("the loop `{}` commands a {command}", self.loop_name)
+            format!(
+                "the command of the loop `{}` is `{command}`",
+                self.loop_name
+            )
         } else if has(Quantities::of_position(unit.clone())) {
             format!(
                 "the loop `{}` measures `{}`",
@@ -172,7 +177,10 @@ impl<'a> Naming<'a> {
             // Units that a name might have by mistake.
             let mut others = known_units().flat_map(|unit| {
                 let unit_alone = Unit::Other(unit.to_owned());
-                [self.by(unit), Quantities::of_position(unit_alone)]
+                [
+                    self.with_feedback_unit(unit),
+                    Quantities::of_position(unit_alone),
+                ]
             });
             others
                 .any(has)

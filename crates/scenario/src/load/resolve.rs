@@ -15,7 +15,7 @@ use super::{
 use crate::beside::Beside;
 use crate::check::{self, Check, NamedFiles};
 use crate::custom::Section;
-use crate::document::{Document, Meaning};
+use crate::document::{Document, KeyContext};
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault;
 use crate::rig::nodes::Rig;
@@ -282,18 +282,18 @@ impl Resolver<'_> {
         self.check.add(wrong_tables);
         let mut loops = Vec::new();
         for one in tables {
-            let meaning = Meaning {
+            let key_context = KeyContext {
                 quantities: one.wiring.quantities.clone(),
                 measured: one.wiring.feedback.clone(),
                 commands: one.wiring.amplifier.range(),
             };
             // The keys of its tables, and the names in problems, are patterns.
-            let document = selector.scenario.with_loop(one.tree, meaning);
+            let document = selector.scenario.with_loop(one.tree, key_context);
             match self.read_trial(&document, &one.factors, one.wiring) {
                 Ok(one) => loops.extend(one),
                 Err(found) => {
                     let found = as_written(found, &one.factors);
-                    self.check.add(in_unit(found, &document.meaning));
+                    self.check.add(in_unit(found, &document.key_context));
                 }
             }
         }

@@ -922,7 +922,7 @@ fn a_law_is_refused_in_a_loop_that_it_cannot_lead() {
     let rig = JOINT_RIG.replace("extensor_current_amperes", "extensor_volts");
     let found = error(JOINT, &rig.replace("extensor.current", "extensor.voltage"));
     assert!(
-        found.contains("its drives command a current and a voltage"),
+        found.contains("the drives' commands are `current` and `voltage`"),
         "{found}"
     );
     let named = |text: &str| text.replace("extensor", "timing");

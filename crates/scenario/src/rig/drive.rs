@@ -447,7 +447,7 @@ impl DriveLayout {
         is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
     }
 
-    /// Encodes RPDO1; the command is limited to the largest one that the drive may be given and its object can hold.
+    /// Encodes RPDO1; the command is clamped to the drive's limit and the object's range.
     #[inline]
     pub fn encode(&self, controlword: u16, command: f64) -> CanFrame {
         let max = self.target_max;

@@ -556,18 +556,18 @@ impl RigNode {
 #[schemars(rename = "RigAmplifier")]
 pub struct Amplifier {
     /// The port that it drives, as in `"wire.current_amperes"`. The port's unit decides the output quantity: a current, always in
-    /// amperes; a voltage, in volts; a mass, in kilograms; and so on. A share in percent and a number without a unit are called
-    /// like the port.
+    /// amperes; a voltage, in volts; a mass, in kilograms; and so on. A percentage or a number without a unit takes the port's
+    /// name.
     #[schemars(length(min = 1, max = 200))]
     pub port: Option<String>,
     /// The rated current (0x6075), or the rated value of another output quantity, in the unit of that quantity. Commands and
     /// measured values are in thousandths of it; 1 if absent.
     #[schemars(range(min = 0.001, max = 1_000_000.0))]
     pub rated: Option<f64>,
-    /// The smallest current: 0, or negative for an amplifier that drives both ways; 0 if absent.
+    /// The smallest output: 0, or negative for an amplifier that drives both ways; 0 if absent.
     #[schemars(range(min = -32_767_000.0, max = 0.0))]
     pub min: Option<f64>,
-    /// The largest current; the rated one if absent. It is at most 32.767 times that, as `min` is.
+    /// The largest output; the rated value if absent. It is at most 32.767 times that, as `min` is.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 32_767_000.0))]
     pub max: Option<f64>,
     /// Resolution of its digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille.

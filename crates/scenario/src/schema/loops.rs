@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value, json};
 
 use super::{CONTOURS, RIG, RUN, TRIAL, entries, part_of, resolve};
-use crate::document::Meaning;
+use crate::document::KeyContext;
 use crate::fault;
 use crate::node::Part;
 use crate::plant::PlantModel;
@@ -39,7 +39,7 @@ pub(super) fn scenario_schema() -> Value {
 }
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
-fn loops_schema(loops: &[Quantities], travel: Option<Meaning>) -> Value {
+fn loops_schema(loops: &[Quantities], travel: Option<KeyContext>) -> Value {
     let mut schema = parts_schema();
     put_name(&mut schema, LOOP_ENTRIES, "loop", "several");
     put_name(&mut schema, NODE_ENTRIES, "node", "several drives");
@@ -209,11 +209,11 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 }
 
 /// Returns the range of set-points: each lies within the range of one of the loops' sensors.
-fn travel(rig: &Rig) -> Option<Meaning> {
+fn travel(rig: &Rig) -> Option<KeyContext> {
     let drives = rig.loops.keys().map(|name| rig.drive_of_loop(name));
     let ranges = drives.map(|drive| rig.wiring_of(drive).feedback.range());
     let [min, max] = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])?;
-    let mut travel = Meaning::default();
+    let mut travel = KeyContext::default();
     (travel.measured.min, travel.measured.max) = (min, Some(max));
     Some(travel)
 }
@@ -228,7 +228,7 @@ fn properties(schema: &Value, definition: &str) -> Value {
 }
 
 /// Gives set-points this range.
-fn put_travel(schema: &mut Value, travel: &Meaning) {
+fn put_travel(schema: &mut Value, travel: &KeyContext) {
     for definition in entries(schema, LOOP_ENTRIES) {
         let properties = schema["definitions"][definition]["properties"].as_object_mut();
         for (key, property) in properties.into_iter().flatten() {
@@ -248,7 +248,7 @@ fn name_keys(schema: &mut Value, loops: &[Quantities]) {
     }
 }
 
-/// Returns the loops, each once for every unit by which gains of its law can be.
+/// Returns each loop once for every unit that its gains may be per.
 fn by_any_unit(loops: &[Quantities]) -> Vec<Quantities> {
     let by_units = loops.iter().flat_map(|quantities| {
         let is_convertible =

@@ -11,22 +11,29 @@ impl Check<'_> {
             let Some(amplifier) = &node.amplifier else {
                 continue;
             };
-            let given = node.commanded_quantity();
-            let is_current = given == Quantity::current();
+            let output = node.commanded_quantity();
+            let is_current = output == Quantity::current();
             let path = format!("node.{name}.amplifier");
             if !is_current && !node.is_ours() {
-                let message = format!("`{name}` is external and would give a {}", given.words());
-                let label = "the limits of a real drive are those of a current";
+                let message = format!(
+                    "the amplifier of the external drive `{name}` gives `{}`, not a current",
+                    output.words()
+                );
+                let label = "an external drive must give a current, because a real drive's limits are in amperes";
                 let path = format!("{path}.port");
                 self.at(&path, message, label);
             }
             if !is_current && amplifier.i2t.is_some() {
-                let message = format!("`{name}` gives a {}", given.words());
-                let label = "i2t is the protection of an amplifier that gives a current";
+                let message = format!(
+                    "the amplifier of `{name}` gives `{}`, not a current",
+                    output.words()
+                );
+                let label =
+                    "remove `i2t`: only an amplifier that gives a current has I²t protection";
                 self.at_key(&format!("{path}.i2t"), message, label);
             }
             let range = amplifier.range();
-            let (symbol, rated) = (given.unit.symbol(), amplifier.rated());
+            let (symbol, rated) = (output.unit.symbol(), amplifier.rated());
             let most = COUNTS_MAX / range.counts_per_unit;
             for (key, command) in [("min", range.min), ("max", range.max)] {
                 // The schema has refused a rated value of 0.
