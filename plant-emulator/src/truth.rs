@@ -27,7 +27,7 @@ pub(crate) struct Truth {
 
 impl Truth {
     pub(crate) fn new(database: &Database, wiring: &Wiring) -> Result<Self, SignalMissing> {
-        let message = names::message(&wiring.nodes.drive.name, names::TRUTH);
+        let message = names::message(&wiring.drive().name, names::TRUTH);
         let measurand = &wiring.sensor.measurand;
         let signal = |pattern: &str| database.signal_of(&message, &measurand.name(pattern));
         Ok(Self {

@@ -22,6 +22,7 @@ use crate::expect::Expect;
 use crate::nearest::meant_or_known;
 use crate::reference::Reference;
 use crate::rig::nodes::{LOAD_OUTPUT, Outputs, Rig, kind_of_output};
+use crate::node::Nodes;
 use crate::run::Run;
 use crate::structure::out_of_range;
 use crate::trial::Trial;
@@ -102,14 +103,14 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
 }
 
 /// Checks the facts that all loops share.
-pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
+pub(crate) fn run(check: &mut Check<'_>, run: &Run, nodes: &Nodes) {
     name(check, "name", &run.name);
     requirements::names(check, "requirements", &run.requirements);
     limits::of_bus(check, &run.expect);
     let expects = [&run.expect, &Expect::default()];
     requirements::check(check, expects, &Measurand::default());
     disturbances(check, run);
-    faults(check, &run.faults, run.duration_seconds);
+    faults(check, &run.faults, nodes, run.duration_seconds);
 }
 
 /// Refuses control characters: the name goes into terminals, XML and file names.

@@ -68,6 +68,7 @@ pub use load::{Asked, FileKind, Objection, Reading, text_of};
 pub use nearest::{meant_or_known, nearest};
 pub use overrides::Override;
 pub use run::Run;
-pub use scenario::{NodeProgram, Scenario, Shared};
+pub use node::NodeProgram;
+pub use scenario::{Scenario, Shared};
 pub use trial::Trial;
 pub use view::ControllerView;

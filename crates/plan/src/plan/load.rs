@@ -5,7 +5,9 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use dbc::Database;
+use dbc::{Database, Ports};
+use scenario::node::NodeIndex;
+use scenario::wiring::IoOutput;
 use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial, text_of};
 
 use super::{ControlLoop, Plan};
@@ -91,7 +93,8 @@ impl Plan {
         let read = &mut |name: &str| beside.read_text(name);
         let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
         let one = |trial| ControlLoop::from_recording(trial, database);
-        named(&scenario, one).map_err(|objection| scenario.objected(objection))
+        let plan = named(&scenario, one).map_err(|objection| scenario.objected(objection))?;
+        Ok(plan.with_database(database))
     }
 
     /// Makes the plan of another scenario with the same plants and laws. The meaning of the frames is shared, unless a value of the
@@ -132,8 +135,11 @@ impl Plan {
         if let Some(objection) = output_objection(self, &scenario.shared.run.disturbance) {
             return Err(scenario.objected(objection));
         }
-        let (shared, loops) = (scenario.shared, self.loops.clone());
-        let mut plan = Self { shared, loops };
+        let mut plan = Self {
+            shared: scenario.shared,
+            nodes: scenario.nodes,
+            ..self.clone()
+        };
         for (one, trial) in plan.loops.iter_mut().zip(scenario.loops) {
             one.trial = trial;
         }
@@ -204,13 +210,26 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
         let frames = catalogue.frames(&trial);
         ControlLoop::with_frames(trial, frames)
     };
-    let plan = named(scenario, alone)?;
+    let mut plan = named(scenario, alone)?;
+    plan.io = io_outputs(scenario, catalogue);
     let mut loops = plan.loops.iter();
     let objection = loops.find_map(|one| two_columns(&one.frames));
     match objection.or_else(|| output_objection(&plan, &plan.shared.run.disturbance)) {
         Some(objection) => Err(objection),
         None => checked(plan.composed()),
     }
+}
+
+/// Returns the io nodes of a rig, each with its outputs on the ports of its plants.
+fn io_outputs(scenario: &Scenario, catalogue: &Catalogue) -> Vec<(NodeIndex, Vec<IoOutput>)> {
+    let io = scenario.io.iter().map(|io| {
+        let plants = BTreeSet::from_iter(io.plants());
+        let plants = scenario.plants.iter().filter(|(name, _)| plants.contains(name.as_str()));
+        let ports = plants.map(|(name, plant)| Some((&**name, catalogue.plant_ports(plant)?)));
+        let ports = ports.collect::<Option<Vec<_>>>().map(Ports::joined);
+        (io.node, io.outputs(&ports.unwrap_or_default()))
+    });
+    io.collect()
 }
 
 /// Refuses a plan of which two messages have one name or one identifier, or whose frames do not fit on its bus.
@@ -227,7 +246,7 @@ pub(super) fn checked(plan: Plan) -> Result<Plan, Objection> {
 /// Finds names of signals in a scenario that its recording does not have. An external drive has no truth.
 fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection> {
     let wiring = &trial.wiring;
-    let drive = &wiring.nodes.drive.name;
+    let drive = &wiring.drive().name;
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
@@ -238,10 +257,8 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
 /// Makes the plan of loops that `make` makes, each with its real drive.
 fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let rig = &scenario.shared.rig;
-    let others = rig.node.values().filter(|node| !node.is_ours());
-    let external = BTreeSet::from_iter(others.map(|node| node.node_id));
     let loops = scenario.loops.iter().map(|trial| {
-        let drive = &trial.wiring.nodes.drive.name;
+        let drive = &trial.wiring.drive().name;
         let load = |real| LoadedDrive::new(real, scenario.sheets.get(drive)).map(Arc::new);
         let real_drive = rig.real_drive(drive).map(load).transpose();
         Ok(ControlLoop {
@@ -249,13 +266,15 @@ fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Pla
                 let message = format!("the drive `{drive}` cannot be led");
                 Objection::new(format!("node.{drive}"), message, error.to_string())
             })?,
-            external: external.clone(),
             ..make(trial.clone())
         })
     });
     Ok(Plan {
         shared: scenario.shared.clone(),
+        nodes: scenario.nodes.clone(),
         loops: loops.collect::<Result<_, _>>()?,
+        database: Arc::default(),
+        io: Vec::new(),
     })
 }
 

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue};
 use super::nodes::fill;
 use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
-use crate::fault::Faults;
+use crate::fault::{Fault, Faults};
 use crate::metrics::{Form, METRICS, Metric, Needs, Subject, is_bus_metric};
 use crate::nearest::nearest;
 use crate::schema;
@@ -123,8 +123,8 @@ impl<'text> Selector<'_, 'text> {
 /// Returns the limits on a drive and its plant, with their requirements, and the end of the judgement; reactions to faults only if it
 /// has faults.
 fn of_drive<'text>(limits: &DeTable<'text>, wiring: &Wiring, faults: &Faults) -> DeTable<'text> {
-    let (drive, plant) = (wiring.nodes.drive.id, &wiring.plant);
-    let has_faults = faults.iter().any(|fault| fault.is_in_loop(drive, plant));
+    let is_hit = |fault: &Fault| wiring.is_hit_by(fault, wiring.drive, &wiring.plant);
+    let has_faults = faults.iter().any(is_hit);
     let is_its = |metric: &&Metric| {
         ![Subject::Cycles, Subject::Bus].contains(&metric.subject)
             && metric.form != Form::List

@@ -1,7 +1,7 @@
 //! Finds rigs that the format can describe and this bench cannot serve.
 
 use crate::check::Check;
-use crate::node::Part;
+use crate::node::Profile;
 use crate::wiring::IO_OUTPUTS_MAX;
 use dbc::names::{NAME_RULE, is_name};
 
@@ -44,7 +44,7 @@ impl Check<'_> {
         let mut drives = rig.node.iter();
         let is_one_ours = drives.any(|(name, node)| node.is_ours() && rig.plant_of(name).is_some());
         let is_moved = |plant: &str| {
-            let mut drives = rig.of_kind(Part::Drive);
+            let mut drives = rig.of_kind(Profile::Drive);
             drives.any(|(drive, _)| rig.plant_of(drive) == Some(plant))
         };
         for plant in rig.plant.keys() {
