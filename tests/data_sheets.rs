@@ -552,7 +552,8 @@ fn the_nodes_of_a_rig_are_as_their_sheets_say() {
                 let has_it = |one: &&ControlLoop| {
                     let has_plant = |plant: &str| one.trial.plants.contains_key(plant);
                     let mut io = one.trial.wiring.shared.io_on(has_plant);
-                    one.drive().id() == node.id() || io.any(|io| plan.nodes[io.node].id() == node.id())
+                    one.drive().id() == node.id()
+                        || io.any(|io| plan.nodes[io.node].id() == node.id())
                 };
                 let name = emulator_name(plan.loops.iter().find(has_it).unwrap());
                 plant_emulator(&plan, name).unwrap()

@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use dbc::{Command, Measurand, Unit, conversion, known_units, unit_in};
+use dbc::{Quantities, Quantity, Unit, conversion, known_units, unit_in};
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
 use scenario::fault::{Form, Group, KINDS, Key, Kind, Need, Time};
@@ -111,7 +111,7 @@ pub(crate) struct Axis {
     output: String,
     /// Name of its loop.
     name: String,
-    measurand: Measurand,
+    quantities: Quantities,
     is_external: bool,
 }
 
@@ -149,9 +149,11 @@ pub(crate) fn scenario(draw: &mut Draw, axes: &[Axis], rig_file: &str) -> String
         text += &axis.values(draw);
     }
     if let [one, other, ..] = axes
-        && one.measurand.unit == other.measurand.unit
+        && one.quantities.feedback.unit == other.quantities.feedback.unit
     {
-        let limit = one.measurand.name("contour_error_{unit}_max = { max = 3 }");
+        let limit = one
+            .quantities
+            .name("contour_error_{unit}_max = { max = 3 }");
         let loops = [&one.name, &other.name];
         text += &format!("[[expect.contour]]\nloops = {loops:?}\n{limit}\n");
     }
@@ -162,12 +164,9 @@ impl Axis {
     fn new(draw: &mut Draw, number: usize) -> Self {
         let plant = &PLANTS[draw.below(PLANTS.len())];
         let units = Vec::from_iter(known_units());
-        let commands = units
-            .iter()
-            .filter(|unit| Command::in_port_unit(unit).is_some());
         let (inputs, output) = match plant.name {
             "fmu" => {
-                let input = draw.choose(&Vec::from_iter(commands));
+                let input = draw.choose(&units);
                 let output = draw.choose(&units);
                 (vec![format!("in_{input}")], format!("out_{output}"))
             }
@@ -176,14 +175,14 @@ impl Axis {
                 (inputs.collect(), draw.choose(plant.outputs).to_owned())
             }
         };
-        let measurand = Measurand {
-            signal: draw
-                .choose(&["position", "speed", "valve_opening", "force"])
-                .to_owned(),
-            unit: draw.choose(&Unit::fitting_port(unit_in(&output))),
-            command: Command::in_port_unit(unit_in(&inputs[0])).unwrap(),
+        let quantities = Quantities {
+            feedback: Quantity::new(
+                draw.choose(&["position", "speed", "valve_opening", "force"]),
+                draw.choose(&Unit::fitting_port(unit_in(&output))),
+            ),
+            output: Quantity::of_port(&inputs[0]),
         };
-        let can_be_external = inputs.len() == 1 && measurand.command == Command::Current;
+        let can_be_external = inputs.len() == 1 && quantities.output == Quantity::current();
         // Some names begin or end like limits.
         let name = draw.choose(&["loop_N", "hunting_N", "axis_N_max"]);
         Self {
@@ -192,7 +191,7 @@ impl Axis {
             inputs,
             output,
             name: name.replace('N', &number.to_string()),
-            measurand,
+            quantities,
             is_external: can_be_external && draw.below(4) == 0,
         }
     }
@@ -204,11 +203,10 @@ impl Axis {
     /// Draws the tables of the axis in a rig file.
     fn tables(&self, draw: &mut Draw) -> String {
         let (number, output) = (self.number, &self.output);
-        let Measurand {
-            signal,
-            unit,
-            command,
-        } = &self.measurand;
+        let Quantities {
+            feedback: Quantity { name: signal, unit },
+            output: command,
+        } = &self.quantities;
         let parameter = draw.choose(self.plant.parameters);
         let mut text = format!("[plant.p{number}.{}]\n", self.plant.name);
         text = text + draw.maybe(parameter) + "\n";
@@ -224,14 +222,14 @@ impl Axis {
         let mut outputs = Vec::new();
         for (place, input) in self.inputs.iter().enumerate() {
             let drive = self.drive(place);
-            outputs.push(format!("{drive}.{}", command.signal()));
+            outputs.push(format!("{drive}.{}", command.name));
             text += &format!(
                 "[node.{drive}]\nkind = \"drive\"\nnode_id = {}\nplausible.stall.motion = 1\n\
                  [node.{drive}.sensor]\nport = \"p{number}.{output}\"\nsignal = \"{signal}\"\nunit = \"{unit}\"\nmin = -20.5\nmax = 100\n\
                  [node.{drive}.amplifier]\nport = \"p{number}.{input}\"\n",
                 16 + 2 * number + place,
             );
-            if *command == Command::Current {
+            if *command == Quantity::current() {
                 text += "i2t = { continuous = 0.8, peak_square_seconds = 2 }\n";
             }
             if self.is_external {
@@ -247,23 +245,21 @@ impl Axis {
     }
 
     fn law(&self, draw: &mut Draw, below: &str) -> String {
-        let unit = &self.measurand.unit;
+        let unit = &self.quantities.feedback.unit;
         if draw.below(4) == 0 {
             let step = self
-                .measurand
+                .quantities
                 .name("at_seconds = 0.5\n{command}_{command_unit} = 0.4\n");
             return format!("[[controller{below}.open_loop.step]]\n{step}");
         }
-        if self.plant.name == "sma" && self.measurand == Measurand::default() {
+        if self.plant.name == "sma" && self.quantities == Quantities::default() {
             let law = draw.choose(&["sliding_mode", "sliding_mode_paper"]);
             return format!("[controller{below}.{law}.nominal_model]\nload_kilograms = 0.05\n");
         }
         // Gains may be per any unit of the quantity.
         let units = known_units().filter(|by| conversion(unit.law_word(), by).is_some());
-        let by = Measurand {
-            unit: Unit::Other(draw.choose(&Vec::from_iter(units)).to_owned()),
-            ..self.measurand.clone()
-        };
+        let mut by = self.quantities.clone();
+        by.feedback.unit = Unit::Other(draw.choose(&Vec::from_iter(units)).to_owned());
         let (law, more) = match self.inputs.len() {
             2 => (
                 "pid_pair",
@@ -290,7 +286,7 @@ impl Axis {
                 ("sine", format!("{harmonic}\nperiod_seconds = 0.5")),
                 ("chirp", format!("{harmonic}\nuntil_seconds = {until}\nfrom_hertz = 0.5\nuntil_hertz = 4")),
             ]);
-            let keys = self.measurand.name(&keys);
+            let keys = self.quantities.name(&keys);
             text += &format!("[[reference.{kind}]]\n{keys}\n");
             if is_named {
                 text += &format!("loop = \"{}\"\n", self.name);
@@ -309,7 +305,7 @@ impl Axis {
         };
         let list = format!("[\"{} 0x5000\"]", self.drive(0));
         let mut text = format!("[expect{below}]\n");
-        text += draw.maybe(&self.measurand.name("recovery_band_{unit} = 0.5\n"));
+        text += draw.maybe(&self.quantities.name("recovery_band_{unit} = 0.5\n"));
         for metric in METRICS.iter().filter(is_possible) {
             let limit = match metric.form {
                 Limit::TwoSided => draw.choose(&["{ max = 90 }", "{ min = -1, max = 2.5 }"]),
@@ -317,7 +313,7 @@ impl Axis {
                 Limit::Answer => "true",
                 Limit::List => &list,
             };
-            let name = self.measurand.name(metric.name);
+            let name = self.quantities.name(metric.name);
             text += draw.maybe(&format!("{name} = {limit}\n"));
         }
         text
@@ -346,7 +342,7 @@ impl Axis {
                 _ => draw.maybe(&line),
             };
         }
-        self.measurand.name(&text)
+        self.quantities.name(&text)
     }
 
     fn value(&self, draw: &mut Draw, key: &Key) -> String {
@@ -368,7 +364,7 @@ impl Axis {
             .to_owned();
         text += draw.maybe(&format!("[node.{drive}.sensor]\nnoise_rms = 0.1\n"));
         text += draw.maybe(&format!("[node.{drive}.plausible]\nstall.seconds = 2\n"));
-        if self.measurand.command == Command::Current {
+        if self.quantities.output == Quantity::current() {
             text += draw.maybe(&format!("[node.{drive}.amplifier.i2t]\ncontinuous = 0.6\n"));
         }
         if self.is_external {

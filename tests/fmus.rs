@@ -636,7 +636,7 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
     refused(
         "port = \"cart.current_amperes\"",
         "port = \"cart.position_metres\"",
-        &["is an output, and an input is needed here"],
+        &["its amplifier is at `cart.position_metres`"],
     );
     refused(
         "file = \"cart.fmu\"\n",

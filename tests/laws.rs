@@ -4,9 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use controller::law::{CurrentRange, Cycle, Law, LoopReads};
+use controller::law::{CommandRange, Cycle, Law, LoopReads};
 use controller::laws::pid::Pid;
-use dbc::Measurand;
+use dbc::Quantities;
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
 use rustix::process::{Pid as Process, Signal, kill_process};
@@ -171,7 +171,7 @@ fn gains() -> scenario::controller::Pid {
         "integral_{gain}_second",
         "derivative_{gain_seconds}",
     ] {
-        let gain = table.remove(&Measurand::default().name(pattern)).unwrap();
+        let gain = table.remove(&Quantities::default().name(pattern)).unwrap();
         table.insert(pattern.to_owned(), gain);
     }
     gains.try_into().unwrap()
@@ -233,10 +233,10 @@ const RANGE: [f64; 2] = [-0.4, 0.4];
 
 /// Returns the currents of the PID in Rust before they are limited.
 fn by_rust(rows: &[[f64; 2]]) -> Vec<f64> {
-    let range = CurrentRange {
+    let range = CommandRange {
         min: RANGE[0],
         max: RANGE[1],
-        ..CurrentRange::default()
+        ..CommandRange::default()
     };
     let law = Pid::new(&gains(), &[range]);
     let mut state = law.start();
@@ -270,7 +270,7 @@ fn each_pid_computes_what_the_one_in_rust_does() {
     assert!(expected.iter().any(|it| it.abs() > RANGE[1]));
     let gains = serde_json::to_string(&gains()).unwrap();
     let gains: serde_json::Value =
-        serde_json::from_str(&Measurand::default().name(&gains)).unwrap();
+        serde_json::from_str(&Quantities::default().name(&gains)).unwrap();
     let scenario: toml::Table = GAINS_OF_FMU.replace("1.5", "0.4").parse().unwrap();
     let parameters = &scenario["controller"]["fmu"]["parameters"];
     let canrig = env!("CARGO_BIN_EXE_canrig").to_owned();
@@ -299,11 +299,11 @@ fn each_pid_computes_what_the_one_in_rust_does() {
     ] {
         let welcome = json!({
             "reads": ["position_metres", "set_point_metres"],
-            "writes": ["current_amperes"],
+            "writes": ["command"],
             "terms": ["integral_amperes"],
             "ranges": [RANGE],
             "parameters": parameters,
-            "variables": {"position_metres": "y", "set_point_metres": "r", "current_amperes": "u", "integral_amperes": "sum"},
+            "variables": {"position_metres": "y", "set_point_metres": "r", "command": "u", "integral_amperes": "sum"},
             "period_seconds": 0.001,
         });
         let mut player = Command::new("python3");
@@ -731,7 +731,7 @@ fn a_program_from_elsewhere_and_ports_that_are_none_are_refused() {
         (
             "\"current_amperes\"",
             "\"current_volts\"",
-            "`position.current_volts` is no command of a drive",
+            "`position.current_volts` is not a drive command",
         ),
         (
             "reads",
@@ -851,7 +851,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
 
 /// Writes the scenario of the PID in Python with the one in Rust.
 fn in_rust(folder: &Path) -> PathBuf {
-    let gains = Measurand::default().name(&toml::to_string(&gains()).unwrap());
+    let gains = Quantities::default().name(&toml::to_string(&gains()).unwrap());
     pid_scenario(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))
 }
 
@@ -918,7 +918,7 @@ fn a_law_in_c_that_breaks_is_named() {
         (
             "writes[0] = current;",
             "writes[0] = 0.0 / 0.0;",
-            "for `current_amperes`",
+            "for `command`",
         ),
         (
             "writes[0] = current;",

@@ -247,7 +247,11 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
     for (one, (drive, _)) in plan.loops.iter().zip(&drives) {
         if plant_name(drive) != victim {
-            assert_eq!(last_current(&log, &plan, one), 0.0, "{drive} after {victim}");
+            assert_eq!(
+                last_current(&log, &plan, one),
+                0.0,
+                "{drive} after {victim}"
+            );
         }
         // A drive that ended with its emulator sends no report.
         let is_off = (plant_name(drive) != victim).then_some(true);

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use clap::{Parser, Subcommand};
-use controller::law::{CurrentRange, Cycle, Law, LoopReads};
+use controller::law::{CommandRange, Cycle, Law, LoopReads};
 use controller::laws::sliding_mode::SlidingMode;
 use faults::Stream;
 use plant_emulator::plant::Inputs;
@@ -123,12 +123,7 @@ fn law(plant: &Sma, is_known: bool) -> SlidingMode {
     if is_known {
         config.nominal_model = plant.into();
     }
-    let currents = CurrentRange {
-        rated: 1.0,
-        min: 0.0,
-        max: 1.0,
-    };
-    SlidingMode::new(&config, &[currents])
+    SlidingMode::new(&config, &[CommandRange::default()])
 }
 
 /// Returns the set-points before and after the step, and the plant's inputs from a time after the step on.

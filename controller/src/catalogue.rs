@@ -4,7 +4,7 @@
 use std::sync::OnceLock;
 
 use dbc::names::is_name;
-use dbc::{Signal, layout};
+use dbc::{Quantity, Signal, layout};
 use scenario::Objection;
 use scenario::controller::{Controller, is_built_in};
 use scenario::custom::{CustomTable, Section, defaults};
@@ -24,7 +24,7 @@ pub struct LawRow {
     table: fn() -> CustomTable,
     make: fn(&Controller, &Wiring) -> Result<AnyLaw, ControllerError>,
     /// Makes a law of one loop with its default parameters; `None` if some parameters have no default.
-    make_default: fn() -> Option<AnyLaw>,
+    make_default: fn(&Wiring) -> Option<AnyLaw>,
 }
 
 impl LawRow {
@@ -36,9 +36,9 @@ impl LawRow {
             make: |controller, wiring| {
                 Ok(controller.with_parameters(|config| AnyLaw::of::<L>(config, wiring))?)
             },
-            make_default: || {
+            make_default: |wiring| {
                 let config = L::DRIVES.and_then(|_| defaults::<L::Config>().ok())?;
-                Some(AnyLaw::of::<L>(&config, &Wiring::default()))
+                Some(AnyLaw::of::<L>(&config, wiring))
             },
         }
     }
@@ -59,14 +59,21 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidRegistration> {
     OWN.set(laws).map_err(|_| InvalidRegistration::again())
 }
 
-/// Checks whether the bus can carry the outputs of a law of one loop.
+/// Checks whether the bus can carry the outputs of a law of one loop, whatever its drive's target may be.
 fn check(row: &LawRow) -> Result<(), InvalidRegistration> {
-    let Some(law) = (row.make_default)() else {
-        return Ok(());
+    let check_for = |target: Quantity| {
+        let mut wiring = Wiring::default();
+        wiring.quantities.output = target;
+        let Some(law) = (row.make_default)(&wiring) else {
+            return Ok(());
+        };
+        law.wires().and_then(|_| check_terms(&law.terms(&wiring)))
     };
-    let wires = law.wires();
-    let checked = wires.and_then(|_| check_terms(&law.terms(&Wiring::default())));
-    checked.map_err(|wrong| InvalidRegistration(format!("the law `{}`: {wrong}", row.name)))
+    let wrong = |wrong| InvalidRegistration(format!("the law `{}`: {wrong}", row.name));
+    check_for(Quantity::current()).or_else(|for_current| {
+        let fits = Quantity::known().any(|target| check_for(target).is_ok());
+        fits.then_some(()).ok_or_else(|| wrong(for_current))
+    })
 }
 
 /// Checks whether the terms have valid names of columns, and fit into the frames of a loop.
@@ -146,10 +153,10 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
         if is_of_all {
             each.try_for_each(|(index, one)| {
                 let feedback = Measured {
-                    measurand: one.measurand.clone(),
+                    quantity: one.quantities.feedback.clone(),
                     ..Measured::default()
                 };
-                check_terms(&law.loop_terms(index, &feedback))
+                check_terms(&law.loop_terms(index, &one.quantities, &feedback))
             })
         } else {
             check_terms(&law.terms(wiring))
@@ -162,10 +169,10 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::{CurrentRange, Cycle, Port, one_loop};
+    use crate::law::{CommandRange, Cycle, Port, one_loop};
     use crate::laws::pid::Pid;
     use crate::terms::described;
-    use dbc::Ports;
+    use dbc::{Ports, Quantities};
     use scenario::{Identifiers, controller};
 
     #[test]
@@ -199,7 +206,7 @@ mod tests {
         type Config = controller::OpenLoop;
         type State = ();
 
-        fn new(_: &Self::Config, _: &[CurrentRange]) -> Self {
+        fn new(_: &Self::Config, _: &[CommandRange]) -> Self {
             Self
         }
 
@@ -226,7 +233,11 @@ mod tests {
                 .starts_with("the law `talkative`: 9 terms of one loop")
         );
         for name in ["µ", "A", ""] {
-            let term = described(&Port::term(name), &Measured::default());
+            let term = described(
+                &Port::term(name),
+                &Quantities::default(),
+                &Measured::default(),
+            );
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
         assert_eq!(

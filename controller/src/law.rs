@@ -3,9 +3,9 @@
 use std::fmt;
 use std::time::Duration;
 
-pub use dbc::CurrentRange;
-use dbc::Signal;
+pub use dbc::CommandRange;
 pub use dbc::{Port, Ports, Width};
+use dbc::{Quantities, Signal};
 use scenario::custom::Parameters;
 use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output};
 use scenario::process_law::ProcessLaw;
@@ -30,8 +30,9 @@ pub struct Cycle {
 /// A law of one loop has the ports of [`one_loop`]. A law of all loops of a rig names its inputs and outputs. An input
 /// is `LOOP.position_UNIT`, which is NaN in a cycle without a position; `LOOP.set_point_UNIT`, or with the suffix
 /// `_per_second` or `_per_second_squared` a derivative of the set-point; or `DRIVE.position_UNIT` of a further drive.
-/// An output is `DRIVE.current_amperes`, one for each drive, or a term of the law, `LOOP.NAME`, which is recorded among
-/// the signals of that loop. The law states the unit in the name; the controller converts.
+/// An output is `DRIVE.command`, in the unit of the drive's target, one for each drive, or a term of the law,
+/// `LOOP.NAME`, which is recorded among the signals of that loop. A command may instead have the name of the target with
+/// a unit, as `DRIVE.current_amperes`. The law states the unit in the name; the controller converts.
 ///
 /// The controller node does everything else: the drives, SYNC, set-points, missing and implausible positions, and the
 /// objects in which the terms are published. An observer belongs to the law: its state is a part of `State`.
@@ -45,11 +46,11 @@ pub trait Law: fmt::Debug + Send + 'static {
     /// Memory from cycle to cycle. `Copy` excludes memory on the heap.
     type State: Copy + fmt::Debug + Send;
 
-    /// Computes the constants. `currents` are the current ranges of the drives that it leads, in their order. For a law
-    /// of all loops they are those of the first drive of each loop, in the order of the loops' names.
-    fn new(config: &Self::Config, currents: &[CurrentRange]) -> Self;
+    /// Computes the constants. `commands` are the ranges of the commands to the drives that it leads, in their order.
+    /// For a law of all loops they are those of the first drive of each loop, in the order of the loops' names.
+    fn new(config: &Self::Config, commands: &[CommandRange]) -> Self;
 
-    /// Returns the inputs and outputs. A current is limited to the range of its port and to that of the drive. The
+    /// Returns the inputs and outputs. A command is limited to the range of its port and to that of the drive. The
     /// terms are sent every 10th cycle, in at most four frames.
     fn ports(&self) -> Ports;
 
@@ -67,17 +68,17 @@ pub trait Law: fmt::Debug + Send + 'static {
     fn step(&self, state: &mut Self::State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]);
 }
 
-/// Returns the ports of a law of one loop: the inputs are [`LoopReads`]; the outputs are a current for each drive that
-/// it leads, and its terms.
+/// Returns the ports of a law of one loop: the inputs are [`LoopReads`]; the outputs are a command for each drive that
+/// it leads, in the unit of the drive's target, and its terms.
 pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
-    // The amplifier limits the current.
+    // The drive limits the command.
     let any = [f64::NEG_INFINITY, f64::INFINITY];
     let drives = 0..L::DRIVES.unwrap_or_default();
-    let currents = drives.map(|place| Port::output(&loop_output(place), any));
+    let commands = drives.map(|place| Port::output(&loop_output(place), any));
     let inputs = LOOP_INPUTS.map(|(name, _)| Port::input(name, any));
     Ports {
         inputs: inputs.into(),
-        outputs: currents.chain(terms).collect(),
+        outputs: commands.chain(terms).collect(),
     }
 }
 
@@ -157,13 +158,13 @@ pub struct AnyLaw {
 impl AnyLaw {
     /// Makes a law with these parameters, before its first cycle, for the drive with this wiring.
     pub fn of<L: Law>(config: &L::Config, wiring: &Wiring) -> Self {
-        let law = L::new(config, &wiring.currents(L::DRIVES));
+        let law = L::new(config, &wiring.command_ranges(L::DRIVES));
         let ports = law.ports();
-        let unit = &wiring.feedback.measurand.unit;
+        let unit = &wiring.feedback.quantity.unit;
         Self {
             wires: match L::DRIVES {
                 None => LawWires::for_all_loops(&ports, &wiring.shared.loops),
-                Some(_) => LawWires::for_one_loop(&ports, unit),
+                Some(drives) => LawWires::for_one_loop(&ports, unit, &wiring.targets(drives)),
             },
             ports,
             drives: L::DRIVES,
@@ -225,16 +226,21 @@ impl AnyLaw {
             None => wiring.loop_number().into(),
             Some(_) => 0,
         };
-        self.loop_terms(index, &wiring.feedback)
+        self.loop_terms(index, &wiring.quantities, &wiring.feedback)
     }
 
     /// Returns the terms that it publishes for the loop with this index among those that it leads; none if one of its ports has no
     /// meaning.
-    pub(crate) fn loop_terms(&self, index: usize, feedback: &Measured) -> Vec<Signal> {
+    pub(crate) fn loop_terms(
+        &self,
+        index: usize,
+        quantities: &Quantities,
+        feedback: &Measured,
+    ) -> Vec<Signal> {
         let wires = self.wires.iter();
         let terms = wires.flat_map(|wires| wires.terms(index, &self.ports.outputs));
         terms
-            .map(|(_, port, _)| described(port, feedback))
+            .map(|(_, port, _)| described(port, quantities, feedback))
             .collect()
     }
 

@@ -59,7 +59,9 @@ pub fn controller_node_of_loops<'a>(
         plans.push(LoopPlan::new(view, real_drive)?);
     }
     let io = plans[0].view.wiring.shared.io.iter();
-    let io_nodes = io.map(|io| node_id(plans[0].view.wiring.node(io.node).id())).collect::<Result<_, _>>()?;
+    let io_nodes = io
+        .map(|io| node_id(plans[0].view.wiring.node(io.node).id()))
+        .collect::<Result<_, _>>()?;
     Leader::leading(plans, io_nodes, start)
 }
 
@@ -96,7 +98,10 @@ impl Leader {
             &Vec::from_iter(drives),
             &Vec::from_iter(io_ids),
         );
-        let name = view.wiring.shared.device_name(&view.wiring.controller().name);
+        let name = view
+            .wiring
+            .shared
+            .device_name(&view.wiring.controller().name);
         let dictionary = node_objects::with_device_name(dictionary, name);
         let leading = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;

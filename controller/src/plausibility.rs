@@ -10,7 +10,7 @@
 //!
 //! The limits of a position are data of the drive's node; see [`Plausible`].
 
-use dbc::CurrentRange;
+use dbc::CommandRange;
 use scenario::wiring::{Plausible, Wiring};
 
 use crate::cause::Cause;
@@ -21,8 +21,8 @@ pub(crate) struct Plausibility {
     plausible: Plausible,
     /// Ends of the travel.
     ends: [f64; 2],
-    /// Current range of the drive.
-    currents: CurrentRange,
+    /// Range of the drive's commands.
+    commands: CommandRange,
     /// Name and unit of the signal, for error texts.
     signal: String,
     symbol: String,
@@ -33,7 +33,7 @@ pub(crate) struct Plausibility {
     /// Time since the latest position that was not above the highest one.
     seconds_above: f64,
     /// Latest command.
-    current_amperes: f64,
+    command: f64,
     watch: Watch,
 }
 
@@ -41,7 +41,7 @@ pub(crate) struct Plausibility {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watch {
     seconds: f64,
-    square_ampere_seconds: f64,
+    square_seconds: f64,
     lowest: f64,
     highest: f64,
     /// Smallest distance from the set-point.
@@ -54,24 +54,24 @@ impl Plausibility {
         Self {
             plausible: wiring.plausible,
             ends: wiring.sensor.range(),
-            currents: wiring.current(),
-            signal: wiring.sensor.measurand.signal.replace('_', " "),
-            symbol: wiring.sensor.measurand.unit.symbol().to_owned(),
+            commands: wiring.amplifier.range(),
+            signal: wiring.sensor.quantity.name.replace('_', " "),
+            symbol: wiring.sensor.quantity.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
             seconds_above: 0.0,
-            current_amperes: 0.0,
+            command: 0.0,
             watch: Watch::default(),
         }
     }
 
-    /// Advances by a cycle under a current.
-    pub(crate) fn advance(&mut self, period_seconds: f64, current_amperes: f64) {
+    /// Advances by a cycle under a command.
+    pub(crate) fn advance(&mut self, period_seconds: f64, command: f64) {
         self.seconds_since += period_seconds;
         self.seconds_above += period_seconds;
-        self.current_amperes = current_amperes;
+        self.command = command;
         self.watch.seconds += period_seconds;
-        self.watch.square_ampere_seconds += current_amperes * current_amperes * period_seconds;
+        self.watch.square_seconds += command * command * period_seconds;
     }
 
     /// Accepts a sample, unless it is implausible.
@@ -120,9 +120,9 @@ impl Plausibility {
             return Ok(());
         }
         let large = stall.current_rms * stall.current_rms;
-        let is_current_large = watch.square_ampere_seconds > large * watch.seconds;
+        let is_current_large = watch.square_seconds > large * watch.seconds;
         let is_still = watch.highest - watch.lowest < stall.motion;
-        let is_at_limit = self.currents.is_at_end(self.current_amperes);
+        let is_at_limit = self.commands.is_at_end(self.command);
         let is_away = |away| is_at_limit && watch.distance >= away;
         let must_move = !is_outward
             && stall.below.is_none_or(|below| position < below)
@@ -142,8 +142,8 @@ impl Plausibility {
     /// Returns whether the plant is at an end of its travel and the current pushes it outward.
     fn pushes_outward(&self, position: f64, motion: f64) -> bool {
         let [lowest, highest] = self.ends;
-        (position >= highest - motion && self.current_amperes > 0.0)
-            || (position <= lowest + motion && self.current_amperes < 0.0)
+        (position >= highest - motion && self.command > 0.0)
+            || (position <= lowest + motion && self.command < 0.0)
     }
 
     /// Returns the name of the signal, for messages.
@@ -171,7 +171,7 @@ mod tests {
     use scenario::wiring::Measured;
 
     use super::*;
-    use dbc::{Measurand, Unit};
+    use dbc::{Quantity, Unit};
     use scenario::Scenario;
     use scenario::rig::shipped;
 
@@ -294,7 +294,7 @@ mod tests {
         let watched = |plausible, samples: &[f64]| {
             let wiring = Wiring {
                 sensor: Measured {
-                    measurand: Measurand::position(Unit::Degrees),
+                    quantity: Quantity::position(Unit::Degrees),
                     min: -60.0,
                     max: Some(60.0),
                     ..Measured::default()

@@ -4,7 +4,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use dbc::{CurrentRange, Port, Ports};
+use dbc::{CommandRange, Port, Ports};
 use scenario::Objection;
 use scenario::controller::Controller;
 use scenario::law_ports::{self, WrongPort};
@@ -68,7 +68,7 @@ pub(crate) fn placed(mut law: ProcessLaw, wiring: &Wiring) -> (ProcessLaw, Ports
     let loops = wiring.led_loops();
     let range = |signal: &String| match law_ports::writing(&port(signal), &loops) {
         Ok(writing) if writing.is_command => {
-            let CurrentRange { min, max, .. } = loops[writing.index].current;
+            let CommandRange { min, max, .. } = loops[writing.index].commands;
             [min / writing.factor, max / writing.factor]
         }
         // A port without a meaning is refused where it is wired.
@@ -106,9 +106,7 @@ fn whole_name(signal: &str, wiring: &Wiring) -> String {
 /// Returns the name of a signal in the process: without the loop if it is the own one.
 fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
     match signal.split_once('.') {
-        Some((owner, name)) if owner == wiring.loop_name || owner == wiring.drive().name => {
-            name
-        }
+        Some((owner, name)) if owner == wiring.loop_name || owner == wiring.drive().name => name,
         _ => signal,
     }
 }
@@ -158,12 +156,10 @@ fn check_output(port: &Port, loops: &[LoopFacts], is_command: bool) -> Result<()
             "what the law commands stands in `writes`".to_owned(),
         ),
         (false, true) => {
-            let right = loops[writing.index]
-                .measurand
-                .name("{command}_{command_unit}");
+            let right = loops[writing.index].quantities.output.key();
             (
-                format!("`{name}` is no command of a drive"),
-                format!("a command is `{right}`; what else the law writes stands in `terms`"),
+                format!("`{name}` is not a drive command"),
+                format!("write `command` or `{right}`; what else the law writes stands in `terms`"),
             )
         }
         (false, false) => (
@@ -179,7 +175,7 @@ mod tests {
     use std::collections::{BTreeMap, BTreeSet};
     use std::sync::Arc;
 
-    use dbc::{Command, Measurand, Unit};
+    use dbc::{Quantities, Quantity};
     use scenario::process_law::{FmuLaw, Program};
     use scenario::wiring::SharedWiring;
 
@@ -187,19 +183,18 @@ mod tests {
 
     #[test]
     fn a_command_has_the_name_and_the_unit_of_its_amplifier() {
-        let written = |command: Command, name: &str| {
+        let written = |output: Quantity, name: &str| {
             let one = LoopFacts {
                 name: "x".to_owned(),
                 drive: "drive".to_owned(),
                 followed: "drive".to_owned(),
                 is_commanded: true,
                 emulated: String::new(),
-                measurand: Measurand::position(Unit::Millimetres).commanding(command),
-                current: CurrentRange {
-                    rated: 4.0,
-                    min: -2.0,
-                    max: 4.0,
+                quantities: Quantities {
+                    output,
+                    ..Quantities::default()
                 },
+                commands: CommandRange::of_rated(4.0, -2.0, 4.0),
                 led_by: None,
                 touched: BTreeSet::new(),
             };
@@ -225,22 +220,31 @@ mod tests {
             };
             (law, objection(&controller, &wiring))
         };
-        let (law, wrong) = written(Command::Current, "x.current_milliamperes");
+        let (law, wrong) = written(Quantity::current(), "x.current_milliamperes");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
         assert_eq!(law.setup.ranges, [[-2000.0, 4000.0]]);
         assert_eq!(
             (&law.setup.writes[0], &law.setup.terms[0]),
             (&"current_milliamperes".to_owned(), &"sum".to_owned())
         );
-        let (law, wrong) = written(Command::Voltage, "voltage_volts");
+        let voltage = || Quantity::of_port("a.heater_volts");
+        for command in ["command", "x.command"] {
+            let (law, wrong) = written(voltage(), command);
+            assert_eq!(wrong.map(|wrong| wrong.message), None);
+            assert_eq!(law.setup.ranges, [[-2.0, 4.0]]);
+            assert_eq!(law.setup.writes, ["command"]);
+        }
+        let (law, wrong) = written(voltage(), "voltage_volts");
         assert_eq!(wrong.map(|wrong| wrong.message), None);
         assert_eq!(law.setup.ranges, [[-2.0, 4.0]]);
-        let (law, wrong) = written(Command::Voltage, "current_amperes");
+        let (law, wrong) = written(voltage(), "current_amperes");
         assert_eq!(law.setup.ranges, [ANY], "one for each of `writes`");
         let wrong = wrong.unwrap();
         assert_eq!(wrong.path, "controller.program.writes.0");
         assert!(
-            wrong.label.starts_with("a command is `voltage_volts`"),
+            wrong
+                .label
+                .starts_with("write `command` or `voltage_volts`"),
             "{}",
             wrong.label
         );

@@ -2,14 +2,14 @@
 
 use canopen::object_dictionary::{DataType, Handle};
 use canopen::{ObjectDictionary, add_half};
-use dbc::{Coding, Kind, Port, Range, Signal, Width, first_term, layout};
+use dbc::{Coding, Kind, Port, Quantities, Range, Signal, Width, first_term, layout};
 use scenario::wiring::Measured;
 
 use crate::error::ControllerError;
 
 /// Returns the term of a port as a signal, with its name in its loop. A position is a float where its drive does not count it in
 /// thousandths of the unit, or 32 bits do not hold it.
-pub(crate) fn described(port: &Port, feedback: &Measured) -> Signal {
+pub(crate) fn described(port: &Port, quantities: &Quantities, feedback: &Measured) -> Signal {
     let is_float = feedback.counts_per_unit() != port.steps_per_unit || feedback.is_true_float();
     let (bits, kind, counts_per_unit) = match port.width {
         _ if port.is_position && is_float => (32, Kind::Float32, 1.0),
@@ -18,7 +18,7 @@ pub(crate) fn described(port: &Port, feedback: &Measured) -> Signal {
         Width::Unsigned(bits) => (bits, Kind::Unsigned, port.steps_per_unit),
     };
     let [minimum, maximum] = port.range;
-    let (name, unit) = feedback.measurand.term(port.local_name(), port);
+    let (name, unit) = quantities.term(port.local_name(), port);
     let range =
         Some(Range { minimum, maximum }).filter(|_| kind != Kind::Float32 || !port.is_position);
     let coding = Coding::little_endian(0, bits, kind, 1.0 / counts_per_unit, range);
@@ -71,7 +71,7 @@ impl TermObjects {
         let terms = Vec::from_iter(terms);
         let described = terms
             .iter()
-            .map(|(_, port, _)| described(port, &Measured::default()));
+            .map(|(_, port, _)| described(port, &Quantities::default(), &Measured::default()));
         let layout = layout(&Vec::from_iter(described)).unwrap_or_default();
         let first = first_term(u8::try_from(of_loop).unwrap_or(u8::MAX));
         let mut objects = Vec::new();
@@ -120,14 +120,14 @@ impl TermObjects {
 
 #[cfg(test)]
 mod tests {
-    use dbc::{Measurand, Unit};
+    use dbc::{Quantity, Unit};
 
     use super::*;
 
     fn dictionary(ports: &[Port]) -> ObjectDictionary {
         let terms = ports
             .iter()
-            .map(|port| described(port, &Measured::default()));
+            .map(|port| described(port, &Quantities::default(), &Measured::default()));
         let identifiers = [0x181, 0x281, 0x381, 0x481];
         let loops = [(Vec::from_iter(terms), identifiers)];
         dbc::node_objects::controller(1, &loops, &[0x10], &[])
@@ -137,14 +137,18 @@ mod tests {
     fn a_position_is_a_float_where_thousandths_of_its_unit_would_not_do() {
         let kind = |unit: &str, max, increment| {
             let measured = Measured {
-                measurand: Measurand::position(Unit::Other(unit.to_owned())),
+                quantity: Quantity::position(Unit::Other(unit.to_owned())),
                 max,
                 increment,
                 ..Measured::default()
             };
-            described(&Port::position_term("reference_{unit}"), &measured)
-                .coding
-                .kind
+            described(
+                &Port::position_term("reference_{unit}"),
+                &Quantities::default(),
+                &measured,
+            )
+            .coding
+            .kind
         };
         assert_eq!(kind("degrees", Some(400.0), None), Kind::Signed);
         assert_eq!(kind("bar", Some(10.0), Some(1e-4)), Kind::Float32);
@@ -154,7 +158,10 @@ mod tests {
             increment: Some(1.0),
             ..Measured::default()
         };
-        let loops = [(vec![described(&port, &pressure)], [0x181; 4])];
+        let loops = [(
+            vec![described(&port, &Quantities::default(), &pressure)],
+            [0x181; 4],
+        )];
         let mut dictionary = dbc::node_objects::controller(1, &loops, &[0x10], &[]);
         let terms = [(0, &port, 2.0)].into_iter();
         let objects = TermObjects::find(&dictionary, 0, terms).unwrap();

@@ -76,8 +76,8 @@ impl Row {
         writes.find(|(output, _)| output == name).unwrap().1
     }
 
-    pub(crate) fn current_amperes(&self) -> f64 {
-        self.term("current_amperes")
+    pub(crate) fn command(&self) -> f64 {
+        self.term("command")
     }
 }
 

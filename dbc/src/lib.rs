@@ -6,7 +6,7 @@
 //! [`SMA_ACTUATOR`] lays out every frame on the bus; [`DRIVE_EDS`], [`DISTURBANCE_EDS`] and [`CONTROLLER_EDS`] lay out the
 //! objects behind them, and a test checks that they agree. Recorder, judge and tools read frames through [`Database`];
 //! [`Composer`] makes the database of a rig; [`names`] has the names that the bench itself uses.
-//! [`Port`]s are those of plants and laws, a [`Unit`] is theirs, and a [`Measurand`] is what a loop measures and commands.
+//! [`Port`]s are those of plants and laws, a [`Quantity`] is what a sensor measures or an amplifier gives, in a [`Unit`].
 //!
 //! The crate does not know scenarios, plants and laws beyond their signals and ports, recordings, or the sender of a frame and its reason.
 //!
@@ -29,32 +29,32 @@ use canopen::ObjectDictionary;
 use canopen::eds::{self, EdsError};
 
 pub mod coding;
+pub mod command_range;
 mod compose;
-pub mod current;
 pub mod data_sheets;
 pub mod database;
 pub mod error;
 mod law;
 pub mod loops;
-mod measurand;
 pub mod names;
 pub mod node_objects;
 mod notation;
 mod parse;
 mod port;
+mod quantity;
 pub mod scenario_clock;
 mod unit;
 mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
+pub use command_range::CommandRange;
 pub use compose::Composer;
-pub use current::CurrentRange;
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{Database, Message, MessageBuilder, Signal, SignalHandle};
 pub use error::{DbcError, SignalMissing};
 pub use law::{TermObject, first_term, layout};
-pub use measurand::{Command, Measurand, UNIT, is_gain, is_pattern, is_same_gain};
 pub use port::{Port, Ports, Width, local_name, plant_of_port, steps_for};
+pub use quantity::{Quantities, Quantity, UNIT, is_gain, is_pattern, is_same_gain};
 pub use unit::{Unit, conversion, known_units, singular, symbol_of, unit_in};
 
 /// The frames of the rig (`sma_actuator.dbc`).

@@ -68,12 +68,12 @@ pub const CONTROLWORD: &str = "controlword_command";
 pub const POSITION: &str = "{signal}_{unit}";
 /// Position before the sensor.
 pub const TRUE_POSITION: &str = "true_{signal}_{unit}";
-/// Current that a drive measures.
-pub const CURRENT: &str = "{command}_{command_unit}";
-/// Current that the controller commands.
-pub const TARGET_CURRENT: &str = "target_{command}_{command_unit}";
-/// Current that really flows, in the report of an emulated plant about itself.
-pub const PLANT_CURRENT: &str = "plant_{command}_{command_unit}";
+/// Output of its amplifier that a drive measures.
+pub const OUTPUT: &str = "{command}_{command_unit}";
+/// Command to a drive.
+pub const TARGET: &str = "target_{command}_{command_unit}";
+/// Output of the amplifier that really acts, in the report of an emulated plant about itself.
+pub const PLANT_OUTPUT: &str = "plant_{command}_{command_unit}";
 /// State of a node, in its heartbeat.
 pub const NMT_STATE: &str = "nmt_state";
 /// Names of what the drive of the shipped DBC measures and commands.
@@ -98,9 +98,9 @@ const NAME_CHARACTERS_MAX: usize = 64;
 const SHIPPED: [(&str, &str); 5] = [
     ("position_millimetres", POSITION),
     ("true_position_millimetres", TRUE_POSITION),
-    ("current_amperes", CURRENT),
-    ("target_current_amperes", TARGET_CURRENT),
-    ("plant_current_amperes", PLANT_CURRENT),
+    ("current_amperes", OUTPUT),
+    ("target_current_amperes", TARGET),
+    ("plant_current_amperes", PLANT_OUTPUT),
 ];
 
 /// Checks whether a text can be the name of a signal, a node or a table: small letters, digits and underscores, a letter first.

@@ -8,7 +8,7 @@ use canopen::object_dictionary::Preset;
 type Known = (&'static str, &'static str, &'static str, f64);
 
 /// Quantity of a number without a unit: 100 percent are 1.
-const SHARE: &str = "share";
+pub(crate) const SHARE: &str = "share";
 
 /// Degrees of a radian.
 const RADIAN: f64 = 180.0 / std::f64::consts::PI;

@@ -36,7 +36,7 @@ int canrig_law_init(void *state, const canrig_law_setup *setup, char why[256]) {
     return 0;
 }
 
-/* Reads position_metres and set_point_metres, writes current_amperes, and integral_amperes as a term. */
+/* Reads position_metres and set_point_metres, writes the command, and integral_amperes as a term. */
 int canrig_law_step(void *state, double time_seconds, double period_seconds, const double *reads, double *writes, double *terms) {
     (void)time_seconds;
     pid          *law = state;

@@ -37,7 +37,7 @@ class Pid:
 
     def step(self, cycle, x):
         return {
-            "current_amperes": self.wanted_amperes(cycle, x),
+            "command": self.wanted_amperes(cycle, x),
             "integral_amperes": self.integral_amperes,
         }
 

@@ -60,7 +60,7 @@ pub struct Drive {
     /// Faults of sensor, amplifier and plant.
     pub(crate) faults: RigFaults,
     /// Command of the amplifier.
-    commanded_amperes: f64,
+    commanded: f64,
     /// Start of the present deviation of the current from its command.
     deviates_since: Option<Duration>,
     /// Longest time without an advance of the plant. The next SYNC advances it, so this is longer than a SYNC may be
@@ -99,7 +99,7 @@ impl Drive {
             faults: RigFaults::new(trial, wires.sensor_unit, seed),
             wires,
             followed: Duration::ZERO,
-            commanded_amperes: 0.0,
+            commanded: 0.0,
             deviates_since: None,
             idle_max: SYNC_TIMEOUT.max(trial.run.bus.sync_period() * 3 / 2),
             codes: None,
@@ -111,8 +111,8 @@ impl Drive {
     }
 
     /// Returns the output of the amplifier.
-    pub(crate) fn current_amperes(&self) -> f64 {
-        self.plant.input(self.wires.input) / self.wires.input_per_ampere
+    pub(crate) fn output(&self) -> f64 {
+        self.plant.input(self.wires.input) / self.wires.input_per_output
     }
 
     /// Returns the temperature of the part that the output heats.
@@ -133,7 +133,7 @@ impl Drive {
         std::mem::swap(&mut self.plant, &mut worn.plant);
         std::mem::swap(&mut self.faults, &mut worn.faults);
         std::mem::swap(&mut self.sensor, &mut worn.sensor);
-        (self.followed, self.commanded_amperes) = (worn.followed, worn.commanded_amperes);
+        (self.followed, self.commanded) = (worn.followed, worn.commanded);
     }
 
     /// Returns the next time at which a fault of the rig begins or ends.
@@ -143,7 +143,7 @@ impl Drive {
 
     /// Advances the rig, even if the node is silent, and lets its faults begin and end.
     pub(crate) fn follow(&mut self) {
-        self.set_current(self.commanded_amperes);
+        self.set_output(self.commanded);
         self.advance();
     }
 
@@ -153,36 +153,35 @@ impl Drive {
     }
 
     /// Sets the command of the amplifier.
-    pub(crate) fn set_current(&mut self, commanded_amperes: f64) {
+    pub(crate) fn set_output(&mut self, commanded: f64) {
         let now = self.plant.now;
-        self.commanded_amperes = commanded_amperes;
+        self.commanded = commanded;
         let input = self.wires.input;
-        let mut current_amperes = commanded_amperes;
+        let mut output = commanded;
         if self.faults.plant_faults(now).is_some() {
             self.advance();
         }
         if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
             self.plant.set_condition(input, faults, time_seconds);
-            current_amperes = if self.plant.conducts(input) {
-                self.faults.current_amperes(now, commanded_amperes)
+            output = if self.plant.conducts(input) {
+                self.faults.output(now, commanded)
             } else {
                 0.0
             };
         }
         if self.plant.failure().is_some() {
-            current_amperes = 0.0;
+            output = 0.0;
         }
-        self.disturb(input, current_amperes * self.wires.input_per_ampere);
+        self.disturb(input, output * self.wires.input_per_output);
     }
 
     /// Advances the plant and the overload integral.
     fn advance(&mut self) {
         let now = self.plant.now;
         let elapsed = now.saturating_sub(self.followed);
-        let current_amperes = self.current_amperes();
+        let output = self.output();
         self.plant.advance_to(now);
-        self.protection
-            .advance(elapsed.as_secs_f64(), current_amperes);
+        self.protection.advance(elapsed.as_secs_f64(), output);
         self.followed = self.followed.max(now);
     }
 
@@ -195,11 +194,11 @@ impl Drive {
         let convert = |position| sensor.sample(position);
         let counts = self.faults.sense(now, true_position, convert);
         let position = self.sensor.position(counts) * self.wires.counts_per_output;
-        let permille = self.amplifier.permille(self.current_amperes());
+        let permille = self.amplifier.permille(self.output());
         let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);
         self.objects.set_truth(dictionary, &self.wires, &self.plant);
-        self.objects.set_current(dictionary, permille);
+        self.objects.set_output(dictionary, permille);
         self.objects
             .set_utilisation(dictionary, self.protection.utilisation());
     }
@@ -211,8 +210,8 @@ impl Drive {
         }
         let (limited, is_cut) = self.objects.limited_torque(services.dictionary());
         self.is_limit_active = is_cut || self.is_command_cut || self.amplifier.clips(limited);
-        let current_amperes = self.amplifier.current_amperes(limited);
-        self.set_current(current_amperes);
+        let output = self.amplifier.output(limited);
+        self.set_output(output);
     }
 
     fn may_drive(&self, services: &Services) -> bool {
@@ -227,7 +226,7 @@ impl Drive {
     /// statusword.
     fn settle(&mut self, services: &mut Services) {
         if !self.may_drive(services) {
-            self.set_current(0.0);
+            self.set_output(0.0);
             self.is_limit_active = false;
         }
         let mode = self.objects.mode(services.dictionary());
@@ -250,9 +249,9 @@ impl Drive {
     }
 
     /// Reports a fault if the current deviates from its command for some time. The fault is over when the deviation is.
-    fn supervise_current(&mut self, services: &mut Services) {
-        let deviation = self.current_amperes() - self.commanded_amperes;
-        if deviation.abs() <= self.amplifier.deviation_amperes_max() {
+    fn supervise_output(&mut self, services: &mut Services) {
+        let deviation = self.output() - self.commanded;
+        if deviation.abs() <= self.amplifier.deviation_max() {
             self.deviates_since = None;
             services.clear_error(ErrorCode::HARDWARE);
             return;
@@ -267,7 +266,7 @@ impl Drive {
 
     /// Reports a fault if the I²t protection trips. The fault is over when the load is well below the limit.
     fn protect(&mut self, services: &mut Services) {
-        self.supervise_current(services);
+        self.supervise_output(services);
         if self.protection.is_tripped() && self.machine.is_current_allowed() {
             self.machine.on_fault();
             services.raise_error(ErrorCode::THERMAL_OVERLOAD, [0; 5]);

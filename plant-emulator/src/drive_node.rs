@@ -39,7 +39,10 @@ pub(crate) fn scenario_clock(
     database: &Database,
 ) -> Result<ScenarioClock, InvalidEmulator> {
     let drives = trial.wiring.shared.loops.iter();
-    Ok(ScenarioClock::new(database, drives.map(|one| one.drive.as_str()))?)
+    Ok(ScenarioClock::new(
+        database,
+        drives.map(|one| one.drive.as_str()),
+    )?)
 }
 
 impl DriveNode {
@@ -110,7 +113,7 @@ impl DriveNode {
         let drive = faulty.node_mut().application_mut();
         drive.faults.zero = zero;
         if is_switched_off {
-            drive.set_current(0.0);
+            drive.set_output(0.0);
         }
         drive.follow();
         truth.observe(now, drive);

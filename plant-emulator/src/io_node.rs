@@ -10,8 +10,8 @@ use canopen::{Device, ObjectDictionary};
 use dbc::node_objects;
 use dbc::scenario_clock::ScenarioClock;
 use faults::{FaultPlan, Faulty};
-use scenario::wiring::{IoOutput, IoWiring};
 use scenario::Trial;
+use scenario::wiring::{IoOutput, IoWiring};
 
 use crate::InvalidEmulator;
 use crate::disturbance::DisturbanceModule;
@@ -63,7 +63,12 @@ impl IoNode {
                     *module = fresh;
                 }
             };
-            Played::Faulty(Faulty::new(sound, FaultPlan::new(&faults, id), clock()?, renew))
+            Played::Faulty(Faulty::new(
+                sound,
+                FaultPlan::new(&faults, id),
+                clock()?,
+                renew,
+            ))
         };
         Ok(Self {
             node,

@@ -31,10 +31,10 @@ mod wires;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress, earliest};
+use canopen::NodeId;
 use canopen::device::PDOS_AND_SDOS;
 use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::services::InvalidPdo;
-use canopen::NodeId;
 
 use clocked_plant::ClockedPlant;
 use dbc::{Database, SignalMissing};
@@ -300,7 +300,10 @@ impl Node for PlantEmulator {
             return Progress::Failed(format!("the plant `{}` cannot go on: {reason}", self.name));
         }
         let drives = self.drives.iter().map(|drive| drive.as_node().progress());
-        let modules = self.modules.iter().map(|module| module.as_node().progress());
+        let modules = self
+            .modules
+            .iter()
+            .map(|module| module.as_node().progress());
         let mut all = Progress::Stopped;
         for one in drives.chain(modules) {
             match one {

@@ -28,11 +28,11 @@ pub(crate) struct Truth {
 impl Truth {
     pub(crate) fn new(database: &Database, wiring: &Wiring) -> Result<Self, SignalMissing> {
         let message = names::message(&wiring.drive().name, names::TRUTH);
-        let measurand = &wiring.sensor.measurand;
-        let signal = |pattern: &str| database.signal_of(&message, &measurand.name(pattern));
+        let quantities = wiring.drive_quantities();
+        let signal = |pattern: &str| database.signal_of(&message, &quantities.name(pattern));
         Ok(Self {
             message: database.builder(&message)?,
-            current: signal(names::PLANT_CURRENT)?,
+            current: signal(names::PLANT_OUTPUT)?,
             peak_temperature: signal("plant_peak_temperature_celsius")?,
             time: signal("plant_time_seconds")?,
             peak_celsius: f64::NEG_INFINITY,
@@ -48,8 +48,8 @@ impl Truth {
         // An unknown temperature is replaced by the lowest one.
         let temperature = drive.heated_celsius().unwrap_or(f64::NEG_INFINITY);
         self.peak_celsius = self.peak_celsius.max(temperature);
-        let current_amperes = drive.current_amperes();
-        let is_heated = current_amperes != 0.0;
+        let output = drive.output();
+        let is_heated = output != 0.0;
         if is_heated == self.is_heated && now < self.next {
             return;
         }
@@ -57,7 +57,7 @@ impl Truth {
             self.next = now + PERIOD;
         }
         self.is_heated = is_heated;
-        self.message.set(&self.current, current_amperes);
+        self.message.set(&self.current, output);
         self.message.set(&self.peak_temperature, self.peak_celsius);
         self.message.set(&self.time, now.as_secs_f64());
         self.waiting.push(self.message.frame());

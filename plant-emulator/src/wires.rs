@@ -25,8 +25,8 @@ pub(crate) struct Published {
 pub(crate) struct Wires {
     /// Index of the input that the amplifier drives.
     pub(crate) input: usize,
-    /// Factor from the amplifier's unit to the input's.
-    pub(crate) input_per_ampere: f64,
+    /// Factor from the unit of the amplifier's output to the input's.
+    pub(crate) input_per_output: f64,
     /// Index of the output that the sensor reads.
     pub(crate) output: usize,
     /// One unit of the sensor, in the unit of the output.
@@ -53,10 +53,10 @@ impl Wires {
             .measured(ports)
             .ok_or_else(|| unknown(&wiring.output))?;
         let port = &ports.outputs[output];
-        let factors = conversion(&port.unit, wiring.sensor.measurand.unit.word())
-            .zip(conversion(wiring.sensor.measurand.unit.word(), &port.unit));
+        let factors = conversion(&port.unit, wiring.sensor.quantity.unit.word())
+            .zip(conversion(wiring.sensor.quantity.unit.word(), &port.unit));
         let (units_per_output, sensor_unit) = factors.ok_or_else(|| {
-            let (port, unit) = (&port.name, &wiring.sensor.measurand.unit);
+            let (port, unit) = (&port.name, &wiring.sensor.quantity.unit);
             InvalidEmulator::Other(format!("the port `{port}` cannot be measured in {unit}"))
         })?;
         let recorded = wiring.recorded(ports).map_err(|name| unknown(&name))?;
@@ -66,7 +66,7 @@ impl Wires {
                 "the drive would publish {count} outputs of the plant (limit {most})"
             )));
         }
-        let command = wiring.sensor.measurand.command;
+        let output_unit = wiring.quantities.output.unit.word();
         let is_true_float = wiring.sensor.is_true_float();
         let true_steps = if is_true_float {
             1.0
@@ -79,11 +79,11 @@ impl Wires {
             Kind::Signed
         };
         let coding = Coding::little_endian(0, 32, kind, 1.0 / true_steps, None);
-        let true_position = wiring.sensor.measurand.name(TRUE_POSITION);
+        let true_position = wiring.drive_quantities().name(TRUE_POSITION);
         Ok(Self {
             true_position: Signal::new(true_position, "", "", coding),
             input,
-            input_per_ampere: conversion(command.word(), &ports.inputs[input].unit).unwrap_or(1.0),
+            input_per_output: conversion(output_unit, &ports.inputs[input].unit).unwrap_or(1.0),
             output,
             sensor_unit,
             counts_per_output: wiring.sensor.counts_per_unit() * units_per_output,
@@ -113,7 +113,7 @@ mod tests {
     use scenario::wiring::Measured;
 
     use super::*;
-    use dbc::{Measurand, Unit};
+    use dbc::{Quantity, Unit};
 
     #[test]
     fn a_port_that_is_not_there_and_a_unit_that_does_not_fit_are_refused() {
@@ -123,7 +123,7 @@ mod tests {
         };
         let wiring = Wiring {
             sensor: Measured {
-                measurand: Measurand::position(Unit::Degrees),
+                quantity: Quantity::position(Unit::Degrees),
                 ..Measured::default()
             },
             ..Wiring::default()

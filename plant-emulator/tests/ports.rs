@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use can::{CanFrame, Node as _, Progress};
-use dbc::{Database, Measurand, Unit};
+use dbc::{Database, Quantity, Unit};
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{InvalidEmulator, PlantEmulator};
 use scenario::Trial;
@@ -85,7 +85,7 @@ fn scenario(input: &str) -> Trial {
         input: format!("arm.{input}_current_amperes"),
         output: "arm.angle_degrees".to_owned(),
         sensor: Measured {
-            measurand: Measurand::position(Unit::Degrees),
+            quantity: Quantity::position(Unit::Degrees),
             min: -90.0,
             max: Some(90.0),
             ..Measured::default()

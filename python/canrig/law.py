@@ -13,7 +13,7 @@ The scenario names the inputs and outputs of the law; a class computes them:
 
         def step(self, cycle, x):
             error = x.set_point_millimetres - x.position_millimetres
-            return {"current_amperes": self.gain * error}
+            return {"command": self.gain * error}
 
 It needs the standard library only. The protocol between law and canrig is in the book: "Seats".
 """

@@ -8,7 +8,7 @@ use ::scenario::metrics::{Form, METRICS, Metric, Subject};
 use ::scenario::rig::shipped;
 use campaigns::campaign::Campaign;
 use clap::Args;
-use dbc::{Measurand, conversion};
+use dbc::{Quantities, conversion};
 use judge::verdict::{Outcome, Verdict};
 use plan::{ControlLoop, Plan};
 use report::terminal::significant;
@@ -161,10 +161,14 @@ fn law(one: &ControlLoop) -> Result<String, Failure> {
             )));
         }
     };
-    let measurand = &one.trial.wiring.feedback.measurand;
+    let quantities = &one.trial.wiring.quantities;
     let (low, high) = range(one);
     // Laws read a position in metres where the sensor has millimetres.
-    let law_units = conversion(measurand.unit.word(), measurand.unit.law_word()).unwrap_or(1.0);
+    let law_units = conversion(
+        quantities.feedback.unit.word(),
+        quantities.feedback.unit.law_word(),
+    )
+    .unwrap_or(1.0);
     let amplifier = one.trial.amplifier.range();
     let gain = PROPORTIONAL * (amplifier.max - amplifier.min) / ((high - low) * law_units);
     let gains = [
@@ -172,7 +176,7 @@ fn law(one: &ControlLoop) -> Result<String, Failure> {
         ("integral_{gain}_second", gain * INTEGRAL_PER_SECOND),
         ("derivative_{gain_seconds}", gain * DERIVATIVE_SECONDS),
     ];
-    let lines = gains.map(|(key, gain)| format!("{} = {}\n", measurand.name(key), rounded(gain)));
+    let lines = gains.map(|(key, gain)| format!("{} = {}\n", quantities.name(key), rounded(gain)));
     let heading = match one.loop_name() {
         Some(name) => format!("[controller.{name}.{law}]\n"),
         None => format!("[controller.{law}]\n"),
@@ -182,7 +186,7 @@ fn law(one: &ControlLoop) -> Result<String, Failure> {
 
 /// Returns hold and step of a loop.
 fn reference(one: &ControlLoop) -> String {
-    let key = one.trial.wiring.feedback.measurand.name("{signal}_{unit}");
+    let key = one.trial.wiring.quantities.name("{signal}_{unit}");
     let (low, high) = range(one);
     let named = one.loop_name().map(|name| format!("loop = {name:?}\n"));
     let named = named.unwrap_or_default();
@@ -197,7 +201,7 @@ fn reference(one: &ControlLoop) -> String {
 fn range(one: &ControlLoop) -> (f64, f64) {
     let feedback = &one.trial.wiring.feedback;
     let default_max =
-        60.0 * conversion("millimetres", feedback.measurand.unit.word()).unwrap_or(1.0);
+        60.0 * conversion("millimetres", feedback.quantity.unit.word()).unwrap_or(1.0);
     let (low, high) = (feedback.min, feedback.max.unwrap_or(default_max));
     match &one.real_drive {
         Some(drive) => (
@@ -234,28 +238,33 @@ fn limits(plan: &Plan, verdict: &Verdict) -> String {
         let subjects = [Subject::Position, Subject::Current, Subject::Plant];
         subjects.contains(&metric.subject) && metric.form == Form::TwoSided
     };
-    let rows = |measurand: &Measurand, prefix: &str, wanted: &dyn Fn(&&Metric) -> bool| {
+    let rows = |quantities: &Quantities, prefix: &str, wanted: &dyn Fn(&&Metric) -> bool| {
         let rows = METRICS.iter().filter(wanted);
-        let rows = rows.filter_map(|metric| row(measurand, prefix, metric, verdict));
+        let rows = rows.filter_map(|metric| row(quantities, prefix, metric, verdict));
         Vec::from_iter(rows).concat()
     };
     text += "[expect]\n";
-    text += &rows(&Measurand::default(), "", &of_bus);
+    text += &rows(&Quantities::default(), "", &of_bus);
     let loops = plan.loops.iter();
     for one in loops.filter(|one| one.trial.wiring.led_by.is_none()) {
         if let Some(name) = one.loop_name() {
             text += &format!("\n[expect.{name}]\n");
         }
-        let measurand = &one.trial.wiring.feedback.measurand;
-        text += &rows(measurand, &one.prefix(), &of_loop);
+        let quantities = &one.trial.wiring.quantities;
+        text += &rows(quantities, &one.prefix(), &of_loop);
     }
     text
 }
 
 /// Returns the limit of a metric with what it measures, or the reason why there is none; `None` if
 /// the verdict does not have it.
-fn row(measurand: &Measurand, prefix: &str, metric: &Metric, verdict: &Verdict) -> Option<String> {
-    let [name, text] = [metric.name, metric.text].map(|pattern| measurand.name(pattern));
+fn row(
+    quantities: &Quantities,
+    prefix: &str,
+    metric: &Metric,
+    verdict: &Verdict,
+) -> Option<String> {
+    let [name, text] = [metric.name, metric.text].map(|pattern| quantities.name(pattern));
     let full_name = format!("{prefix}{name}");
     let measured = verdict.metrics.iter().find(|row| row.name == full_name)?;
     Some(match (measured.value, &measured.remark) {

@@ -3,13 +3,13 @@
 use scenario::controller::OpenLoop as Config;
 use scenario::reference::Trajectory;
 
-use crate::law::{CurrentRange, Cycle, Law, Ports, one_loop};
+use crate::law::{CommandRange, Cycle, Law, Ports, one_loop};
 
 /// The profile, prepared for the query of each cycle.
 #[derive(Clone, Debug)]
 pub struct OpenLoop {
     profile: Trajectory,
-    current: CurrentRange,
+    current: CommandRange,
 }
 
 impl Law for OpenLoop {
@@ -17,10 +17,10 @@ impl Law for OpenLoop {
     type Config = Config;
     type State = ();
 
-    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
+    fn new(config: &Config, commands: &[CommandRange]) -> Self {
         Self {
             profile: config.profile(),
-            current: currents[0],
+            current: commands[0],
         }
     }
 
@@ -52,7 +52,7 @@ mod tests {
             step: vec![step(1.0, 0.62), step(2.0, 1.7)],
             ..Config::default()
         };
-        let law = OpenLoop::new(&config, &[CurrentRange::default()]);
+        let law = OpenLoop::new(&config, &[CommandRange::default()]);
         let current = |scenario_time_seconds| {
             let cycle = Cycle {
                 scenario_time_seconds,

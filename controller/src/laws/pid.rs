@@ -3,7 +3,7 @@
 use scenario::controller::Pid as Config;
 use scenario::reference::SetPoint;
 
-use crate::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, flag, one_loop};
+use crate::law::{CommandRange, Cycle, Law, LoopReads, Port, Ports, flag, one_loop};
 
 /// Limit of the position, in metres or in the loop's own unit; it keeps results finite and is beyond any rig.
 const POSITION_MAX: f64 = 1e6;
@@ -42,7 +42,7 @@ impl FilteredPosition {
 #[derive(Clone, Debug)]
 pub struct Pid {
     config: Config,
-    pub(super) current: CurrentRange,
+    pub(super) current: CommandRange,
 }
 
 /// State of the law.
@@ -82,7 +82,7 @@ impl Pid {
 
     /// Integrates the error, unless that moves the command further beyond its limit (conditional integration).
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
-        let CurrentRange { min, max, .. } = self.current;
+        let CommandRange { min, max, .. } = self.current;
         let winds_up = (command >= max && error > 0.0) || (command <= min && error < 0.0);
         if !winds_up && error.is_finite() {
             state.integral_amperes += self.config.integral * error * period_seconds;
@@ -95,10 +95,10 @@ impl Law for Pid {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
+    fn new(config: &Config, commands: &[CommandRange]) -> Self {
         Self {
             config: config.clone(),
-            current: currents[0],
+            current: commands[0],
         }
     }
 
@@ -155,7 +155,7 @@ mod tests {
             set_point_weight: 1.0,
             derivative_filter_radians_per_second: 100.0,
         };
-        Pid::new(&config, &[CurrentRange::default()])
+        Pid::new(&config, &[CommandRange::default()])
     }
 
     fn step(law: &Pid, state: &mut State, position: f64, target: f64) -> f64 {

@@ -4,7 +4,7 @@
 use scenario::controller::PidPair as Config;
 
 use super::pid::{Pid, State, terms};
-use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, flag, one_loop};
+use crate::law::{CommandRange, Cycle, Law, LoopReads, Ports, flag, one_loop};
 
 /// The gains.
 #[derive(Clone, Debug)]
@@ -12,7 +12,7 @@ pub struct PidPair {
     /// Its range ends where a drive reaches the smaller one of the two largest currents; beyond it the integral rests.
     pid: Pid,
     co_contraction: f64,
-    currents: [CurrentRange; 2],
+    currents: [CommandRange; 2],
 }
 
 impl Law for PidPair {
@@ -21,10 +21,10 @@ impl Law for PidPair {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
-        let [first, second] = [currents[0], currents[1]];
+    fn new(config: &Config, commands: &[CommandRange]) -> Self {
+        let [first, second] = [commands[0], commands[1]];
         let output_max = first.max.min(second.max) - config.co_contraction;
-        let output = CurrentRange {
+        let output = CommandRange {
             min: -output_max,
             max: output_max,
             ..first
@@ -55,7 +55,7 @@ impl Law for PidPair {
         let reads = LoopReads::of(reads);
         let set_point = reads.set_point;
         let (output, velocity) = self.pid.wanted_amperes(state, cycle, &reads);
-        let CurrentRange { min, max, .. } = self.pid.current;
+        let CommandRange { min, max, .. } = self.pid.current;
         let both = self.co_contraction;
         writes.copy_from_slice(&[
             self.currents[0].limited(both + output),
@@ -75,7 +75,7 @@ mod tests {
     use crate::test_rig::{CYCLE, hold};
 
     fn currents(position: f64, wanted: f64) -> [f64; 2] {
-        let law = PidPair::new(&Config::default(), &[CurrentRange::default(); 2]);
+        let law = PidPair::new(&Config::default(), &[CommandRange::default(); 2]);
         let reads = LoopReads {
             position,
             set_point: hold(wanted),

@@ -4,7 +4,7 @@
 use scenario::controller::SlidingMode as Config;
 use scenario::reference::SetPoint;
 
-use crate::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, Width, flag, one_loop};
+use crate::law::{CommandRange, Cycle, Law, LoopReads, Port, Ports, Width, flag, one_loop};
 use crate::mode::{self, Course, Modes};
 use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
@@ -20,7 +20,7 @@ pub struct SlidingMode {
     modes: Modes,
     observer: Observer,
     reference_filter: ReferenceFilter,
-    current: CurrentRange,
+    current: CommandRange,
 }
 
 /// State of the law.
@@ -130,7 +130,7 @@ impl Law for SlidingMode {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
+    fn new(config: &Config, commands: &[CommandRange]) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         Self {
             surface: Surface {
@@ -148,7 +148,7 @@ impl Law for SlidingMode {
             },
             modes: Modes::new(config),
             observer: Observer::new(&config.observer, model),
-            current: currents[0],
+            current: commands[0],
         }
     }
 
@@ -297,7 +297,7 @@ pub(crate) fn terms() -> [Port; 10] {
 
 /// Returns the current for a wanted `u = i²` within this range, and the [`terms`].
 pub(crate) fn command(
-    current: &CurrentRange,
+    current: &CommandRange,
     estimate: &ModelState,
     reference: &Reference,
     wanted: &WantedJerk,
@@ -383,7 +383,7 @@ mod tests {
         assert!((0.35..0.43).contains(&settling), "{settling}");
         assert!(overshoot < 1.0, "{overshoot}");
         assert_eq!(rows[100].term("saturation_on_stop"), 1.0);
-        assert_eq!(rows[100].current_amperes(), 1.0);
+        assert_eq!(rows[100].command(), 1.0);
     }
 
     #[test]
@@ -441,7 +441,7 @@ mod tests {
     #[test]
     fn a_load_that_shall_stay_on_the_stop_gets_no_current() {
         let rows = run(&controller(), &ModelConfig::default(), 0.5, |_| hold(0.0));
-        assert!(rows.iter().all(|row| row.current_amperes() == 0.0));
+        assert!(rows.iter().all(|row| row.command() == 0.0));
     }
 
     #[test]
@@ -449,7 +449,7 @@ mod tests {
         for row in step_run(&ModelConfig::default()) {
             let equivalent = row.term("equivalent_part_amperes_squared");
             let sum = equivalent + row.term("switching_part_amperes_squared");
-            let current = row.current_amperes();
+            let current = row.command();
             assert!((current - libm::sqrt(sum.clamp(0.0, 1.0))).abs() <= 0.0005 + 1e-12);
             assert_eq!(row.term("saturation_upper_limit"), flag(sum > 1.0));
             assert_eq!(row.term("saturation_lower_limit"), flag(sum < 0.0));

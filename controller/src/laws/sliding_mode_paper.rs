@@ -3,7 +3,7 @@
 use scenario::controller::SlidingModePaper as Config;
 
 use super::sliding_mode::{Surface, command, terms};
-use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, one_loop};
+use crate::law::{CommandRange, Cycle, Law, LoopReads, Ports, one_loop};
 use crate::nominal_model::{
     Branch, BranchCurve, MARTENSITE_FRACTION_MIN, NominalModel, State as ModelState,
 };
@@ -17,7 +17,7 @@ pub struct SlidingModePaper {
     reference_filter: ReferenceFilter,
     derivative_filter: CriticallyDamped,
     is_as_printed: bool,
-    current: CurrentRange,
+    current: CommandRange,
 }
 
 /// State of the law.
@@ -52,7 +52,7 @@ impl Law for SlidingModePaper {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
+    fn new(config: &Config, commands: &[CommandRange]) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         let position_metres_max = model.set_point_metres_max();
         Self {
@@ -70,7 +70,7 @@ impl Law for SlidingModePaper {
             },
             is_as_printed: config.as_printed,
             model,
-            current: currents[0],
+            current: commands[0],
         }
     }
 

@@ -45,9 +45,7 @@ impl ControlLoop {
         let cycles = f64::from(u32::try_from(skipped).unwrap_or(u32::MAX)) + 1.0;
         let elapsed_seconds = cycles * self.sync_period.as_secs_f64();
         let drive = &mut self.drive;
-        drive
-            .plausibility
-            .advance(elapsed_seconds, drive.current_amperes);
+        drive.plausibility.advance(elapsed_seconds, drive.commanded);
         self.missing += u64::from(!self.has_sample);
         self.has_position = false;
         self.has_sample = false;

@@ -37,7 +37,7 @@ pub(super) struct LedDrive {
     /// The last controlword sent.
     controlword: u16,
     /// The last command.
-    pub(super) current_amperes: f64,
+    pub(super) commanded: f64,
     /// Time of the last heartbeat.
     pub(super) last_heard: Duration,
     last_statusword: Option<u16>,
@@ -52,7 +52,7 @@ pub(super) struct LedDrive {
 impl LedDrive {
     pub(super) fn new(plan: LoopPlan<'_>, manager: NodeId, sync_period: Duration) -> Self {
         let (wiring, timeouts) = (&plan.view.wiring, &plan.timeouts);
-        let unit = &wiring.sensor.measurand.unit;
+        let unit = &wiring.sensor.quantity.unit;
         let watch = |limits| LimitWatch::new(limits, sync_period, unit);
         let node_id = u32::from(plan.drive.node_id.get());
         Self {
@@ -64,7 +64,7 @@ impl LedDrive {
             restarts: 0,
             watch: node_id << 16 | u32::from(timeouts.drive_lost_milliseconds),
             controlword: 0,
-            current_amperes: 0.0,
+            commanded: 0.0,
             last_heard: Duration::ZERO,
             last_statusword: None,
             last_emergency: None,
@@ -108,15 +108,10 @@ impl LedDrive {
     }
 
     /// Sends RPDO1.
-    pub(super) fn command(
-        &mut self,
-        services: &mut Services,
-        controlword: u16,
-        current_amperes: f64,
-    ) {
+    pub(super) fn command(&mut self, services: &mut Services, controlword: u16, command: f64) {
         self.controlword = controlword;
-        self.current_amperes = current_amperes;
-        services.send(self.layout.encode(controlword, current_amperes));
+        self.commanded = command;
+        services.send(self.layout.encode(controlword, command));
     }
 
     /// Resets the communication of a drive that is present in an unknown state.

@@ -2,46 +2,46 @@
 
 use canopen::cia402::Command as DriveCommand;
 use canopen::{ObjectDictionary, Services};
-use scenario::law_ports::{LOOP_INPUTS, Quantity, Reading};
+use scenario::law_ports::{LOOP_INPUTS, LoopValue, Reading};
 use scenario::wiring::Wiring;
 
 use super::control_loop::ControlLoop;
 use crate::error::ControllerError;
-use crate::law::{AnyLaw, CurrentRange, Cycle};
+use crate::law::{AnyLaw, CommandRange, Cycle};
 use crate::process_law::Window;
 use crate::terms::TermObjects;
 
 /// Divisor of a period: a law must answer this part of a period before the next SYNC, which it never delays.
 const ANSWER_SHARE: u32 = 10;
 
-/// Values of a loop in a cycle that a law may read, in the order of the [`Quantity`]s.
+/// Values of a loop in a cycle that a law may read, in the order of the [`LoopValue`]s.
 pub(super) type Seen = [f64; LOOP_INPUTS.len()];
 
-/// Connection of a current.
+/// Connection of a command.
 #[derive(Clone, Copy, Debug)]
-struct CurrentWire {
+struct CommandWire {
     /// Index of the loop of the drive.
     place: usize,
-    /// Index of the output; `None` for a drive beyond those that the law leads, which has no current.
+    /// Index of the output; `None` for a drive beyond those that the law leads, which gets no command.
     output: Option<usize>,
     range: [f64; 2],
-    /// Current in amperes for an output of one.
+    /// Command in the unit of the drive's target for an output of one.
     factor: f64,
-    /// Current range of the drive.
-    drive: CurrentRange,
+    /// Range of the drive's commands.
+    drive: CommandRange,
 }
 
-impl CurrentWire {
-    /// Returns the command for these outputs of the law. NaN becomes a current of 0.
-    fn current_amperes(&self, writes: &[f64]) -> f64 {
+impl CommandWire {
+    /// Returns the command for these outputs of the law. NaN becomes 0.
+    fn command(&self, writes: &[f64]) -> f64 {
         let value = self.output.map_or(0.0, |output| writes[output]);
         let [min, max] = self.range;
-        let current = if value.is_nan() {
+        let command = if value.is_nan() {
             0.0
         } else {
             value.max(min).min(max) * self.factor
         };
-        self.drive.limited(current)
+        self.drive.limited(command)
     }
 }
 
@@ -54,7 +54,7 @@ pub(super) struct LeadingLaw {
     /// Indices of the loops whose positions it waits for.
     waits_for: Vec<usize>,
     readings: Vec<Reading>,
-    currents: Vec<CurrentWire>,
+    commands: Vec<CommandWire>,
     terms: Vec<TermObjects>,
     reads: Vec<f64>,
     writes: Vec<f64>,
@@ -80,11 +80,11 @@ impl LeadingLaw {
             ..*reading
         });
         let readings = Vec::from_iter(readings);
-        let drives = wiring.currents(law.drives());
-        let currents = places.iter().enumerate().map(|(drive, place)| {
+        let drives = wiring.command_ranges(law.drives());
+        let commands = places.iter().enumerate().map(|(drive, place)| {
             let mut outputs = wires.outputs.iter();
             let output = outputs.position(|one| one.is_command && one.index == drive);
-            CurrentWire {
+            CommandWire {
                 place: *place,
                 output,
                 range: output.map_or([0.0; 2], |output| ports.outputs[output].range),
@@ -96,7 +96,7 @@ impl LeadingLaw {
             TermObjects::find(dictionary, *of_loop, wires.terms(place, &ports.outputs))
         });
         Ok(Self {
-            currents: currents.collect(),
+            commands: commands.collect(),
             terms: terms.collect::<Result<_, _>>()?,
             reads: vec![0.0; ports.inputs.len()],
             writes: vec![0.0; ports.outputs.len()],
@@ -132,10 +132,10 @@ impl LeadingLaw {
             return;
         }
         let controlword = DriveCommand::EnableOperation.controlword();
-        for wire in &self.currents {
-            let current_amperes = wire.current_amperes(&self.writes);
+        for wire in &self.commands {
+            let command = wire.command(&self.writes);
             let drive = &mut loops[wire.place].drive;
-            drive.command(services, controlword, current_amperes);
+            drive.command(services, controlword, command);
         }
     }
 
@@ -183,7 +183,7 @@ impl LeadingLaw {
         };
         for (value, reading) in self.reads.iter_mut().zip(&self.readings) {
             let seen = &loops[reading.index].seen;
-            *value = seen[reading.quantity as usize] * reading.factor;
+            *value = seen[reading.value as usize] * reading.factor;
         }
         self.has_new_terms = true;
         self.law
@@ -219,7 +219,7 @@ impl LeadingLaw {
 fn waits_for(readings: &[Reading], places: &[usize]) -> Vec<usize> {
     let positions = readings
         .iter()
-        .filter(|reading| reading.quantity == Quantity::Position);
+        .filter(|reading| reading.value == LoopValue::Position);
     let mut waits_for = Vec::from_iter(positions.map(|reading| reading.index));
     if waits_for.is_empty() {
         waits_for = places.to_vec();

@@ -55,7 +55,8 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         .as_ref()
         .filter(|end| end.by == EndedBy::Node);
     let evidence = loops.iter().map(|(control_loop, timeline)| {
-        Evidence::new(plan.database(), timeline, control_loop, circumstances).among(&plan.shared.contours, &loops)
+        Evidence::new(plan.database(), timeline, control_loop, circumstances)
+            .among(&plan.shared.contours, &loops)
     });
     let all = Vec::from_iter(evidence);
     let found = end.map(|end| broke_off(&all, end));
@@ -69,8 +70,13 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         let verdict = match broke_off.and_then(|end| end.node_elsewhere(evidence)) {
             None => judge_loop(plan, evidence, broke_off),
             Some(node) => {
-                let cut = Evidence::new(plan.database(), evidence.timeline, evidence.control_loop, &elsewhere)
-                    .among(evidence.contours, evidence.loops);
+                let cut = Evidence::new(
+                    plan.database(),
+                    evidence.timeline,
+                    evidence.control_loop,
+                    &elsewhere,
+                )
+                .among(evidence.contours, evidence.loops);
                 let verdict = judge_loop(plan, &cut, broke_off);
                 ended_elsewhere(verdict, node, end)
             }

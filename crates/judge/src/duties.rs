@@ -206,7 +206,12 @@ mod tests {
         });
         timeline.syncs_seconds = [0.0].into_iter().chain(times).collect::<Series<f64>>();
         let circumstances = Circumstances::default();
-        let evidence = Evidence::new(plan.database(), &timeline, plan.only_loop().unwrap(), &circumstances);
+        let evidence = Evidence::new(
+            plan.database(),
+            &timeline,
+            plan.only_loop().unwrap(),
+            &circumstances,
+        );
         let (percent, _) = largest_period_error(&evidence, true).unwrap();
         percent
     }

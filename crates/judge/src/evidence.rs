@@ -247,8 +247,8 @@ impl<'a> Evidence<'a> {
         let mut loops = self.loops.iter();
         let (control_loop, timeline) =
             loops.find(|(control_loop, _)| control_loop.name() == name)?;
-        let evidence =
-            Self::new(self.database, timeline, control_loop, self.circumstances).among(self.contours, self.loops);
+        let evidence = Self::new(self.database, timeline, control_loop, self.circumstances)
+            .among(self.contours, self.loops);
         Some(match &self.left_out {
             None => evidence,
             Some(left_out) => evidence.rest(left_out.only_long),
@@ -435,7 +435,7 @@ impl<'a> Evidence<'a> {
     /// Returns the evidence with the true position, in the cycles in which it was published; `None` if it is not judged, or the
     /// plant does not report itself.
     pub(crate) fn of_the_truth(&self) -> Option<Self> {
-        let name = self.trial.wiring.feedback.measurand.name(TRUE_POSITION);
+        let name = self.trial.wiring.quantities.name(TRUE_POSITION);
         let judged = Some(&name).filter(|_| self.trial.has_true_metrics());
         let trace = self.trace(judged?).ok()?;
         let mut samples = trace.samples.iter().peekable();
@@ -512,8 +512,8 @@ impl<'a> Evidence<'a> {
     }
 
     /// Returns the name of the quantity that the amplifier puts out.
-    pub(crate) fn command_name(&self) -> &'static str {
-        self.trial.wiring.feedback.measurand.command.signal()
+    pub(crate) fn command_name(&self) -> String {
+        self.trial.wiring.quantities.output.words()
     }
 
     /// Returns the reason why a window is empty.
@@ -522,7 +522,7 @@ impl<'a> Evidence<'a> {
         if !self.has_all() && silence.is_none() {
             return Absence::left_out();
         }
-        let signal = &self.trial.wiring.feedback.measurand.signal;
+        let signal = &self.trial.wiring.feedback.quantity.name;
         let reason = if self.position.iter().all(|position| position.is_nan()) {
             format!("no {signal} in the recording")
         } else {

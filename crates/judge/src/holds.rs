@@ -1,6 +1,6 @@
 //! Quietness of the loop at the end, with a constant set-point: the ripple of its current, and hunting.
 
-use dbc::names::TARGET_CURRENT;
+use dbc::names::TARGET;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
@@ -122,7 +122,7 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
 
 /// Returns the commanded currents in the cycles of a window.
 fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = f64> {
-    let column = evidence.timeline.column(TARGET_CURRENT).into_iter();
+    let column = evidence.timeline.column(TARGET).into_iter();
     let values = column.flat_map(move |column| evidence.values(&column.values, window));
     values.map(|(_, current)| current)
 }

@@ -62,13 +62,13 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let measurand = &evidence.trial.wiring.feedback.measurand;
+    let quantities = &evidence.trial.wiring.quantities;
     let truth = evidence.of_the_truth();
     let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
         let expect = evidence.trial.expect_of(metric);
-        let expected = expect.row(measurand.name(name), expect.limit(name));
+        let expected = expect.row(quantities.name(name), expect.limit(name));
         if let Some(missing) = metric.missing_in(evidence.trial) {
             let lacks = Absence::meaningless(format!("the scenario lacks {missing}"));
             rows.extend(evidence.row(expected, Err(lacks)));

@@ -1,7 +1,7 @@
 //! Checks that the drive of a loop is off after a run that broke off, by its own latest reports.
 
 use canopen::cia402::State;
-use dbc::names::{self, CURRENT};
+use dbc::names::{self, OUTPUT};
 use plan::message_of;
 use recording::drive_reports::watch;
 use recording::ending::{EarlyEnd, EndedBy};
@@ -40,10 +40,10 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     let (current_at, flowing) = current.unwrap_or((state_at, 0.0));
     let is_enabled = state(word) == Some(State::OperationEnabled);
     let control_loop = evidence.control_loop;
-    let measurand = &control_loop.trial.wiring.sensor.measurand;
+    let quantities = &control_loop.trial.wiring.quantities;
     let feedback = message_of(evidence.database, control_loop.drive(), names::TPDO1).ok()?;
     let step = feedback
-        .signal(&measurand.name(CURRENT))
+        .signal(&quantities.name(OUTPUT))
         .map_or(0.0, |signal| signal.coding.factor);
     let flows = flowing.abs() > CURRENT_STEPS_MAX * step.abs();
     let on_at = match (is_enabled, flows) {
@@ -67,7 +67,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
         };
         let remark = format!(
             "{drive}: on {late:.3} s after the run, though its watches take {watch:.3} s ({enabled}, {flowing:.3} {})",
-            measurand.command.symbol()
+            quantities.output.unit.symbol()
         );
         return Some(Metric::new(DRIVE_OFF, Err(remark), OFF).at(Some(on_at)));
     }

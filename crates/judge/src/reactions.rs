@@ -154,7 +154,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
         let by_io = |from, until| io_node_drives_current(evidence, from, until);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max, by_io);
         let zero = zero.map(|since| since - fault);
-        let goes_on = || match evidence.command_name() {
+        let goes_on = || match evidence.command_name().as_str() {
             "current" => "current flows on".into(),
             command => format!("{command} stays on").into(),
         };
@@ -206,7 +206,7 @@ fn zero_since(
 }
 
 fn is_heated(truth: &PlantTruth) -> bool {
-    truth.current_amperes != 0.0
+    truth.output != 0.0
 }
 
 /// Measures the time from the end of the last fault until the deviation stays small.

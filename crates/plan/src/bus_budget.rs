@@ -205,7 +205,10 @@ impl fmt::Display for BusBudget {
 
 /// Returns the heartbeat of each node that sends one.
 fn heartbeats(plan: &Plan) -> impl Iterator<Item = BusShare> {
-    let nodes: BTreeSet<&str> = plan.rig_nodes().map(|(_, node)| node.name.as_str()).collect();
+    let nodes: BTreeSet<&str> = plan
+        .rig_nodes()
+        .map(|(_, node)| node.name.as_str())
+        .collect();
     nodes.into_iter().filter_map(|node| {
         let name = names::message(node, names::HEARTBEAT);
         let message = plan.database().message(&name)?;

@@ -5,17 +5,17 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
 use dbc::names::{
-    self, CURRENT, PLANT_CURRENT, POSITION, RPDO1, SDO2_ANSWER, SDO2_REQUEST, TARGET_CURRENT,
-    TPDO1, TPDO2, TPDO3, TRUE_POSITION, TRUTH, message,
+    self, OUTPUT, PLANT_OUTPUT, POSITION, RPDO1, SDO2_ANSWER, SDO2_REQUEST, TARGET, TPDO1, TPDO2,
+    TPDO3, TRUE_POSITION, TRUTH, message,
 };
 use dbc::{
-    Coding, Composer, CurrentRange, Database, Kind, Measurand, Message, Port, Ports, Range, Signal,
+    Coding, Composer, Database, Kind, Message, Port, Ports, Quantities, Quantity, Range, Signal,
     local_name,
 };
 use scenario::disturbance::Disturbance;
 use scenario::node::{Node, NodeIndex, Nodes, Profile};
 use scenario::plant::PlantModel;
-use scenario::rig::nodes::kind_of_output;
+use scenario::rig::nodes::{Amplifier, kind_of_output};
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, IoWiring, Measured, Wiring};
 use scenario::{Identifiers, Objection, Trial};
@@ -28,13 +28,13 @@ use crate::swept_fmu;
 /// Signals whose names and units follow from the quantities of a loop, each with the service of its message.
 const SIGNALS_OF_LOOP: [(&str, &str); 5] = [
     (TPDO1, POSITION),
-    (TPDO1, CURRENT),
-    (RPDO1, TARGET_CURRENT),
+    (TPDO1, OUTPUT),
+    (RPDO1, TARGET),
     (TPDO2, TRUE_POSITION),
-    (TRUTH, PLANT_CURRENT),
+    (TRUTH, PLANT_OUTPUT),
 ];
-/// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
-const CURRENT_FACTOR: f64 = 0.001;
+/// Count of an output of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
+const OUTPUT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
 
 /// Finds the reason why a plant makes no sense.
@@ -163,7 +163,9 @@ impl Catalogue {
 pub(crate) fn output_objection(plan: &Plan, disturbance: &Disturbance) -> Option<Objection> {
     let io = Vec::from_iter(plan.io_outputs());
     disturbance.changes().iter().find_map(|change| {
-        let (_, outputs) = io.iter().find(|(io, _)| plan.nodes[*io].name == change.node)?;
+        let (_, outputs) = io
+            .iter()
+            .find(|(io, _)| plan.nodes[*io].name == change.node)?;
         let mut ports = outputs.iter().map(|one| &one.port);
         let port = ports.find(|port| port.name == change.output)?;
         let (value, [min, max]) = (change.value, port.range);
@@ -226,7 +228,7 @@ fn two_signals(path: String, name: &str, label: &str) -> Objection {
 
 /// Returns a name that two columns of a loop would have. The first column is the set-point.
 pub fn ambiguous_name(database: &Database, wiring: &Wiring) -> Option<String> {
-    let mut seen = BTreeSet::from([wiring.feedback.measurand.name(names::SET_POINT)]);
+    let mut seen = BTreeSet::from([wiring.quantities.name(names::SET_POINT)]);
     let signals = columns(database, wiring).flat_map(|message| message.signals);
     let mut names = signals.map(|(name, _)| name);
     names.find(|name| !seen.insert(name.clone()))
@@ -314,17 +316,13 @@ pub(crate) fn followed<'a>(
         .filter_map(|service| database.message(&message(&wiring.followed_drive().name, service)));
     let signals =
         messages.flat_map(|message| message.signals.iter().map(move |one| (message, one)));
-    signals.filter(|(_, signal)| is_measured(signal, &wiring.feedback))
+    signals.filter(|(_, signal)| is_measured(signal, &wiring.quantities.feedback))
 }
 
 /// Returns the name, in a loop, of a signal of one of its nodes.
-pub(crate) fn name_in_loop(
-    signal: &Signal,
-    node: Option<NodeIndex>,
-    wiring: &Wiring,
-) -> String {
+pub(crate) fn name_in_loop(signal: &Signal, node: Option<NodeIndex>, wiring: &Wiring) -> String {
     match node {
-        Some(node) if node == wiring.drive && is_measured(signal, &wiring.sensor) => {
+        Some(node) if node == wiring.drive && is_measured(signal, &wiring.sensor.quantity) => {
             wiring.name_in_loop(&signal.name)
         }
         Some(node) if wiring.node(node).is_io() && wiring.io_nodes().count() > 1 => {
@@ -334,10 +332,14 @@ pub(crate) fn name_in_loop(
     }
 }
 
-/// Checks whether a signal is the measured or the true value of a sensor.
-fn is_measured(signal: &Signal, by: &Measured) -> bool {
+/// Checks whether a signal is the measured or the true value of a sensor of this quantity.
+fn is_measured(signal: &Signal, by: &Quantity) -> bool {
+    let quantities = Quantities {
+        feedback: by.clone(),
+        ..Quantities::default()
+    };
     let mut patterns = [POSITION, TRUE_POSITION].iter();
-    patterns.any(|pattern| by.measurand.name(pattern) == signal.name)
+    patterns.any(|pattern| quantities.name(pattern) == signal.name)
 }
 
 /// Frames of a loop that is alone on its bus, or of a recording.
@@ -389,8 +391,12 @@ impl Published {
             Some(real) => real.with_drive(composer, drive),
             None => composer.with_drive(drive, signals),
         };
-        let current = real.is_none().then(|| wiring.current());
-        let mut composer = with_units(composer, drive.0, sensor, current);
+        let scale = Scale {
+            quantities: wiring.drive_quantities(),
+            measured: sensor,
+            amplifier: real.is_none().then_some(&wiring.amplifier),
+        };
+        let mut composer = scale.put(composer, drive.0);
         let Identifiers {
             second_sdo,
             truth,
@@ -422,7 +428,11 @@ pub(crate) fn with_outputs<'a>(
     io: impl IntoIterator<Item = &'a (NodeIndex, Vec<IoOutput>)>,
 ) -> Composer {
     io.into_iter().fold(composer, |composer, (io, outputs)| {
-        with_io(composer, &nodes[*io], outputs.iter().map(|output| &output.port))
+        with_io(
+            composer,
+            &nodes[*io],
+            outputs.iter().map(|output| &output.port),
+        )
     })
 }
 
@@ -443,75 +453,78 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     }
     let followed = wiring.followed_drive();
     let with_drive = composer.with_drive((&followed.name, followed.id()), Some(&[]));
-    let current = Some(CurrentRange::default());
-    with_units(with_drive, &followed.name, &wiring.feedback, current)
-}
-
-/// Puts the quantities of a drive into its frames, those of an emulated drive with its counts and its range of currents.
-fn with_units(
-    composer: Composer,
-    drive: &str,
-    measured: &Measured,
-    current: Option<CurrentRange>,
-) -> Composer {
-    let Measurand {
-        signal, command, ..
-    } = &measured.measurand;
-    let mut composer = composer.measuring(drive, signal, command.signal());
-    for (service, pattern) in SIGNALS_OF_LOOP {
-        composer = composer.edited(drive, service, |message| {
-            let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);
-            // A signal of the plant that has such a name comes before.
-            if let Some(signal) = message.signals.iter_mut().rev().find(is_it) {
-                put_units(signal, pattern, measured, current);
-            }
-        });
-    }
-    composer
-}
-
-/// Puts the name, the unit and the counts of a quantity into its signal. Currents, or another quantity of the amplifier, count
-/// thousandths of the rated one.
-fn put_units(
-    signal: &mut Signal,
-    pattern: &str,
-    measured: &Measured,
-    current: Option<CurrentRange>,
-) {
-    let (coding, measurand) = (&mut signal.coding, &measured.measurand);
-    let unit = match pattern {
-        POSITION | TRUE_POSITION => measurand.unit.symbol(),
-        _ => measurand.command.symbol(),
+    let scale = Scale {
+        quantities: wiring.quantities.clone(),
+        measured: &wiring.feedback,
+        amplifier: Some(&Amplifier::default()),
     };
-    signal.name = measurand.name(pattern);
-    unit.clone_into(&mut signal.unit);
-    let is_shipped = *measurand == Measurand::default()
-        && measured.counts_per_unit() == measurand.unit.counts()
-        && !measured.is_true_float();
-    match (pattern, current) {
-        (POSITION, Some(_)) if !is_shipped => {
-            let factor = 1.0 / measured.counts_per_unit();
-            coding.set_factor(factor);
-            let [minimum, maximum] = [i32::MIN, i32::MAX].map(|end| f64::from(end) * factor);
-            coding.range = Some(Range { minimum, maximum });
+    scale.put(with_drive, &followed.name)
+}
+
+/// Quantities of a drive, and how its frames count them.
+struct Scale<'a> {
+    quantities: Quantities,
+    measured: &'a Measured,
+    /// Amplifier of an emulated drive; a real drive counts as its rig file says.
+    amplifier: Option<&'a Amplifier>,
+}
+
+impl Scale<'_> {
+    /// Puts the quantities into the frames of a drive.
+    fn put(&self, composer: Composer, drive: &str) -> Composer {
+        let Quantities { feedback, output } = &self.quantities;
+        let mut composer = composer.measuring(drive, &feedback.name, &output.name);
+        for (service, pattern) in SIGNALS_OF_LOOP {
+            composer = composer.edited(drive, service, |message| {
+                let is_it = |signal: &&mut Signal| names::pattern(&signal.name) == Some(pattern);
+                // A signal of the plant that has such a name comes before.
+                if let Some(signal) = message.signals.iter_mut().rev().find(is_it) {
+                    self.put_units(signal, pattern);
+                }
+            });
         }
-        (TRUE_POSITION, _) if measured.is_true_float() => {
-            coding.set_factor(1.0);
-            (coding.kind, coding.range) = (Kind::Float32, None);
+        composer
+    }
+
+    /// Puts the name, the unit and the counts of a quantity into its signal. Outputs of an amplifier count thousandths of the
+    /// rated value.
+    fn put_units(&self, signal: &mut Signal, pattern: &str) {
+        let (quantities, measured) = (&self.quantities, self.measured);
+        let coding = &mut signal.coding;
+        let unit = match pattern {
+            POSITION | TRUE_POSITION => quantities.feedback.unit.symbol(),
+            _ => quantities.output.unit.symbol(),
+        };
+        signal.name = quantities.name(pattern);
+        unit.clone_into(&mut signal.unit);
+        let is_shipped = *quantities == Quantities::default()
+            && measured.counts_per_unit() == quantities.feedback.unit.counts()
+            && !measured.is_true_float();
+        match (pattern, self.amplifier) {
+            (POSITION, Some(_)) if !is_shipped => {
+                let factor = 1.0 / measured.counts_per_unit();
+                coding.set_factor(factor);
+                let [minimum, maximum] = [i32::MIN, i32::MAX].map(|end| f64::from(end) * factor);
+                coding.range = Some(Range { minimum, maximum });
+            }
+            (TRUE_POSITION, _) if measured.is_true_float() => {
+                coding.set_factor(1.0);
+                (coding.kind, coding.range) = (Kind::Float32, None);
+            }
+            (OUTPUT | TARGET | PLANT_OUTPUT, Some(amplifier)) => {
+                let rated = amplifier.rated();
+                let most = amplifier.range().largest().max(rated);
+                let (minimum, maximum) = match pattern {
+                    OUTPUT => (-32.768 * rated, 32.767 * rated),
+                    _ => (-most, most),
+                };
+                coding.set_factor(OUTPUT_FACTOR * rated);
+                coding.range = Some(Range { minimum, maximum });
+                let rated = format!("of {rated} {unit}");
+                signal.comment = signal.comment.replace(RATED, rated.trim_end());
+            }
+            _ => {}
         }
-        (CURRENT | TARGET_CURRENT | PLANT_CURRENT, Some(current)) => {
-            let rated = current.rated;
-            let most = current.largest().max(rated);
-            let (minimum, maximum) = match pattern {
-                CURRENT => (-32.768 * rated, 32.767 * rated),
-                _ => (-most, most),
-            };
-            coding.set_factor(CURRENT_FACTOR * rated);
-            coding.range = Some(Range { minimum, maximum });
-            let rated = format!("of {rated} {unit}");
-            signal.comment = signal.comment.replace(RATED, &rated);
-        }
-        _ => {}
     }
 }
 

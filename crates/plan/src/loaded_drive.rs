@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use canopen::eds::{self, Notes};
-use dbc::names::{self, CURRENT, HEARTBEAT, POSITION, RPDO1, TARGET_CURRENT, TPDO1};
+use dbc::names::{self, HEARTBEAT, OUTPUT, POSITION, RPDO1, TARGET, TPDO1};
 use dbc::{Coding, Composer, Kind, Message, Signal};
 use scenario::Trial;
 use scenario::reference::Trajectory;
@@ -63,11 +63,11 @@ impl LoadedDrive {
         let drive = &self.layout;
         let feedback = |signal: &Signal| match names::pattern(&signal.name) {
             Some(POSITION) => Some(scaled(drive.position)),
-            Some(CURRENT) => drive.current.map(scaled),
+            Some(OUTPUT) => drive.current.map(scaled),
             _ => Some(in_word(signal, drive.statusword)),
         };
         let command = |signal: &Signal| match names::pattern(&signal.name) {
-            Some(TARGET_CURRENT) => Some(scaled(drive.target)),
+            Some(TARGET) => Some(scaled(drive.target)),
             _ => Some(in_word(signal, drive.controlword)),
         };
         let heartbeat = self.real.timeouts.drive_heartbeat_milliseconds;
@@ -98,7 +98,7 @@ impl LoadedDrive {
         for seconds in telling_cycles_seconds(trial, &trajectory) {
             let wanted = trajectory.at(seconds).position;
             if !(min - ROUNDING..=max + ROUNDING).contains(&wanted) {
-                let symbol = trial.wiring.sensor.measurand.unit.symbol();
+                let symbol = trial.wiring.sensor.quantity.unit.symbol();
                 return Err(format!(
                     "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
                 ));

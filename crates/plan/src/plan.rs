@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Composer, Database, Measurand, Message, Signal, SignalHandle, SignalMissing, names};
+use dbc::{Composer, Database, Message, Quantity, Signal, SignalHandle, SignalMissing, names};
 use scenario::fault::{Actor, Fault};
 use scenario::node::{Node, NodeIndex, Nodes, Player};
 use scenario::wiring::{IoOutput, IoWiring, Measured};
@@ -229,7 +229,9 @@ impl Plan {
     /// Returns the nodes that are programs, each once: drives before their io nodes, the controller last.
     pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
         let nodes = self.in_order().map(|index| &self.nodes[index]);
-        nodes.filter_map(|node| Some((node, node.program()?))).collect()
+        nodes
+            .filter_map(|node| Some((node, node.program()?)))
+            .collect()
     }
 
     /// Returns the names of the external nodes that are expected on the bus.
@@ -373,12 +375,12 @@ fn compose(plan: &Plan) -> Database {
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
     let composer = followers.fold(composer, |composer, one| {
         let wiring = &one.trial.wiring;
-        let measurand = &wiring.feedback.measurand;
-        let symbol = measurand.unit.symbol();
+        let quantities = &wiring.quantities;
+        let symbol = quantities.feedback.unit.symbol();
         composer.with_set_point(
             one.name(),
             wiring.identifiers.set_point,
-            &measurand.name(names::SET_POINT),
+            &quantities.name(names::SET_POINT),
             [symbol, &format!("{symbol}/s")],
         )
     });
@@ -468,10 +470,8 @@ impl ControlLoop {
     /// # Errors
     /// The database has no such signal.
     pub fn position(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(database, 
-            &self.trial.wiring.followed_drive().name,
-            &self.trial.wiring.feedback.measurand,
-        )
+        let measured = &self.trial.wiring.quantities.feedback;
+        self.measured_by(database, &self.trial.wiring.followed_drive().name, measured)
     }
 
     /// Returns the position that its own drive measures.
@@ -479,7 +479,11 @@ impl ControlLoop {
     /// # Errors
     /// The database has no such signal.
     pub fn drive_position(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(database, &self.drive().name, &self.trial.wiring.sensor.measurand)
+        self.measured_by(
+            database,
+            &self.drive().name,
+            &self.trial.wiring.sensor.quantity,
+        )
     }
 
     /// Returns the position from which its command follows: that of the loop whose law commands its drive.
@@ -490,42 +494,51 @@ impl ControlLoop {
         let leader = self.trial.wiring.leader();
         leader.map_or_else(
             || self.position(database),
-            |one| self.measured_by(database, &one.followed, &one.measurand),
+            |one| self.measured_by(database, &one.followed, &one.quantities.feedback),
         )
     }
 
-    fn measured_by(&self, database: &Database, drive: &str, by: &Measurand) -> Result<SignalHandle, SignalMissing> {
+    fn measured_by(
+        &self,
+        database: &Database,
+        drive: &str,
+        by: &Quantity,
+    ) -> Result<SignalHandle, SignalMissing> {
         let message = names::message(drive, names::TPDO1);
-        database.signal_of(&message, &by.name(names::POSITION))
+        database.signal_of(&message, &by.key())
     }
 
-    /// Returns the current that its controller commands.
+    /// Returns what its controller commands.
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn target_current(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
+    pub fn target(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
         let command = names::message(&self.drive().name, names::RPDO1);
-        let measurand = &self.trial.wiring.sensor.measurand;
-        database
-            .signal_of(&command, &measurand.name(names::TARGET_CURRENT))
+        let target = self.trial.wiring.quantities.name(names::TARGET);
+        database.signal_of(&command, &target)
     }
 
     /// Returns the messages whose signals become columns, in their order.
-    pub fn columns<'a>(&'a self, database: &'a Database) -> impl Iterator<Item = ColumnMessage<'a>> {
+    pub fn columns<'a>(
+        &'a self,
+        database: &'a Database,
+    ) -> impl Iterator<Item = ColumnMessage<'a>> {
         columns(database, &self.trial.wiring)
     }
 
     /// Returns the signals of another drive that it follows: the measured one and the true one.
-    pub fn followed<'a>(&'a self, database: &'a Database) -> impl Iterator<Item = (&'a Message, &'a Signal)> {
+    pub fn followed<'a>(
+        &'a self,
+        database: &'a Database,
+    ) -> impl Iterator<Item = (&'a Message, &'a Signal)> {
         followed(database, &self.trial.wiring)
     }
 
     /// Returns the name, in the loop, of a signal of one of its messages.
     pub fn name_of(&self, database: &Database, message: &Message, signal: &Signal) -> String {
         let wiring = &self.trial.wiring;
-        let has = |node: &NodeIndex| {
-            messages_of(database, wiring.node(*node)).any(|one| one == message)
-        };
+        let has =
+            |node: &NodeIndex| messages_of(database, wiring.node(*node)).any(|one| one == message);
         name_in_loop(signal, wiring.all_nodes().find(has), wiring)
     }
 
@@ -533,8 +546,8 @@ impl ControlLoop {
     pub fn plant_signals<'a>(&'a self, database: &'a Database) -> impl Iterator<Item = &'a Signal> {
         let messages = database.plant_messages(&self.drive().name);
         let signals = messages.flat_map(|message| &message.signals);
-        let measurand = &self.trial.wiring.sensor.measurand;
-        let measured = measurand.name(names::TRUE_POSITION);
+        let quantities = self.trial.wiring.drive_quantities();
+        let measured = quantities.name(names::TRUE_POSITION);
         signals.filter(move |signal| signal.name != measured)
     }
 

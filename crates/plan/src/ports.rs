@@ -131,13 +131,15 @@ impl Wired<'_> {
 
     fn amplifier(&self) -> Result<(), Objection> {
         let path = format!("node.{}.amplifier.port", self.drive);
-        let command = self.trial.wiring.sensor.measurand.command;
-        let port = self.find(&path, &self.trial.wiring.input, INPUT)?;
-        if conversion(command.word(), &port.unit).is_some() {
+        let wiring = &self.trial.wiring;
+        let port = self.find(&path, &wiring.input, INPUT)?;
+        let unit = &wiring.quantities.output.unit;
+        // The name of a port may lack the unit.
+        if unit.word().is_empty() || conversion(unit.word(), &port.unit).is_some() {
             return Ok(());
         }
         let message = format!("an amplifier cannot drive `{}`", port.local_name());
-        let label = format!("it is {}, not in {}", counted(&port.unit), command.word());
+        let label = format!("it is {}, not in {unit}", counted(&port.unit));
         Err(Objection::new(path, message, label))
     }
 
@@ -145,7 +147,7 @@ impl Wired<'_> {
         let path = format!("node.{}.sensor.port", self.drive);
         let wiring = &self.trial.wiring;
         let port = self.find(&path, &wiring.output, OUTPUT)?;
-        let unit = &wiring.sensor.measurand.unit;
+        let unit = &wiring.sensor.quantity.unit;
         if let Some(factor) = conversion(&port.unit, unit.word()) {
             return self.range(port, factor);
         }
@@ -165,7 +167,7 @@ impl Wired<'_> {
         let wiring = &self.trial.wiring;
         let [min, max] = wiring.sensor.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
-        let (name, unit) = (port.local_name(), &wiring.sensor.measurand.unit);
+        let (name, unit) = (port.local_name(), &wiring.sensor.quantity.unit);
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
         let (message, label) = match port.has_range() {
             // The sensor's own range may be a part of the port's.
@@ -244,7 +246,7 @@ mod tests {
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
-    use dbc::Measurand;
+    use dbc::Quantity;
     use scenario::node::{Node, Nodes, Profile};
 
     use super::*;
@@ -271,7 +273,7 @@ mod tests {
             input: "joint.current_amperes".to_owned(),
             output: "joint.angle_degrees".to_owned(),
             sensor: Measured {
-                measurand: Measurand::position(Unit::Degrees),
+                quantity: Quantity::position(Unit::Degrees),
                 min: -60.0,
                 max: Some(60.0),
                 ..Measured::default()
@@ -294,7 +296,7 @@ mod tests {
     fn wires_to_ports_that_fit_are_passed() {
         assert_eq!(found(&ports(), |_| {}), None);
         assert_eq!(
-            found(&ports(), |wiring| wiring.sensor.measurand.unit =
+            found(&ports(), |wiring| wiring.sensor.quantity.unit =
                 Unit::Revolutions),
             None
         );
@@ -330,7 +332,7 @@ mod tests {
             "node.motor.sensor.port: the port `joint.current_amperes` is an input, and an output is needed here: outputs of `joint`: angle_degrees, winding_celsius"
         );
         assert_eq!(
-            found(&ports(), |wiring| wiring.sensor.measurand.unit =
+            found(&ports(), |wiring| wiring.sensor.quantity.unit =
                 Unit::Millimetres)
             .unwrap(),
             "node.motor.sensor.unit: `angle_degrees` cannot be measured in millimetres: write unit = \"degrees\" or unit = \"revolutions\""
@@ -367,7 +369,7 @@ mod tests {
         };
         let in_millimetres = |wiring: &mut Wiring, min: f64, max: Option<f64>| {
             wiring.output = "joint.slide_metres".to_owned();
-            wiring.sensor.measurand.unit = Unit::Millimetres;
+            wiring.sensor.quantity.unit = Unit::Millimetres;
             (wiring.sensor.min, wiring.sensor.max) = (min, max);
         };
         let of = |range, min, max| found(&slide(range), |wiring| in_millimetres(wiring, min, max));

@@ -47,7 +47,7 @@ pub fn requests(database: &Database, one: &ControlLoop) -> [Option<CanFrame>; 2]
 /// Returns the object of the measured current, with the coding of its value.
 fn current(database: &Database, one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let feedback = message_of(database, one.drive(), names::TPDO1).ok()?;
-    let signal = feedback.signal(&one.trial.wiring.sensor.measurand.name(names::CURRENT))?;
+    let signal = feedback.signal(&one.trial.wiring.drive_quantities().name(names::OUTPUT))?;
     let real = one.real_drive.as_ref();
     let object = real.map_or(&signal.object, |drive| &drive.real.current.object);
     Some((object_address(object).ok()?, signal.coding.starting_at(0)))

@@ -215,7 +215,7 @@ pub(crate) fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
         events.push(Occurrence::new(at_seconds, Event::new(level, text)));
     };
     let prefix = loop_name.map_or_else(String::new, |name| format!("{name}: "));
-    let unit = trial.wiring.feedback.measurand.unit.symbol();
+    let unit = trial.wiring.feedback.quantity.unit.symbol();
     for step in &trial.reference.step {
         let text = format!("{prefix}step to {} {unit}", step.position);
         add(step.at_seconds, Level::Info, &text);
@@ -288,7 +288,9 @@ fn event_signals(database: &Database, nodes: &Nodes) -> Vec<EventSignal> {
 
 /// Returns the name of the node with this node-ID, or of the bench for an unknown one.
 fn name_or_bench(id: u8, nodes: &Nodes) -> &str {
-    nodes.with_id(id).map_or(names::BENCH, |node| &nodes[node].name)
+    nodes
+        .with_id(id)
+        .map_or(names::BENCH, |node| &nodes[node].name)
 }
 
 /// Describes the addressee of a command.

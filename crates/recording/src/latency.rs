@@ -212,7 +212,7 @@ impl CycleReader {
             clock: plan.scenario_clock()?,
             position_id: one.position(database)?.raw_id(),
             followed_id: one.commanding_position(database)?.raw_id(),
-            command_id: one.target_current(database)?.raw_id(),
+            command_id: one.target(database)?.raw_id(),
             sync: None,
             has_position: false,
             followed: None,

@@ -61,7 +61,7 @@ impl LossReader {
     pub(crate) fn new(database: &Database, one: &ControlLoop) -> Self {
         let sync_period = one.trial.run.bus.sync_period();
         let [controller, drive] = one.both().map(|node| one.node(node).in_sentence());
-        let signal = &one.trial.wiring.sensor.measurand.signal;
+        let signal = &one.trial.wiring.sensor.quantity.name;
         let drives = |service| message_of(database, one.drive(), service).ok();
         let watch = |message: &Message, what, heartbeat_sender, period, periods_max: u32| {
             let watched = Watched {

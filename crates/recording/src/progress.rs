@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use dbc::{Database, Measurand, SignalHandle, SignalMissing};
+use dbc::{Database, Quantities, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
 use scenario::reference::Trajectory;
 
@@ -26,7 +26,7 @@ pub struct LoopProgress {
     /// Name, if there are several loops.
     pub name: Option<String>,
     /// Quantity that it controls.
-    pub measurand: Measurand,
+    pub quantities: Quantities,
     pub position: Option<f64>,
     /// Set-point minus position, if the loop has a set-point.
     pub error: Option<f64>,
@@ -43,7 +43,7 @@ pub struct ProgressReader {
 struct LoopReader {
     name: Option<String>,
     position: SignalHandle,
-    measurand: Measurand,
+    quantities: Quantities,
     set_point: Option<Trajectory>,
 }
 
@@ -54,7 +54,7 @@ impl LoopReader {
         Ok(Self {
             name: one.loop_name().map(str::to_owned),
             position: one.position(database)?,
-            measurand: scenario.wiring.feedback.measurand.clone(),
+            quantities: scenario.wiring.quantities.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
         })
     }
@@ -66,7 +66,7 @@ impl LoopReader {
         let set_point = curve.map(|curve| curve.at(time.as_secs_f64()).position);
         LoopProgress {
             name: self.name.clone(),
-            measurand: self.measurand.clone(),
+            quantities: self.quantities.clone(),
             position,
             error: set_point
                 .zip(position)

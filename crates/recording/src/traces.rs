@@ -67,7 +67,7 @@ impl TraceReader {
         let scenario = &one.trial;
         let mut collected = BTreeMap::new();
         let named = scenario.expect.named_signals().map(|(_, name)| name);
-        let truth = scenario.wiring.feedback.measurand.name(TRUE_POSITION);
+        let truth = scenario.wiring.quantities.name(TRUE_POSITION);
         let truth = scenario.has_true_metrics().then_some(truth.as_str());
         for name in named.chain(truth) {
             let Ok(path) = one.names().find(name) else {
@@ -139,7 +139,9 @@ fn collect(path: &str, database: &Database, one: &ControlLoop) -> Option<Collect
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
     let silence = || silence_seconds_max(message, database, one);
-    let column = one.columns(database).find(|one| one.message.name == message);
+    let column = one
+        .columns(database)
+        .find(|one| one.message.name == message);
     Some(Collected {
         handle: database.signal(path)?,
         follows_sync: column.is_some(),

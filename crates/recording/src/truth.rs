@@ -11,7 +11,7 @@ use crate::log::Stamped;
 /// Signals of a message: the plant's own time, its current and its peak temperature.
 const SIGNALS: [&str; 3] = [
     "plant_time_seconds",
-    names::PLANT_CURRENT,
+    names::PLANT_OUTPUT,
     "plant_peak_temperature_celsius",
 ];
 
@@ -30,7 +30,7 @@ pub struct PlantTruth {
     /// Scenario time of the values; negative before the scenario.
     pub time_seconds: f64,
     /// Output of the amplifier.
-    pub current_amperes: f64,
+    pub output: f64,
     /// Highest temperature of the heated part since the message before; not a number for a plant without one.
     pub peak_temperature_celsius: f64,
 }
@@ -47,13 +47,13 @@ pub(crate) struct TruthReader {
 impl TruthReader {
     pub(crate) fn new(database: &Database, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = message_of(database, one.drive(), names::TRUTH).ok();
-        let measurand = &one.trial.wiring.sensor.measurand;
+        let quantities = one.trial.wiring.drive_quantities();
         let signals = message.map(|message| {
-            let [time, current, peak_temperature] = SIGNALS.map(|pattern| {
-                let name = measurand.name(pattern);
+            let [time, output, peak_temperature] = SIGNALS.map(|pattern| {
+                let name = quantities.name(pattern);
                 database.signal_of(&message.name, &name)
             });
-            Ok([time?, current?, peak_temperature?])
+            Ok([time?, output?, peak_temperature?])
         });
         Ok(Self {
             signals: signals.transpose()?,
@@ -69,7 +69,7 @@ impl TruthReader {
 
     pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
         let Some(signals) = &self.signals else { return };
-        let [time, current, temperature] = signals
+        let [time, output, temperature] = signals
             .each_ref()
             .map(|signal| signal.decode(&stamped.frame));
         let Some(time_seconds) = time else { return };
@@ -79,7 +79,7 @@ impl TruthReader {
             .min(stamped.time.as_secs_f64() - time_seconds);
         self.messages.push(PlantTruth {
             time_seconds,
-            current_amperes: current.unwrap_or(f64::NAN),
+            output: output.unwrap_or(f64::NAN),
             peak_temperature_celsius: temperature.unwrap_or(f64::NAN),
         });
     }

@@ -9,7 +9,7 @@ use super::Run;
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use dbc::Measurand;
+use dbc::Quantities;
 use judge::verdict::{Metric, Outcome};
 use recording::timeline::Timeline;
 use scenario::metrics::{METRICS, without_loop};
@@ -124,7 +124,7 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
         .collect();
     let mut names: Vec<&str> = each.into_iter().collect();
     let place = |name: &str| {
-        let (row, shipped) = (without_loop(name), Measurand::default());
+        let (row, shipped) = (without_loop(name), Quantities::default());
         METRICS
             .iter()
             .position(|metric| shipped.name(metric.name) == row)
@@ -224,7 +224,7 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     for course in numbered.flat_map(|(number, run)| run.courses(number)) {
         let is_alike = |other: &Course<'_>| {
             other.timeline.loop_name == course.timeline.loop_name
-                && other.timeline.measurand == course.timeline.measurand
+                && other.timeline.quantities == course.timeline.quantities
                 && other.reference == course.reference
         };
         match groups.iter_mut().find(|group| is_alike(&group[0])) {
@@ -235,10 +235,10 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     groups
 }
 
-/// Returns the measurand of all loops, if it is the same.
+/// Returns the quantities of all loops, if it is the same.
 fn heading(groups: &[Vec<Course<'_>>]) -> String {
     let courses = groups.iter().flatten();
-    let mut titles = courses.map(|course| course.timeline.measurand.title());
+    let mut titles = courses.map(|course| course.timeline.quantities.feedback.title());
     let first = titles.next().unwrap_or_default();
     if titles.all(|title| title == first) {
         first
@@ -260,13 +260,13 @@ fn positions(courses: &[Course<'_>]) -> Markup {
     let title = if is_one_scenario {
         first.run.scenario().to_owned()
     } else {
-        first.timeline.measurand.title()
+        first.timeline.quantities.feedback.title()
     };
     let title = match first.timeline.loop_name.as_str() {
         "" => title,
         name => format!("{title}: {name}"),
     };
-    let mut plot = Plot::over_time(title, first.timeline.measurand.unit.symbol());
+    let mut plot = Plot::over_time(title, first.timeline.quantities.feedback.unit.symbol());
     for (number, Course { run, timeline, .. }) in courses.iter().enumerate() {
         let name = if is_alone(run, runs()) {
             run.scenario()

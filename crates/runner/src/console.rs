@@ -270,7 +270,7 @@ fn state(reading: &RunProgress) -> String {
 
 /// Writes the position of a loop, and the error if it is the only one.
 fn state_of_loop(one: &LoopProgress) -> String {
-    let symbol = one.measurand.unit.symbol();
+    let symbol = one.quantities.feedback.unit.symbol();
     let mut text = String::with_capacity(STATE_BYTES);
     if let Some(name) = &one.name {
         text += &format!("  {name}");

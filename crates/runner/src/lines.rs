@@ -52,7 +52,7 @@ fn reached(reading: &RunProgress) -> Value {
     });
     for one in &reading.loops {
         let prefix = loop_prefix(one.name.as_deref().unwrap_or_default());
-        let position = one.measurand.name(names::POSITION);
+        let position = one.quantities.name(names::POSITION);
         line[prefix + &position] = one.position.into();
     }
     line
@@ -69,13 +69,13 @@ fn preflight_text(step: &PreflightEvent) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dbc::{Measurand, Unit};
+    use dbc::{Quantities, Unit};
     use recording::progress::LoopProgress;
 
     #[test]
     fn a_position_is_in_the_unit_of_its_loop() {
         let turned = LoopProgress {
-            measurand: Measurand::position(Unit::Degrees),
+            quantities: Quantities::of_position(Unit::Degrees),
             position: Some(12.5),
             ..LoopProgress::default()
         };

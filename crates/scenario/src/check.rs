@@ -20,14 +20,14 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
 use crate::nearest::meant_or_known;
+use crate::node::Nodes;
 use crate::reference::Reference;
 use crate::rig::nodes::{LOAD_OUTPUT, Outputs, Rig, kind_of_output};
-use crate::node::Nodes;
 use crate::run::Run;
 use crate::structure::out_of_range;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
-use dbc::{Command, Measurand, UNIT, conversion, plant_of_port};
+use dbc::{Quantities, Quantity, UNIT, conversion, plant_of_port};
 
 pub(crate) use files::NamedFiles;
 pub(crate) use sweep::check as sweep;
@@ -99,7 +99,7 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     chirps(check, &trial.reference);
     signals::check(check, trial);
     let expects = [&trial.expect, &trial.run.expect];
-    requirements::check(check, expects, &trial.wiring.feedback.measurand);
+    requirements::check(check, expects, &trial.wiring.quantities);
 }
 
 /// Checks the facts that all loops share.
@@ -108,7 +108,7 @@ pub(crate) fn run(check: &mut Check<'_>, run: &Run, nodes: &Nodes) {
     requirements::names(check, "requirements", &run.requirements);
     limits::of_bus(check, &run.expect);
     let expects = [&run.expect, &Expect::default()];
-    requirements::check(check, expects, &Measurand::default());
+    requirements::check(check, expects, &Quantities::default());
     disturbances(check, run);
     faults(check, &run.faults, nodes, run.duration_seconds);
 }
@@ -180,13 +180,13 @@ fn led_drives(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
 fn law_of_a_wire(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let is_of_wire = |law: &&str| ["sliding_mode", "sliding_mode_paper"].contains(law);
     let law = trial.controller.law_names().find(is_of_wire)?;
-    let Measurand { command, unit, .. } = &trial.wiring.feedback.measurand;
-    let (message, label) = if *command != Command::Current {
-        let label = format!("the loop commands a {}", command.signal());
+    let Quantities { feedback, output } = &trial.wiring.quantities;
+    let (message, label) = if *output != Quantity::current() {
+        let label = format!("the loop commands a {}", output.words());
         (format!("`{law}` commands a current"), label)
     } else {
-        let is_length = conversion(unit.word(), "metres").is_some();
-        let label = (!is_length).then(|| format!("the loop is in {unit}"))?;
+        let is_length = conversion(feedback.unit.word(), "metres").is_some();
+        let label = (!is_length).then(|| format!("the loop is in {}", feedback.unit))?;
         (format!("`{law}` leads a length"), label)
     };
     Some(document.key_problem(&format!("controller.{law}"), message, label))
@@ -196,16 +196,16 @@ fn law_of_a_wire(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
 fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let wiring = &trial.wiring;
     trial.controller.pid_pair.as_ref()?;
-    let first = wiring.feedback.measurand.command;
+    let first = &wiring.quantities.output;
     let loops = wiring.shared.loops.iter();
     let other = loops
         .filter(|one| one.is_led_by(&wiring.loop_name))
-        .map(|one| one.measurand.command)
-        .find(|command| *command != first)?;
+        .map(|one| &one.quantities.output)
+        .find(|output| *output != first)?;
     let label = format!(
         "its drives command a {} and a {}",
-        first.signal(),
-        other.signal()
+        first.words(),
+        other.words()
     );
     Some(document.key_problem(
         "controller.pid_pair",
@@ -222,7 +222,7 @@ fn missing_gain(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
         "derivative_{gain_seconds}",
     ];
     let feedback = &trial.wiring.feedback;
-    let unit = &feedback.measurand.unit;
+    let unit = &feedback.quantity.unit;
     let metres = conversion(unit.word(), "metres");
     let is_of_wire = metres.is_some() && trial.plant().actuator().is_some();
     trial.controller.pid.as_ref().filter(|_| !is_of_wire)?;
@@ -233,12 +233,12 @@ fn missing_gain(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let label = "without it, it is that of a wire in metres";
     let [lowest, highest] = feedback.range();
     let range = (highest - lowest) * metres.unwrap_or(1.0);
-    let proportional = FULL_COMMANDS_IN_RANGE * trial.wiring.current().max / range;
+    let proportional = FULL_COMMANDS_IN_RANGE * trial.wiring.amplifier.range().max / range;
     let integral = proportional * START_INTEGRAL_PER_SECOND;
     let derivative = proportional * START_DERIVATIVE_SECONDS;
     let gains = GAINS.iter().zip([proportional, integral, derivative]);
     let named = gains.map(|(gain, value)| {
-        let gain = feedback.measurand.name(gain);
+        let gain = trial.wiring.quantities.name(gain);
         format!("{gain} = {}", with_three_digits(value))
     });
     let help = format!("to start from: {}", Vec::from_iter(named).join(", "));
@@ -255,7 +255,7 @@ fn with_three_digits(value: f64) -> String {
 /// Checks the current of a pair at rest, given or by default, against the amplifier.
 fn co_contraction(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let current = trial.controller.pid_pair.as_ref()?.co_contraction;
-    let max = trial.wiring.current().max;
+    let max = trial.wiring.amplifier.range().max;
     let path = "controller.pid_pair.co_contraction_{command_unit}";
     let label = format!("must be from 0 to {max}");
     (current > max).then(|| document.problem(path, out_of_range(path, current), label))
@@ -264,7 +264,7 @@ fn co_contraction(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
 /// Checks that sines and chirps stay within the travel. The schema limits single positions.
 fn travel(check: &mut Check<'_>, trial: &Trial) {
     let feedback = &trial.wiring.feedback;
-    let ([min, max], symbol) = (feedback.range(), feedback.measurand.unit.symbol());
+    let ([min, max], symbol) = (feedback.range(), feedback.quantity.unit.symbol());
     let Reference { sine, chirp, .. } = &trial.reference;
     let sines = sine.iter().map(|one| (one.centre, one.amplitude));
     let chirps = chirp.iter().map(|one| (one.centre, one.amplitude));

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::expect::{ExpectedRow, Limit, Requirements};
-use dbc::{Measurand, Unit};
+use dbc::{Quantities, Unit};
 
 /// Keys of a contour's limits.
 pub(crate) const LIMITS: [&str; 2] = ["contour_error_{unit}_max", "contour_error_{unit}_rms"];
@@ -42,9 +42,9 @@ impl Contour {
     /// Returns the rows of the verdict: the longest distance from the path, and its RMS.
     pub fn rows(&self) -> [ExpectedRow; 2] {
         let name = self.loops.join("_");
-        let measurand = Measurand::position(self.unit.clone());
+        let quantities = Quantities::of_position(self.unit.clone());
         let row = |(key, limit)| ExpectedRow {
-            name: format!("{name}.{}", measurand.name(key)),
+            name: format!("{name}.{}", quantities.name(key)),
             limit,
             requirements: self.requirements.clone(),
         };

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::{Problem, Source};
 use crate::wiring::Measured;
-use dbc::CurrentRange;
+use dbc::{CommandRange, Quantities};
 
 /// Largest number of syntax errors that are shown; more follow from the first one, or the file is no TOML.
 const SYNTAX_ERRORS_MAX: usize = 3;
@@ -19,31 +19,32 @@ const DUPLICATE: &str = "duplicate key";
 pub(crate) struct Document<'text> {
     pub(crate) source: Source,
     root: Spanned<DeTable<'text>>,
-    /// Quantities of the loop whose tables these are; the keys are patterns.
-    pub(crate) quantities: Quantities,
+    /// Meaning of the keys, which are patterns: that of the loop whose tables these are.
+    pub(crate) meaning: Meaning,
 }
 
-/// Quantities of a loop or a drive: they fill the patterns of keys, and limit the values there.
+/// Meaning of the keys of a loop or a drive: its quantities fill their patterns, and its ranges limit their values.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Quantities {
+pub(crate) struct Meaning {
+    pub(crate) quantities: Quantities,
     pub(crate) measured: Measured,
-    pub(crate) current: CurrentRange,
+    pub(crate) commands: CommandRange,
 }
 
-impl Quantities {
+impl Meaning {
     /// Writes out the patterns in a text.
     pub(crate) fn name(&self, text: &str) -> String {
-        self.measured.measurand.name(text)
+        self.quantities.name(text)
     }
 
     /// Returns the range of the values at a key with this pattern; `None` if its schema alone limits them.
     pub(crate) fn range_of(&self, pattern: &str) -> Option<[f64; 2]> {
-        let ([lowest, highest], current) = (self.measured.range(), &self.current);
+        let ([lowest, highest], commands) = (self.measured.range(), &self.commands);
         match pattern {
             "{signal}_{unit}" | "centre_{unit}" => Some([lowest, highest]),
             "amplitude_{unit}" => Some([0.0, (highest - lowest) / 2.0]),
-            "{command}_{command_unit}" => Some([current.min, current.max]),
-            "{command}_{command_unit}_max" => Some([0.0, current.max]),
+            "{command}_{command_unit}" => Some([commands.min, commands.max]),
+            "{command}_{command_unit}_max" => Some([0.0, commands.max]),
             _ => None,
         }
     }
@@ -56,7 +57,7 @@ impl<'text> Document<'text> {
         let document = Self {
             source,
             root,
-            quantities: Quantities::default(),
+            meaning: Meaning::default(),
         };
         match errors.as_slice() {
             [] => Ok(document),
@@ -121,7 +122,7 @@ impl<'text> Document<'text> {
         Self {
             source: self.source.clone(),
             root: Spanned::new(self.root.span(), root),
-            quantities: self.quantities.clone(),
+            meaning: self.meaning.clone(),
         }
     }
 
@@ -136,9 +137,9 @@ impl<'text> Document<'text> {
     }
 
     /// Makes a document of the tables of a loop, as [`Document::with_root`].
-    pub(crate) fn with_loop(&self, root: DeTable<'text>, quantities: Quantities) -> Self {
+    pub(crate) fn with_loop(&self, root: DeTable<'text>, meaning: Meaning) -> Self {
         Self {
-            quantities,
+            meaning,
             ..self.with_root(root)
         }
     }

@@ -52,7 +52,7 @@ impl Trial {
     /// converter over 60 mm, and in another unit the same share of the sensor's range.
     pub fn recovery_band(&self) -> f64 {
         let [min, max] = self.wiring.feedback.range();
-        let usual = match self.wiring.feedback.measurand.unit {
+        let usual = match self.wiring.feedback.quantity.unit {
             Unit::Millimetres => RECOVERY_BAND_MILLIMETRES,
             _ => (max - min) * RECOVERY_BAND_SHARE,
         };

@@ -152,7 +152,7 @@ impl Trial {
         let (expect, duration_seconds) = (&self.expect, self.run.duration_seconds);
         let metrics = METRICS.iter().filter_map(|metric| {
             let expect = self.expect_of(metric);
-            let name = self.wiring.feedback.measurand.name(metric.name);
+            let name = self.wiring.quantities.name(metric.name);
             Some(expect.row(name, Some(expect.limit(metric.name)?)))
         });
         let checks = expect.signal.iter();

@@ -1,49 +1,48 @@
-//! The meaning of a law's ports. A law of one loop reads `position` and `set_point` and writes `current_amperes`. A law of all
-//! loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.current_amperes`, or another quantity that the
-//! amplifier of the drive gives; for a law of one loop that quantity is a current, too. Every other output is a term of the law,
-//! which is recorded.
+//! The meaning of a law's ports. A law of one loop reads `position` and `set_point` and writes `command`, in the unit of the
+//! drive's target. A law of all loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.command`. Either may
+//! name the drive's quantity instead, in any unit of it: `current_amperes`, `voltage_volts`. Every other output is a term of the
+//! law, which is recorded.
 
 use crate::nearest::meant_or_known;
 use crate::wiring::LoopFacts;
 use dbc::names::is_name;
-use dbc::{Measurand, Port, Ports, Unit, conversion};
+use dbc::{Port, Ports, Quantities, Quantity, Unit, conversion};
 
-const AMPERES: &str = "amperes";
 /// Beginnings of the names of a law's ports.
 const SET_POINT: &str = "set_point_";
-const CURRENT: &str = "current_";
+const COMMAND: &str = "command";
 /// Ends of the names of a set-point's derivatives.
 const VELOCITY: &str = "_per_second";
 const ACCELERATION: &str = "_per_second_squared";
 
-/// Inputs of a law of one loop, in the order of the [`Quantity`]s. Positions are in metres in a loop in millimetres, else in the
+/// Inputs of a law of one loop, in the order of the [`LoopValue`]s. Positions are in metres in a loop in millimetres, else in the
 /// unit of the loop.
-pub const LOOP_INPUTS: [(&str, Quantity); 6] = [
-    ("position", Quantity::Position),
-    ("set_point", Quantity::SetPoint),
-    ("set_point_per_second", Quantity::SetPointVelocity),
+pub const LOOP_INPUTS: [(&str, LoopValue); 6] = [
+    ("position", LoopValue::Position),
+    ("set_point", LoopValue::SetPoint),
+    ("set_point_per_second", LoopValue::SetPointVelocity),
     (
         "set_point_per_second_squared",
-        Quantity::SetPointAcceleration,
+        LoopValue::SetPointAcceleration,
     ),
-    ("set_point_per_second_cubed", Quantity::SetPointJerk),
+    ("set_point_per_second_cubed", LoopValue::SetPointJerk),
     (
         "set_point_has_exact_derivatives",
-        Quantity::HasExactDerivatives,
+        LoopValue::HasExactDerivatives,
     ),
 ];
 
 /// Returns the name of the output of a law of one loop that commands the drive at this place of the loop, counted from 0.
 pub fn loop_output(place: usize) -> String {
     match place {
-        0 => format!("{CURRENT}{AMPERES}"),
-        place => format!("{CURRENT}{}_{AMPERES}", place + 1),
+        0 => COMMAND.to_owned(),
+        place => format!("{COMMAND}_{}", place + 1),
     }
 }
 
-/// Quantity of a loop that a law reads.
+/// Value of a loop that a law reads.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Quantity {
+pub enum LoopValue {
     /// Position that the loop's drive measured; not a number in a cycle that brought no position.
     Position,
     /// Set-point of the position.
@@ -58,32 +57,32 @@ pub enum Quantity {
     HasExactDerivatives,
 }
 
-/// Quantity that an input of a law reads.
+/// Value that an input of a law reads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// Index of the loop.
     pub index: usize,
-    /// Quantity of the loop.
-    pub quantity: Quantity,
+    /// Value of the loop.
+    pub value: LoopValue,
     /// Factor from the loop's unit to the unit of the port.
     pub factor: f64,
 }
 
-/// Destination of an output of a law: a command to the drive of a loop, limited to the range of its currents, or a term of the loop.
+/// Destination of an output of a law: a command to the drive of a loop, limited to the range of its commands, or a term of the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Writing {
     /// Whether it is a command.
     pub is_command: bool,
     /// Index of the loop.
     pub index: usize,
-    /// Factor from the unit of the port to amperes, or from the unit in which the law writes to the unit of the term's name.
+    /// Factor from the unit of the port to that of the drive's target, or from the unit in which the law writes to the unit of the term's name.
     pub factor: f64,
 }
 
 /// Meaning of all ports of a law, in their order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LawWires {
-    /// Quantities that the inputs read.
+    /// Values that the inputs read.
     pub inputs: Vec<Reading>,
     /// Destinations of the outputs.
     pub outputs: Vec<Writing>,
@@ -112,21 +111,28 @@ impl LawWires {
         Ok(wires)
     }
 
-    /// Finds the meaning of the ports of a law of one loop. An output's index is the place of its drive in the loop.
+    /// Finds the meaning of the ports of a law of one loop, which measures in this unit and whose drives have these targets. An
+    /// output's index is the place of its drive in the loop.
     ///
     /// # Errors
     /// As [`LawWires::for_all_loops`].
-    pub fn for_one_loop(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
+    pub fn for_one_loop(
+        ports: &Ports,
+        unit: &Unit,
+        targets: &[Quantity],
+    ) -> Result<Self, WrongPort> {
         let inside = conversion(unit.word(), unit.law_word()).unwrap_or(1.0);
         let reading = |port: &Port| loop_reading(port, inside);
-        let writing = |port: &Port| loop_writing(port, inside);
+        let writing = |port: &Port| loop_writing(port, inside, targets);
         let wires = Self::found(ports, reading, writing)?;
         let is_first = |writing: &Writing| writing.is_command && writing.index == 0;
         if wires.outputs.iter().any(is_first) {
             Ok(wires)
         } else {
             let message = "the law commands no drive".to_owned();
-            let label = format!("it has no output `{}`", loop_output(0));
+            let target = targets.first().cloned().unwrap_or_else(Quantity::current);
+            let named = format!("`{COMMAND}`, or `{}`", target.key());
+            let label = format!("it has no output {named}");
             Err(wrong(message, label))
         }
     }
@@ -158,49 +164,70 @@ impl LawWires {
     }
 }
 
-/// Returns the place in the loop of the drive that an output commands; `None` if the output is a term.
-fn commanded_drive(output: &str) -> Option<usize> {
-    match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
-        "" => Some(0),
-        number => {
-            let place = number.strip_suffix('_')?.parse::<usize>().ok()?;
-            let place = place.checked_sub(1)?;
-            (place > 0 && loop_output(place) == output).then_some(place)
+/// Returns the place among the drives of a loop, and the rest of the name, of an output that begins with this word:
+/// `command_2` and `current_2_amperes` are of the second drive.
+fn numbered<'a>(output: &'a str, word: &str) -> Option<(usize, &'a str)> {
+    let rest = output.strip_prefix(word)?;
+    let number = rest.strip_prefix('_').unwrap_or_default();
+    let digits = number.split('_').next().unwrap_or_default();
+    let place = digits.parse::<usize>().ok().filter(|number| *number > 1);
+    match place {
+        // The number has one form: `command_02` is a term.
+        Some(number) if number.to_string() == digits => {
+            Some((number - 1, &rest[1 + digits.len()..]))
         }
+        _ => Some((0, rest)),
     }
+}
+
+/// Returns the place of the drive that an output of a law commands, among the drives that the law leads, and the factor to the
+/// unit of the drive's target. An output is a command if it is called `command`, or like the target of that drive with a unit of
+/// the quantity, as `current_milliamperes`; else it is a term. A command to a drive that the loop does not have is none, too.
+fn commanded(output: &str, targets: &[Quantity]) -> Option<(usize, f64)> {
+    if let Some((place, "")) = numbered(output, COMMAND) {
+        return Some((place, 1.0));
+    }
+    targets.iter().enumerate().find_map(|(place, target)| {
+        let (number, rest) = numbered(output, &target.name)?;
+        let factor = match rest.strip_prefix('_') {
+            Some(unit) => conversion(unit, target.unit.word())?,
+            None if rest.is_empty() && target.unit.word().is_empty() => 1.0,
+            None => return None,
+        };
+        (number == place).then_some((place, factor))
+    })
 }
 
 fn loop_reading(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
     let mut inputs = LOOP_INPUTS.iter();
-    let Some((_, quantity)) = inputs.find(|(name, _)| *name == port.name) else {
+    let Some((_, value)) = inputs.find(|(name, _)| *name == port.name) else {
         let message = format!("a law of one loop cannot read `{}`", port.name);
         let known = LOOP_INPUTS.iter().map(|(name, _)| name);
         return Err(wrong(message, meant_or_known(&port.name, known)));
     };
-    let factor = match quantity {
-        Quantity::HasExactDerivatives => 1.0,
+    let factor = match value {
+        LoopValue::HasExactDerivatives => 1.0,
         _ => inside,
     };
     Ok(Reading {
         index: 0,
-        quantity: *quantity,
+        value: *value,
         factor,
     })
 }
 
-fn loop_writing(port: &Port, inside: f64) -> Result<Writing, WrongPort> {
+fn loop_writing(port: &Port, inside: f64, targets: &[Quantity]) -> Result<Writing, WrongPort> {
     if port.name.contains('.') {
         let message = format!("a term cannot be called `{}`", port.name);
         return Err(wrong(message, "a law of one loop names no loop".to_owned()));
     }
-    let commanded = commanded_drive(&port.name);
+    let term = if port.is_position { 1.0 / inside } else { 1.0 };
+    let commanded = commanded(&port.name, targets);
+    let (index, factor) = commanded.unwrap_or((0, term));
     Ok(Writing {
         is_command: commanded.is_some(),
-        index: commanded.unwrap_or_default(),
-        factor: match commanded {
-            None if port.is_position => 1.0 / inside,
-            _ => 1.0,
-        },
+        index,
+        factor,
     })
 }
 
@@ -241,7 +268,7 @@ fn owner<'a>(port: &'a Port, loops: &[LoopFacts]) -> Result<(usize, &'a str), Wr
         let message = format!("the law's port `{}` names nothing", port.name);
         let label = format!(
             "loop and quantity with a dot between them, as in \"{owner}.{}_{}\"",
-            loops[place].measurand.signal, loops[place].measurand.unit
+            loops[place].quantities.feedback.name, loops[place].quantities.feedback.unit
         );
         Err(wrong(message, label))
     }
@@ -254,40 +281,36 @@ fn owner<'a>(port: &'a Port, loops: &[LoopFacts]) -> Result<(usize, &'a str), Wr
 pub fn reading(port: &Port, loops: &[LoopFacts]) -> Result<Reading, WrongPort> {
     let (index, name) = owner(port, loops)?;
     let one = &loops[index];
-    let Measurand {
-        signal,
-        unit: position_unit,
-        ..
-    } = &one.measurand;
-    let rest = name.strip_prefix(signal.as_str());
+    let Quantities { feedback, .. } = &one.quantities;
+    let rest = name.strip_prefix(feedback.name.as_str());
     // By the name of a drive it would be that of another.
     let is_followed = one.followed == one.drive || port.name.starts_with(&format!("{}.", one.name));
     let found = if !is_followed {
         None
     } else if let Some(unit) = rest.and_then(|rest| rest.strip_prefix('_')) {
-        conversion(position_unit.word(), unit).map(|factor| (Quantity::Position, factor))
+        conversion(feedback.unit.word(), unit).map(|factor| (LoopValue::Position, factor))
     } else if one.led_by.is_some() {
         None
     } else {
         name.strip_prefix(SET_POINT)
-            .and_then(|unit| set_point(position_unit, unit))
+            .and_then(|unit| set_point(&feedback.unit, unit))
     };
-    let Some((quantity, factor)) = found else {
+    let Some((value, factor)) = found else {
         let message = format!("a law cannot read `{}`", port.name);
         return Err(wrong(message, readable(one)));
     };
     Ok(Reading {
         index,
-        quantity,
+        value,
         factor,
     })
 }
 
 /// Describes the quantities of a loop that a law can read.
 fn readable(one: &LoopFacts) -> String {
-    let Measurand { signal, unit, .. } = &one.measurand;
-    let name = &one.name;
-    let position = format!("`{name}.{signal}_{unit}`");
+    let feedback = &one.quantities.feedback;
+    let (name, unit) = (&one.name, &feedback.unit);
+    let position = format!("`{name}.{}`", feedback.key());
     if one.led_by.is_some() {
         format!("of this drive it is {position}")
     } else {
@@ -298,22 +321,15 @@ fn readable(one: &LoopFacts) -> String {
 }
 
 /// Returns the quantity of a set-point whose name has this end, with its factor.
-fn set_point(from: &Unit, end: &str) -> Option<(Quantity, f64)> {
-    let derivative = |quantity, by: &str| {
+fn set_point(from: &Unit, end: &str) -> Option<(LoopValue, f64)> {
+    let derivative = |value, by: &str| {
         let unit = end.strip_suffix(by)?;
-        Some((quantity, conversion(from.word(), unit)?))
+        Some((value, conversion(from.word(), unit)?))
     };
-    let itself = conversion(from.word(), end).map(|factor| (Quantity::SetPoint, factor));
+    let itself = conversion(from.word(), end).map(|factor| (LoopValue::SetPoint, factor));
     itself
-        .or_else(|| derivative(Quantity::SetPointAcceleration, ACCELERATION))
-        .or_else(|| derivative(Quantity::SetPointVelocity, VELOCITY))
-}
-
-/// Returns the factor from a port of this name to the unit of a loop's commands; `None` if it is no command.
-fn command_factor(name: &str, facts: &LoopFacts) -> Option<f64> {
-    let command = facts.measurand.command;
-    let unit = name.strip_prefix(command.signal())?.strip_prefix('_')?;
-    conversion(unit, command.word())
+        .or_else(|| derivative(LoopValue::SetPointAcceleration, ACCELERATION))
+        .or_else(|| derivative(LoopValue::SetPointVelocity, VELOCITY))
 }
 
 /// Finds the meaning of an output of a law that names loops and drives.
@@ -322,11 +338,24 @@ fn command_factor(name: &str, facts: &LoopFacts) -> Option<f64> {
 /// The port has no meaning.
 pub fn writing(port: &Port, loops: &[LoopFacts]) -> Result<Writing, WrongPort> {
     let (index, name) = owner(port, loops)?;
-    let factor = command_factor(name, &loops[index]);
+    let drives = Vec::from_iter((0..).map_while(|place| drive_of(&loops[index], place, loops)));
+    let targets = drives.iter().map(|drive| &loops[*drive].quantities.output);
+    let commanded = commanded(name, &Vec::from_iter(targets.cloned()));
+    let command = commanded.and_then(|(place, factor)| Some((*drives.get(place)?, factor)));
+    let (index, factor) = command.unwrap_or((index, 1.0));
     Ok(Writing {
-        is_command: factor.is_some(),
+        is_command: command.is_some(),
         index,
-        factor: factor.unwrap_or(1.0),
+        factor,
+    })
+}
+
+/// Returns the index of the loop of the drive at a place among those of a loop.
+fn drive_of(one: &LoopFacts, place: usize, loops: &[LoopFacts]) -> Option<usize> {
+    loops.iter().position(|other| match (place, &other.led_by) {
+        (0, _) => other.name == one.name,
+        (_, Some(by)) => by.loop_name == one.name && by.place == place,
+        (_, None) => false,
     })
 }
 
@@ -345,9 +374,8 @@ fn each_drive_once(
             (None, _) if !one.is_commanded => {}
             (None, _) => {
                 let message = format!("the law does not command the drive `{drive}`");
-                let command = one.measurand.command;
-                let (signal, unit) = (command.signal(), command.word());
-                let label = format!("it has no output `{drive}.{signal}_{unit}`");
+                let target = one.quantities.output.key();
+                let label = format!("it has no output `{drive}.{COMMAND}`, or `{drive}.{target}`");
                 return Err(wrong(message, label));
             }
             (Some((first, _)), Some((second, _))) => {
@@ -371,7 +399,7 @@ mod tests {
 
     use super::*;
     use crate::wiring::LedBy;
-    use dbc::CurrentRange;
+    use dbc::CommandRange;
 
     fn loops() -> Vec<LoopFacts> {
         let led_by = LedBy {
@@ -384,8 +412,8 @@ mod tests {
             followed: drive.to_owned(),
             is_commanded: true,
             emulated: String::new(),
-            measurand: Measurand::position(unit),
-            current: CurrentRange::default(),
+            quantities: Quantities::of_position(unit),
+            commands: CommandRange::default(),
             led_by: is_led.then(|| led_by.clone()),
             touched: BTreeSet::new(),
         };
@@ -415,12 +443,12 @@ mod tests {
         "lift.current_amperes",
     ];
 
-    fn wired(inputs: &[&str]) -> Result<Vec<(usize, Quantity, f64)>, String> {
+    fn wired(inputs: &[&str]) -> Result<Vec<(usize, LoopValue, f64)>, String> {
         let wires = LawWires::for_all_loops(&ports(inputs, &CURRENTS), &loops())
             .map_err(|wrong| wrong.to_string())?;
         let inputs = wires.inputs.into_iter();
         Ok(inputs
-            .map(|one| (one.index, one.quantity, one.factor))
+            .map(|one| (one.index, one.value, one.factor))
             .collect())
     }
 
@@ -436,13 +464,13 @@ mod tests {
             "angle.set_point_degrees_per_second_squared",
         ]);
         let expected = vec![
-            (0, Quantity::Position, 1.0),
-            (0, Quantity::Position, 1.0 / 360.0),
-            (1, Quantity::Position, 1.0),
-            (2, Quantity::Position, 1e-3),
-            (2, Quantity::SetPoint, 1.0),
-            (2, Quantity::SetPointVelocity, 1e-3),
-            (0, Quantity::SetPointAcceleration, 1.0),
+            (0, LoopValue::Position, 1.0),
+            (0, LoopValue::Position, 1.0 / 360.0),
+            (1, LoopValue::Position, 1.0),
+            (2, LoopValue::Position, 1e-3),
+            (2, LoopValue::SetPoint, 1.0),
+            (2, LoopValue::SetPointVelocity, 1e-3),
+            (0, LoopValue::SetPointAcceleration, 1.0),
         ];
         assert_eq!(read, Ok(expected));
     }
@@ -496,7 +524,7 @@ mod tests {
         };
         assert_eq!(
             said(&CURRENTS[..2]),
-            "the law does not command the drive `lift`: it has no output `lift.current_amperes`"
+            "the law does not command the drive `lift`: it has no output `lift.command`, or `lift.current_amperes`"
         );
         let with = |more: &[&'static str]| Vec::from_iter(CURRENTS.iter().chain(more).copied());
         assert_eq!(
@@ -521,10 +549,11 @@ mod tests {
             Port::term("gain"),
         ];
         let inputs = LOOP_INPUTS.map(|(name, _)| name);
-        let mut ports = ports(&inputs, &["current_amperes", "current_2_amperes"]);
+        let mut ports = ports(&inputs, &["command", "current_2_milliamperes"]);
         ports.outputs.extend(terms);
+        let targets = [Quantity::current(), Quantity::current()];
         let factors = |unit| {
-            let wires = LawWires::for_one_loop(&ports, &unit).unwrap();
+            let wires = LawWires::for_one_loop(&ports, &unit, &targets).unwrap();
             let read = Vec::from_iter(wires.inputs.iter().map(|reading| reading.factor));
             let terms = wires.terms(0, &ports.outputs);
             let names = Vec::from_iter(terms.map(|(_, port, _)| port.name.as_str()));
@@ -536,45 +565,68 @@ mod tests {
             index: 0,
             factor,
         };
-        let current = |index| Writing {
+        let command = |index, factor| Writing {
             is_command: true,
             index,
-            factor: 1.0,
+            factor,
         };
         let (read, written) = factors(Unit::Millimetres);
         assert_eq!(read, [1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1.0]);
-        assert_eq!(written, [current(0), current(1), term(1e3), term(1.0)]);
+        assert_eq!(
+            written,
+            [command(0, 1.0), command(1, 1e-3), term(1e3), term(1.0)]
+        );
         let (read, written) = factors(Unit::Degrees);
         assert_eq!(read, [1.0; 6]);
-        assert_eq!(written, [current(0), current(1), term(1.0), term(1.0)]);
+        assert_eq!(
+            written,
+            [command(0, 1.0), command(1, 1e-3), term(1.0), term(1.0)]
+        );
     }
 
     #[test]
-    fn a_command_to_a_drive_that_no_loop_has_is_no_term() {
-        let outputs = ["current_amperes", "current_9_amperes"];
-        assert_eq!(outputs.map(commanded_drive), [Some(0), Some(8)]);
-        let terms = [
-            "current_1_amperes",
-            "current_02_amperes",
-            "current_x_amperes",
-            "current",
+    fn an_output_is_a_command_by_its_word_or_by_the_target_of_its_drive() {
+        let targets = [
+            Quantity::current(),
+            Quantity::of_port("motor.added_load_kilograms"),
+            Quantity::of_port("wire.convection_factor"),
         ];
-        assert_eq!(terms.map(commanded_drive), [None; 4]);
+        for (output, found) in [
+            ("command", Some((0, 1.0))),
+            ("command_2", Some((1, 1.0))),
+            ("command_9", Some((8, 1.0))),
+            ("current_amperes", Some((0, 1.0))),
+            ("current_milliamperes", Some((0, 1e-3))),
+            ("mass_2_grams", Some((1, 1e-3))),
+            ("convection_factor_3", Some((2, 1.0))),
+            ("current_2_amperes", None),
+            ("mass_kilograms", None),
+            ("voltage_volts", None),
+            ("command_1", None),
+            ("command_02", None),
+            ("command_x", None),
+            ("commanded", None),
+            ("current", None),
+        ] {
+            assert_eq!(commanded(output, &targets), found, "{output}");
+        }
     }
 
     #[test]
     fn a_law_of_one_loop_reads_that_loop_and_commands_its_first_drive() {
         let said = |inputs: &[&str], outputs: &[&str]| {
-            let wires = LawWires::for_one_loop(&ports(inputs, outputs), &Unit::Millimetres);
+            let ports = ports(inputs, outputs);
+            let targets = [Quantity::of_port("a.heater_volts")];
+            let wires = LawWires::for_one_loop(&ports, &Unit::Millimetres, &targets);
             wires.unwrap_err().to_string()
         };
         assert_eq!(
-            said(&["positon"], &["current_amperes"]),
+            said(&["positon"], &["command"]),
             "a law of one loop cannot read `positon`: did you mean `position`?"
         );
         assert_eq!(
-            said(&[], &["current_2_amperes"]),
-            "the law commands no drive: it has no output `current_amperes`"
+            said(&[], &["current_amperes"]),
+            "the law commands no drive: it has no output `command`, or `voltage_volts`"
         );
     }
 }

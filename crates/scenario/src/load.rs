@@ -31,7 +31,7 @@ pub(crate) use sections::{ALL, CONTROLLER};
 
 use crate::beside::Beside;
 use crate::custom::{self, Custom, Section};
-use crate::document::{Document, Quantities};
+use crate::document::{Document, Meaning};
 use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
 use crate::scenario::Scenario;
@@ -151,10 +151,10 @@ pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
 }
 
 /// Writes out the names of a loop's keys in its problems.
-pub(crate) fn in_unit(problems: Vec<Problem>, quantities: &Quantities) -> Vec<Problem> {
+pub(crate) fn in_unit(problems: Vec<Problem>, meaning: &Meaning) -> Vec<Problem> {
     let problems = problems
         .into_iter()
-        .map(|problem| problem.renamed(|text| quantities.name(text)));
+        .map(|problem| problem.renamed(|text| meaning.name(text)));
     problems.collect()
 }
 

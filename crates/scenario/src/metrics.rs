@@ -351,7 +351,7 @@ pub fn answer(name: &str, value: f64) -> Option<bool> {
 mod tests {
     use super::*;
     use crate::expect::Expect;
-    use dbc::{Measurand, known_units};
+    use dbc::{Quantities, known_units};
 
     fn given(metric: &Metric) -> String {
         // A pattern is a separate name for TOML.
@@ -413,7 +413,7 @@ mod tests {
     #[test]
     fn a_name_has_its_unit() {
         let has_unit = |metric: &&Metric| {
-            let name = Measurand::default().name(metric.name);
+            let name = Quantities::default().name(metric.name);
             let mut units = known_units().chain(["milliseconds"]);
             units.any(|unit| name.split('_').any(|word| word == unit))
         };

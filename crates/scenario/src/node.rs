@@ -233,13 +233,16 @@ impl Nodes {
     /// Returns the node of a name.
     pub fn find(&self, name: &str) -> Option<NodeIndex> {
         let mut all = self.iter();
-        all.find(|(_, node)| node.name == name).map(|(index, _)| index)
+        all.find(|(_, node)| node.name == name)
+            .map(|(index, _)| index)
     }
 
     /// Returns the CANopen node with a node-ID.
     pub fn with_id(&self, id: u8) -> Option<NodeIndex> {
         let mut canopen = self.iter().filter(|(_, node)| node.profile().is_some());
-        canopen.find(|(_, node)| node.id() == id).map(|(index, _)| index)
+        canopen
+            .find(|(_, node)| node.id() == id)
+            .map(|(index, _)| index)
     }
 
     /// Returns the manager, which leads all loops.

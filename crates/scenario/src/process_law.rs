@@ -42,8 +42,8 @@ pub struct Program {
     /// `_per_second_squared`, in any unit of the quantity. A name may begin with that of the loop and a dot.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
     pub reads: Vec<String>,
-    /// Quantities that the law commands: `current_amperes` or another quantity of the drive's amplifier, as in `voltage_volts`,
-    /// and `DRIVE.current_amperes` of each further drive of the loop.
+    /// Commands of the law: `command`, in the unit of what the drive's amplifier gives, and `command_2` or `DRIVE.command` of
+    /// each further drive of the loop. The quantity itself, as in `current_amperes` or `voltage_volts`, is converted.
     #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
     pub writes: Vec<String>,
     /// Terms that the law also writes, to be recorded: names that end in their units.
@@ -66,7 +66,7 @@ pub struct Library {
     /// Quantities that the law reads, as in `[controller.program]`.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
     pub reads: Vec<String>,
-    /// Quantities that the law commands, as in `[controller.program]`.
+    /// Commands of the law, as in `[controller.program]`.
     #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
     pub writes: Vec<String>,
     /// Terms that the law also writes, as in `[controller.program]`.
@@ -89,7 +89,7 @@ pub struct FmuLaw {
     /// Its inputs, each with the quantity that it reads, as in `[controller.program]`: `y = "position_millimetres"`.
     #[schemars(length(min = 1, max = 64))]
     pub reads: BTreeMap<String, String>,
-    /// Its outputs that are commands, as in `[controller.program]`: `u = "current_amperes"`.
+    /// Its outputs that are commands, as in `[controller.program]`: `u = "command"`.
     #[schemars(length(min = 1, max = 8))]
     pub writes: BTreeMap<String, String>,
     /// Its outputs that are also recorded.

@@ -7,7 +7,7 @@ use toml::Spanned;
 use toml::de::{DeArray, DeString, DeTable, DeValue};
 
 use crate::custom::{self, Section};
-use crate::document::{Document, Quantities};
+use crate::document::{Document, Meaning};
 use crate::error::{Problem, Source};
 use crate::nearest::{nearest, suggestion};
 use crate::schema::{MULTIPLE_OF, resolve};
@@ -30,7 +30,7 @@ pub(crate) fn check_table(
 ) -> Vec<Problem> {
     let mut checker = Checker {
         source: &document.source,
-        quantities: &document.quantities,
+        meaning: &document.meaning,
         schema,
         problems: Vec::new(),
     };
@@ -43,8 +43,8 @@ pub(crate) fn check_table(
 
 struct Checker<'a> {
     source: &'a Source,
-    /// Quantities that the patterns of the schema's keys have here.
-    quantities: &'a Quantities,
+    /// Meaning of the schema's keys here, some of which are patterns.
+    meaning: &'a Meaning,
     schema: &'a Value,
     problems: Vec<Problem>,
 }
@@ -135,7 +135,7 @@ impl<'a> Checker<'a> {
         let required = schema["required"].as_array().into_iter().flatten();
         for name in required.filter_map(Value::as_str) {
             // A misspelt key is one problem, not two.
-            let is_meant = || meant.contains(&self.quantities.name(name));
+            let is_meant = || meant.contains(&self.meaning.name(name));
             if !table.contains_key(name) && !is_meant() {
                 let message = format!("{place} lacks the key `{name}`");
                 self.report(span.clone(), message, format!("`{name}` is missing"));
@@ -155,7 +155,7 @@ impl<'a> Checker<'a> {
         known: &Map<String, Value>,
     ) -> Option<String> {
         let name = key.get_ref().as_ref();
-        let mut named = Vec::from_iter(known.keys().map(|key| self.quantities.name(key)));
+        let mut named = Vec::from_iter(known.keys().map(|key| self.meaning.name(key)));
         named.sort_unstable();
         let meant = nearest(name, named.iter().map(String::as_str));
         let section = Section::ALL
@@ -253,7 +253,7 @@ impl<'a> Checker<'a> {
             return;
         }
         let key = path.rsplit('.').next().unwrap_or_default();
-        let range = self.quantities.range_of(key);
+        let range = self.meaning.range_of(key);
         let of_loop = range.map(|[min, max]| json!({ "minimum": min, "maximum": max }));
         let limits = broken_limit(number, schema).or_else(|| broken_limit(number, &of_loop?));
         if let Some(limits) = limits {

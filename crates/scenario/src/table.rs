@@ -8,7 +8,7 @@ use std::path::{Component, Path};
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 use crate::wiring::Wiring;
-use dbc::CurrentRange;
+use dbc::CommandRange;
 
 /// Required header of a set-point; its second name has the unit of its loop.
 const HEADER: [&str; 2] = ["time_seconds", "{signal}_{unit}"];
@@ -32,7 +32,7 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 ///
 /// The first problem ends the reading: most problems of a table repeat in every row.
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
-    let position = wiring.feedback.measurand.name(HEADER[1]);
+    let position = wiring.quantities.name(HEADER[1]);
     let [min, max] = wiring.feedback.range();
     let mut reader = Reader::new(name, text, &position);
     (reader.range, reader.outside) = (min..=max, "leaves the travel");
@@ -59,15 +59,15 @@ pub(crate) fn parse_course(
     Reader::new(name, text, column).named_columns()
 }
 
-/// Reads the course of a current, as [`parse_course`].
-pub(crate) fn parse_current(
+/// Reads the course of a command, as [`parse_course`].
+pub(crate) fn parse_command(
     name: &str,
     text: &str,
     column: &str,
-    range: &CurrentRange,
+    range: &CommandRange,
 ) -> Result<Rows, Problem> {
     let mut reader = Reader::new(name, text, column);
-    (reader.range, reader.outside) = (range.min..=range.max, "leaves the range of the current");
+    (reader.range, reader.outside) = (range.min..=range.max, "leaves the range of the amplifier");
     reader.named_columns()
 }
 

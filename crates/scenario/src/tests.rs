@@ -682,7 +682,7 @@ fn a_recorded_current_is_one_column_of_many() {
         ),
         (
             "time_seconds,current_amperes\n0,0.5\n1,-0.1\n",
-            "the table leaves the range of the current in column current_amperes, line 3",
+            "the table leaves the range of the amplifier in column current_amperes, line 3",
         ),
         (
             "time_seconds,current_amperes\n0,much\n",

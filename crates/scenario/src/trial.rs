@@ -131,7 +131,7 @@ impl Trial {
     /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's
     /// currents and protection, and identifiers that differ from the usual ones.
     pub fn presets(&self) -> Vec<Preset> {
-        let mut presets = Vec::from(self.wiring.sensor.measurand.unit.presets());
+        let mut presets = Vec::from(self.wiring.sensor.quantity.unit.presets());
         presets.extend(self.amplifier.presets());
         let channel = self.wiring.identifiers.second_sdo;
         let usual = Identifiers::new(0, self.wiring.drive().id(), 0).second_sdo;

@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 use crate::fault::Fault;
 use crate::identifiers::Identifiers;
 use crate::node::{Node, NodeIndex, Nodes};
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
+use crate::rig::nodes::{Amplifier, FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
 use dbc::{
-    CurrentRange, Measurand, Port, Ports, conversion, local_name, plant_of_port, steps_for,
-    symbol_of, unit_in,
+    CommandRange, Port, Ports, Quantities, Quantity, conversion, local_name, plant_of_port,
+    steps_for, symbol_of, unit_in,
 };
 
 /// Name of the rig that the shipped data sheets describe.
@@ -27,8 +27,8 @@ pub(crate) const TRAVEL_MILLIMETRES: f64 = 60.0;
 /// Signal of a sensor, on the bus.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measured {
-    /// Signal and its unit.
-    pub measurand: Measurand,
+    /// Quantity and its unit.
+    pub quantity: Quantity,
     /// Lowest value, in that unit.
     pub min: f64,
     /// Highest value; 60 mm if absent.
@@ -48,7 +48,7 @@ impl Measured {
     /// Returns the counts (0x6064) for one unit.
     pub fn counts_per_unit(&self) -> f64 {
         let resolution = self.increment.map(|increment| 1.0 / increment);
-        resolution.unwrap_or_else(|| self.measurand.unit.counts())
+        resolution.unwrap_or_else(|| self.quantity.unit.counts())
     }
 
     /// Checks whether 32 bits do not hold a true value in the range in millionths of the unit: then it is a float.
@@ -71,10 +71,10 @@ pub struct LoopFacts {
     pub is_commanded: bool,
     /// Plant that its drive moves, if canrig emulates both; else empty.
     pub emulated: String,
-    /// Signal that it follows, and its command.
-    pub measurand: Measurand,
-    /// Range of commands to the amplifier of its drive.
-    pub current: CurrentRange,
+    /// Quantities that it follows and commands.
+    pub quantities: Quantities,
+    /// Range of the commands to its drive.
+    pub commands: CommandRange,
     /// Law of another loop that leads its drive.
     pub led_by: Option<LedBy>,
     /// Plants that it moves or measures.
@@ -146,6 +146,10 @@ pub struct Wiring {
     pub sensor: Measured,
     /// Signal that its loop follows: of its sensor, or of the sensor of another drive.
     pub feedback: Measured,
+    /// Amplifier of the drive.
+    pub amplifier: Amplifier,
+    /// Quantities that its loop follows and commands.
+    pub quantities: Quantities,
     /// Outputs that it publishes, each as `PLANT.PORT`; its own outputs if absent.
     pub record: Option<Vec<String>>,
     /// Inputs of the same plant that other drives drive.
@@ -183,6 +187,8 @@ impl Default for Wiring {
             output: String::new(),
             sensor: Measured::default(),
             feedback: Measured::default(),
+            amplifier: Amplifier::default(),
+            quantities: Quantities::default(),
             record: None,
             beside: Vec::new(),
             is_second: false,
@@ -334,21 +340,31 @@ impl Wiring {
         loops.find(|one| one.name == by.loop_name)
     }
 
-    /// Returns the range of commands to the amplifier of its drive.
-    pub fn current(&self) -> CurrentRange {
-        self.own().map(|one| one.current).unwrap_or_default()
-    }
-
-    /// Returns the ranges of commands to the amplifiers of the drives that its law leads, from its own on; with `None` those of
-    /// all loops.
-    pub fn currents(&self, drives: Option<usize>) -> Vec<CurrentRange> {
+    /// Returns the ranges of the commands to the drives that its law leads, from its own on; with `None` those of all loops.
+    pub fn command_ranges(&self, drives: Option<usize>) -> Vec<CommandRange> {
         let Some(drives) = drives else {
-            return self.shared.loops.iter().map(|one| one.current).collect();
+            return self.shared.loops.iter().map(|one| one.commands).collect();
         };
         let led = self.led_loops().into_iter();
-        let mut currents = Vec::from_iter(led.map(|one| one.current));
-        currents.resize(drives, self.current());
-        currents
+        let mut ranges = Vec::from_iter(led.map(|one| one.commands));
+        ranges.resize(drives, self.amplifier.range());
+        ranges
+    }
+
+    /// Returns the quantities of the commands to as many drives that its law leads, from its own on.
+    pub fn targets(&self, drives: usize) -> Vec<Quantity> {
+        let led = self.led_loops().into_iter();
+        let mut targets = Vec::from_iter(led.map(|one| one.quantities.output));
+        targets.resize(drives, self.quantities.output.clone());
+        targets
+    }
+
+    /// Returns what its drive measures, and what its amplifier gives.
+    pub fn drive_quantities(&self) -> Quantities {
+        Quantities {
+            feedback: self.sensor.quantity.clone(),
+            output: self.quantities.output.clone(),
+        }
     }
 
     /// Returns the name, in its loop, of a signal that its own drive measures: with the name of the drive if the loop follows
@@ -658,7 +674,7 @@ mod tests {
             input: input.to_owned(),
             output: "angle_degrees".to_owned(),
             sensor: Measured {
-                measurand: Measurand::position(Unit::Degrees),
+                quantity: Quantity::position(Unit::Degrees),
                 ..Measured::default()
             },
             beside: beside.iter().map(|name| (*name).to_owned()).collect(),

@@ -137,7 +137,7 @@ impl SetPoints {
 impl SentSetPoint {
     fn new(database: &Database, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = set_point(one.name());
-        let value = one.trial.wiring.feedback.measurand.name(SET_POINT);
+        let value = one.trial.wiring.quantities.name(SET_POINT);
         Ok(Self {
             trajectory: one.trial.reference.trajectory(),
             frame: database.builder(&message)?,

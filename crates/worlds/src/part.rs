@@ -29,7 +29,7 @@ pub(crate) fn of(plan: &Plan, index: NodeIndex) -> Value {
 
 fn loop_part(plan: &Plan, one: &ControlLoop, node: NodeIndex) -> Value {
     let wiring = &one.trial.wiring;
-    let current = wiring.current();
+    let commands = wiring.amplifier.range();
     let drive = one.drive();
     let io = wiring.io_nodes().map(|io| {
         let io = one.node(io);
@@ -39,11 +39,11 @@ fn loop_part(plan: &Plan, one: &ControlLoop, node: NodeIndex) -> Value {
         "name": one.name(),
         "drive": {"name": drive.name, "node_id": drive.id()},
         "io": Vec::from_iter(io),
-        "signal": wiring.feedback.measurand.name(names::POSITION),
+        "signal": wiring.quantities.name(names::POSITION),
         "range": wiring.feedback.range(),
-        "command_range": [current.min, current.max],
+        "command_range": [commands.min, commands.max],
         "reads": frame(plan, one.position(plan.database()).ok()),
-        "writes": frame(plan, one.target_current(plan.database()).ok()),
+        "writes": frame(plan, one.target(plan.database()).ok()),
     });
     if node == plan.nodes.manager() && wiring.led_by.is_none() {
         let (end, period) = (

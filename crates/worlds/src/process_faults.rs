@@ -26,9 +26,9 @@ pub(super) struct ProcessFaults(VecDeque<(Duration, String, ProcessAction)>);
 impl ProcessFaults {
     pub(super) fn new(plan: &Plan) -> Self {
         let controller = plan.nodes.manager();
-        let programs = plan.external_nodes().filter(|node| {
-            plan.nodes[*node].program().is_some() && *node != controller
-        });
+        let programs = plan
+            .external_nodes()
+            .filter(|node| plan.nodes[*node].program().is_some() && *node != controller);
         let mut actions = Vec::new();
         for index in programs.chain([controller]) {
             let node = &plan.nodes[index];

@@ -24,7 +24,7 @@ impl Supervisor {
     /// Makes a supervisor of a loop's drive that has seen no frame.
     pub(crate) fn new(one: &ControlLoop) -> Self {
         let sync_period = one.trial.run.bus.sync_period();
-        let unit = &one.trial.wiring.sensor.measurand.unit;
+        let unit = &one.trial.wiring.sensor.quantity.unit;
         let limited = one.real_drive.as_ref().map(|drive| {
             let watch = LimitWatch::new(&drive.real.limits, sync_period, unit);
             (drive.layout.clone(), watch)

@@ -138,7 +138,7 @@ impl Objects {
     }
 
     /// Sets 0x6077 and 0x6078 in permille of the rated values.
-    pub(super) fn set_current(&self, dictionary: &mut ObjectDictionary, permille: i16) {
+    pub(super) fn set_output(&self, dictionary: &mut ObjectDictionary, permille: i16) {
         objects::store(dictionary, self.torque, &permille.to_le_bytes());
         objects::store(dictionary, self.current, &permille.to_le_bytes());
     }

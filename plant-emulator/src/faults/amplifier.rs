@@ -2,8 +2,8 @@
 
 use scenario::fault::Faults;
 
-/// Returns the current for a command. The fault "dead" has priority over "stuck on", and that over "saturated".
-pub(super) fn current_amperes(faults: &Faults, time_seconds: f64, commanded_amperes: f64) -> f64 {
+/// Returns the output for a command. The fault "dead" has priority over "stuck on", and that over "saturated".
+pub(super) fn output(faults: &Faults, time_seconds: f64, commanded: f64) -> f64 {
     if faults.any_acts("dead", time_seconds) {
         return 0.0;
     }
@@ -16,7 +16,7 @@ pub(super) fn current_amperes(faults: &Faults, time_seconds: f64, commanded_ampe
         .filter(|fault| fault.acts_at(time_seconds));
     saturated
         .map(|fault| fault.number("{command}_{command_unit}_max"))
-        .fold(commanded_amperes, f64::min)
+        .fold(commanded, f64::min)
 }
 
 #[cfg(test)]
@@ -32,7 +32,7 @@ mod tests {
         let stuck =
             format!("{saturated}[[fault.amplifier.stuck_on]]\n{window}current_amperes = 0.9\n");
         let dead = format!("{stuck}[[fault.amplifier.dead]]\n{window}");
-        let current = |tables: &str, time| current_amperes(&faults(tables), time, 0.7);
+        let current = |tables: &str, time| output(&faults(tables), time, 0.7);
         assert_eq!(current(&saturated, 0.5), 0.7);
         assert_eq!(current(&saturated, 1.0), 0.3);
         assert_eq!(current(&saturated, 2.0), 0.7);

@@ -63,11 +63,11 @@ impl RigFaults {
         self.sensor.sense(time_seconds, position, convert)
     }
 
-    /// Returns the current that flows for a command, if the plant conducts.
-    pub(crate) fn current_amperes(&self, now: Duration, commanded_amperes: f64) -> f64 {
+    /// Returns what the amplifier gives for a command, if the plant conducts.
+    pub(crate) fn output(&self, now: Duration, commanded: f64) -> f64 {
         match self.time_seconds(now) {
-            Some(time) => amplifier::current_amperes(&self.faults, time, commanded_amperes),
-            None => commanded_amperes,
+            Some(time) => amplifier::output(&self.faults, time, commanded),
+            None => commanded,
         }
     }
 

@@ -1,6 +1,6 @@
 //! my_law: PI control with anti-windup. Put your law in its place.
 
-use controller::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, one_loop};
+use controller::law::{CommandRange, Cycle, Law, LoopReads, Port, Ports, one_loop};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -31,7 +31,7 @@ impl Default for Config {
 #[derive(Clone, Debug)]
 pub struct MyLaw {
     config: Config,
-    current: CurrentRange,
+    commands: CommandRange,
 }
 
 /// State of the law between cycles.
@@ -47,10 +47,10 @@ impl Law for MyLaw {
     type State = State;
 
     /// The second is what each drive that it leads can be commanded: this law leads one.
-    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
+    fn new(config: &Config, commands: &[CommandRange]) -> Self {
         Self {
             config: config.clone(),
-            current: currents[0],
+            commands: commands[0],
         }
     }
 
@@ -58,8 +58,8 @@ impl Law for MyLaw {
     fn ports(&self) -> Ports {
         one_loop::<Self>([
             Port::term("proportional_part_amperes")
-                .with_comment("Proportional part of the current."),
-            Port::term("integral_part_amperes").with_comment("Integral part of the current."),
+                .with_comment("Proportional part of the command."),
+            Port::term("integral_part_amperes").with_comment("Integral part of the command."),
         ])
     }
 
@@ -79,13 +79,13 @@ impl Law for MyLaw {
         let error = set_point.position - state.position;
         let proportional = self.config.proportional * error;
         let step = self.config.integral * error * cycle.period_seconds;
-        // The integral goes no further than a current can, so it does not wind up.
-        let CurrentRange { min, max, .. } = self.current;
+        // The integral goes no further than a command can, so it does not wind up.
+        let CommandRange { min, max, .. } = self.commands;
         state.integral_amperes = (state.integral_amperes + step).clamp(min, max);
-        let current = proportional + state.integral_amperes;
-        // The current, then the terms in the order of the ports.
+        let command = proportional + state.integral_amperes;
+        // The command, then the terms in the order of the ports.
         writes.copy_from_slice(&[
-            current.clamp(min, max),
+            command.clamp(min, max),
             proportional,
             state.integral_amperes,
         ]);
@@ -103,7 +103,7 @@ mod tests {
 
     /// Returns the law for a drive with a range of 0 to 1 A.
     fn law() -> MyLaw {
-        MyLaw::new(&Config::default(), &[CurrentRange::default()])
+        MyLaw::new(&Config::default(), &[CommandRange::default()])
     }
 
     /// Plays one cycle at a position, on the way to 20 mm, and returns the current.

@@ -86,12 +86,12 @@ impl Nodes<'_> {
         let travels = travel / shipped;
         let for_drive = |(key, value): (String, Value)| match value {
             Value::Float(height) if key.contains("{unit}") => (
-                wiring.sensor.measurand.name(&key),
+                wiring.drive_quantities().name(&key),
                 (height * travels).into(),
             ),
             Value::Float(current) if key.contains("{command_unit}") => {
-                let key = wiring.sensor.measurand.name(&key);
-                (key, (current * wiring.current().max).into())
+                let key = wiring.drive_quantities().name(&key);
+                (key, (current * wiring.amplifier.range().max).into())
             }
             value => (key, value),
         };

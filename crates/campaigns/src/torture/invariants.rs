@@ -131,9 +131,9 @@ fn not_too_hot(trial: &Trial, timeline: &Timeline) -> Option<BrokenInvariant> {
 fn no_current_before_the_start(timeline: &Timeline) -> Option<BrokenInvariant> {
     let is_before =
         |truth: &PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
-    let heated = |truth: &PlantTruth| truth.current_amperes != 0.0;
+    let heated = |truth: &PlantTruth| truth.output != 0.0;
     let truth = timeline.truth.iter().filter(is_before).find(heated)?;
-    let (amperes, time) = (truth.current_amperes, truth.time_seconds);
+    let (amperes, time) = (truth.output, truth.time_seconds);
     violated(
         "start",
         format!("{amperes:.3} A flow at {time:.4} s, before the start"),
@@ -165,9 +165,9 @@ fn no_current_without(
         }
         let is_over = time > trial.run.duration_seconds;
         let silent = time - last;
-        let heats = truth.current_amperes != 0.0;
+        let heats = truth.output != 0.0;
         if heats && !is_over && silent > seconds_max && !is_excused(trial, time, seconds_max) {
-            let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
+            let (milliseconds, amperes) = (silent * 1e3, truth.output);
             return violated(
                 invariant,
                 format!(
@@ -292,7 +292,7 @@ mod tests {
             "{hot}"
         );
         let early = found(&truth_at(f64::NEG_INFINITY, |truth| {
-            (truth.time_seconds, truth.current_amperes) = (-0.001, 0.1);
+            (truth.time_seconds, truth.output) = (-0.001, 0.1);
         }));
         assert_eq!(early, "start: 0.100 A flow at -0.0010 s, before the start");
         let never_begun = found(&|_, timeline| timeline.zero_seconds = None);

@@ -407,7 +407,7 @@ impl<'a> LoopHits<'a> {
         let raw_id = match duty {
             Duty::Sync => SYNC_COB_ID.into(),
             Duty::Position => one.drive_position(self.database).ok()?.raw_id(),
-            Duty::Command => one.target_current(self.database).ok()?.raw_id(),
+            Duty::Command => one.target(self.database).ok()?.raw_id(),
             _ => return None,
         };
         u16::try_from(raw_id).ok()

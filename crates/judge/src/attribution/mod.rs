@@ -247,7 +247,9 @@ impl<'a> Attribution<'a> {
     fn answered_silence(&self, since: f64) -> Option<Cause> {
         let lost = departures::lost_heartbeat_before(self.timeline, self.control_loop, since)?;
         let explained = self.heartbeat_explained(lost);
-        Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(self.control_loop.controller_index()))))
+        Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(
+            self.control_loop.controller_index(),
+        ))))
     }
 
     /// Returns why a node that is silent since a time, or the one that it depends on, has left its duties by another time. A

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
-use dbc::{Measurand, UNIT, symbol_of};
+use dbc::{Quantities, UNIT, symbol_of};
 use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
@@ -70,7 +70,7 @@ impl FromStr for GivenTolerance {
 pub struct Scale {
     /// Prefix of the names of the loop; empty if there is only one.
     prefix: String,
-    measurand: Measurand,
+    quantities: Quantities,
     range: f64,
 }
 
@@ -81,7 +81,7 @@ impl Scale {
         let [min, max] = wiring.feedback.range();
         Self {
             prefix: one.prefix(),
-            measurand: wiring.feedback.measurand.clone(),
+            quantities: wiring.quantities.clone(),
             range: max - min,
         }
     }
@@ -139,9 +139,11 @@ impl Tolerances<'_> {
     fn signal_default(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let scale = self.scales.iter().find(|scale| scale.prefix == prefix);
         match scale {
-            Some(scale) if name == scale.measurand.name(SET_POINT) => SET_POINT_TOLERANCE,
+            Some(scale) if name == scale.quantities.name(SET_POINT) => SET_POINT_TOLERANCE,
             _ if name.starts_with(SATURATION) => f64::INFINITY,
-            Some(scale) if unit == scale.measurand.unit.symbol() => SHARE_OF_RANGE * scale.range,
+            Some(scale) if unit == scale.quantities.feedback.unit.symbol() => {
+                SHARE_OF_RANGE * scale.range
+            }
             _ => {
                 let known = UNIT_TOLERANCES.iter().find(|(known, _)| *known == unit);
                 known.map_or(f64::INFINITY, |(_, tolerance)| *tolerance)
@@ -156,11 +158,11 @@ impl Tolerances<'_> {
         let ranges = scales.filter(|scale| {
             let of_loop = name.strip_prefix(&scale.prefix);
             let in_loop = of_loop.map(|row| row.strip_prefix(TRUE).unwrap_or(row));
-            let contour = format!("{CONTOUR}{}_", scale.measurand.unit.word());
+            let contour = format!("{CONTOUR}{}_", scale.quantities.feedback.unit.word());
             name.contains(&contour)
                 || METRICS.iter().any(|metric| {
                     let is_in_unit = metric.name.contains(UNIT);
-                    is_in_unit && in_loop == Some(scale.measurand.name(metric.name).as_str())
+                    is_in_unit && in_loop == Some(scale.quantities.name(metric.name).as_str())
                 })
         });
         let range = ranges.map(|scale| scale.range).reduce(f64::max);
@@ -190,7 +192,7 @@ mod tests {
     fn scale(prefix: &str, unit: Unit, range: f64) -> Scale {
         Scale {
             prefix: prefix.to_owned(),
-            measurand: Measurand::position(unit),
+            quantities: Quantities::of_position(unit),
             range,
         }
     }

@@ -216,7 +216,7 @@ fn flowed(timeline: &Timeline) -> Series<f64> {
 /// Returns the command that acts up to each row, for a drive that does not report its current. A command that is
 /// computed from the sample of a SYNC acts from the next SYNC on.
 fn commanded(timeline: &Timeline) -> Series<f64> {
-    let column = timeline.column(names::TARGET_CURRENT);
+    let column = timeline.column(names::TARGET);
     let mut last = 0.0;
     let held = column
         .into_iter()

@@ -1,6 +1,6 @@
 //! Scenarios that play an identified plant.
 
-use dbc::CurrentRange;
+use dbc::CommandRange;
 use plan::ControlLoop;
 use scenario::Trial;
 use scenario::plant::Sma;
@@ -46,7 +46,7 @@ pub fn text_on_shipped_rig(
     } = &control_loop.trial;
     let (span, resolution_bits) = (sensor.span(), sensor.resolution_bits());
     let (noise_rms, amplifier_bits) = (sensor.noise_rms(), amplifier.resolution_bits());
-    let CurrentRange { rated, min, max } = amplifier.range();
+    let (rated, CommandRange { min, max, .. }) = (amplifier.rated(), amplifier.range());
     let table = toml::to_string(&table)?;
     let plant = plant.to_file_text(PLANT)?;
     Ok(format!(

@@ -224,7 +224,10 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
 fn io_outputs(scenario: &Scenario, catalogue: &Catalogue) -> Vec<(NodeIndex, Vec<IoOutput>)> {
     let io = scenario.io.iter().map(|io| {
         let plants = BTreeSet::from_iter(io.plants());
-        let plants = scenario.plants.iter().filter(|(name, _)| plants.contains(name.as_str()));
+        let plants = scenario
+            .plants
+            .iter()
+            .filter(|(name, _)| plants.contains(name.as_str()));
         let ports = plants.map(|(name, plant)| Some((&**name, catalogue.plant_ports(plant)?)));
         let ports = ports.collect::<Option<Vec<_>>>().map(Ports::joined);
         (io.node, io.outputs(&ports.unwrap_or_default()))

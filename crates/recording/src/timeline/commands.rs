@@ -52,7 +52,7 @@ impl CommandReader {
         };
         Ok(Self {
             position_id: one.position(database)?.raw_id(),
-            command: one.target_current(database)?,
+            command: one.target(database)?,
             period,
             what,
             cycle: None,
@@ -153,7 +153,8 @@ mod tests {
     fn found(milliseconds: u64, cycles: &[&str]) -> (Vec<u64>, Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * 1000 * milliseconds);
         let plan = plan();
-        let mut reader = CommandReader::new(plan.database(), plan.only_loop().unwrap(), micros(1), 100).unwrap();
+        let mut reader =
+            CommandReader::new(plan.database(), plan.only_loop().unwrap(), micros(1), 100).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * milliseconds * place);

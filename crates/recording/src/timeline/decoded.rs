@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-use dbc::Measurand;
+use dbc::Quantities;
 use plan::loop_prefix;
 use platform::series::Series;
 use scenario::cycle_start_seconds;
@@ -67,7 +67,7 @@ pub struct Timeline {
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
     pub temperature_silence: Option<(f64, f64)>,
     /// Quantity that the loop measures; its values are called positions in this code.
-    pub measurand: Measurand,
+    pub quantities: Quantities,
     /// Raw set-point of the scenario, which is NaN if the scenario has none, then the signals on the bus.
     pub columns: Vec<Column>,
     /// Counts of the frames that canrig's nodes may send.
@@ -113,7 +113,7 @@ impl Timeline {
     /// Returns a column by its signal's name; or by the pattern of that name.
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
-        by(name).or_else(|| by(&self.measurand.name(name)))
+        by(name).or_else(|| by(&self.quantities.name(name)))
     }
 
     /// Returns the scenario time at which a cycle begins.
@@ -180,7 +180,7 @@ impl Timeline {
             position: self.position,
             measured_position: self.measured_position,
             current: self.current,
-            measurand: self.measurand.clone(),
+            quantities: self.quantities.clone(),
             events: events.cloned().collect(),
             ..Self::default()
         }

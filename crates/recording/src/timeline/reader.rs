@@ -164,14 +164,10 @@ struct Arrivals {
 }
 
 impl Arrivals {
-    fn new(
-        database: &Database,
-        one: &ControlLoop,
-        kept_max: usize,
-    ) -> Result<Self, SignalMissing> {
+    fn new(database: &Database, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         Ok(Self {
             position_id: one.drive_position(database)?.raw_id(),
-            command_id: one.target_current(database)?.raw_id(),
+            command_id: one.target(database)?.raw_id(),
             positions_seconds: SeriesWriter::keeping(kept_max),
             commands_seconds: SeriesWriter::keeping(kept_max),
         })
@@ -191,17 +187,13 @@ impl LoopReader {
     ///
     /// # Errors
     /// If the database lacks a signal that the bench needs.
-    fn new(
-        database: &Database,
-        one: &ControlLoop,
-        kept_max: usize,
-    ) -> Result<Self, SignalMissing> {
+    fn new(database: &Database, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         let period = one.trial.run.bus.sync_period();
         let late_after = period + period / 2;
         let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
         let (wiring, columns) = (&one.trial.wiring, Columns::new(database, one, kept_max));
-        let (sensor, measurand) = (&wiring.sensor.measurand, &wiring.feedback.measurand);
-        let measured_position = wiring.name_in_loop(&sensor.name(names::POSITION));
+        let quantities = &wiring.quantities;
+        let measured_position = wiring.name_in_loop(&wiring.sensor.quantity.key());
         Ok(Self {
             loop_name: one.name().to_owned(),
             end,
@@ -218,9 +210,9 @@ impl LoopReader {
             drive_reports: DriveReportReader::new(database, one),
             traces: TraceReader::new(database, one),
             sources: SourceReader::new(database, one),
-            position: columns.place(&measurand.name(names::POSITION))?,
+            position: columns.place(&quantities.name(names::POSITION))?,
             measured_position: columns.place(&measured_position)?,
-            current: columns.place(&sensor.name(names::CURRENT)).ok(),
+            current: columns.place(&quantities.name(names::OUTPUT)).ok(),
             columns,
             cycle: SeriesWriter::keeping(kept_max),
             syncs_seconds: SeriesWriter::keeping(kept_max),
@@ -359,10 +351,10 @@ impl LoopReader {
         let since_zero = (passing.last_frame).saturating_sub(zero.unwrap_or_default());
         let mut sources = self.sources.sources().clone();
         sources.is_order_lost = passing.is_order_lost;
-        let measurand = &trial.wiring.feedback.measurand;
+        let quantities = &trial.wiring.quantities;
         let set_point = Column {
-            name: measurand.name(names::SET_POINT),
-            unit: measurand.unit.symbol().to_owned(),
+            name: quantities.name(names::SET_POINT),
+            unit: quantities.feedback.unit.symbol().to_owned(),
             is_term: false,
             values: set_points(trial, &time_seconds),
         };
@@ -371,7 +363,7 @@ impl LoopReader {
         Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds: self.period.as_secs_f64(),
-            measurand: measurand.clone(),
+            quantities: quantities.clone(),
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,

@@ -12,7 +12,7 @@ use crate::unit::shown_unit;
 type Curve<'a> = (&'a str, &'a str, fn(&FrequencyPoint) -> f64);
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let symbol = shown_unit(run.timeline.measurand.unit.symbol());
+    let symbol = shown_unit(run.timeline.quantities.feedback.unit.symbol());
     let responses = frequency_responses(run.plan.database(), run.timeline, run.control_loop);
     let points = || responses.iter().flatten();
     let curves: [Curve<'_>; 3] = [

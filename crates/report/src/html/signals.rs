@@ -56,18 +56,18 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
-    let mut error_plot = Plot::over_time("Error", timeline.measurand.unit.symbol());
+    let mut error_plot = Plot::over_time("Error", timeline.quantities.feedback.unit.symbol());
     let label = "set-point − measured";
     draw(&mut error_plot, timeline, label, Measured, (0, &error));
     in_time.push(error_plot);
-    let command = timeline.measurand.command;
+    let command = &timeline.quantities.output;
     let currents = [
-        (names::TARGET_CURRENT, "commanded", Wanted),
-        (names::CURRENT, "measured", Measured),
+        (names::TARGET, "commanded", Wanted),
+        (names::OUTPUT, "measured", Measured),
     ];
     let plot =
         |title: &str, unit, signals: &[Drawn<'_>]| signal_plot(timeline, title, unit, signals);
-    in_time.push(plot(&command.title(), command.symbol(), &currents));
+    in_time.push(plot(&command.title(), command.unit.symbol(), &currents));
     let mut signals = Vec::from_iter(control_loop.plant_signals(run.plan.database()));
     let has_wire = signals.iter().any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
@@ -92,7 +92,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     }
     let text = patches_text(&in_time[0]);
     html! {
-        (super::heading(run, &timeline.measurand.title()))
+        (super::heading(run, &timeline.quantities.feedback.title()))
         div.plots { (in_time[0].render()) }
         (super::heading(run, "Signals"))
         div.plots.even {
@@ -132,8 +132,11 @@ fn own_plot<'a>(
 
 fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let timeline = run.timeline;
-    let measurand = &timeline.measurand;
-    let mut plot = Plot::over_time(measurand.title(), measurand.unit.symbol());
+    let quantities = &timeline.quantities;
+    let mut plot = Plot::over_time(
+        quantities.feedback.title(),
+        quantities.feedback.unit.symbol(),
+    );
     let steps = run.control_loop.trial.judged_steps();
     plot.patches = steps.iter().map(settling_band).collect();
     if let Some(column) = timeline.column(names::TRUE_POSITION) {
@@ -175,7 +178,7 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
 
 /// Returns the stretches of steps and disturbances.
 fn sudden(trial: &Trial) -> Vec<Stretch> {
-    let symbol = shown_unit(trial.wiring.feedback.measurand.unit.symbol());
+    let symbol = shown_unit(trial.wiring.feedback.quantity.unit.symbol());
     let steps = trial.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);

@@ -102,16 +102,19 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let measurand = &page.control_loop.trial.wiring.feedback.measurand;
-        let unit = shown_unit(measurand.unit.symbol());
-        let title = format!("{} ({unit})", measurand.title());
-        let mut left = vec![self.plot(&title, &measurand.signal, 2.2)?];
+        let quantities = &page.control_loop.trial.wiring.quantities;
+        let unit = shown_unit(quantities.feedback.unit.symbol());
+        let title = format!("{} ({unit})", quantities.feedback.title());
+        let mut left = vec![self.plot(&title, &quantities.feedback.name, 2.2)?];
         if has("error") {
             left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
         }
-        let command = measurand.command;
-        let commands = format!("{} ({})", command.title(), command.symbol());
-        left.push(self.plot(&commands, command.signal(), 1.2)?);
+        let output = &quantities.output;
+        let commands = match output.unit.symbol() {
+            "" => output.title(),
+            symbol => format!("{} ({symbol})", output.title()),
+        };
+        left.push(self.plot(&commands, &output.name, 1.2)?);
         if has(groups::DISTURBANCE) {
             left.push(self.plot("Disturbance", groups::DISTURBANCE, 0.8)?);
         }
@@ -129,7 +132,7 @@ impl<'a> Layout<'a> {
             (groups::SPRING_FORCE, "Spring force (N)"),
             ("martensite_fraction", "Martensite fraction"),
         ] {
-            if has(group) && group != measurand.signal {
+            if has(group) && group != quantities.feedback.name {
                 middle.push(self.plot(title, group, 1.0)?);
             }
         }

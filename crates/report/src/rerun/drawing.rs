@@ -58,7 +58,7 @@ impl Drawing {
     /// Returns the actuator's drawing; `None` for other plants.
     pub(super) fn new(trial: &Trial, pause_seconds: f64) -> Option<Self> {
         let mechanics = trial.plant().actuator()?.mechanics;
-        let is_length = trial.wiring.feedback.measurand.unit == Unit::Millimetres;
+        let is_length = trial.wiring.feedback.quantity.unit == Unit::Millimetres;
         is_length.then_some(Self {
             wire: 1e3 * mechanics.wire_length_metres,
             inner: 1e3 * mechanics.inner_pulley_radius_metres,

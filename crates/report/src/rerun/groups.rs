@@ -4,7 +4,7 @@ use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
-use dbc::{Database, Measurand};
+use dbc::{Database, Quantities};
 
 use crate::{shown_unit, title};
 use plan::{ControlLoop, Plan};
@@ -110,11 +110,14 @@ pub(super) struct CustomView<'a> {
 }
 
 /// Returns the signals of a scenario's plant and law that need separate views.
-pub(super) fn custom_views<'a>(plan: &'a Plan, control_loop: &'a ControlLoop) -> Vec<CustomView<'a>> {
+pub(super) fn custom_views<'a>(
+    plan: &'a Plan,
+    control_loop: &'a ControlLoop,
+) -> Vec<CustomView<'a>> {
     let trial = &control_loop.trial;
-    let measurand = &trial.wiring.feedback.measurand;
-    let is_measured = |style: Style<'_>| style.group == measurand.signal;
-    let has_view = |name: &str| known(name, measurand).is_some_and(|style| !is_measured(style));
+    let quantities = &trial.wiring.quantities;
+    let is_measured = |style: Style<'_>| style.group == quantities.feedback.name;
+    let has_view = |name: &str| known(name, quantities).is_some_and(|style| !is_measured(style));
     let signals = control_loop
         .plant_signals(plan.database())
         // A position that the loop does not follow is no second line next to the loop's own.
@@ -142,13 +145,13 @@ pub(super) fn custom_views<'a>(plan: &'a Plan, control_loop: &'a ControlLoop) ->
     view.collect()
 }
 
-fn known<'a>(name: &str, measurand: &'a Measurand) -> Option<Style<'a>> {
-    let is_start = |start: &str| name.starts_with(&measurand.name(start));
+fn known<'a>(name: &str, quantities: &'a Quantities) -> Option<Style<'a>> {
+    let is_start = |start: &str| name.starts_with(&quantities.name(start));
     let known = STYLES.iter().find(|(start, _)| is_start(start));
     known.map(|(_, style)| Style {
         group: match style.group {
-            MEASURED => &measurand.signal,
-            COMMANDED => measurand.command.signal(),
+            MEASURED => &quantities.feedback.name,
+            COMMANDED => &quantities.output.name,
             group => group,
         },
         ..*style
@@ -159,7 +162,7 @@ fn known<'a>(name: &str, measurand: &'a Measurand) -> Option<Style<'a>> {
 /// scenario does not disturb.
 pub(super) fn style<'a>(
     name: &str,
-    measurand: &'a Measurand,
+    quantities: &'a Quantities,
     disturbed: &[String],
     views: &[CustomView<'a>],
 ) -> Style<'a> {
@@ -167,7 +170,8 @@ pub(super) fn style<'a>(
         return view.style;
     }
     let is_disturbed = || disturbed.iter().any(|output| name.ends_with(output));
-    let drawn = known(name, measurand).filter(|style| style.group != DISTURBANCE || is_disturbed());
+    let drawn =
+        known(name, quantities).filter(|style| style.group != DISTURBANCE || is_disturbed());
     drawn.unwrap_or(look(OTHER, "", GREY))
 }
 
@@ -180,8 +184,8 @@ pub(super) fn expected<'a>(plan: &'a Plan, control_loop: &'a ControlLoop) -> BTr
     }
     let views = custom_views(plan, control_loop);
     let signals = control_loop.plant_signals(plan.database());
-    let measurand = &scenario.wiring.feedback.measurand;
-    groups.extend(signals.map(|signal| style(&signal.name, measurand, &[], &views).group));
+    let quantities = &scenario.wiring.quantities;
+    groups.extend(signals.map(|signal| style(&signal.name, quantities, &[], &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant().actuator().is_some() {
         groups.insert(HYSTERESIS);
@@ -244,8 +248,8 @@ mod tests {
             titles,
             ["Height of the load (m)", "flexor_tension_newtons (N)"]
         );
-        let measurand = Measurand::default();
-        let group = |name| style(name, &measurand, &[], &views).group;
+        let quantities = Quantities::default();
+        let group = |name| style(name, &quantities, &[], &views).group;
         assert_eq!(group("height_metres"), "height_metres");
         assert_eq!(group("position_millimetres"), "position");
         assert_eq!(group("winding_temperature_celsius"), "temperature");

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::iter::repeat_n;
 
-use dbc::Measurand;
+use dbc::Quantity;
 use re_sdk::EntityPath;
 use re_sdk::log::TimeColumn;
 use re_sdk_types::AnyValues;
@@ -146,7 +146,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         let changes = trial.disturbances();
         let factors = asked(timeline, &changes, FAN_OUTPUT, 1.0);
         let grams = asked(timeline, &changes, LOAD_OUTPUT, 0.0);
-        let error_name = timeline.measurand.name("error_{unit}");
+        let error_name = timeline.quantities.name("error_{unit}");
         let computed = [
             (error_name.as_str(), &error),
             ("scenario_convection_factor", &factors),
@@ -159,8 +159,8 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in computed.into_iter().chain(named) {
-            let measurand = &trial.wiring.feedback.measurand;
-            let style = groups::style(name, measurand, &self.disturbed, &self.custom_views);
+            let quantities = &trial.wiring.quantities;
+            let style = groups::style(name, quantities, &self.disturbed, &self.custom_views);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
@@ -217,8 +217,8 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             let times = times::columns(moments.into_iter());
             for (side, edge) in [("upper", band), ("lower", -band)] {
                 let number = number + 1;
-                let Measurand { signal, unit, .. } = &timeline.measurand;
-                let path = format!("{signal}/settling_band/step_{number}/{side}_{unit}");
+                let Quantity { name, unit } = &timeline.quantities.feedback;
+                let path = format!("{name}/settling_band/step_{number}/{side}_{unit}");
                 if self.styled.insert(path.clone()) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
                     send_static(&mut self.output, path.as_str(), &look)?;

@@ -167,7 +167,7 @@ fn every_value_of_the_timeline_is_in_the_file() {
     let series = scalars(&path);
     let mut compared = 0;
     for column in &timeline.columns {
-        let Style { group, .. } = groups::style(&column.name, &timeline.measurand, &[], &[]);
+        let Style { group, .. } = groups::style(&column.name, &timeline.quantities, &[], &[]);
         let rows = series
             .get(&format!("/{group}/{}", column.name))
             .cloned()

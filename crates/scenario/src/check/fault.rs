@@ -11,12 +11,7 @@ use crate::node::Nodes;
 use crate::trial::Trial;
 
 /// Checks that faults begin within the run and end after they begin.
-pub(super) fn faults(
-    check: &mut Check<'_>,
-    faults: &Faults,
-    nodes: &Nodes,
-    duration_seconds: f64,
-) {
+pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, nodes: &Nodes, duration_seconds: f64) {
     // The times of an entry that could not be read may be what is wrong with it.
     let read = BTreeSet::from_iter(faults.iter().map(Fault::path));
     for group in Group::ALL {

@@ -7,21 +7,21 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
 use crate::nearest::nearest;
-use dbc::Measurand;
+use dbc::Quantities;
 
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;
 
 /// Checks the requirements of a loop's metrics, or of the limits on the bus. The second expectations are those of the other, which a
 /// misspelt name may mean.
-pub(super) fn check(check: &mut Check<'_>, expects: [&Expect; 2], measurand: &Measurand) {
+pub(super) fn check(check: &mut Check<'_>, expects: [&Expect; 2], quantities: &Quantities) {
     let [expect, _] = expects;
     if expect.requirements.is_empty() {
         return;
     }
     let given = expects.into_iter().flat_map(|one| {
         let limits = one.limits();
-        let metrics = limits.map(|(metric, _)| measurand.name(metric.name));
+        let metrics = limits.map(|(metric, _)| quantities.name(metric.name));
         metrics.chain(one.timing.rows())
     });
     let given = Vec::from_iter(given);

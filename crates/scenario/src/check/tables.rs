@@ -29,10 +29,10 @@ pub(crate) fn read_tables(check: &mut Check<'_>, trial: &mut Trial, read_table: 
     let open_loop = trial.controller.open_loop.iter_mut();
     for (index, entry) in open_loop.flat_map(|one| &mut one.table).enumerate() {
         let path = format!("controller.open_loop.table.{index}.file");
-        let usual = || wiring.feedback.measurand.name("{command}_{command_unit}");
-        let (file, range) = (&entry.file, wiring.current());
+        let usual = || wiring.quantities.name("{command}_{command_unit}");
+        let (file, range) = (&entry.file, wiring.amplifier.range());
         let column = entry.column.clone().unwrap_or_else(usual);
-        let parse = |text: &str| table::parse_current(file, text, &column, &range);
+        let parse = |text: &str| table::parse_command(file, text, &column, &range);
         entry.rows = rows(&path, file, &parse).into();
     }
     for (index, signal) in trial.expect.signal.iter_mut().enumerate() {

@@ -418,7 +418,7 @@ proptest! {
     #[test]
     fn arbitrary_courses_never_panic(rows in "([0-9.,eE+-]|\\n|nan|time_seconds|a){0,80}") {
         let _ = crate::table::parse_course("x.csv", &rows, ["a", ".a"]);
-        let _ = crate::table::parse_current("x.csv", &rows, "a", &dbc::CurrentRange::default());
+        let _ = crate::table::parse_command("x.csv", &rows, "a", &dbc::CommandRange::default());
         let _ = crate::table::parse_course("x.csv", &format!("a,time_seconds\n{rows}"), ["a", ".a"]);
     }
 }

@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::schema::definition;
 use super::{Fault, Faults, Group, KINDS, Key, Kind, Need, Time, Value};
-use crate::document::{Document, Quantities};
+use crate::document::{Document, Meaning};
 use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
@@ -21,11 +21,7 @@ const NODE: &str = "node";
 
 /// Reads the faults of a document, and the problems among them. An entry that is no table is left out: the check against the
 /// schema has reported it.
-pub(crate) fn read(
-    document: &Document<'_>,
-    rig: &Rig,
-    nodes: &Nodes,
-) -> (Faults, Vec<Problem>) {
+pub(crate) fn read(document: &Document<'_>, rig: &Rig, nodes: &Nodes) -> (Faults, Vec<Problem>) {
     let reader = Reader {
         document,
         rig,
@@ -174,24 +170,25 @@ impl<'text> Reader<'_, 'text> {
         drive: &str,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
         let part = &schema::FAULTS["definitions"][definition(kind)];
-        let measured = self.rig.node.get(drive).map(RigNode::measured);
-        let measured = measured.unwrap_or_default();
+        let quantities = self.rig.quantities_of(drive);
         let (loop_name, _) = self.rig.loop_of(drive).unzip();
         let naming = Naming {
             source: &self.document.source,
-            measurand: &measured.measurand,
+            quantities: &quantities,
             loop_name: loop_name.map_or("", String::as_str),
             schema: &schema::FAULTS,
         };
         naming.apply(&mut table, part).map_err(one)?;
-        let quantities = Quantities {
-            current: self.rig.parts_of(drive).1.range(),
-            measured,
+        let measured = self.rig.node.get(drive).map(RigNode::measured);
+        let meaning = Meaning {
+            measured: measured.unwrap_or_default(),
+            commands: self.rig.parts_of(drive).1.range(),
+            quantities,
         };
-        let document = self.document.with_loop(DeTable::new(), quantities);
+        let document = self.document.with_loop(DeTable::new(), meaning);
         let at = (span, &table);
         let problems = check_table(&document, &kind.heading(), at, &schema::FAULTS, part);
-        without_problems(in_unit(problems, &document.quantities), table)
+        without_problems(in_unit(problems, &document.meaning), table)
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::Trial;
-use dbc::Measurand;
+use dbc::Quantities;
 
 fn parse(tables: &str) -> Result<Trial, Vec<String>> {
     let text = format!(
@@ -33,7 +33,7 @@ fn least(kind: &Kind) -> String {
         Form::Word(words) => format!("{} = \"{}\"\n", key.name, words[0].0),
         Form::Node | Form::Station => format!("{} = \"controller\"\n", key.name),
     });
-    let values = Measurand::default().name(&values.collect::<String>());
+    let values = Quantities::default().name(&values.collect::<String>());
     format!("{}\n{times}{values}", kind.heading())
 }
 

@@ -15,7 +15,7 @@ use crate::nearest::meant_or_known;
 use crate::rig::nodes::{Rig, RigLoop};
 use crate::schema;
 use crate::trial::Trial;
-use dbc::{Measurand, Unit};
+use dbc::{Quantities, Unit};
 
 /// Reads `[[expect.contour]]`.
 pub(super) fn read_contours(
@@ -53,7 +53,9 @@ pub(super) fn read_contours(
 /// Returns the unit of a loop.
 fn unit_of(name: &str, rig: &Rig) -> Unit {
     let followed = rig.loops.get(name).map(RigLoop::followed);
-    rig.measurand_of(followed.unwrap_or_default()).unit
+    rig.quantities_of(followed.unwrap_or_default())
+        .feedback
+        .unit
 }
 
 /// Replaces the names of a contour's limits by their patterns. All loops of a contour have one unit.
@@ -81,7 +83,7 @@ fn to_patterns(scenario: &Document<'_>, entry: &mut DeValue<'_>, rig: &Rig) -> R
     }
     let naming = Naming {
         source: &scenario.source,
-        measurand: &Measurand::position(unit.clone()),
+        quantities: &Quantities::of_position(unit.clone()),
         loop_name: first,
         schema: &schema::CONTOURS,
     };
@@ -115,7 +117,7 @@ fn wrong_contour(
     if limits.iter().all(Option::is_none) {
         let label = format!(
             "{} = {{ max = … }} is missing",
-            Measurand::position(contour.unit.clone()).name(LIMITS[0])
+            Quantities::of_position(contour.unit.clone()).name(LIMITS[0])
         );
         return Some(document.problem(path, "nothing is expected of this contour", label));
     }

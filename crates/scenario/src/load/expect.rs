@@ -131,7 +131,7 @@ fn of_drive<'text>(limits: &DeTable<'text>, wiring: &Wiring, faults: &Faults) ->
             && (metric.needs == Needs::Nothing || metric.needs == Needs::Fault && has_faults)
     };
     let patterns = METRICS.iter().filter(is_its).map(|metric| metric.name);
-    let names = patterns.map(|name| wiring.feedback.measurand.name(name));
+    let names = patterns.map(|name| wiring.quantities.name(name));
     let names = BTreeSet::from_iter(names.chain([JUDGED_UNTIL.to_owned()]));
     part_of(limits, |key| names.contains(key), |key| names.contains(key))
 }

@@ -515,9 +515,12 @@ impl Check<'_> {
                 "a loop is moved by drives".to_owned(),
             ),
             Some(_) if output == right => return None,
-            Some(_) => (
+            Some(node) => (
                 format!("`{output}` is no signal that a loop can command"),
-                format!("write \"{right}\""),
+                match node.amplifier_port() {
+                    Some(port) => format!("write \"{right}\": its amplifier is at `{port}`"),
+                    None => format!("write \"{right}\""),
+                },
             ),
         };
         Some(self.document.problem(path, message, label))
@@ -525,13 +528,12 @@ impl Check<'_> {
 
     /// Returns the signal of a drive that a loop can follow.
     fn signal_of(&self, drive: &str) -> String {
-        self.rig.measurand_of(drive).signal
+        self.rig.quantities_of(drive).feedback.name
     }
 
     /// Returns the signal of a drive that a loop can command.
     fn command_of(&self, drive: &str) -> String {
-        let command = self.rig.measurand_of(drive).command;
-        format!("{drive}.{}", command.signal())
+        format!("{drive}.{}", self.rig.quantities_of(drive).output.name)
     }
 
     fn feedback(&self, name: &str, feedback: &str, first: Option<&str>) -> Option<Problem> {

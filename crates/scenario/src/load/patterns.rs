@@ -6,7 +6,7 @@ use toml::de::{DeString, DeTable, DeValue};
 
 use crate::error::{Problem, Source};
 use crate::schema::resolve;
-use dbc::{Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units, singular};
+use dbc::{Quantities, Quantity, Unit, conversion, is_gain, is_pattern, known_units, singular};
 
 /// Gains that are by another unit than the loop's.
 pub(crate) type Factors = Vec<Factor>;
@@ -27,7 +27,7 @@ type Key<'text> = Spanned<DeString<'text>>;
 /// Finds the patterns of the keys of one loop.
 pub(crate) struct Naming<'a> {
     pub(crate) source: &'a Source,
-    pub(crate) measurand: &'a Measurand,
+    pub(crate) quantities: &'a Quantities,
     pub(crate) loop_name: &'a str,
     /// Whole schema whose keys are patterns.
     pub(crate) schema: &'a Value,
@@ -63,7 +63,7 @@ impl<'a> Naming<'a> {
             .keys()
             .map(String::as_str)
             .filter(|key| is_pattern(key))
-            .map(|pattern| (pattern, self.measurand.name(pattern)));
+            .map(|pattern| (pattern, self.quantities.name(pattern)));
         let patterns = Vec::from_iter(patterns);
         for (mut key, mut value) in std::mem::take(table) {
             let written = key.span();
@@ -132,7 +132,7 @@ impl<'a> Naming<'a> {
         for pattern in patterns.clone().filter(|pattern| is_gain(pattern)) {
             let mut units = known_units();
             if let Some(unit) = units.find(|unit| self.by(unit).name(pattern) == name) {
-                let factor = conversion(self.measurand.unit.law_word(), unit)
+                let factor = conversion(self.quantities.feedback.unit.law_word(), unit)
                     .ok_or_else(|| self.wrong_gain(key, pattern))?;
                 return Ok(Some((pattern, factor)));
             }
@@ -143,34 +143,36 @@ impl<'a> Naming<'a> {
         }
     }
 
-    /// Returns the loop's quantities with another unit.
-    fn by(&self, unit: &str) -> Measurand {
-        Measurand {
-            unit: Unit::Other(unit.to_owned()),
-            ..self.measurand.clone()
-        }
+    /// Returns the loop's quantities with another unit of its feedback.
+    fn by(&self, unit: &str) -> Quantities {
+        let mut quantities = self.quantities.clone();
+        quantities.feedback.unit = Unit::Other(unit.to_owned());
+        quantities
     }
 
     /// Refuses a name that a pattern has in a loop of other quantities.
     fn wrong(&self, key: &Key<'_>, pattern: &str) -> Option<Problem> {
         let name: &str = key.get_ref();
-        let unit = &self.measurand.unit;
-        let right = self.measurand.name(pattern);
-        let has = |other: Measurand| other.name(pattern) == name;
-        let mut commands = Command::ALL.into_iter();
-        let message = if commands.any(|command| has(self.measurand.clone().commanding(command))) {
-            let command = self.measurand.command.signal();
+        let unit = &self.quantities.feedback.unit;
+        let right = self.quantities.name(pattern);
+        let has = |other: Quantities| other.name(pattern) == name;
+        let commanding = |output: Quantity| Quantities {
+            output,
+            ..self.quantities.clone()
+        };
+        let message = if Quantity::known().map(commanding).any(has) {
+            let command = self.quantities.output.words();
             format!("the loop `{}` commands a {command}", self.loop_name)
-        } else if has(Measurand::position(unit.clone())) {
+        } else if has(Quantities::of_position(unit.clone())) {
             format!(
                 "the loop `{}` measures `{}`",
-                self.loop_name, self.measurand.signal
+                self.loop_name, self.quantities.feedback.name
             )
         } else {
             // Units that a name might have by mistake.
             let mut others = known_units().flat_map(|unit| {
                 let unit_alone = Unit::Other(unit.to_owned());
-                [self.by(unit), Measurand::position(unit_alone)]
+                [self.by(unit), Quantities::of_position(unit_alone)]
             });
             others
                 .any(has)
@@ -182,9 +184,9 @@ impl<'a> Naming<'a> {
 
     /// Makes the problem of a gain by a unit of another quantity, with the right name.
     fn wrong_gain(&self, key: &Key<'_>, pattern: &str) -> Problem {
-        let by = singular(self.measurand.unit.law_word()).replace('_', " ");
+        let by = singular(self.quantities.feedback.unit.law_word()).replace('_', " ");
         let message = format!("the gains of the loop `{}` are by the {by}", self.loop_name);
-        let label = format!("write `{}`", self.measurand.name(pattern));
+        let label = format!("write `{}`", self.quantities.name(pattern));
         self.source.problem(key.span(), message, label)
     }
 }

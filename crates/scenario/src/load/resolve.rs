@@ -15,12 +15,12 @@ use super::{
 use crate::beside::Beside;
 use crate::check::{self, Check, NamedFiles};
 use crate::custom::Section;
-use crate::document::{Document, Quantities};
+use crate::document::{Document, Meaning};
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault;
+use crate::node::{NodeProgram, Nodes};
 use crate::rig::nodes::Rig;
 use crate::run::Run;
-use crate::node::{NodeProgram, Nodes};
 use crate::scenario::{Scenario, Shared};
 use crate::schema;
 use crate::table::ReadTable;
@@ -304,17 +304,18 @@ impl Resolver<'_> {
         self.check.add(wrong_tables);
         let mut loops = Vec::new();
         for one in tables {
-            let quantities = Quantities {
+            let meaning = Meaning {
+                quantities: one.wiring.quantities.clone(),
                 measured: one.wiring.feedback.clone(),
-                current: one.wiring.current(),
+                commands: one.wiring.amplifier.range(),
             };
             // The keys of its tables, and the names in problems, are patterns.
-            let document = selector.scenario.with_loop(one.tree, quantities);
+            let document = selector.scenario.with_loop(one.tree, meaning);
             match self.read_trial(&document, &one.factors, one.wiring) {
                 Ok(one) => loops.extend(one),
                 Err(found) => {
                     let found = as_written(found, &one.factors);
-                    self.check.add(in_unit(found, &document.quantities));
+                    self.check.add(in_unit(found, &document.meaning));
                 }
             }
         }

@@ -127,7 +127,7 @@ impl<'text> Selector<'_, 'text> {
         }
         let naming = Naming {
             source: &self.scenario.source,
-            measurand: &wiring.feedback.measurand,
+            quantities: &wiring.quantities,
             loop_name: name,
             schema: &schema::TRIAL,
         };
@@ -144,7 +144,7 @@ impl<'text> Selector<'_, 'text> {
     fn with_loop_s_own(&self, problem: Problem, name: &str) -> Problem {
         let mut loops = self.shared.loops.iter();
         let own = loops.clone().find(|one| one.name == name);
-        let is_own = |one: &LoopFacts| own.is_some_and(|own| own.measurand == one.measurand);
+        let is_own = |one: &LoopFacts| own.is_some_and(|own| own.quantities == one.quantities);
         let is_like_all = loops.all(is_own);
         let place = problem.place_and_label().0.filter(|_| !is_like_all);
         let section = [CONTROLLER, EXPECT].into_iter().find(|section| {

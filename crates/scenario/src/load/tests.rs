@@ -1011,7 +1011,7 @@ fn gains_and_names_are_those_of_the_loop() {
 fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     let loops = load_text(JOINT, JOINT_RIG).unwrap();
     let angle = &loops.loops[0];
-    assert_eq!(angle.wiring.feedback.measurand.unit.word(), "degrees");
+    assert_eq!(angle.wiring.feedback.quantity.unit.word(), "degrees");
     assert_eq!(angle.wiring.feedback.range(), [-60.0, 60.0]);
     let law = angle.controller.pid_pair.as_ref().unwrap();
     assert!((law.proportional - 0.03).abs() < 1e-12);

@@ -165,8 +165,8 @@ impl Amplifier {
             value
         };
         // Commands reach the rated current at least, so that clipping by the amplifier shows.
-        let range = self.range();
-        let most = thousandths((range.largest() / range.rated).max(1.0));
+        let rated = self.rated();
+        let most = thousandths((self.range().largest() / rated).max(1.0));
         let within = |index, value, low| Preset {
             limits: Some([low, most]),
             ..Preset::new(index, 0, value)
@@ -178,7 +178,7 @@ impl Amplifier {
             within(TARGET_TORQUE, 0, -most),
             within(MAX_TORQUE, most, 0),
             within(MAX_CURRENT, most, 0),
-            Preset::new(MOTOR_RATED_CURRENT, 0, thousandths(range.rated)),
+            Preset::new(MOTOR_RATED_CURRENT, 0, thousandths(rated)),
             Preset::new(THERMAL_PROTECTION, 1, thousandths(continuous)),
             Preset::new(THERMAL_PROTECTION, 2, thousandths(peak)),
         ]

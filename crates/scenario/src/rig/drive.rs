@@ -44,7 +44,7 @@ pub struct Feedback {
     /// Sampled position, in the unit of the drive's signal.
     pub position: f64,
     /// Measured output of the amplifier; `None` if the drive does not measure it.
-    pub current_amperes: Option<f64>,
+    pub output: Option<f64>,
 }
 
 /// PDO of the drive as its EDS describes it.
@@ -412,11 +412,11 @@ impl DriveLayout {
         Some(Feedback {
             statusword: u16::try_from(self.statusword.read(data)).ok()?,
             position: self.position.read(data),
-            current_amperes: self.current.map(|current| current.read(data)),
+            output: self.current.map(|current| current.read(data)),
         })
     }
 
-    /// Decodes the commanded current in RPDO1; `None` for other frames, and for one that is too short.
+    /// Decodes the command in RPDO1; `None` for other frames, and for one that is too short.
     pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
         let field = &self.target.field;
         let is_command = frame.standard_id() == Some(self.command.id())
@@ -424,9 +424,9 @@ impl DriveLayout {
         is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
     }
 
-    /// Encodes RPDO1; the current is limited to the one that the drive may be given and its object can hold.
+    /// Encodes RPDO1; the command is limited to the largest one that the drive may be given and its object can hold.
     #[inline]
-    pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
+    pub fn encode(&self, controlword: u16, command: f64) -> CanFrame {
         let max = self.target_max;
         let min = if self.target.field.is_signed {
             -max
@@ -437,7 +437,7 @@ impl DriveLayout {
             clippy::cast_possible_truncation,
             reason = "limited to the object's range, whose ends are whole"
         )]
-        let target = add_half(current_amperes * self.target.units).clamp(min, max) as i64;
+        let target = add_half(command * self.target.units).clamp(min, max) as i64;
         let controlword = self.controlword.placed(i64::from(controlword));
         let data = (controlword | self.target.field.placed(target)).to_le_bytes();
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes])
@@ -561,7 +561,7 @@ mod tests {
         let frame = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]);
         let feedback = drive.decode(&frame).unwrap();
         assert!((feedback.position - 6.0).abs() < 1e-9);
-        assert_eq!(feedback.current_amperes, None);
+        assert_eq!(feedback.output, None);
         for (amperes, units) in [(0.5, 1000_i16), (0.95, 1800), (7.0, 1800)] {
             let frame = drive.encode(0x0F, amperes);
             assert_eq!(frame.standard_id(), Some(0x220));

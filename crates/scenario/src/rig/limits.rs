@@ -39,7 +39,7 @@ impl LimitWatch {
     /// Checks a sample of the drive, and describes the violation of a limit.
     pub fn check(&mut self, now: Duration, feedback: &Feedback) -> Option<String> {
         let limit = self.limits.current_amperes;
-        let amperes = feedback.current_amperes.unwrap_or(0.0);
+        let amperes = feedback.output.unwrap_or(0.0);
         if amperes.abs() > limit * (1.0 + MEASURED_CURRENT_TOLERANCE) {
             return Some(format!(
                 "limit of the rig: {amperes:.3} A flow (limit {limit} A)"
@@ -98,7 +98,7 @@ mod tests {
         Feedback {
             statusword: 0x0237,
             position: millimetres,
-            current_amperes: Some(amperes),
+            output: Some(amperes),
         }
     }
 

@@ -61,18 +61,18 @@ impl RealDrive {
 
     /// Returns the description of a drive that canrig emulates: its limits are those of its positions.
     pub fn emulated(wiring: &Wiring) -> Self {
-        let (currents, plausible) = (wiring.current(), &wiring.plausible);
+        let (commands, plausible) = (wiring.amplifier.range(), &wiring.plausible);
         let [lowest, highest] = wiring.sensor.range();
         let travel = highest - lowest;
         let mut drive = Self::new(Limits {
-            current_amperes: currents.largest(),
+            current_amperes: commands.largest(),
             min: plausible.min.unwrap_or(lowest),
             max: plausible.max.unwrap_or(highest),
             rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
         });
         drive.node_id = wiring.drive().id();
-        drive.command.units_per_ampere = currents.counts_per_ampere();
-        drive.current.units_per_ampere = currents.counts_per_ampere();
+        drive.command.units_per_ampere = commands.counts_per_unit;
+        drive.current.units_per_ampere = commands.counts_per_unit;
         drive.position.increments_per_unit = wiring.sensor.counts_per_unit();
         drive.position.resolution = travel / STEPS_OF_TRAVEL;
         drive

@@ -18,7 +18,7 @@ use crate::wiring::{
     IoWiring, LedBy, LoopFacts, Measured, Plausible, SharedWiring, TRAVEL_MILLIMETRES, Wiring,
 };
 use dbc::names::NAME_PATTERN;
-use dbc::{Command, CurrentRange, Measurand, Unit, plant_of_port, unit_in};
+use dbc::{CommandRange, Quantities, Quantity, Unit, plant_of_port};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
@@ -149,21 +149,19 @@ impl Rig {
 
     /// Returns a loop of one drive, which follows the signal of this drive.
     fn one_drive_loop(&self, drive: &str) -> RigLoop {
-        let Measurand {
-            signal, command, ..
-        } = self.measurand_of(drive);
+        let Quantities { feedback, output } = self.quantities_of(drive);
         RigLoop {
-            feedback: format!("{drive}.{signal}"),
-            outputs: vec![format!("{drive}.{}", command.signal())],
+            feedback: format!("{drive}.{}", feedback.name),
+            outputs: vec![format!("{drive}.{}", output.name)],
             led_by: None,
             identifiers: Identifiers::default(),
         }
     }
 
-    /// Returns the signal that a drive measures, and the one that it commands.
-    pub(crate) fn measurand_of(&self, drive: &str) -> Measurand {
+    /// Returns what a drive measures, and what it can be commanded.
+    pub(crate) fn quantities_of(&self, drive: &str) -> Quantities {
         let node = self.node.get(drive);
-        node.map(RigNode::measurand).unwrap_or_default()
+        node.map(RigNode::quantities).unwrap_or_default()
     }
 
     /// Checks whether an io node acts on the plant that a drive moves.
@@ -232,7 +230,6 @@ impl Rig {
         let followed = rig_loop.map_or(drive, RigLoop::followed);
         let (followed, followed_node) = index(followed).unwrap_or((drive_index, node));
         let recorded = node.record.as_ref();
-        let command = node.command_quantity();
         Wiring {
             drive: drive_index,
             followed,
@@ -240,9 +237,11 @@ impl Rig {
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
             sensor: node.measured(),
-            feedback: Measured {
-                measurand: followed_node.measurand().commanding(command),
-                ..followed_node.measured()
+            feedback: followed_node.measured(),
+            amplifier: node.amplifier.clone().unwrap_or_default(),
+            quantities: Quantities {
+                feedback: followed_node.measured_quantity(),
+                output: node.commanded_quantity(),
             },
             record: recorded.map(|ports| ports.iter().map(in_full).collect()),
             beside: inputs.map(str::to_owned).collect(),
@@ -265,13 +264,15 @@ impl Rig {
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopFacts {
         let drive = one.first().unwrap_or_default();
         let (_, amplifier) = self.parts_of(drive);
-        let command = self.measurand_of(drive).command;
         let ours = self.node.get(drive).filter(|node| node.is_ours());
         let emulated = ours.and_then(|_| self.plant_of(drive));
         LoopFacts {
             name: name.clone(),
-            measurand: self.measurand_of(one.followed()).commanding(command),
-            current: amplifier.range(),
+            quantities: Quantities {
+                feedback: self.quantities_of(one.followed()).feedback,
+                output: self.quantities_of(drive).output,
+            },
+            commands: amplifier.range(),
             led_by: one.led_by.clone(),
             touched: self.plants_touched(one),
             drive: drive.to_owned(),
@@ -298,7 +299,7 @@ impl Rig {
     /// Checks whether a name, which then has several words, is that of a limit on what a drive measures or gets.
     pub(crate) fn has_limit(&self, name: &str) -> bool {
         let drives = self.of_kind(Profile::Drive).filter(|_| name.contains('_'));
-        let mut measured = drives.map(|(_, node)| node.measurand());
+        let mut measured = drives.map(|(_, node)| node.quantities());
         measured.any(|one| METRICS.iter().any(|metric| one.name(metric.name) == name))
     }
 
@@ -376,8 +377,8 @@ impl Rig {
             let Some(amplifier) = &node.amplifier else {
                 continue;
             };
-            let CurrentRange { rated, min, max } = amplifier.range();
-            if amplifier.i2t.is_none() && node.command_quantity() == Command::Current {
+            let (rated, CommandRange { min, max, .. }) = (amplifier.rated(), amplifier.range());
+            if amplifier.i2t.is_none() && node.commanded_quantity() == Quantity::current() {
                 notes.push(format!(
                     "`{name}` has no i2t: its amplifier may give its largest current for ever"
                 ));
@@ -505,22 +506,28 @@ impl RigNode {
         !self.external && self.program.is_none()
     }
 
-    /// Returns the signal that its sensor measures, and the quantity that its amplifier commands.
-    pub fn measurand(&self) -> Measurand {
-        let sensor = self.sensor.as_ref();
-        let measurand = sensor.map(Sensor::measurand).unwrap_or_default();
-        measurand.commanding(self.command_quantity())
+    /// Returns what its sensor measures and what its amplifier gives.
+    pub fn quantities(&self) -> Quantities {
+        Quantities {
+            feedback: self.measured_quantity(),
+            output: self.commanded_quantity(),
+        }
     }
 
-    /// Returns the output quantity of its amplifier: a current, unless its port says otherwise.
-    pub(crate) fn command_quantity(&self) -> Command {
+    /// Returns what its sensor measures; a position in millimetres without a sensor.
+    pub(crate) fn measured_quantity(&self) -> Quantity {
+        let sensor = self.sensor.as_ref();
+        sensor.map(Sensor::quantity).unwrap_or_default()
+    }
+
+    /// Returns what its amplifier gives: a current, unless its port says otherwise.
+    pub(crate) fn commanded_quantity(&self) -> Quantity {
         let port = self.amplifier_port();
-        let command = port.and_then(|port| Command::in_port_unit(unit_in(port)));
-        command.unwrap_or_default()
+        port.map_or_else(Quantity::current, Quantity::of_port)
     }
 
     /// Returns the port that its amplifier drives.
-    fn amplifier_port(&self) -> Option<&str> {
+    pub(crate) fn amplifier_port(&self) -> Option<&str> {
         self.amplifier.as_ref()?.port.as_deref()
     }
 
@@ -533,7 +540,7 @@ impl RigNode {
     pub(crate) fn measured(&self) -> Measured {
         let sensor = self.sensor.clone().unwrap_or_default();
         Measured {
-            measurand: self.measurand(),
+            quantity: self.measured_quantity(),
             min: sensor.min.unwrap_or_default(),
             max: sensor.max,
             increment: sensor.position_increment,
@@ -556,12 +563,13 @@ impl RigNode {
 #[serde(deny_unknown_fields, default)]
 #[schemars(rename = "RigAmplifier")]
 pub struct Amplifier {
-    /// The port that it drives, as in `"wire.current_amperes"`, whose unit decides the output quantity: a current, in amperes; a
-    /// voltage, in volts; a force, in newtons; or a torque, in newton metres.
+    /// The port that it drives, as in `"wire.current_amperes"`. The port's unit decides the output quantity: a current, always in
+    /// amperes; a voltage, in volts; a mass, in kilograms; and so on. A share in percent and a number without a unit are called
+    /// like the port.
     #[schemars(length(min = 1, max = 200))]
     pub port: Option<String>,
-    /// The rated current (0x6075), or the rated value of another output quantity, in its unit. Commands and measured values are
-    /// in thousandths of it; 1 if absent.
+    /// The rated current (0x6075), or the rated value of another output quantity, in the unit of that quantity. Commands and
+    /// measured values are in thousandths of it; 1 if absent.
     #[schemars(range(min = 0.001, max = 1_000_000.0))]
     pub rated: Option<f64>,
     /// The smallest current: 0, or negative for an amplifier that drives both ways; 0 if absent.
@@ -611,14 +619,15 @@ pub struct Sensor {
 }
 
 impl Amplifier {
+    /// Returns the rated value, of which commands are thousandths (paper: 1 A).
+    pub fn rated(&self) -> f64 {
+        self.rated.unwrap_or(1.0)
+    }
+
     /// Returns the range of commands (paper: 0 to 1 A).
-    pub fn range(&self) -> CurrentRange {
-        let rated = self.rated.unwrap_or(CurrentRange::default().rated);
-        CurrentRange {
-            rated,
-            min: self.min.unwrap_or_default(),
-            max: self.max.unwrap_or(rated),
-        }
+    pub fn range(&self) -> CommandRange {
+        let (min, rated) = (self.min.unwrap_or_default(), self.rated());
+        CommandRange::of_rated(rated, min, self.max.unwrap_or(rated))
     }
 
     /// Returns the resolution of its converter; 0 leaves the command's own 1 permille (paper: 10 bits; default 0, since the frame
@@ -651,15 +660,12 @@ impl Sensor {
         self.noise_rms.unwrap_or_default()
     }
 
-    fn measurand(&self) -> Measurand {
+    fn quantity(&self) -> Quantity {
         let unit = self.unit.as_deref();
-        let position = Measurand::position(unit.map_or(Unit::Millimetres, Unit::from_word));
+        let unit = unit.map_or(Unit::Millimetres, Unit::from_word);
         match &self.signal {
-            Some(signal) => Measurand {
-                signal: signal.clone(),
-                ..position
-            },
-            None => position,
+            Some(signal) => Quantity::new(signal, unit),
+            None => Quantity::position(unit),
         }
     }
 }

@@ -5,12 +5,12 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value, json};
 
 use super::{CONTOURS, RIG, RUN, TRIAL, entries, part_of, resolve};
-use crate::document::Quantities;
+use crate::document::Meaning;
 use crate::fault;
 use crate::node::Profile;
 use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
-use dbc::{Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units};
+use dbc::{Quantities, Quantity, Unit, conversion, is_gain, is_pattern, known_units};
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
 const LOOP_ENTRIES: &str = "Reference";
@@ -33,13 +33,13 @@ const PARTS: [(&str, &str); 5] = [
 
 /// Returns the schema of scenarios on any rig.
 pub(super) fn scenario_schema() -> Value {
-    let mut schema = loops_schema(&Unit::NAMED.map(Measurand::position), None);
+    let mut schema = loops_schema(&Unit::NAMED.map(Quantities::of_position), None);
     prune(&mut schema);
     schema
 }
 
 /// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
-fn loops_schema(measurands: &[Measurand], travel: Option<Quantities>) -> Value {
+fn loops_schema(loops: &[Quantities], travel: Option<Meaning>) -> Value {
     let mut schema = parts_schema();
     put_name(&mut schema, LOOP_ENTRIES, "loop", "several");
     put_name(&mut schema, NODE_ENTRIES, "node", "several drives");
@@ -47,7 +47,7 @@ fn loops_schema(measurands: &[Measurand], travel: Option<Quantities>) -> Value {
     if let Some(travel) = travel {
         put_travel(&mut schema, &travel);
     }
-    name_keys(&mut schema, measurands);
+    name_keys(&mut schema, loops);
     let laws = properties(&schema, "Controller");
     let mut limits = properties(&schema, "Expect");
     limits["contour"] = CONTOURS["properties"]["contour"].clone();
@@ -153,9 +153,9 @@ fn rig_part(schema: &mut Value) -> Value {
 /// Returns the schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
     let drives = rig.of_kind(Profile::Drive);
-    let mut measurands = Vec::from_iter(drives.map(|(_, node)| node.measurand()));
-    measurands.dedup();
-    let mut schema = loops_schema(&measurands, travel(rig));
+    let mut loops = Vec::from_iter(drives.map(|(_, node)| node.quantities()));
+    loops.dedup();
+    let mut schema = loops_schema(&loops, travel(rig));
     for (section, definition) in [("controller", "Controller"), ("expect", "Expect")] {
         let below = &mut schema["properties"][section];
         let names = rig.loops.keys().map(String::as_str).chain([ALL]);
@@ -209,11 +209,14 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 }
 
 /// Returns the range of set-points: each lies within the range of one of the loops' sensors.
-fn travel(rig: &Rig) -> Option<Quantities> {
-    let followed = rig.loops.values().filter_map(|one| rig.node.get(one.followed()));
+fn travel(rig: &Rig) -> Option<Meaning> {
+    let followed = rig
+        .loops
+        .values()
+        .filter_map(|one| rig.node.get(one.followed()));
     let ranges = followed.map(|node| node.measured().range());
     let [min, max] = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])?;
-    let mut travel = Quantities::default();
+    let mut travel = Meaning::default();
     (travel.measured.min, travel.measured.max) = (min, Some(max));
     Some(travel)
 }
@@ -228,7 +231,7 @@ fn properties(schema: &Value, definition: &str) -> Value {
 }
 
 /// Gives set-points this range.
-fn put_travel(schema: &mut Value, travel: &Quantities) {
+fn put_travel(schema: &mut Value, travel: &Meaning) {
     for definition in entries(schema, LOOP_ENTRIES) {
         let properties = schema["definitions"][definition]["properties"].as_object_mut();
         for (key, property) in properties.into_iter().flatten() {
@@ -241,44 +244,49 @@ fn put_travel(schema: &mut Value, travel: &Quantities) {
 }
 
 /// Writes out all keys that are patterns, as these loops have them.
-fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
+fn name_keys(schema: &mut Value, loops: &[Quantities]) {
     let definitions = schema["definitions"].as_object_mut();
     for (_, table) in definitions.into_iter().flatten() {
-        name_table_keys(table, measurands);
+        name_table_keys(table, loops);
     }
 }
 
 /// Returns the loops, each once for every unit by which gains of its law can be.
-fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
-    let by_units = measurands.iter().flat_map(|measurand| {
-        let is_convertible = |unit: &&str| conversion(measurand.unit.law_word(), unit).is_some();
+fn by_any_unit(loops: &[Quantities]) -> Vec<Quantities> {
+    let by_units = loops.iter().flat_map(|quantities| {
+        let is_convertible =
+            |unit: &&str| conversion(quantities.feedback.unit.law_word(), unit).is_some();
         let units = known_units()
             .filter(is_convertible)
             .map(|unit| Unit::Other(unit.to_owned()));
-        let others = units.map(|unit| Measurand {
-            unit,
-            ..measurand.clone()
+        let others = units.map(|unit| {
+            let mut by = quantities.clone();
+            by.feedback.unit = unit;
+            by
         });
-        [measurand.clone()].into_iter().chain(others)
+        [quantities.clone()].into_iter().chain(others)
     });
     by_units.collect()
 }
 
 /// Writes out the keys of a table, and of its tables, as these loops have them. Names in other loops match patterns: the rig file
 /// decides which of them is right.
-fn name_table_keys(table: &mut Value, measurands: &[Measurand]) {
+fn name_table_keys(table: &mut Value, loops: &[Quantities]) {
     let Some(properties) = table.get_mut("properties").and_then(Value::as_object_mut) else {
         return;
     };
-    let any_loop = Command::ALL.map(|command| Measurand {
-        signal: ANY_WORD.to_owned(),
-        unit: Unit::Other(ANY_WORD.to_owned()),
-        command,
-    });
-    let shipped = Measurand::default();
+    let any_share = Quantity::new(ANY_WORD, Unit::Other("percent".to_owned()));
+    let any_loop = Quantity::known()
+        .chain([any_share])
+        .map(|output| Quantities {
+            feedback: Quantity::new(ANY_WORD, Unit::Other(ANY_WORD.to_owned())),
+            output,
+        });
+    let any_loop = Vec::from_iter(any_loop);
+    let shipped = Quantities::default();
     let mut patterns = Map::new();
     for (key, mut property) in std::mem::take(properties) {
-        name_table_keys(&mut property, measurands);
+        name_table_keys(&mut property, loops);
         if !is_pattern(&key) {
             properties.insert(key, property);
             continue;
@@ -289,11 +297,11 @@ fn name_table_keys(table: &mut Value, measurands: &[Measurand]) {
             .as_object_mut()
             .and_then(|keywords| keywords.remove("default"));
         let loops = if is_gain(&key) {
-            by_any_unit(measurands)
+            by_any_unit(loops)
         } else {
-            measurands.to_vec()
+            loops.to_vec()
         };
-        for name in loops.iter().map(|measurand| measurand.name(&key)) {
+        for name in loops.iter().map(|quantities| quantities.name(&key)) {
             let is_shipped = name == shipped.name(&key);
             let property = if is_shipped { &property } else { &other };
             properties.insert(name, property.clone());

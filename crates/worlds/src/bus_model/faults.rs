@@ -36,8 +36,7 @@ fn nodes_behind(participant: &str, plan: &Plan) -> Vec<(u8, String)> {
         return vec![(node.id(), node.name.clone())];
     }
     let loops = plan.loops.iter();
-    let emulated =
-        loops.filter(|one| one.drive().is_ours() && emulator_name(one) == participant);
+    let emulated = loops.filter(|one| one.drive().is_ours() && emulator_name(one) == participant);
     let drives = emulated.map(|one| one.drive());
     let mut nodes = Vec::from_iter(drives.map(|drive| (drive.id(), drive.name.clone())));
     nodes.sort_unstable();

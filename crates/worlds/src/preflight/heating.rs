@@ -127,7 +127,7 @@ impl<'a> Heating<'a> {
     fn on_feedback(&mut self, now: Duration, feedback: &Feedback) {
         let position = feedback.position;
         let is_at_rest = self.clock.scenario_time(now).unwrap_or_default() < REST;
-        let (no_current, threshold) = (self.no_current_amperes(), self.motion());
+        let (no_current, threshold) = (self.idle_output_max(), self.motion());
         if let Some(quick_stop) = &mut self.quick_stop {
             quick_stop.on_sample(now, feedback, no_current);
         } else if !is_at_rest {
@@ -151,7 +151,7 @@ impl<'a> Heating<'a> {
         MOTION_STEPS * self.drive.real.position.resolution
     }
 
-    fn no_current_amperes(&self) -> f64 {
+    fn idle_output_max(&self) -> f64 {
         NO_CURRENT * self.drive.real.limits.current_amperes
     }
 
@@ -288,8 +288,8 @@ impl<'a> Heating<'a> {
         }
         // Without a sample a limit was violated: NMT stop came at once.
         let last = quick_stop.last.ok_or("no sample came after it")?;
-        let flowing = last.current_amperes;
-        match flowing.filter(|amperes| amperes.abs() > self.no_current_amperes()) {
+        let flowing = last.output;
+        match flowing.filter(|amperes| amperes.abs() > self.idle_output_max()) {
             Some(amperes) => Ok(Failed(format!(
                 "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
             ))),

@@ -231,7 +231,7 @@ impl Session<'_> {
         write_plan(&folder, &ramp)?;
         let (log, progress) = (folder.bus_log(false)?, ProgressReader::new(&ramp)?);
         let clock = ramp.scenario_clock()?;
-        let unit = &one.trial.wiring.sensor.measurand.unit;
+        let unit = &one.trial.wiring.sensor.quantity.unit;
         let mut heating = Heating::new(drive, clock.clone(), unit);
         let mut capture = Capture::new(log, progress, clock, self.watch, Vec::new());
         let mut is_enough = |capture: &Capture<'_>| {

@@ -71,18 +71,13 @@ pub(super) struct QuickStop {
 }
 
 impl QuickStop {
-    /// Takes a sample; a current of at most `no_current_amperes` counts as none.
-    pub(super) fn on_sample(
-        &mut self,
-        now: Duration,
-        feedback: &Feedback,
-        no_current_amperes: f64,
-    ) {
+    /// Takes a sample; a current of at most `idle_output_max` counts as none.
+    pub(super) fn on_sample(&mut self, now: Duration, feedback: &Feedback, idle_output_max: f64) {
         self.last = Some(*feedback);
         let state = State::from_statusword(feedback.statusword);
         let is_enabled = state == Some(State::OperationEnabled);
-        let current = feedback.current_amperes;
-        let flows = current.is_some_and(|amperes| amperes.abs() > no_current_amperes);
+        let current = feedback.output;
+        let flows = current.is_some_and(|amperes| amperes.abs() > idle_output_max);
         if !is_enabled && !flows {
             let after = now.saturating_sub(self.sent_at);
             self.without_current_after.get_or_insert(after);

@@ -1,6 +1,6 @@
 //! my_law: PI control of two axes that carry one beam. The law keeps the beam level. Put your law in its place.
 
-use controller::law::{CurrentRange, Cycle, Law, Port, Ports};
+use controller::law::{CommandRange, Cycle, Law, Port, Ports};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -57,7 +57,7 @@ impl Law for MyLaw {
     type Config = Config;
     type State = [Axis; 2];
 
-    fn new(config: &Config, _: &[CurrentRange]) -> Self {
+    fn new(config: &Config, _: &[CommandRange]) -> Self {
         Self {
             config: config.clone(),
         }
@@ -66,7 +66,7 @@ impl Law for MyLaw {
     fn ports(&self) -> Ports {
         let [left, right] = &self.config.loops;
         let read = |name: String| Port::input(&name, TRAVEL);
-        let command = |of: &str| Port::output(&format!("{of}.current_amperes"), CURRENT_RANGE);
+        let command = |of: &str| Port::output(&format!("{of}.command"), CURRENT_RANGE);
         let term = |of: &str| {
             Port::term(&format!("{of}.integral_part_amperes"))
                 .with_comment("Integral part of the current.")
@@ -79,7 +79,7 @@ impl Law for MyLaw {
                 read(format!("{left}.set_point_metres")),
                 read(format!("{right}.set_point_metres")),
             ],
-            // One current for each drive; the other values are recorded.
+            // One command for each drive; the other values are recorded.
             outputs: vec![command(left), command(right), term(left), term(right)],
         }
     }
@@ -168,6 +168,6 @@ mod tests {
             ..Config::default()
         };
         let law = MyLaw::new(&config, &[]);
-        assert_eq!(law.ports().outputs[1].name, "y.current_amperes");
+        assert_eq!(law.ports().outputs[1].name, "y.command");
     }
 }

@@ -58,7 +58,10 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
         assert_eq!(drive.layout.mode_of_operation, -1);
         assert!((drive.real.limits.current_amperes - 1.0).abs() < 1e-12);
         let feedback = drive.layout.feedback.id();
-        assert_eq!(one.position(plan.database()).unwrap().raw_id(), u32::from(feedback));
+        assert_eq!(
+            one.position(plan.database()).unwrap().raw_id(),
+            u32::from(feedback)
+        );
         assert!(message_of(plan.database(), one.drive(), "truth").is_err());
     }
     let id = |name: &str| plan.database().message(name).unwrap().raw_id;

@@ -260,8 +260,8 @@ impl Plots {
     fn of(compared: &Compared<'_>) -> Self {
         let comparison = compared.comparison;
         let names = compared.timelines()[0].iter().flat_map(|timeline| {
-            let judged = [names::POSITION, names::CURRENT];
-            judged.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.name(name)))
+            let judged = [names::POSITION, names::OUTPUT];
+            judged.map(|name| format!("{}{}", timeline.prefix(), timeline.quantities.name(name)))
         });
         let names = Vec::from_iter(names);
         let is_first = |signal: &&SignalDifference| names.contains(&signal.name);

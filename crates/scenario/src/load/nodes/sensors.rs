@@ -4,7 +4,7 @@ use crate::check::Check;
 use crate::error::Problem;
 use crate::rig::nodes::{RigNode, Sensor};
 use dbc::names::is_name;
-use dbc::{Measurand, Unit};
+use dbc::{Quantity, Unit};
 
 /// Largest number of converter steps in a count of the position: 16 bits over 60 mm are steps of 0.9 micrometres.
 const STEPS_OF_A_COUNT: f64 = 2.0;
@@ -17,8 +17,8 @@ impl Check<'_> {
                 continue;
             };
             let path = |key: &str| format!("node.{name}.{key}");
-            let measurand = node.measurand();
-            let Measurand { signal, unit, .. } = &measurand;
+            let quantity = node.measured_quantity();
+            let Quantity { name: signal, unit } = &quantity;
             if !is_name(unit.word()) {
                 let message = format!("`{unit}` is no unit");
                 let label = "a word, as names of ports end in: degrees";
@@ -30,7 +30,7 @@ impl Check<'_> {
                 let message = format!("`{signal}` is not the name of a signal");
                 let label = "a word, as in signal = \"speed\"";
                 self.at(&path_of_signal, message, label);
-            } else if measurand.is_ambiguous() {
+            } else if quantity.is_ambiguous() {
                 let message = format!("`{signal}` is the name of something else of a loop");
                 let label = "another word, as in signal = \"speed\"";
                 self.at(&path_of_signal, message, label);
@@ -80,7 +80,7 @@ impl Check<'_> {
                 self.document.problem(&path, message, label)
             });
         }
-        let unit = node.measurand().unit;
+        let unit = node.measured_quantity().unit;
         let increment = sensor.position_increment.unwrap_or(1.0 / unit.counts());
         let [lowest, highest] = sensor.range();
         let step = (highest - lowest) / libm::exp2(sensor.resolution_bits().into());
