@@ -252,6 +252,20 @@ impl Plan {
         }
     }
 
+    /// Refuses a rig without a loop, whose nodes nobody can play yet.
+    ///
+    /// # Errors
+    /// The rig has no loop.
+    pub fn require_loop(&self) -> Result<(), String> {
+        if self.loops.is_empty() {
+            let rig = &self.shared.rig.name;
+            return Err(format!(
+                "the rig `{rig}` has no loop, and canrig plays only rigs with a loop: add a drive and [loop.NAME] to it"
+            ));
+        }
+        Ok(())
+    }
+
     /// Refuses a fault of the scenario that would happen to an external node.
     ///
     /// # Errors

@@ -264,7 +264,8 @@ pub(crate) fn prepared(
         ..Use::default()
     };
     let plan = load_for(path, values, &wanted).map_err(failed)?;
-    testbed.prepare(plan).map_err(|reason| {
+    let playable = plan.require_loop().and_then(|()| testbed.prepare(plan));
+    playable.map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("`{}`: {reason}", path.display())));
         Exit::CannotStart
     })

@@ -42,6 +42,16 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
     load_for(path, values, &Use::default())
 }
 
+/// Loads as [`load`], to play the scenario.
+///
+/// # Errors
+/// As [`load`], or the rig has no loop.
+pub fn load_to_play(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
+    let plan = load(path, values)?;
+    let playable = plan.require_loop().map(|()| plan);
+    playable.map_err(|why| Exit::CannotStart.because(format!("`{}`: {why}", path.display())))
+}
+
 /// Use of a scenario, which decides what it must have.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Use<'a> {

@@ -97,7 +97,7 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     }
     travel(check, trial);
     chirps(check, &trial.reference);
-    signals::check(check, trial);
+    signals::check(check, &trial.expect, trial.run.duration_seconds);
     let expects = [&trial.expect, &trial.run.expect];
     requirements::check(check, expects, &trial.wiring.quantities);
 }
@@ -109,6 +109,7 @@ pub(crate) fn run(check: &mut Check<'_>, run: &Run, nodes: &Nodes) {
     limits::of_bus(check, &run.expect);
     let expects = [&run.expect, &Expect::default()];
     requirements::check(check, expects, &Quantities::default());
+    signals::check(check, &run.expect, run.duration_seconds);
     disturbances(check, run);
     faults(check, &run.faults, nodes, run.duration_seconds);
 }

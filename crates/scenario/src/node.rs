@@ -57,9 +57,9 @@ pub enum Profile {
     /// SYNC producer, NMT master, and the laws of all loops. A bus has one.
     #[serde(rename = "controller")]
     Manager,
-    /// A drive (CiA 402) with amplifier and sensor.
+    /// An emulated CiA 402 drive with amplifier and sensor.
     Drive,
-    /// A node with outputs that act on a plant (CiA 401), such as a fan and a load.
+    /// An emulated CiA 401 node with outputs that act on a plant, such as a fan and a load.
     Io,
 }
 

@@ -53,7 +53,40 @@ impl Plan {
             ..Asked::default()
         };
         let scenario = Scenario::parse(beside, text, &mut read_file, &asked)?;
-        planned(&scenario, catalogue)
+        let plan = planned(&scenario, catalogue)?;
+        match plan.unknown_signal() {
+            Some(objection) => Err(scenario.objected(objection)),
+            None => Ok(plan),
+        }
+    }
+
+    /// Finds a name of no signal of the bus, or of several, in the expectations of a rig without loops.
+    fn unknown_signal(&self) -> Option<Objection> {
+        let mut named = self.shared.run.expect.named_signals();
+        named.find_map(|(path, name)| {
+            let messages = self.database.messages().iter();
+            let paths = messages.flat_map(|message| {
+                let signals = message.signals.iter();
+                signals
+                    .map(move |signal| (&signal.name, format!("{}.{}", message.name, signal.name)))
+            });
+            let is_meant = |(signal, path): &(&String, String)| {
+                signal.eq_ignore_ascii_case(name) || path.eq_ignore_ascii_case(name)
+            };
+            let found = Vec::from_iter(paths.filter(is_meant).map(|(_, path)| path));
+            let (message, label) = match found.len() {
+                0 => (
+                    format!("no signal is called `{name}`"),
+                    "not on the bus".to_owned(),
+                ),
+                1 => return None,
+                count => {
+                    let message = format!("`{name}` is the name of {count} signals");
+                    (message, format!("it may be {}", found.join(", ")))
+                }
+            };
+            Some(Objection::new(path, message, label))
+        })
     }
 
     /// Parses as [`Plan::parse`], but accepts names of unknown signals in the scenario.

@@ -458,9 +458,6 @@ impl Check<'_> {
         let rig = self.rig;
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
         let mut is_one_in_two = false;
-        if rig.loops.is_empty() {
-            self.at_key("loop", "the rig has no loop", "write [loop.NAME]");
-        }
         for (name, one) in &rig.loops {
             let path = format!("loop.{name}.outputs");
             let first_drive = one.first();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::contours::read_contours;
-use super::expect::{is_shared, keep_part};
+use super::expect::{is_shared, keep_part, of_no_loop};
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
 use super::sections::{CONTROLLER, DISTURBANCE, EXPECT, SHARED, Selector};
@@ -257,14 +257,21 @@ impl Resolver<'_> {
         self.check.add(wrong_faults);
         let is_swept = self.asked.reading == Reading::ToPlay;
         let sweep = is_swept.then_some(SWEEP);
-        let has_limits = scenario.keys(EXPECT).into_iter().any(is_shared);
+        let has_loops = !rig.loops.is_empty();
+        if !has_loops {
+            self.check.add(of_no_loop(scenario));
+        }
+        let has_limits = scenario
+            .keys(EXPECT)
+            .into_iter()
+            .any(|key| !has_loops || is_shared(key));
         let expect = has_limits.then_some(EXPECT);
         let read = |tables: [Option<&str>; 2]| {
             let tables = tables.into_iter().flatten();
             let keys = SHARED.into_iter().chain(expect).chain(tables);
             let mut header = scenario.only(&Vec::from_iter(keys));
             header.rewrite(|root| {
-                if let Some(expect) = root.get_mut(EXPECT) {
+                if let Some(expect) = root.get_mut(EXPECT).filter(|_| has_loops) {
                     keep_part(expect.get_mut(), true);
                 }
             });

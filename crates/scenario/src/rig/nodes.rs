@@ -52,9 +52,9 @@ pub struct Rig {
     /// The nodes by name.
     #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub node: BTreeMap<String, RigNode>,
-    /// The loops by name.
-    #[serde(rename = "loop")]
-    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}, "minProperties" = 1))]
+    /// The loops by name. A rig without drives has none.
+    #[serde(default, rename = "loop")]
+    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub loops: BTreeMap<String, RigLoop>,
 }
 

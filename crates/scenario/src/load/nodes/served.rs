@@ -43,6 +43,7 @@ impl Check<'_> {
         let named = Vec::from_iter(rig.node.values().flat_map(|node| node.plants()));
         let mut drives = rig.node.iter();
         let is_one_ours = drives.any(|(name, node)| node.is_ours() && rig.plant_of(name).is_some());
+        let has_drives = rig.of_kind(Profile::Drive).next().is_some();
         let is_moved = |plant: &str| {
             let mut drives = rig.of_kind(Profile::Drive);
             drives.any(|(drive, _)| rig.plant_of(drive) == Some(plant))
@@ -52,7 +53,7 @@ impl Check<'_> {
                 let label =
                     "an amplifier, a sensor, a record or an output of an io node is wired to it";
                 (format!("no node names the plant `{plant}`"), label)
-            } else if !is_one_ours && !is_moved(plant) {
+            } else if has_drives && !is_one_ours && !is_moved(plant) {
                 let label = "no drive of this rig is canrig's";
                 (format!("nobody emulates the plant `{plant}`"), label)
             } else {
