@@ -47,9 +47,17 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
 /// # Errors
 /// As [`load`], or the rig has no loop.
 pub fn load_to_play(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
-    let plan = load(path, values)?;
-    let playable = plan.require_loop().map(|()| plan);
-    playable.map_err(|why| Exit::CannotStart.because(format!("`{}`: {why}", path.display())))
+    load(path, values).and_then(playable)
+}
+
+/// Returns a plan that can be played.
+///
+/// # Errors
+/// The rig has no loop.
+pub(crate) fn playable(plan: Plan) -> Result<Plan, Failure> {
+    let required = plan.require_loop();
+    let playable = required.map(|()| plan);
+    playable.map_err(|why| Failure::invalid(MietteDiagnostic::new(why)))
 }
 
 /// Use of a scenario, which decides what it must have.
