@@ -13,7 +13,6 @@ use canopen::{AbortCode, ObjectDictionary, eds};
 use plan::named_nodes::node_sheets;
 use plan::{ControlLoop, Plan};
 use plant_emulator::catalogue;
-use scenario::node::Part;
 use worlds::law_process::LawPlace;
 use worlds::names::emulator_name;
 use worlds::nodes::{controller_views, make_controller, plant_emulator};
@@ -547,19 +546,20 @@ fn the_nodes_of_a_rig_are_as_their_sheets_say() {
         let plan = Plan::load(&root().join(scenario), worlds::catalogue::catalogue()).unwrap();
         let views = controller_views(&plan);
         for (node, text) in node_sheets(&plan) {
-            let played: Box<dyn Node> = if node.part == Part::Controller {
+            let played: Box<dyn Node> = if node.id() == plan.controller().id() {
                 Box::new(make_controller(&views, &LawPlace::of(&plan)).unwrap())
             } else {
                 let has_it = |one: &&ControlLoop| {
                     let has_plant = |plant: &str| one.trial.plants.contains_key(plant);
                     let mut io = one.trial.wiring.shared.io_on(has_plant);
-                    one.nodes.drive.id == node.id || io.any(|io| io.node.id == node.id)
+                    one.drive().id() == node.id()
+                        || io.any(|io| plan.nodes[io.node].id() == node.id())
                 };
                 let name = emulator_name(plan.loops.iter().find(has_it).unwrap());
                 plant_emulator(&plan, name).unwrap()
             };
-            let mut bench = Bench::new(played, node.id);
-            let promised = eds::parse(&text, node.id).unwrap();
+            let mut bench = Bench::new(played, node.id());
+            let promised = eds::parse(&text, node.id()).unwrap();
             for entry in promised.entries() {
                 let found = bench.read(entry.index, entry.sub_index);
                 let at = format!("{scenario}, {}: {entry:?}", node.name);

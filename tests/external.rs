@@ -553,7 +553,7 @@ fn an_external_controller_sends_no_terms_of_a_law() {
         match plan.with_external(std::slice::from_ref(&controller)) {
             Ok(plan) => {
                 let mut loops = plan.loops.iter();
-                let terms = |one: &plan::ControlLoop| one.terms().count();
+                let terms = |one: &plan::ControlLoop| one.terms(plan.database()).count();
                 assert!(loops.all(|one| terms(one) == 0), "{}", path.display());
                 taken += 1;
             }

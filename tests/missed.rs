@@ -280,7 +280,7 @@ fn no_command_of_several_loops_is_due_where_a_position_is_missing() {
     plan = plan.recorded_external(&[CONTROLLER.to_owned()]);
     let id = |place: usize, service: &str| {
         let one = &plan.loops[place];
-        let message = one.message(&one.nodes.drive, service).unwrap();
+        let message = plan::message_of(plan.database(), one.drive(), service).unwrap();
         u16::try_from(message.raw_id).unwrap()
     };
     let percent = |frames: &[Stamped]| {

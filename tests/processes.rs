@@ -197,8 +197,8 @@ const FAULT_TO_COME: &str =
     "[[fault.sensor.noise]]\nfrom_seconds = 19.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.01\n";
 
 /// Returns the last current by the plant of a drive.
-fn last_current(log: &str, one: &plan::ControlLoop) -> f64 {
-    let truth = one.message(&one.nodes.drive, "truth").unwrap();
+fn last_current(log: &str, plan: &plan::Plan, one: &plan::ControlLoop) -> f64 {
+    let truth = plan::message_of(plan.database(), one.drive(), "truth").unwrap();
     let current = truth.handle(truth.signal("plant_current_amperes").unwrap());
     let frames = log.lines().rev().filter_map(|line| {
         let (id, data) = line.rsplit_once(' ')?.1.split_once('#')?;
@@ -227,7 +227,7 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     let run = Run::start(&scenario, clock);
     let emulators = drives.iter().map(|(drive, _)| run.node(&plant_name(drive)));
     let nodes = Vec::from_iter(emulators.chain([run.node("controller")]));
-    let flows = |one| last_current(&run.log(), one) > 0.0;
+    let flows = |one| last_current(&run.log(), &plan, one) > 0.0;
     wait_for("the current to flow", || plan.loops.iter().all(flows));
     kill_process(run.node(victim), Signal::KILL).unwrap();
     let run_folder = run.run_folder().unwrap();
@@ -247,7 +247,11 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
     for (one, (drive, _)) in plan.loops.iter().zip(&drives) {
         if plant_name(drive) != victim {
-            assert_eq!(last_current(&log, one), 0.0, "{drive} after {victim}");
+            assert_eq!(
+                last_current(&log, &plan, one),
+                0.0,
+                "{drive} after {victim}"
+            );
         }
         // A drive that ended with its emulator sends no report.
         let is_off = (plant_name(drive) != victim).then_some(true);

@@ -24,7 +24,7 @@ pub(crate) fn eds(args: &EdsArgs) -> Result<Exit, Failure> {
     for (node, eds) in named_sheets(&args.rig)? {
         let path = args.to.join(format!("{}.eds", node.name));
         write_new(&path, &eds)?;
-        let id = node.id;
+        let id = node.id();
         print(&format!("{}  node {id} (0x{id:02X})", path.display()));
     }
     Ok(Exit::Pass)

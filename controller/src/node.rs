@@ -59,7 +59,9 @@ pub fn controller_node_of_loops<'a>(
         plans.push(LoopPlan::new(view, real_drive)?);
     }
     let io = plans[0].view.wiring.shared.io.iter();
-    let io_nodes = io.map(|io| node_id(io.node.id)).collect::<Result<_, _>>()?;
+    let io_nodes = io
+        .map(|io| node_id(plans[0].view.wiring.node(io.node).id()))
+        .collect::<Result<_, _>>()?;
     Leader::leading(plans, io_nodes, start)
 }
 
@@ -70,7 +72,7 @@ impl Leader {
         start: StartPlayer<'_>,
     ) -> Result<ControllerNode, ControllerError> {
         let view = plans[0].view;
-        let own_id = node_id(view.wiring.nodes.controller.id)?;
+        let own_id = node_id(view.wiring.controller().id())?;
         let sync_period = view.bus.sync_period();
         // All drives begin together, when the last one is ready.
         let bring_ups = plans.iter().map(|plan| plan.timeouts.bring_up());
@@ -96,8 +98,10 @@ impl Leader {
             &Vec::from_iter(drives),
             &Vec::from_iter(io_ids),
         );
-        let nodes = &view.wiring.nodes;
-        let name = view.wiring.shared.device_name(&nodes.controller.name);
+        let name = view
+            .wiring
+            .shared
+            .device_name(&view.wiring.controller().name);
         let dictionary = node_objects::with_device_name(dictionary, name);
         let leading = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;
@@ -160,7 +164,7 @@ fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, Controll
 
 /// Returns the index of the loop whose drive measures the position that a loop follows.
 fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, ControllerError> {
-    let followed = of.view.wiring.nodes.followed.id;
+    let followed = of.view.wiring.followed_drive().id();
     let mut drives = plans.iter().map(|plan| plan.drive.node_id.get());
     let place = drives.position(|drive| drive == followed);
     place.ok_or_else(|| {

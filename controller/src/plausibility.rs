@@ -172,7 +172,7 @@ mod tests {
 
     use super::*;
     use dbc::{Quantity, Unit};
-    use scenario::rig::nodes::Rig;
+    use scenario::Scenario;
     use scenario::rig::shipped;
 
     const PERIOD: f64 = 1e-3;
@@ -189,8 +189,8 @@ mod tests {
         set_point_millimetres: f64,
         samples: impl Iterator<Item = f64>,
     ) -> Vec<Result<(), Cause>> {
-        let rig = Rig::parse(shipped::text(rig).unwrap(), rig).unwrap();
-        let mut plausibility = Plausibility::new(&rig.wiring_of("drive"));
+        let idle = Scenario::from_rig(shipped::text(rig).unwrap(), rig).unwrap();
+        let mut plausibility = Plausibility::new(&idle.loops.first().unwrap().wiring);
         let check = |millimetres: f64| {
             plausibility.advance(PERIOD, current);
             plausibility.check(millimetres, set_point_millimetres)

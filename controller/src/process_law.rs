@@ -106,9 +106,7 @@ fn whole_name(signal: &str, wiring: &Wiring) -> String {
 /// Returns the name of a signal in the process: without the loop if it is the own one.
 fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
     match signal.split_once('.') {
-        Some((owner, name)) if owner == wiring.loop_name || owner == wiring.nodes.drive.name => {
-            name
-        }
+        Some((owner, name)) if owner == wiring.loop_name || owner == wiring.drive().name => name,
         _ => signal,
     }
 }

@@ -88,7 +88,7 @@ impl Drive {
     ) -> Result<Self, InvalidEmulator> {
         let objects = Objects::find(dictionary, &wires)?;
         let wiring = &trial.wiring;
-        let seed = drive_seed(trial.run.seed, wiring.nodes.drive.id);
+        let seed = drive_seed(trial.run.seed, wiring.drive().id());
         Ok(Self {
             machine: StateMachine::default(),
             sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)

@@ -33,6 +33,18 @@ pub(crate) enum DriveNode {
     Faulty(Faulty<Device<Drive>>, Truth),
 }
 
+/// Returns a clock of scenario time that has not begun: it begins when all drives of the run are enabled.
+pub(crate) fn scenario_clock(
+    trial: &Trial,
+    database: &Database,
+) -> Result<ScenarioClock, InvalidEmulator> {
+    let drives = trial.wiring.shared.loops.iter();
+    Ok(ScenarioClock::new(
+        database,
+        drives.map(|one| one.drive.as_str()),
+    )?)
+}
+
 impl DriveNode {
     /// Makes the drive of these parts; it does not hold its plant yet.
     pub(crate) fn new(
@@ -45,7 +57,7 @@ impl DriveNode {
             return Ok(Self::Sound(sound));
         }
         let wiring = &trial.wiring;
-        let plan = FaultPlan::new(&trial.drive_faults(), wiring.nodes.drive.id);
+        let plan = FaultPlan::new(&trial.drive_faults(), wiring.drive().id());
         let renew = move |device: &mut Device<Drive>| {
             // The same parts were set up before, so this cannot fail.
             if let Ok(mut fresh) = parts.device() {
@@ -55,9 +67,7 @@ impl DriveNode {
                 *device = fresh;
             }
         };
-        let drives = wiring.shared.loops.iter().map(|one| one.drive.as_str());
-        let clock = ScenarioClock::new(database, drives)?;
-        let faulty = Faulty::new(sound, plan, clock, renew);
+        let faulty = Faulty::new(sound, plan, scenario_clock(trial, database)?, renew);
         let truth = Truth::new(database, wiring)?;
         Ok(Self::Faulty(faulty, truth))
     }
@@ -155,7 +165,7 @@ impl Parts {
             .of("wrong_node_id")
             .next()
             .and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
-        let node_id = node_id(wrong_id.unwrap_or(wiring.nodes.drive.id))?;
+        let node_id = node_id(wrong_id.unwrap_or(wiring.drive().id()))?;
         let wrong_identity = faults.of("wrong_identity").next();
         let code = wrong_identity.and_then(|fault| fault.whole("product_code"));
         let identity = code.map(|code| Preset::new(IDENTITY, PRODUCT_CODE, code.into()));
@@ -167,7 +177,7 @@ impl Parts {
             position: &wires.true_position,
         };
         let objects = node_objects::drive(node_id.get(), Some(truth), presets);
-        let name = wiring.shared.device_name(&wiring.nodes.drive.name);
+        let name = wiring.shared.device_name(&wiring.drive().name);
         let objects = node_objects::with_device_name(objects, name);
         Ok(Self {
             node_id,

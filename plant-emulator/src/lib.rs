@@ -19,6 +19,7 @@ pub mod drive;
 mod drive_node;
 mod faults;
 pub mod integrator;
+mod io_node;
 mod objects;
 pub mod plant;
 pub mod plants;
@@ -30,19 +31,17 @@ mod wires;
 use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress, earliest};
+use canopen::NodeId;
 use canopen::device::PDOS_AND_SDOS;
 use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::services::InvalidPdo;
-use canopen::{Device, NodeId};
 
 use clocked_plant::ClockedPlant;
 use dbc::{Database, SignalMissing};
-use disturbance::DisturbanceModule;
-use drive_node::{DriveNode, Parts};
-use objects::node_id;
+use drive_node::{DriveNode, Parts, scenario_clock};
+use io_node::IoNode;
 use plant::{InvalidPlant, Plant, Ports};
 use scenario::Trial;
-use scenario::wiring::IoOutput;
 use wires::Wires;
 
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
@@ -91,18 +90,11 @@ pub struct PlantEmulator {
     drives: Vec<DriveNode>,
     /// Index of the drive that holds the plants.
     holder: usize,
-    modules: Vec<Module>,
+    modules: Vec<IoNode>,
     /// Node-IDs of drives and modules.
     node_ids: Vec<u8>,
     /// Node-ID of their manager.
     manager: u8,
-}
-
-/// An io node, and the inputs of the plants that it sets.
-#[derive(Debug)]
-struct Module {
-    device: Device<DisturbanceModule>,
-    outputs: Vec<IoOutput>,
 }
 
 impl PlantEmulator {
@@ -116,7 +108,7 @@ impl PlantEmulator {
         loops: &[&Trial],
         database: &Database,
     ) -> Result<Self, InvalidEmulator> {
-        let controller = loops.first().map(|trial| trial.wiring.nodes.controller.id);
+        let controller = loops.first().map(|trial| trial.wiring.controller().id());
         let manager = controller.unwrap_or_default();
         let ports = plants
             .iter()
@@ -126,24 +118,17 @@ impl PlantEmulator {
         let name = names.join(" and ");
         let plants = ClockedPlant::new(plants);
         let mut sorted = loops.to_vec();
-        sorted.sort_by_key(|trial| trial.wiring.nodes.drive.id);
+        sorted.sort_by_key(|trial| trial.wiring.drive().id());
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
         for trial in sorted {
             let wires = Wires::new(&ports, &trial.wiring)?;
-            node_ids.push(trial.wiring.nodes.drive.id);
+            node_ids.push(trial.wiring.drive().id());
             for io in (trial.wiring.shared).io_on(|plant| names.iter().any(|name| name == plant)) {
-                if !node_ids.contains(&io.node.id) {
-                    node_ids.push(io.node.id);
-                    let outputs = io.outputs(&ports);
-                    modules.push(Module {
-                        device: disturbance(
-                            io.node.id,
-                            &outputs,
-                            manager,
-                            trial.wiring.shared.device_name(&io.node.name),
-                        )?,
-                        outputs,
-                    });
+                let id = trial.wiring.node(io.node).id();
+                if !node_ids.contains(&id) {
+                    node_ids.push(id);
+                    let clock = || scenario_clock(trial, database);
+                    modules.push(IoNode::new(io, &ports, trial, clock)?);
                 }
             }
             let parts = Parts::new(&plants, wires, trial)?;
@@ -190,7 +175,7 @@ impl PlantEmulator {
     /// Applies an event to the modules, then to each drive, in the order of node-IDs. At last it advances the rig.
     fn each(&mut self, now: Duration, to_node: impl Fn(&mut dyn Node)) {
         for module in &mut self.modules {
-            to_node(&mut module.device);
+            to_node(module.as_node_mut());
         }
         self.disturb(now);
         for place in 0..self.drives.len() {
@@ -211,16 +196,9 @@ impl PlantEmulator {
             return;
         };
         holder.drive_mut().plant.now = now;
-        for Module { device, outputs } in &mut self.modules {
-            if !std::mem::take(&mut device.application_mut().is_changed) {
-                continue;
-            }
-            let (module, dictionary) = (device.application(), device.services().dictionary());
-            for output in outputs {
-                if let Some(input) = output.input {
-                    let value = output.input_value(module.steps(dictionary, output.place));
-                    holder.drive_mut().disturb(input, value);
-                }
+        for module in &mut self.modules {
+            for (input, value) in module.changed_inputs() {
+                holder.drive_mut().disturb(input, value);
             }
         }
     }
@@ -241,7 +219,7 @@ impl Node for PlantEmulator {
             let mut drives = self.drives.iter();
             let mut modules = self.modules.iter();
             drives.any(|drive| drive.device().reads(*id))
-                || modules.any(|module| module.device.reads(*id))
+                || modules.any(|module| module.device().reads(*id))
         };
         let read = PDOS_AND_SDOS.filter(is_read).map(Filter::exact);
         let is_watched = |node: &NodeId| {
@@ -249,7 +227,7 @@ impl Node for PlantEmulator {
             let mut modules = self.modules.iter();
             node.get() == self.manager
                 || drives.any(|drive| drive.device().watches(*node))
-                || modules.any(|module| module.device.watches(*node))
+                || modules.any(|module| module.device().watches(*node))
         };
         let nodes = (1..=127).filter_map(NodeId::new);
         let heartbeats = nodes
@@ -272,7 +250,7 @@ impl Node for PlantEmulator {
             let mut drives = self.drives.iter();
             let mut modules = self.modules.iter();
             drives.all(|drive| drive.device().takes_silently(*id))
-                && modules.all(|module| module.device.takes_silently(*id))
+                && modules.all(|module| module.device().takes_silently(*id))
         };
         let ids = PDO_FUNCTIONS
             .into_iter()
@@ -301,18 +279,18 @@ impl Node for PlantEmulator {
                     drive.overhear(&frame);
                 }
             }
+            for module in &mut self.modules {
+                module.overhear(&frame);
+            }
             return Some(frame);
         }
         let mut modules = self.modules.iter_mut();
-        modules.find_map(|module| module.device.next_frame())
+        modules.find_map(|module| module.as_node_mut().next_frame())
     }
 
     fn next_deadline(&self) -> Option<Duration> {
         let drives = self.drives.iter().map(DriveNode::next_deadline);
-        let modules = self
-            .modules
-            .iter()
-            .map(|module| module.device.next_deadline());
+        let modules = self.modules.iter().map(IoNode::next_deadline);
         earliest(drives.chain(modules))
     }
 
@@ -322,7 +300,10 @@ impl Node for PlantEmulator {
             return Progress::Failed(format!("the plant `{}` cannot go on: {reason}", self.name));
         }
         let drives = self.drives.iter().map(|drive| drive.as_node().progress());
-        let modules = self.modules.iter().map(|module| module.device.progress());
+        let modules = self
+            .modules
+            .iter()
+            .map(|module| module.as_node().progress());
         let mut all = Progress::Stopped;
         for one in drives.chain(modules) {
             match one {
@@ -333,18 +314,4 @@ impl Node for PlantEmulator {
         }
         all
     }
-}
-
-fn disturbance(
-    number: u8,
-    outputs: &[IoOutput],
-    manager: u8,
-    name: Option<String>,
-) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
-    let node_id = node_id(number)?;
-    let in_sheet = outputs.iter().map(IoOutput::in_sheet);
-    let objects = dbc::node_objects::io(number, in_sheet, manager);
-    let objects = dbc::node_objects::with_device_name(objects, name);
-    let module = DisturbanceModule::new(&objects)?;
-    Ok(Device::new(node_id, objects, module)?)
 }

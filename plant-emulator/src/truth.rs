@@ -27,7 +27,7 @@ pub(crate) struct Truth {
 
 impl Truth {
     pub(crate) fn new(database: &Database, wiring: &Wiring) -> Result<Self, SignalMissing> {
-        let message = names::message(&wiring.nodes.drive.name, names::TRUTH);
+        let message = names::message(&wiring.drive().name, names::TRUTH);
         let quantities = wiring.drive_quantities();
         let signal = |pattern: &str| database.signal_of(&message, &quantities.name(pattern));
         Ok(Self {

@@ -1,14 +1,15 @@
 //! A plant with ports behind its drives.
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use can::{CanFrame, Node, Progress};
+use can::{CanFrame, Node as _, Progress};
 use dbc::{Database, Quantity, Unit};
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{InvalidEmulator, PlantEmulator};
 use scenario::Trial;
-use scenario::node::LoopNodes;
-use scenario::wiring::{Measured, Wiring};
+use scenario::node::{Node, Nodes, Profile};
+use scenario::wiring::{Measured, SharedWiring, Wiring};
 
 /// An arm whose angle integrates the sum of two currents; after a time it becomes another value.
 #[derive(Debug)]
@@ -70,11 +71,17 @@ fn scenario(input: &str) -> Trial {
     let mut scenario = testing::part(text, "drive");
     scenario.sensor.max = Some(180.0);
     scenario.sensor.resolution_bits = Some(20);
-    let mut nodes = LoopNodes::default();
     let id = if input == "left" { 0x10 } else { 0x12 };
-    (nodes.drive.id, nodes.followed.id) = (id, id);
+    let controller = Node::canopen("controller", 0x01, Profile::Manager);
+    let nodes = Nodes::new([controller, Node::canopen("drive", id, Profile::Drive)]).unwrap();
+    let drive = nodes.find("drive").unwrap();
     scenario.wiring = Wiring {
-        nodes,
+        drive,
+        followed: drive,
+        shared: Arc::new(SharedWiring {
+            nodes,
+            ..SharedWiring::default()
+        }),
         input: format!("arm.{input}_current_amperes"),
         output: "arm.angle_degrees".to_owned(),
         sensor: Measured {

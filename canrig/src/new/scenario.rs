@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use ::scenario::Beside;
 use ::scenario::metrics::{Form, METRICS, Metric, Subject};
-use ::scenario::node::Part;
 use ::scenario::rig::shipped;
 use campaigns::campaign::Campaign;
 use clap::Args;
@@ -68,10 +67,10 @@ pub(super) fn written(args: &ScenarioArgs) -> Result<String, Failure> {
     }
     let begin = rig.without_limits(name)?;
     let plan = Plan::parse_beside(&Beside::new(&path), begin.clone(), catalogue())?;
-    let is_emulated = |one: &ControlLoop| one.is_ours(Part::Drive);
+    let is_emulated = |one: &ControlLoop| one.drive().is_ours();
     let (limits, told) = match plan.loops.iter().find(|one| !is_emulated(one)) {
         Some(one) => {
-            let drive = &one.nodes.drive.name;
+            let drive = &one.drive().name;
             let text = format!(
                 "# No limits: the drive `{drive}` is not emulated, so nothing was measured. Limit what the first run shows.\n\
                  [expect]\n"
@@ -133,7 +132,7 @@ impl Rig {
              schema = 1\nrig = {rig:?}\nname = {name:?}\nduration_seconds = 4.0\n",
             rig = self.key
         );
-        let is_led_by_law = |one: &&ControlLoop| one.is_ours(Part::Controller);
+        let is_led_by_law = |one: &&ControlLoop| one.controller().is_ours();
         let mut comment = "\n# The gains follow from the ranges of sensor and amplifier alone: tune them, or name another law.\n";
         for one in self.led().filter(is_led_by_law) {
             text += comment;

@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use scenario::node::{Node as RigNode, Part};
+use scenario::node::{Node as RigNode, Nodes, Profile};
 
 use super::*;
 use crate::cause::Cause;
@@ -830,12 +830,17 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let node_id = real.node_id;
     let tables = format!("{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n");
     let mut view = view(&tables);
-    view.wiring.nodes.drive.id = node_id;
-    view.wiring.nodes.followed.id = node_id;
-    let io = io.map(|id| IoWiring {
-        node: RigNode::new("module", id, Part::Io),
+    let controller = RigNode::canopen("controller", 0x01, Profile::Manager);
+    let drive = RigNode::canopen("drive", node_id, Profile::Drive);
+    let module = io.map(|id| RigNode::canopen("module", id, Profile::Io));
+    let nodes = Nodes::new([controller, drive].into_iter().chain(module)).unwrap();
+    let io = nodes.find("module").map(|node| IoWiring {
+        node,
         outputs: BTreeMap::new(),
     });
+    let drive = nodes.find("drive").unwrap();
+    (view.wiring.drive, view.wiring.followed) = (drive, drive);
+    view.wiring.set_nodes(&nodes);
     Arc::make_mut(&mut view.wiring.shared).io = io.into_iter().collect();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node_id).unwrap();
     let layout = DriveLayout::new(dictionary.clone(), real).unwrap();

@@ -1,5 +1,6 @@
 //! Gain, phase and offset of the position against the set-point over the frequency of each chirp.
 
+use dbc::Database;
 use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::events::{JudgedChirp, Window};
@@ -34,11 +35,12 @@ pub struct FrequencyPoint {
 
 /// Returns the response to each chirp of the scenario. Points at which the drive was silent are missing.
 pub fn frequency_responses(
+    database: &Database,
     timeline: &Timeline,
     control_loop: &ControlLoop,
 ) -> Vec<FrequencyResponse> {
     let circumstances = Circumstances::default();
-    let evidence = Evidence::new(timeline, control_loop, &circumstances);
+    let evidence = Evidence::new(database, timeline, control_loop, &circumstances);
     let chirps = control_loop.trial.judged_chirps();
     chirps
         .iter()

@@ -3,7 +3,6 @@
 use recording::ending::EarlyEnd;
 use recording::latency::{Host, NodeReport};
 use recording::unrecorded::Unrecorded;
-use scenario::node::Part;
 
 /// Facts about a run in addition to its frames. The default is that of virtual time, and of a foreign recording.
 #[derive(Clone, Debug, Default)]
@@ -17,12 +16,13 @@ pub struct Circumstances {
 }
 
 impl Circumstances {
-    /// Returns whether one of canrig's nodes completed each of its cycles in real time before the next one, without waiting for a
-    /// law.
-    pub(crate) fn is_punctual(&self, node: Part) -> bool {
-        let report = match node {
-            Part::Controller => &self.host.controller,
-            _ => &self.host.plant_emulator,
+    /// Returns whether canrig's controller, or else its emulator, completed each of its cycles in real time before the next one,
+    /// without waiting for a law.
+    pub(crate) fn is_punctual(&self, is_controller: bool) -> bool {
+        let report = if is_controller {
+            &self.host.controller
+        } else {
+            &self.host.plant_emulator
         };
         let is_punctual = |report: &NodeReport| {
             report.ticks > 0 && report.overruns == 0 && report.late_answers == 0

@@ -11,7 +11,6 @@ use recording::unrecorded::Unrecorded;
 use recording::work::Pass;
 use scenario::expect::rounded;
 use scenario::metrics::is_traffic_metric;
-use scenario::node::Part;
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};
@@ -56,7 +55,8 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         .as_ref()
         .filter(|end| end.by == EndedBy::Node);
     let evidence = loops.iter().map(|(control_loop, timeline)| {
-        Evidence::new(timeline, control_loop, circumstances).among(&plan.shared.contours, &loops)
+        Evidence::new(plan.database(), timeline, control_loop, circumstances)
+            .among(&plan.shared.contours, &loops)
     });
     let all = Vec::from_iter(evidence);
     let found = end.map(|end| broke_off(&all, end));
@@ -70,8 +70,13 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         let verdict = match broke_off.and_then(|end| end.node_elsewhere(evidence)) {
             None => judge_loop(plan, evidence, broke_off),
             Some(node) => {
-                let cut = Evidence::new(evidence.timeline, evidence.control_loop, &elsewhere)
-                    .among(evidence.contours, evidence.loops);
+                let cut = Evidence::new(
+                    plan.database(),
+                    evidence.timeline,
+                    evidence.control_loop,
+                    &elsewhere,
+                )
+                .among(evidence.contours, evidence.loops);
                 let verdict = judge_loop(plan, &cut, broke_off);
                 ended_elsewhere(verdict, node, end)
             }
@@ -147,8 +152,7 @@ fn is_open_for_stalls(cause: Option<&NamedCause>, metrics: &[Metric]) -> bool {
 }
 
 /// Returns whether a node under test broke a duty in real time, and neither a stall nor a fault
-/// explains it. Under test are the nodes that canrig does not play, and the controller whose law is
-/// a process.
+/// explains it.
 fn has_unexplained_breach(evidence: &Evidence<'_>) -> bool {
     let host = &evidence.circumstances.host;
     let is_virtual = host.controller.is_none() && host.plant_emulator.is_none();
@@ -156,10 +160,7 @@ fn has_unexplained_breach(evidence: &Evidence<'_>) -> bool {
         return false;
     }
     let one = evidence.control_loop;
-    let is_law_tested = one.trial.controller.process_law().is_some();
-    let is_under_test = |duty: Duty| {
-        duty.is_of_external(one) || is_law_tested && duty.node(one) == Part::Controller
-    };
+    let is_under_test = |duty: Duty| one.node(duty.node(one)).is_under_test;
     let commands = [Commands::Missed, Commands::Late].map(|kind| kind.totals(evidence));
     let totals = commands.iter().chain([&evidence.attribution.cycles]);
     totals.flat_map(Totals::broken_by_nodes).any(is_under_test)
@@ -179,15 +180,15 @@ impl BrokeOff {
     fn node_elsewhere(&self, evidence: &Evidence<'_>) -> Option<&str> {
         let node = self.cause.node.as_str();
         let mut loops = evidence.loops.iter();
-        let is_drive = loops.any(|(one, _)| one.nodes.drive.name == node);
+        let is_drive = loops.any(|(one, _)| one.drive().name == node);
         (is_drive && !is_in_loop(evidence, node)).then_some(node)
     }
 }
 
 /// Returns whether a node is the controller or the drive of a loop.
 fn is_in_loop(evidence: &Evidence<'_>, node: &str) -> bool {
-    let nodes = &evidence.control_loop.nodes;
-    nodes.controller.name == node || nodes.drive.name == node
+    let one = evidence.control_loop;
+    one.controller().name == node || one.drive().name == node
 }
 
 /// Returns the earliest breach of all loops that lasts to an end caused by a node, or else the end itself.
@@ -236,9 +237,10 @@ fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     let drive = end.node.clone().unwrap_or_default();
     let evidence = all
         .iter()
-        .find(|evidence| evidence.control_loop.nodes.drive.name == drive)?;
+        .find(|evidence| evidence.control_loop.drive().name == drive)?;
+    let one = evidence.control_loop;
     let lasting = Lasting::earliest(evidence, Some(at));
-    if lasting.is_some_and(|lasting| lasting.duty.node(evidence.control_loop) == Part::Drive) {
+    if lasting.is_some_and(|lasting| lasting.duty.node(one) == one.drive_index()) {
         return None;
     }
     let is_of_fault = evidence.attribution.hits.changed_value(at);
@@ -246,7 +248,7 @@ fn violation(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
         let description = format!("a fault of the scenario changes frames ({end})");
         ("fault".to_owned(), description)
     } else if Duty::Command.is_of_external(evidence.control_loop) {
-        let controller = node_name(evidence, Part::Controller);
+        let controller = &evidence.control_loop.controller().name;
         (
             drive,
             format!("{end}; the {controller} that leads it is under test, too"),
@@ -321,7 +323,7 @@ fn with_drive(evidence: &Evidence<'_>, off: Option<&Metric>, decision: Decision)
         None => description.clone(),
     };
     let cause = cause.unwrap_or_else(|| NamedCause {
-        node: node_name(evidence, Part::Drive).to_owned(),
+        node: evidence.control_loop.drive().name.clone(),
         duty: "off".to_owned(),
         at_seconds: on.at_seconds,
         description,
@@ -450,7 +452,8 @@ fn too_many(
     breach: Option<&str>,
 ) -> Option<(String, NamedCause)> {
     let lost = evidence.circumstances.unrecorded.frames_lost;
-    let shares = totals.too_many(max, lost);
+    let mut shares = totals.too_many(max, lost);
+    shares.sort_by_key(|(duty, ..)| duty.place(evidence.control_loop));
     let description = shares.iter().map(|(duty, percent, first)| {
         let node = node_name(evidence, duty.node(evidence.control_loop));
         let breach = breach.unwrap_or(duty.breach());
@@ -485,7 +488,7 @@ fn counter_goes_back(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let own = frames.saturating_sub(evidence.attribution.hits.count_changed_syncs());
     let percent = 100.0 * own as f64 / evidence.attribution.due.max(1) as f64;
     let max = percent_max(evidence, MISSED_CYCLES);
-    let node = node_name(evidence, Part::Controller);
+    let node = &evidence.control_loop.controller().name;
     let description = format!(
         "{node}: the SYNC counter goes back in {percent:.2} % of the cycles, first at {at:.3} s"
     );
@@ -499,7 +502,7 @@ fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let is_external = Duty::Position.is_of_external(evidence.control_loop);
     let found = evidence.timeline.sources.positions_too_many();
     let (frames, at) = found.filter(|_| is_external)?;
-    let node = node_name(evidence, Part::Drive);
+    let node = &evidence.control_loop.drive().name;
     let reason = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
     let cause = NamedCause::by_node(evidence, Duty::Position, at, reason.clone());
     Some((reason, cause))
@@ -516,7 +519,7 @@ fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     if rounded(percent - explained) <= max {
         return None;
     }
-    let node = node_name(evidence, Part::Controller);
+    let node = &evidence.control_loop.controller().name;
     let description =
         format!("{node}: SYNC period wrong by {percent:.2} % on average until {at:.3} s");
     let reason = format!("{description} (limit {max} %)");

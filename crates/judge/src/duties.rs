@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::expect::rounded;
 use scenario::metrics::Metric;
-use scenario::node::Part;
 
 use crate::attribution::Commands;
 use crate::attribution::breaches::Duty;
@@ -126,7 +125,7 @@ fn period_errors<'a>(
         } else if is_held_up {
             held_up -= 1.0 - interval;
         }
-        let stall = || evidence.attribution.stall(Part::Controller, from, until);
+        let stall = || evidence.stall_of_controller(from, until);
         let is_of_host = !with_host && stall().is_some();
         if is_gap || is_held_up || is_of_host {
             periods.clear();
@@ -144,7 +143,10 @@ fn period_errors<'a>(
 /// Returns the longest stall if stalls leave open whose SYNC periods exceeded their limit. Periods
 /// that are wrong at the end, too, are those of a wrong clock.
 pub(crate) fn undecided_period(evidence: &Evidence<'_>) -> Option<Stretch> {
-    let stall = evidence.attribution.undecided(Part::Controller)?;
+    let stall = {
+        let controller = evidence.control_loop.controller_index();
+        evidence.attribution.undecided(controller)?
+    };
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
     let mut is_exceeded = false;
     let mut is_last = false;
@@ -159,8 +161,7 @@ pub(crate) fn undecided_period(evidence: &Evidence<'_>) -> Option<Stretch> {
 pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
     let is_explained = |(from, until): &(f64, f64)| {
         let due = from + evidence.timeline.period_seconds;
-        let attribution = &evidence.attribution;
-        let stall = attribution.stall(Part::Controller, due.min(*until), *until);
+        let stall = evidence.stall_of_controller(due.min(*until), *until);
         stall.is_some()
     };
     let intervals = sync_intervals(evidence).filter(|interval| !is_explained(interval));
@@ -205,7 +206,12 @@ mod tests {
         });
         timeline.syncs_seconds = [0.0].into_iter().chain(times).collect::<Series<f64>>();
         let circumstances = Circumstances::default();
-        let evidence = Evidence::new(&timeline, plan.only_loop().unwrap(), &circumstances);
+        let evidence = Evidence::new(
+            plan.database(),
+            &timeline,
+            plan.only_loop().unwrap(),
+            &circumstances,
+        );
         let (percent, _) = largest_period_error(&evidence, true).unwrap();
         percent
     }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::rc::Rc;
 
+use dbc::Database;
 use dbc::names::{self, TPDO1, TRUE_POSITION};
 use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
@@ -12,7 +13,6 @@ use scenario::Trial;
 use scenario::contour::Contour;
 use scenario::events::Window;
 use scenario::expect::{ExpectedRow, rounded};
-use scenario::node::Part;
 
 use crate::attribution::stalls::{Spans, Stretch, longest, shadows};
 use crate::attribution::{Attribution, Commands};
@@ -27,6 +27,8 @@ pub(crate) type RecordedLoop<'a> = (&'a ControlLoop, &'a Timeline);
 /// Recording of a loop, and the criteria by which it is judged.
 #[derive(Clone)]
 pub(crate) struct Evidence<'a> {
+    /// Meaning of all frames on the bus.
+    pub(crate) database: &'a Database,
     pub(crate) timeline: &'a Timeline,
     pub(crate) control_loop: &'a ControlLoop,
     pub(crate) trial: &'a Trial,
@@ -210,21 +212,24 @@ impl CycleSample {
 
 impl<'a> Evidence<'a> {
     pub(crate) fn new(
+        database: &'a Database,
         timeline: &'a Timeline,
         control_loop: &'a ControlLoop,
         circumstances: &'a Circumstances,
     ) -> Self {
+        let one = (database, control_loop);
         Self {
+            database,
             timeline,
             control_loop,
             trial: &control_loop.trial,
             circumstances,
             contours: &[],
             loops: &[],
-            attribution: Rc::new(Attribution::new(timeline, control_loop, circumstances)),
+            attribution: Rc::new(Attribution::new(timeline, one, circumstances)),
             left_out: None,
             position: timeline.position().clone(),
-            silence_seconds_max: drive_silence_seconds_max(control_loop, TPDO1),
+            silence_seconds_max: drive_silence_seconds_max(one, TPDO1),
         }
     }
 
@@ -242,8 +247,8 @@ impl<'a> Evidence<'a> {
         let mut loops = self.loops.iter();
         let (control_loop, timeline) =
             loops.find(|(control_loop, _)| control_loop.name() == name)?;
-        let evidence =
-            Self::new(timeline, control_loop, self.circumstances).among(self.contours, self.loops);
+        let evidence = Self::new(self.database, timeline, control_loop, self.circumstances)
+            .among(self.contours, self.loops);
         Some(match &self.left_out {
             None => evidence,
             Some(left_out) => evidence.rest(left_out.only_long),
@@ -364,14 +369,20 @@ impl<'a> Evidence<'a> {
     /// fault, or that had moved the loop.
     pub(crate) fn stall_of_end(&self, end: &EarlyEnd) -> Option<Stretch> {
         let until = end.at_seconds?;
-        let drive = &self.control_loop.nodes.drive.name;
-        let node = if end.node.as_ref() == Some(drive) {
-            Part::Drive
+        let one = self.control_loop;
+        let node = if end.node.as_ref() == Some(&one.drive().name) {
+            one.drive_index()
         } else {
-            Part::Controller
+            one.controller_index()
         };
         let from = end.since_seconds.unwrap_or(until);
         self.attribution.stall(node, from, until)
+    }
+
+    /// Returns the stall that explains missing frames of the controller.
+    pub(crate) fn stall_of_controller(&self, from: f64, until: f64) -> Option<Stretch> {
+        let controller = self.control_loop.controller_index();
+        self.attribution.stall(controller, from, until)
     }
 
     /// Returns the times at which the set-point changes, in order.
@@ -570,7 +581,7 @@ impl<'a> Evidence<'a> {
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Absence> {
         let one = self.control_loop;
         // An external drive publishes no truth.
-        let is_external = !one.is_ours(Part::Drive);
+        let is_external = one.drive().is_external();
         let path = one.names().find(name).map_err(|objection| {
             let unavailable = is_external.then(Absence::only_emulated);
             unavailable.unwrap_or_else(|| objection.message.into())
@@ -588,9 +599,12 @@ impl<'a> Evidence<'a> {
 }
 
 /// Returns the longest time between two messages of a kind that the drive of a loop sends.
-pub(crate) fn drive_silence_seconds_max(one: &ControlLoop, service: &str) -> f64 {
-    let message = names::message(&one.nodes.drive.name, service);
-    silence_seconds_max(&message, one)
+pub(crate) fn drive_silence_seconds_max(
+    (database, one): (&Database, &ControlLoop),
+    service: &str,
+) -> f64 {
+    let message = names::message(&one.drive().name, service);
+    silence_seconds_max(&message, database, one)
 }
 
 /// Returns the rows of a window without its end; `before` counts the rows before a time.

@@ -2,14 +2,13 @@
 
 use canopen::cia402::State;
 use dbc::names::{self, OUTPUT};
+use plan::message_of;
 use recording::drive_reports::watch;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 use scenario::expect::Limit;
-use scenario::node::Part;
 
-use crate::attribution::cause::node_name;
 use crate::evidence::Evidence;
 use crate::metric::Metric;
 use crate::reactions::state;
@@ -42,9 +41,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     let is_enabled = state(word) == Some(State::OperationEnabled);
     let control_loop = evidence.control_loop;
     let quantities = &control_loop.trial.wiring.quantities;
-    let feedback = control_loop
-        .message(&control_loop.nodes.drive, names::TPDO1)
-        .ok()?;
+    let feedback = message_of(evidence.database, control_loop.drive(), names::TPDO1).ok()?;
     let step = feedback
         .signal(&quantities.name(OUTPUT))
         .map_or(0.0, |signal| signal.coding.factor);
@@ -56,7 +53,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
         (true, true) => state_at.max(current_at),
     };
 
-    let drive = node_name(evidence, Part::Drive);
+    let drive = &control_loop.drive().name;
     let watch = watch(evidence.control_loop).as_secs_f64();
     let last_cycle = timeline.time_seconds.last();
     let end_seconds = end.at_seconds.or(last_cycle).unwrap_or_default();

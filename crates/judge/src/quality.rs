@@ -49,7 +49,7 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
 pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<NamedCause> {
     let circumstances = evidence.circumstances;
     if let Some(foreign) = &circumstances.unrecorded.foreign {
-        return by_foreign_sender(foreign, &evidence.control_loop.database);
+        return by_foreign_sender(foreign, evidence.database);
     }
     let found = evidence.timeline.sources.found(&circumstances.host.sent);
     let first = found.first()?;

@@ -8,7 +8,6 @@ use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::truth::{PlantTruth, is_temperature};
 use scenario::events::Window;
 use scenario::expect::Emergency;
-use scenario::node::Part;
 
 use crate::attribution::hits::span;
 use crate::disturbances::recovery;
@@ -33,7 +32,7 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     }
     let mut temperatures = temperatures(evidence).peekable();
     if temperatures.peek().is_none() {
-        let is_ours = evidence.control_loop.is_ours(Part::Drive);
+        let is_ours = evidence.control_loop.drive().is_ours();
         let reason = is_ours.then_some("not available: no temperature of the plant is known");
         return Err(reason.map_or_else(Absence::only_emulated, Absence::unavailable));
     }
@@ -83,7 +82,7 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Absence> {
 }
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
-    drive_silence_seconds_max(evidence.control_loop, names::TRUTH)
+    drive_silence_seconds_max((evidence.database, evidence.control_loop), names::TRUTH)
 }
 
 fn truth_silence(silence: Window) -> Absence {
@@ -99,7 +98,7 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
         .iter()
         .filter(move |truth| counts(&truth.time_seconds))
         .map(|truth| truth.peak_temperature_celsius);
-    let outputs = evidence.control_loop.plant_signals();
+    let outputs = evidence.control_loop.plant_signals(evidence.database);
     let is_heated = |output: &&Signal| {
         is_temperature(output) && evidence.trial.wiring.is_of_plant(&output.name)
     };

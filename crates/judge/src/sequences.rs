@@ -235,6 +235,7 @@ mod tests {
         let timelines = decode(&frames.to_vec().into(), &plan).unwrap();
         let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(
+            plan.database(),
             &timelines[0],
             plan.only_loop().unwrap(),
             &circumstances,

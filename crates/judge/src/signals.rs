@@ -215,7 +215,12 @@ mod tests {
             .unwrap()
             .remove(0);
         let circumstances = Circumstances::default();
-        let evidence = Evidence::new(&timeline, plan.only_loop().unwrap(), &circumstances);
+        let evidence = Evidence::new(
+            plan.database(),
+            &timeline,
+            plan.only_loop().unwrap(),
+            &circumstances,
+        );
         measure(&evidence, trace, window, demand)
     }
 

@@ -217,7 +217,9 @@ fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     let frames = follows_the_chirp(|_| 0.9);
     let plan = chirp_plan("");
     let timelines = decode(&frames.into(), &plan).unwrap();
-    let [points] = &crate::frequency_responses(&timelines[0], plan.only_loop().unwrap())[..] else {
+    let [points] =
+        &crate::frequency_responses(plan.database(), &timelines[0], plan.only_loop().unwrap())[..]
+    else {
         panic!("one chirp")
     };
     // The first of the 20 turns is not judged.

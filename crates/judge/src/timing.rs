@@ -68,7 +68,7 @@ impl Timing {
         let mut worst = [Quantiles::default(); 3];
         for one in &plan.loops {
             let quantiles =
-                latencies(frames.iter(), one)?.map(|histogram| Quantiles::new(&histogram, 1));
+                latencies(frames.iter(), plan, one)?.map(|histogram| Quantiles::new(&histogram, 1));
             let each = worst.iter_mut().zip(quantiles);
             each.for_each(|(worst, quantiles)| *worst = worst.worst(quantiles));
         }

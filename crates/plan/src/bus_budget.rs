@@ -8,7 +8,7 @@ use can::frame_bits::occupied_bits_max;
 use dbc::loops::{TERMS_EVERY_CYCLES, terms_cycle, truth_cycle};
 use dbc::{Message, names};
 
-use crate::plan::{ControlLoop, Plan};
+use crate::plan::{ControlLoop, Plan, message_of};
 
 /// Largest number of cycles that are searched for the fullest one. If the cycles repeat later, all frames count as one cycle.
 const CYCLES_MAX: u32 = 1 << 16;
@@ -73,7 +73,7 @@ impl BusBudget {
         let (database, controller) = (plan.database(), &plan.controller().name);
         let sync = share(controller, "SYNC", database.message(names::SYNC), EACH);
         let loops = plan.loops.iter();
-        let shares = loops.flat_map(|one| loop_shares(controller, one));
+        let shares = loops.flat_map(|one| loop_shares(plan, one));
         let set_points = plan.set_points_every_cycles().and_then(|every| {
             let names = plan.loops.iter().map(|one| names::set_point(one.name()));
             let messages = names.filter_map(|name| database.message(&name));
@@ -85,8 +85,11 @@ impl BusBudget {
         });
         let all = sync.into_iter().chain(shares).chain(set_points);
         let mut shares = Vec::from_iter(all.chain(heartbeats(plan)));
-        let node = |name: &str| plan.nodes().find(|node| node.name == name);
-        shares.sort_by_key(|share| node(&share.node).map(|node| node.id));
+        let id = |name: &str| {
+            let node = &plan.nodes[plan.nodes.find(name)?];
+            node.profile().map(|_| node.id())
+        };
+        shares.sort_by_key(|share| id(&share.node));
         Self {
             shares,
             bitrate_kilobits_per_second: plan.shared.run.bus.bitrate_kilobits_per_second.into(),
@@ -202,7 +205,10 @@ impl fmt::Display for BusBudget {
 
 /// Returns the heartbeat of each node that sends one.
 fn heartbeats(plan: &Plan) -> impl Iterator<Item = BusShare> {
-    let nodes: BTreeSet<&str> = plan.nodes().map(|node| node.name.as_str()).collect();
+    let nodes: BTreeSet<&str> = plan
+        .rig_nodes()
+        .map(|(_, node)| node.name.as_str())
+        .collect();
     nodes.into_iter().filter_map(|node| {
         let name = names::message(node, names::HEARTBEAT);
         let message = plan.database().message(&name)?;
@@ -218,21 +224,20 @@ fn by_clock(message: &Message) -> Pace {
 }
 
 /// Returns the traffic of one loop.
-fn loop_shares(controller: &str, one: &ControlLoop) -> impl Iterator<Item = BusShare> {
-    let (wiring, nodes) = (&one.trial.wiring, &one.nodes);
+fn loop_shares(plan: &Plan, one: &ControlLoop) -> impl Iterator<Item = BusShare> {
+    let (wiring, database) = (&one.trial.wiring, plan.database());
+    let controller = plan.controller().name.as_str();
     let (number, truth_every) = (wiring.loop_number(), wiring.truth_every_cycles());
-    let drive = nodes.drive.name.as_str();
-    let frame = |service| one.message(&nodes.drive, service).ok();
+    let drive = one.drive().name.as_str();
+    let frame = |service| message_of(database, one.drive(), service).ok();
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // For a drive without faults only the truth is published.
     let beside_faults = frame(names::TRUTH).filter(|_| one.trial.has_loop_faults());
     let fault_pace = beside_faults.map_or(EACH, by_clock);
     let fault_text = "current and peak temperature, for its faults ({frames})";
-    let truth = one.database.plant_messages(drive);
+    let truth = database.plant_messages(drive);
     let truth_pace = cycles(truth_every, truth_cycle(number, truth_every));
-    let terms = one
-        .database
-        .term_messages(&nodes.controller.name, one.name());
+    let terms = database.term_messages(controller, one.name());
     let terms_pace = cycles(TERMS_EVERY_CYCLES, terms_cycle(number));
     let terms_text = format!("terms of the law for {drive} ({{frames}})");
     let command_text = format!("command to {drive} (RPDO1)");

@@ -13,7 +13,7 @@ use dbc::{
     local_name,
 };
 use scenario::disturbance::Disturbance;
-use scenario::node::{Node, Part};
+use scenario::node::{Node, NodeIndex, Nodes, Profile};
 use scenario::plant::PlantModel;
 use scenario::rig::nodes::{Amplifier, kind_of_output};
 use scenario::sweep::Sweep;
@@ -63,7 +63,7 @@ pub(crate) struct Published {
     /// Terms of its law.
     pub(crate) terms: Vec<Signal>,
     /// Io nodes that act on the plants which are emulated with its drive, each with its outputs.
-    pub(crate) io: Vec<(Node, Vec<IoOutput>)>,
+    pub(crate) io: Vec<(NodeIndex, Vec<IoOutput>)>,
 }
 
 impl Catalogue {
@@ -93,17 +93,17 @@ impl Catalogue {
                 None => wire_signals(),
             },
             terms: (self.find_terms)(trial),
-            io: io.map(|io| (io.node.clone(), io.outputs(&ports))).collect(),
+            io: io.map(|io| (io.node, io.outputs(&ports))).collect(),
         };
-        let controller = &wiring.nodes.controller;
-        let composer = with_followed(Composer::new(&controller.name, controller.id), wiring);
+        let controller = wiring.controller();
+        let composer = with_followed(Composer::new(&controller.name, controller.id()), wiring);
         let composer = published.compose(composer, wiring, None, |_| true);
-        let mut composer = with_outputs(composer, &published.io);
+        let mut composer = with_outputs(composer, &wiring.shared.nodes, &published.io);
         // Of io nodes at plants that are emulated elsewhere, the names are known here.
         let is_here = |io: &&IoWiring| published.io.iter().any(|(node, _)| *node == io.node);
         for io in wiring.shared.io.iter().filter(|io| !is_here(io)) {
             let ports = io.outputs.keys().map(|name| Port::input(name, [0.0, 1.0]));
-            composer = with_io(composer, &io.node, ports);
+            composer = with_io(composer, wiring.node(io.node), ports);
         }
         Frames::new(published, Arc::new(composer.finish()), wiring)
     }
@@ -163,7 +163,9 @@ impl Catalogue {
 pub(crate) fn output_objection(plan: &Plan, disturbance: &Disturbance) -> Option<Objection> {
     let io = Vec::from_iter(plan.io_outputs());
     disturbance.changes().iter().find_map(|change| {
-        let (_, outputs) = io.iter().find(|(io, _)| io.name == change.node)?;
+        let (_, outputs) = io
+            .iter()
+            .find(|(io, _)| plan.nodes[*io].name == change.node)?;
         let mut ports = outputs.iter().map(|one| &one.port);
         let port = ports.find(|port| port.name == change.output)?;
         let (value, [min, max]) = (change.value, port.range);
@@ -194,7 +196,7 @@ fn ambiguous_term(frames: &Frames, trial: &Trial) -> Option<Objection> {
 pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
     let (wiring, published) = (&frames.wiring, &frames.published);
     let name = ambiguous_name(&frames.database, wiring)?;
-    let drive = &wiring.nodes.drive.name;
+    let drive = &wiring.drive().name;
     // The name of a fan or a load is that of its disturbance.
     let is_free = kind_of_output(&name).is_none();
     let has_it = |io: &&IoWiring| {
@@ -205,7 +207,7 @@ pub(crate) fn two_columns(frames: &Frames) -> Option<Objection> {
     let is_it = |(_, port): &(usize, &String)| local_name(port) == name || **port == name;
     let recorded = wiring.record.iter().flatten().enumerate();
     let (path, label) = if let Some(io) = nodes.find(has_it) {
-        let path = format!("node.{}.outputs.{name}", io.node.name);
+        let path = format!("node.{}.outputs.{name}", wiring.node(io.node).name);
         (path, "one is an output of this node: give it another name")
     } else if let Some((place, _)) = recorded.filter(is_it).last() {
         let label = "the loop has a signal of this name already: leave it out";
@@ -253,19 +255,19 @@ pub fn columns<'a>(
     database: &'a Database,
     wiring: &'a Wiring,
 ) -> impl Iterator<Item = ColumnMessage<'a>> {
-    let nodes = &wiring.nodes;
-    let is_feedback = [&nodes.drive, &nodes.followed].map(|node| message(&node.name, TPDO1));
-    let publishing = [&nodes.drive, &nodes.followed].into_iter();
+    let (drive, followed_drive) = (wiring.drive(), wiring.followed_drive());
+    let is_feedback = [drive, followed_drive].map(|node| message(&node.name, TPDO1));
+    let publishing = [drive, followed_drive].into_iter();
     let of_plant = publishing.flat_map(|node| database.plant_messages(&node.name));
     let of_plant = Vec::from_iter(of_plant.map(|message| message.raw_id));
-    let of_node = |node: &'a Node, service: &str| {
-        let message = database.message(&message(&node.name, service))?;
+    let of_node = |node: NodeIndex, service: &str| {
+        let message = database.message(&message(&wiring.node(node).name, service))?;
         Some((message, Some(node)))
     };
     let drive_messages = [TPDO1, RPDO1, TPDO2, TPDO3]
         .into_iter()
-        .filter_map(move |service| of_node(&nodes.drive, service));
-    let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
+        .filter_map(move |service| of_node(wiring.drive, service));
+    let terms = database.term_messages(&wiring.controller().name, wiring.loop_among_several());
     let terms = Vec::from_iter(terms);
     let law_messages = terms.clone().into_iter().map(|message| (message, None));
     let io_messages = wiring.io_nodes().filter_map(move |io| of_node(io, RPDO1));
@@ -296,7 +298,7 @@ pub(crate) fn messages_of<'a>(
 ) -> impl Iterator<Item = &'a Message> {
     let services = names::SERVICES.into_iter().map(|(service, _)| service);
     let has = |service: &&str| {
-        node.part != Part::Controller || names::CONTROLLER_SERVICES.contains(service)
+        node.profile() != Some(Profile::Manager) || names::CONTROLLER_SERVICES.contains(service)
     };
     let messages = services.filter(has);
     messages.filter_map(|service| database.message(&message(&node.name, service)))
@@ -311,21 +313,20 @@ pub(crate) fn followed<'a>(
         .into_iter()
         .filter(|_| !wiring.follows_itself());
     let messages = services
-        .filter_map(|service| database.message(&message(&wiring.nodes.followed.name, service)));
+        .filter_map(|service| database.message(&message(&wiring.followed_drive().name, service)));
     let signals =
         messages.flat_map(|message| message.signals.iter().map(move |one| (message, one)));
     signals.filter(|(_, signal)| is_measured(signal, &wiring.quantities.feedback))
 }
 
 /// Returns the name, in a loop, of a signal of one of its nodes.
-pub(crate) fn name_in_loop(signal: &Signal, node: Option<&Node>, wiring: &Wiring) -> String {
-    let nodes = &wiring.nodes;
+pub(crate) fn name_in_loop(signal: &Signal, node: Option<NodeIndex>, wiring: &Wiring) -> String {
     match node {
-        Some(node) if *node == nodes.drive && is_measured(signal, &wiring.sensor.quantity) => {
+        Some(node) if node == wiring.drive && is_measured(signal, &wiring.sensor.quantity) => {
             wiring.name_in_loop(&signal.name)
         }
-        Some(node) if node.part == Part::Io && wiring.io_nodes().count() > 1 => {
-            format!("{}.{}", node.name, signal.name)
+        Some(node) if wiring.node(node).is_io() && wiring.io_nodes().count() > 1 => {
+            format!("{}.{}", wiring.node(node).name, signal.name)
         }
         _ => signal.name.clone(),
     }
@@ -376,16 +377,16 @@ impl Published {
         composer: Composer,
         wiring: &Wiring,
         real: Option<&LoadedDrive>,
-        is_ours: impl Fn(Part) -> bool,
+        is_ours: impl Fn(&Node) -> bool,
     ) -> Composer {
         let Wiring {
-            nodes,
             sensor,
             identifiers,
             ..
         } = wiring;
-        let drive = (nodes.drive.name.as_str(), nodes.drive.id);
-        let signals = is_ours(Part::Drive).then_some(self.signals.as_slice());
+        let drive = wiring.drive();
+        let signals = is_ours(drive).then_some(self.signals.as_slice());
+        let drive = (drive.name.as_str(), drive.id());
         let composer = match real {
             Some(real) => real.with_drive(composer, drive),
             None => composer.with_drive(drive, signals),
@@ -412,7 +413,7 @@ impl Published {
             });
         }
         let in_rig = (wiring.loop_number(), wiring.loop_among_several());
-        if is_ours(Part::Controller) {
+        if is_ours(wiring.controller()) {
             composer.with_terms(in_rig, terms, &self.terms)
         } else {
             composer
@@ -423,10 +424,15 @@ impl Published {
 /// Adds the frames of io nodes with their outputs.
 pub(crate) fn with_outputs<'a>(
     composer: Composer,
-    io: impl IntoIterator<Item = &'a (Node, Vec<IoOutput>)>,
+    nodes: &Nodes,
+    io: impl IntoIterator<Item = &'a (NodeIndex, Vec<IoOutput>)>,
 ) -> Composer {
     io.into_iter().fold(composer, |composer, (io, outputs)| {
-        with_io(composer, io, outputs.iter().map(|output| &output.port))
+        with_io(
+            composer,
+            &nodes[*io],
+            outputs.iter().map(|output| &output.port),
+        )
     })
 }
 
@@ -437,7 +443,7 @@ fn with_io(
     ports: impl Iterator<Item = impl Borrow<Port>>,
 ) -> Composer {
     let signals = ports.map(|port| signal_of(port.borrow(), port.borrow().name.clone()));
-    composer.with_io((&io.name, io.id), &Vec::from_iter(signals))
+    composer.with_io((&io.name, io.id()), &Vec::from_iter(signals))
 }
 
 /// Adds the frames of the drive that a loop follows if it belongs to another loop: the measured and the true value there.
@@ -445,8 +451,8 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     if wiring.follows_itself() {
         return composer;
     }
-    let followed = &wiring.nodes.followed;
-    let with_drive = composer.with_drive((&followed.name, followed.id), Some(&[]));
+    let followed = wiring.followed_drive();
+    let with_drive = composer.with_drive((&followed.name, followed.id()), Some(&[]));
     let scale = Scale {
         quantities: wiring.quantities.clone(),
         measured: &wiring.feedback,

@@ -20,5 +20,5 @@ mod signal_names;
 mod swept_fmu;
 
 pub use data_sheet::FILE_BYTES_MAX;
-pub use plan::{ControlLoop, Plan, each_once, listed, loop_prefix};
+pub use plan::{ControlLoop, Plan, each_once, listed, loop_prefix, message_of};
 pub use scenario::Shared;

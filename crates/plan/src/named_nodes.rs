@@ -6,7 +6,7 @@ use dbc::loops::truth_presets;
 use dbc::node_objects::PlantSignals;
 use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Message, node_objects};
 use scenario::node::Node;
-use scenario::wiring::IoOutput;
+use scenario::wiring::{IoOutput, device_name};
 
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::plan::{ControlLoop, Plan};
@@ -27,18 +27,21 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
     let (mut drives, mut io_nodes, mut terms) = (Vec::new(), Vec::new(), Vec::new());
     for one in &plan.loops {
         nodes.push(drive(plan, one));
-        drives.push(one.nodes.drive.id);
+        drives.push(one.drive().id());
         let identifiers = one.trial.wiring.identifiers.terms;
-        terms.push((one.terms().cloned().collect(), identifiers));
+        terms.push((one.terms(plan.database()).cloned().collect(), identifiers));
     }
     let node = plan.controller();
-    let shared = &plan.loops[0].trial.wiring.shared;
+    let wired = plan.loops.first().map(|one| &one.trial.wiring.shared.rig);
+    let rig = wired.unwrap_or(&plan.shared.rig.name);
     let named = |objects, node: &Node| {
-        node_objects::with_device_name(objects, shared.device_name(&node.name))
+        let name = device_name(rig, &node.name);
+        node_objects::with_device_name(objects, name)
     };
     for (io, outputs) in plan.io_outputs() {
+        let io = &plan.nodes[*io];
         let outputs = outputs.iter().map(IoOutput::in_sheet);
-        let objects = node_objects::io(io.id, outputs, node.id);
+        let objects = node_objects::io(io.id(), outputs, node.id());
         let objects = named(objects, io);
         nodes.push(NodeObjects {
             node: io,
@@ -46,9 +49,9 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
             shipped: DISTURBANCE_EDS,
             makers: None,
         });
-        io_nodes.push(io.id);
+        io_nodes.push(io.id());
     }
-    let objects = node_objects::controller(node.id, &terms, &drives, &io_nodes);
+    let objects = node_objects::controller(node.id(), &terms, &drives, &io_nodes);
     let objects = named(objects, node);
     nodes.push(NodeObjects {
         node,
@@ -56,13 +59,13 @@ fn nodes(plan: &Plan) -> Vec<NodeObjects<'_>> {
         shipped: CONTROLLER_EDS,
         makers: None,
     });
-    nodes.sort_by_key(|one| one.node.id);
-    nodes.dedup_by_key(|one| one.node.id);
+    nodes.sort_by_key(|one| one.node.id());
+    nodes.dedup_by_key(|one| one.node.id());
     nodes
 }
 
 fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
-    let (node, wiring) = (&one.nodes.drive, &one.trial.wiring);
+    let (node, wiring) = (one.drive(), &one.trial.wiring);
     if let Some(real) = &one.real_drive {
         return NodeObjects {
             node,
@@ -74,7 +77,7 @@ fn drive<'a>(plan: &Plan, one: &'a ControlLoop) -> NodeObjects<'a> {
     let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
     let presets = one.trial.presets().into_iter().chain(pace);
     let truth = PlantSignals::of(plan.database(), &node.name);
-    let objects = node_objects::drive(node.id, truth, presets);
+    let objects = node_objects::drive(node.id(), truth, presets);
     let objects = node_objects::with_device_name(objects, wiring.shared.device_name(&node.name));
     NodeObjects {
         node,
@@ -93,7 +96,7 @@ pub fn node_sheets(plan: &Plan) -> Vec<(Node, String)> {
             message.sender.as_ref() == Some(&node.name) || receivers.any(|name| *name == node.name)
         };
         let messages = plan.database().messages().iter().filter(is_its);
-        let ours = || sheet(one.shipped, (&node.name, node.id), &one.objects, messages);
+        let ours = || sheet(one.shipped, (&node.name, node.id()), &one.objects, messages);
         (node.clone(), one.makers.map_or_else(ours, str::to_owned))
     });
     sheets.collect()
@@ -123,7 +126,7 @@ impl NamedNodes {
     /// A text is not an EDS.
     pub fn of_run(plan: &Plan, sheets: &[(Node, String)]) -> Result<Self, DataSheetError> {
         let parse = |(node, text): &(Node, String)| {
-            DataSheet::parse(format!("{}.eds", node.name), &node.name, node.id, text)
+            DataSheet::parse(format!("{}.eds", node.name), &node.name, node.id(), text)
         };
         Ok(Self {
             sheets: sheets.iter().map(parse).collect::<Result<_, _>>()?,
@@ -136,7 +139,7 @@ impl NamedNodes {
         let sheets = nodes(plan).into_iter().map(|one| DataSheet {
             name: format!("{}.eds", one.node.name),
             node_name: one.node.name.clone(),
-            node_id: one.node.id,
+            node_id: one.node.id(),
             dictionary: one.objects,
         });
         Self {

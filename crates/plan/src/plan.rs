@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Quantity, Signal, SignalHandle, SignalMissing, names};
-use scenario::fault::{Actor, Fault, Group};
-use scenario::node::{LoopNodes, Node, Part};
-use scenario::wiring::{IoOutput, Measured};
+use scenario::fault::{Actor, Fault};
+use scenario::node::{Node, NodeIndex, Nodes, Player};
+use scenario::wiring::{IoOutput, IoWiring, Measured};
 use scenario::{NodeProgram, Shared, Trial, meant_or_known};
 
 use crate::catalogue::{
@@ -20,28 +20,28 @@ use crate::signal_names::SignalNames;
 
 mod load;
 
-/// A run: the loops of a scenario, and the facts that they share. A single loop is a list of one.
+/// A run: its nodes, its frames and its loops, and the facts that they share. A single loop is a list of one.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Facts of the whole run.
     pub shared: Shared,
-    /// Loops in the order of their names; at least one.
+    /// Nodes of the run.
+    pub nodes: Nodes,
+    /// Loops in the order of their names; none if the rig has none.
     pub loops: Vec<ControlLoop>,
+    /// Meaning of all frames on the bus.
+    database: Arc<Database>,
+    /// Io nodes in the order of their names, each with its outputs; none for a recording.
+    io: Vec<(NodeIndex, Vec<IoOutput>)>,
 }
 
-/// Loop of a plan. All loops share the meaning of their frames.
+/// Loop of a plan.
 #[derive(Clone, Debug)]
 pub struct ControlLoop {
     /// Trial of the loop.
     pub trial: Trial,
-    /// Nodes of the loop.
-    pub nodes: LoopNodes,
-    /// Node-IDs of the nodes of the run that canrig does not play: they are expected on the bus, or programs that it starts.
-    pub external: BTreeSet<u8>,
     /// Drive of the loop, if it is a real one.
     pub real_drive: Option<Arc<LoadedDrive>>,
-    /// Meaning of all frames on the bus.
-    pub database: Arc<Database>,
     frames: Arc<Frames>,
 }
 
@@ -53,16 +53,19 @@ impl Plan {
             ..Shared::default()
         };
         let frames = catalogue.frames(&trial);
-        let loops = vec![ControlLoop::with_frames(trial, frames)];
-        Self { shared, loops }
+        Self {
+            shared,
+            nodes: trial.wiring.shared.nodes.clone(),
+            database: Arc::clone(&frames.database),
+            io: frames.published.io.clone(),
+            loops: vec![ControlLoop::with_frames(trial, frames)],
+        }
     }
 
     /// Gives the frames another meaning.
     #[must_use]
     pub fn with_database(mut self, database: &Arc<Database>) -> Self {
-        for one in &mut self.loops {
-            one.database = Arc::clone(database);
-        }
+        self.database = Arc::clone(database);
         self
     }
 
@@ -71,23 +74,21 @@ impl Plan {
     /// # Errors
     /// The run has no such node, or it cannot be external.
     pub fn with_external(self, names: &[String]) -> Result<Self, String> {
-        let known = BTreeSet::from_iter(self.nodes().map(|node| node.name.as_str()));
+        let known = BTreeSet::from_iter(self.rig_nodes().map(|(_, node)| node.name.as_str()));
         if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
             let meant = meant_or_known(name, known);
             return Err(format!("--external {name}: there is no such node; {meant}"));
         }
-        let mut plan = self.recorded_external(names);
-        plan.shared.programs.retain(|name, _| !names.contains(name));
-        for played in plan.io_outputs() {
-            let (io, loops) = (&played.0, plan.loops.iter());
-            let has_it = |one: &&ControlLoop| one.frames.published.io.contains(played);
-            let drives = Vec::from_iter(loops.filter(has_it).map(|one| &one.nodes.drive));
+        let plan = self.recorded_external(names);
+        for (io, _) in plan.io_outputs() {
+            let drives = Vec::from_iter(plan.loops_with(*io).map(ControlLoop::drive));
+            let io = &plan.nodes[*io];
             let acts = |drive: &Node| plan.shared.rig.acts_on(&io.name, &drive.name);
-            let own = drives.iter().min_by_key(|drive| (!acts(drive), drive.id));
-            let mut ours = drives.iter().filter(|drive| !plan.is_external(drive));
+            let own = drives.iter().min_by_key(|drive| (!acts(drive), drive.id()));
+            let mut ours = drives.iter().filter(|drive| drive.is_ours());
             let emulated = ours.find(|drive| own == Some(*drive) || acts(drive));
             let mut nodes = [io].into_iter().chain(own.copied());
-            let real = nodes.find(|node| plan.is_external(node));
+            let real = nodes.find(|node| node.is_external());
             if let (Some(real), Some(emulated)) = (real, emulated) {
                 let (real, emulated) = (&real.name, &emulated.name);
                 return Err(format!(
@@ -117,19 +118,40 @@ impl Plan {
     /// Makes nodes external as [`Plan::with_external`], for a recording.
     #[must_use]
     pub fn recorded_external(mut self, names: &[String]) -> Self {
-        let is_named = |node: &&Node| names.contains(&node.name);
-        let named = Vec::from_iter(self.nodes().filter(is_named).map(|node| node.id));
+        self.nodes = self.nodes.changed(|_, node| {
+            if names.contains(&node.name) {
+                *node = node.clone().played_by(Player::Expected);
+            }
+        });
         for one in &mut self.loops {
-            one.external.extend(&named);
+            one.trial.wiring.set_nodes(&self.nodes);
         }
         self
     }
 
-    /// Returns the nodes of all loops, and the io nodes; a controller of several loops comes once for each.
-    pub fn nodes(&self) -> impl Iterator<Item = &Node> {
-        let of_loops = self.loops.iter().flat_map(|one| one.nodes.both());
-        let io = &self.loops[0].trial.wiring.shared.io;
-        of_loops.chain(io.iter().map(|io| &io.node))
+    /// Returns the nodes of the rig with their indices, in the order of their names: all but the bench.
+    pub fn rig_nodes(&self) -> impl Iterator<Item = (NodeIndex, &Node)> {
+        let all = self.nodes.iter();
+        all.filter(|(_, node)| node.profile().is_some())
+    }
+
+    /// Returns the nodes of the rig: drives in the order of their loops, then io nodes, and the controller last.
+    fn in_order(&self) -> impl Iterator<Item = NodeIndex> {
+        let drives = self.loops.iter().map(|one| one.trial.wiring.drive);
+        let io = self.rig_nodes().filter(|(_, node)| node.is_io());
+        let io = io.map(|(index, _)| index);
+        drives.chain(io).chain([self.nodes.manager()])
+    }
+
+    /// Returns the loops whose plants are emulated together with one on which an io node acts.
+    fn loops_with(&self, io: NodeIndex) -> impl Iterator<Item = &ControlLoop> {
+        self.loops.iter().filter(move |one| {
+            let trial = &one.trial;
+            let is_it = |wired: &&IoWiring| wired.node == io;
+            let wired = trial.wiring.shared.io.iter().find(is_it);
+            let has_plant = |plant| trial.plants.contains_key(plant);
+            wired.is_some_and(|wired| wired.plants().any(has_plant))
+        })
     }
 
     /// Returns the slips in the EDS of each real drive: the first ones, and how many more there are.
@@ -140,9 +162,9 @@ impl Plan {
         let loops = self
             .loops
             .iter()
-            .filter(|one| known.insert(one.nodes.drive.id));
+            .filter(|one| known.insert(one.trial.wiring.drive));
         for (one, drive) in loops.filter_map(|one| Some((one, one.real_drive.as_ref()?))) {
-            let name = &one.nodes.drive.name;
+            let name = &one.drive().name;
             let notes = drive.notes.first(SHOWN_MAX).iter();
             shown.extend(notes.map(|note| format!("EDS of `{name}`, {note}")));
             let more = drive.notes.count().saturating_sub(SHOWN_MAX);
@@ -156,20 +178,15 @@ impl Plan {
     }
 
     /// Returns the io nodes, each with its outputs; none for a recording.
-    pub fn io_outputs(&self) -> impl Iterator<Item = &(Node, Vec<IoOutput>)> {
-        let all = self.loops.iter().flat_map(|one| &one.frames.published.io);
-        let mut all = each_once(all);
-        all.sort_by_key(|(io, _)| &io.name);
-        all.into_iter()
+    pub fn io_outputs(&self) -> impl Iterator<Item = &(NodeIndex, Vec<IoOutput>)> {
+        self.io.iter()
     }
 
     /// Returns the io nodes that are on the bus, each with its outputs: real ones, and those that an emulator plays with a drive.
-    pub fn io_on_bus(&self) -> impl Iterator<Item = &(Node, Vec<IoOutput>)> {
-        self.io_outputs().filter(|io| {
-            let plays = |one: &ControlLoop| {
-                one.is_ours(Part::Drive) && one.frames.published.io.contains(io)
-            };
-            self.is_external(&io.0) || self.loops.iter().any(plays)
+    pub fn io_on_bus(&self) -> impl Iterator<Item = &(NodeIndex, Vec<IoOutput>)> {
+        self.io_outputs().filter(|(io, _)| {
+            let plays = |one: &ControlLoop| one.drive().is_ours();
+            self.nodes[*io].is_external() || self.loops_with(*io).any(plays)
         })
     }
 
@@ -192,34 +209,42 @@ impl Plan {
 
     /// Returns the names of the external nodes, each once: drives before the controller and the io nodes.
     pub fn external_names(&self) -> Vec<String> {
-        let drives = self.loops.iter().map(|one| &one.nodes.drive);
-        let nodes = drives.chain(self.nodes());
-        let external = nodes.filter(|node| self.is_external(node));
-        each_once(external.map(|node| node.name.clone()))
+        self.names_of(Node::is_external)
+    }
+
+    /// Returns the names of some nodes: drives before the controller and the io nodes.
+    fn names_of(&self, is_meant: impl Fn(&Node) -> bool) -> Vec<String> {
+        let mut nodes = Vec::from_iter(self.in_order().map(|index| &self.nodes[index]));
+        nodes.sort_by_key(|node| node.is_io());
+        let meant = nodes.into_iter().filter(|node| is_meant(node));
+        meant.map(|node| node.name.clone()).collect()
+    }
+
+    /// Returns the nodes that canrig does not play, in the order in which they come to their seats.
+    pub fn external_nodes(&self) -> impl Iterator<Item = NodeIndex> {
+        let nodes = self.in_order();
+        nodes.filter(|index| self.nodes[*index].is_external())
     }
 
     /// Returns the nodes that are programs, each once: drives before their io nodes, the controller last.
     pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
-        let program = |node: &Node| self.shared.programs.get(&node.name);
-        let programs = self.nodes().filter_map(|node| Some((node, program(node)?)));
-        let mut programs = each_once(programs);
-        programs.sort_by_key(|(node, _)| node.part == Part::Controller);
-        programs
+        let nodes = self.in_order().map(|index| &self.nodes[index]);
+        nodes
+            .filter_map(|node| Some((node, node.program()?)))
+            .collect()
     }
 
     /// Returns the names of the external nodes that are expected on the bus.
     pub fn expected_names(&self) -> Vec<String> {
-        let mut names = self.external_names();
-        names.retain(|name| !self.shared.programs.contains_key(name));
-        names
+        self.names_of(|node| node.player == Player::Expected)
     }
 
     /// Names the leader of the loops: the law, the command of a program, or `external`.
     pub fn leader(&self) -> String {
         let controller = self.controller();
-        match self.shared.programs.get(&controller.name) {
+        match controller.program() {
             Some(program) => program.command.join(" "),
-            None if self.is_external(controller) => "external".to_owned(),
+            None if controller.is_external() => "external".to_owned(),
             None => {
                 let laws = self.loops.iter().map(|one| &one.trial.controller);
                 listed(laws.map(|controller| controller.law_name()))
@@ -227,9 +252,18 @@ impl Plan {
         }
     }
 
-    /// Checks whether a node is external.
-    pub fn is_external(&self, node: &Node) -> bool {
-        self.loops[0].external.contains(&node.id)
+    /// Refuses a rig without a loop, whose nodes nobody can play yet.
+    ///
+    /// # Errors
+    /// The rig has no loop.
+    pub fn require_loop(&self) -> Result<(), String> {
+        if self.loops.is_empty() {
+            let rig = &self.shared.rig.name;
+            return Err(format!(
+                "the rig `{rig}` has no loop, and canrig plays only rigs with a loop: add a drive and [loop.NAME] to it"
+            ));
+        }
+        Ok(())
     }
 
     /// Refuses a fault of the scenario that would happen to an external node.
@@ -242,18 +276,13 @@ impl Plan {
             // The others happen on the bus, and reach any node.
             let of_nodes = [Actor::Node, Actor::Process];
             let mut happening = faults.filter(|fault| of_nodes.contains(&fault.kind.actor));
-            // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
-            let node = |fault: &Fault| {
-                if fault.kind.group == Group::Node && fault.is_at_controller() {
-                    &one.nodes.controller
-                } else {
-                    &one.nodes.drive
-                }
+            // Only the emulated drive has the wire and mechanics that could fail.
+            let node = |fault: &Fault| match fault.node {
+                Some(node) => &self.nodes[node],
+                None => one.drive(),
             };
             // The check of the scenario has refused faults that cannot happen to a program.
-            let is_foreign = |node: &Node| {
-                self.is_external(node) && !self.shared.programs.contains_key(&node.name)
-            };
+            let is_foreign = |node: &Node| node.player == Player::Expected;
             if let Some(fault) = happening.find(|fault| is_foreign(node(fault))) {
                 return Err(format!(
                     "{} cannot be played: the {} is external, so nothing fails there on purpose",
@@ -267,12 +296,12 @@ impl Plan {
 
     /// Returns the meaning of all frames on the bus, as a run folder stores it.
     pub fn database(&self) -> &Arc<Database> {
-        &self.loops[0].database
+        &self.database
     }
 
     /// Returns the controller, which leads all loops.
     pub fn controller(&self) -> &Node {
-        &self.loops[0].nodes.controller
+        &self.nodes[self.nodes.manager()]
     }
 
     /// Returns the loop of a rig with one loop.
@@ -286,7 +315,7 @@ impl Plan {
     /// Returns the number of cycles from one sending of the set-points to the next; `None` if the bench does not send them.
     pub fn set_points_every_cycles(&self) -> Option<u8> {
         let planned = self.shared.run.bus.set_points_every_cycles;
-        let every = planned.unwrap_or_else(|| self.is_external(self.controller()).into());
+        let every = planned.unwrap_or_else(|| self.controller().is_external().into());
         Some(every).filter(|every| *every > 0)
     }
 
@@ -295,7 +324,9 @@ impl Plan {
     /// # Errors
     /// The database has no statusword of a drive.
     pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
-        self.loops[0].scenario_clock()
+        let drives = self.loops.first().into_iter();
+        let drives = drives.flat_map(|one| &one.trial.wiring.shared.loops);
+        ScenarioClock::new(&self.database, drives.map(|one| one.drive.as_str()))
     }
 
     /// Returns the length of the run.
@@ -312,6 +343,20 @@ impl Plan {
     pub fn has_faults(&self) -> bool {
         !self.shared.run.faults.is_empty()
     }
+}
+
+/// Returns a message of a node.
+///
+/// # Errors
+/// The database has no such message.
+pub fn message_of<'a>(
+    database: &'a Database,
+    node: &Node,
+    service: &str,
+) -> Result<&'a Message, SignalMissing> {
+    let name = names::message(&node.name, service);
+    let message = database.message(&name);
+    message.ok_or_else(|| SignalMissing::new(&name))
 }
 
 /// Joins names in a row, each once.
@@ -333,13 +378,13 @@ pub fn each_once<T: PartialEq>(things: impl IntoIterator<Item = T>) -> Vec<T> {
 /// Returns the database of a plan's bus.
 fn compose(plan: &Plan) -> Database {
     let (controller, loops) = (plan.controller(), &plan.loops);
-    let composer = Composer::new(&controller.name, controller.id);
+    let composer = Composer::new(&controller.name, controller.id());
     let composer = loops.iter().fold(composer, |composer, one| {
         let (real, wiring) = (one.real_drive.as_deref(), &one.trial.wiring);
         let published = &one.frames.published;
-        published.compose(composer, wiring, real, |part| one.is_ours(part))
+        published.compose(composer, wiring, real, Node::is_ours)
     });
-    let composer = with_outputs(composer, plan.io_outputs());
+    let composer = with_outputs(composer, &plan.nodes, plan.io_outputs());
     let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
     let composer = followers.fold(composer, |composer, one| {
@@ -367,11 +412,8 @@ pub fn loop_prefix(loop_name: &str) -> String {
 impl ControlLoop {
     fn with_frames(trial: Trial, frames: Frames) -> Self {
         Self {
-            nodes: trial.wiring.nodes.clone(),
             trial,
-            external: BTreeSet::new(),
             real_drive: None,
-            database: Arc::clone(&frames.database),
             frames: Arc::new(frames),
         }
     }
@@ -382,10 +424,34 @@ impl ControlLoop {
         Self::with_frames(trial, frames)
     }
 
-    /// Checks whether canrig plays the node with a part in the loop; else it is external.
-    pub fn is_ours(&self, part: Part) -> bool {
-        let node = self.nodes.of(part);
-        node.is_none_or(|node| !self.external.contains(&node.id))
+    /// Returns the controller, which leads all loops.
+    pub fn controller(&self) -> &Node {
+        self.trial.wiring.controller()
+    }
+
+    /// Returns the drive of the loop.
+    pub fn drive(&self) -> &Node {
+        self.trial.wiring.drive()
+    }
+
+    /// Returns a node of the run.
+    pub fn node(&self, index: NodeIndex) -> &Node {
+        self.trial.wiring.node(index)
+    }
+
+    /// Returns the index of the controller.
+    pub fn controller_index(&self) -> NodeIndex {
+        self.trial.wiring.shared.nodes.manager()
+    }
+
+    /// Returns the index of the drive of the loop.
+    pub fn drive_index(&self) -> NodeIndex {
+        self.trial.wiring.drive
+    }
+
+    /// Returns the indices of controller and drive, in this order.
+    pub fn both(&self) -> [NodeIndex; 2] {
+        [self.controller_index(), self.drive_index()]
     }
 
     /// Returns the faults of the whole run: those of other loops may take the current from this one, too.
@@ -408,25 +474,6 @@ impl ControlLoop {
         loop_prefix(self.name())
     }
 
-    /// Returns a clock of scenario time that has not begun: it begins when all drives of the run are enabled.
-    ///
-    /// # Errors
-    /// The database has no statusword of a drive.
-    pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
-        let loops = self.trial.wiring.shared.loops.iter();
-        ScenarioClock::new(&self.database, loops.map(|one| one.drive.as_str()))
-    }
-
-    /// Returns a message of one of its nodes.
-    ///
-    /// # Errors
-    /// The database has no such message.
-    pub fn message(&self, node: &Node, service: &str) -> Result<&Message, SignalMissing> {
-        let name = names::message(&node.name, service);
-        let message = self.database.message(&name);
-        message.ok_or_else(|| SignalMissing::new(&name))
-    }
-
     /// Checks whether it gets a set-point of its own.
     pub fn has_set_point(&self) -> bool {
         self.trial.wiring.led_by.is_none() && !self.trial.reference.is_empty()
@@ -436,66 +483,82 @@ impl ControlLoop {
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
+    pub fn position(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
         let measured = &self.trial.wiring.quantities.feedback;
-        self.measured_by(&self.nodes.followed.name, measured)
+        self.measured_by(database, &self.trial.wiring.followed_drive().name, measured)
     }
 
     /// Returns the position that its own drive measures.
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn drive_position(&self) -> Result<SignalHandle, SignalMissing> {
-        self.measured_by(&self.nodes.drive.name, &self.trial.wiring.sensor.quantity)
+    pub fn drive_position(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
+        self.measured_by(
+            database,
+            &self.drive().name,
+            &self.trial.wiring.sensor.quantity,
+        )
     }
 
     /// Returns the position from which its command follows: that of the loop whose law commands its drive.
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn commanding_position(&self) -> Result<SignalHandle, SignalMissing> {
+    pub fn commanding_position(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
         let leader = self.trial.wiring.leader();
         leader.map_or_else(
-            || self.position(),
-            |one| self.measured_by(&one.followed, &one.quantities.feedback),
+            || self.position(database),
+            |one| self.measured_by(database, &one.followed, &one.quantities.feedback),
         )
     }
 
-    fn measured_by(&self, drive: &str, by: &Quantity) -> Result<SignalHandle, SignalMissing> {
+    fn measured_by(
+        &self,
+        database: &Database,
+        drive: &str,
+        by: &Quantity,
+    ) -> Result<SignalHandle, SignalMissing> {
         let message = names::message(drive, names::TPDO1);
-        self.database.signal_of(&message, &by.key())
+        database.signal_of(&message, &by.key())
     }
 
     /// Returns the signal of the controller's command.
     ///
     /// # Errors
     /// The database has no such signal.
-    pub fn target(&self) -> Result<SignalHandle, SignalMissing> {
-        let command = names::message(&self.nodes.drive.name, names::RPDO1);
+    pub fn target(&self, database: &Database) -> Result<SignalHandle, SignalMissing> {
+        let command = names::message(&self.drive().name, names::RPDO1);
         let target = self.trial.wiring.quantities.name(names::TARGET);
-        self.database.signal_of(&command, &target)
+        database.signal_of(&command, &target)
     }
 
     /// Returns the messages whose signals become columns, in their order.
-    pub fn columns(&self) -> impl Iterator<Item = ColumnMessage<'_>> {
-        columns(&self.database, &self.trial.wiring)
+    pub fn columns<'a>(
+        &'a self,
+        database: &'a Database,
+    ) -> impl Iterator<Item = ColumnMessage<'a>> {
+        columns(database, &self.trial.wiring)
     }
 
     /// Returns the signals of another drive that it follows: the measured one and the true one.
-    pub fn followed(&self) -> impl Iterator<Item = (&Message, &Signal)> {
-        followed(&self.database, &self.trial.wiring)
+    pub fn followed<'a>(
+        &'a self,
+        database: &'a Database,
+    ) -> impl Iterator<Item = (&'a Message, &'a Signal)> {
+        followed(database, &self.trial.wiring)
     }
 
     /// Returns the name, in the loop, of a signal of one of its messages.
-    pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
-        let has = |node: &&Node| messages_of(&self.database, node).any(|one| one == message);
+    pub fn name_of(&self, database: &Database, message: &Message, signal: &Signal) -> String {
         let wiring = &self.trial.wiring;
+        let has =
+            |node: &NodeIndex| messages_of(database, wiring.node(*node)).any(|one| one == message);
         name_in_loop(signal, wiring.all_nodes().find(has), wiring)
     }
 
     /// Returns the signals of an emulated plant that its drive publishes, without the true position.
-    pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
-        let messages = self.database.plant_messages(&self.nodes.drive.name);
+    pub fn plant_signals<'a>(&'a self, database: &'a Database) -> impl Iterator<Item = &'a Signal> {
+        let messages = database.plant_messages(&self.drive().name);
         let signals = messages.flat_map(|message| &message.signals);
         let quantities = self.trial.wiring.drive_quantities();
         let measured = quantities.name(names::TRUE_POSITION);
@@ -503,28 +566,28 @@ impl ControlLoop {
     }
 
     /// Checks whether a signal of a message belongs to its drive, its io nodes or its law.
-    pub fn owns(&self, message: &str, signal: &str) -> bool {
+    pub fn owns(&self, database: &Database, message: &str, signal: &str) -> bool {
         let wiring = &self.trial.wiring;
-        let has = |io: &&Node| wiring.has_signal(Some(io), signal);
+        let has = |io: &NodeIndex| wiring.has_signal(Some(*io), signal);
         let io = wiring.io_nodes().filter(has);
-        let nodes = [&self.nodes.drive].into_iter().chain(io);
-        let messages = nodes.flat_map(|node| messages_of(&self.database, node));
-        let controller = &self.nodes.controller.name;
-        let terms = self.database.term_messages(controller, self.name());
+        let nodes = [wiring.drive].into_iter().chain(io);
+        let messages = nodes.flat_map(|node| messages_of(database, wiring.node(node)));
+        let controller = &self.controller().name;
+        let terms = database.term_messages(controller, self.name());
         let mut messages = messages.chain(terms);
         names::set_point(self.name()) == message || messages.any(|one| one.name == message)
     }
 
     /// Returns the number of cycles from one message to the next, which is more than 1 for the truth about a plant alone.
-    pub fn every_cycles(&self, message: &str) -> u32 {
-        let (nodes, wiring) = (&self.nodes, &self.trial.wiring);
+    pub fn every_cycles(&self, database: &Database, message: &str) -> u32 {
+        let wiring = &self.trial.wiring;
         let of = |node: &Node, measured: &Measured| {
-            let mut messages = self.database.plant_messages(&node.name);
+            let mut messages = database.plant_messages(&node.name);
             let is_its = messages.any(|one| one.name == message);
             measured.truth_every_cycles.filter(|_| is_its)
         };
-        let own = of(&nodes.drive, &wiring.sensor);
-        own.or_else(|| of(&nodes.followed, &wiring.feedback))
+        let own = of(wiring.drive(), &wiring.sensor);
+        own.or_else(|| of(wiring.followed_drive(), &wiring.feedback))
             .unwrap_or(1)
             .into()
     }
@@ -536,13 +599,13 @@ impl ControlLoop {
             let names = names::PLANT_SERVICES.map(|service| names::message(&node.name, service));
             names.iter().any(|name| name == message)
         };
-        is_of(&self.nodes.drive) || is_of(&self.nodes.followed)
+        is_of(self.drive()) || is_of(self.trial.wiring.followed_drive())
     }
 
     /// Returns the terms of its law.
-    pub fn terms(&self) -> impl Iterator<Item = &Signal> {
-        let controller = &self.nodes.controller.name;
-        let messages = self.database.term_messages(controller, self.name());
+    pub fn terms<'a>(&'a self, database: &'a Database) -> impl Iterator<Item = &'a Signal> {
+        let controller = &self.controller().name;
+        let messages = database.term_messages(controller, self.name());
         messages.flat_map(|message| &message.signals)
     }
 

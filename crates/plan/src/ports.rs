@@ -31,7 +31,7 @@ pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Ob
 
 fn loop_objection(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Objection> {
     let rig = &scenario.shared.rig;
-    let drive = one.wiring.nodes.drive.name.as_str();
+    let drive = one.wiring.drive().name.as_str();
     if !rig.node.get(drive)?.is_ours() {
         return None;
     }
@@ -123,7 +123,8 @@ impl Wired<'_> {
         let Trial { wiring, plants, .. } = self.trial;
         for io in wiring.shared.io_on(|plant| plants.contains_key(plant)) {
             let mut outputs = io.outputs.iter();
-            outputs.try_for_each(|(output, port)| self.output(&io.node.name, output, port))?;
+            let name = &wiring.node(io.node).name;
+            outputs.try_for_each(|(output, port)| self.output(name, output, port))?;
         }
         self.record()
     }
@@ -246,7 +247,7 @@ mod tests {
     use std::sync::Arc;
 
     use dbc::Quantity;
-    use scenario::node::{Node, Part};
+    use scenario::node::{Node, Nodes, Profile};
 
     use super::*;
     use scenario::wiring::{IoWiring, Measured, SharedWiring, Wiring};
@@ -338,8 +339,11 @@ mod tests {
         );
         assert_eq!(
             found(&ports(), |wiring| {
+                let module = Node::canopen("module", 0x11, Profile::Io);
+                let manager = Node::canopen("controller", 0x01, Profile::Manager);
+                let nodes = Nodes::new([manager, module]).unwrap();
                 let io = IoWiring {
-                    node: Node::new("module", 0x11, Part::Io),
+                    node: nodes.find("module").unwrap(),
                     outputs: BTreeMap::from([(
                         "added_load_grams".to_owned(),
                         "joint.brake_newtons".to_owned(),
@@ -347,6 +351,7 @@ mod tests {
                 };
                 wiring.shared = Arc::new(SharedWiring {
                     io: vec![io],
+                    nodes,
                     ..SharedWiring::default()
                 });
             })

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use canopen::ObjectDictionary;
 use dbc::node_objects::{self, PlantSignals};
 use dbc::{Database, Message, Signal, names};
-use scenario::node::{LoopNodes, Node, Part};
+use scenario::node::NodeIndex;
 use scenario::rig::object_address;
 use scenario::wiring::{IoOutput, Wiring};
 use scenario::{Objection, Trial, nearest};
@@ -27,7 +27,6 @@ pub struct SignalNames {
 impl SignalNames {
     /// Collects the names of the signals of a loop's nodes and its law, with those of the objects behind them.
     pub(crate) fn new(database: &Database, wiring: &Wiring, published: &Published) -> Self {
-        let nodes = &wiring.nodes;
         let objects = objects_of_nodes(database, wiring, published);
         let mut aliases = Vec::new();
         let mut add = |message: &Message, signal: &Signal, names: Vec<String>| {
@@ -35,17 +34,18 @@ impl SignalNames {
             let names = [path.clone()].into_iter().chain(names);
             aliases.extend(names.map(|name| (name, path.clone())));
         };
-        let mut add_message = |message: &Message, node: Option<&Node>| {
+        let mut add_message = |message: &Message, node: Option<NodeIndex>| {
             let signals = message.signals.iter();
             for signal in signals.filter(|signal| wiring.has_signal(node, &signal.name)) {
                 let mut names = vec![name_in_loop(signal, node, wiring)];
-                if names[0] != signal.name && node.is_some_and(|node| node.part == Part::Io) {
+                let is_io = node.is_some_and(|node| wiring.node(node).is_io());
+                if names[0] != signal.name && is_io {
                     names.push(signal.name.clone());
                 }
                 if let Some(node) = node
-                    && let Some(object) = object_name(&objects[&node.id], signal)
+                    && let Some(object) = object_name(&objects[&node], signal)
                 {
-                    names.push(format!("{}.{object}", node.name));
+                    names.push(format!("{}.{object}", wiring.node(node).name));
                     names.push(object.to_owned());
                 }
                 add(message, signal, names);
@@ -57,17 +57,20 @@ impl SignalNames {
         }
         let all = Vec::from_iter(wiring.all_nodes());
         for node in all.iter().copied() {
-            messages_of(database, node).for_each(|message| add_message(message, Some(node)));
+            let messages = messages_of(database, wiring.node(node));
+            messages.for_each(|message| add_message(message, Some(node)));
         }
-        let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
-        terms.for_each(|message| add_message(message, Some(&nodes.controller)));
+        let terms = database.term_messages(&wiring.controller().name, wiring.loop_among_several());
+        let controller = wiring.shared.nodes.manager();
+        terms.for_each(|message| add_message(message, Some(controller)));
         for (message, signal) in followed(database, wiring) {
             add(message, signal, vec![signal.name.clone()]);
         }
         let objects = all.into_iter().flat_map(|node| {
-            let known = objects[&node.id].entries().iter();
-            let entries = known.filter(|entry| wiring.has_signal(Some(node), &entry.name));
-            entries.flat_map(|entry| [entry.name.clone(), format!("{}.{}", node.name, entry.name)])
+            let name = &wiring.node(node).name;
+            let known = objects[&node].entries().iter();
+            let entries = known.filter(move |entry| wiring.has_signal(Some(node), &entry.name));
+            entries.flat_map(move |entry| [entry.name.clone(), format!("{name}.{}", entry.name)])
         });
         Self {
             objects: objects.collect(),
@@ -123,30 +126,29 @@ impl SignalNames {
     }
 }
 
-/// Returns the objects of the nodes of a loop, by their node-IDs.
+/// Returns the objects of the nodes of a loop.
 fn objects_of_nodes(
     database: &Database,
     wiring: &Wiring,
     published: &Published,
-) -> BTreeMap<u8, ObjectDictionary> {
-    let LoopNodes {
-        controller, drive, ..
-    } = &wiring.nodes;
+) -> BTreeMap<NodeIndex, ObjectDictionary> {
+    let (controller, drive) = (wiring.controller(), wiring.drive());
     let mut loops = vec![Default::default(); usize::from(wiring.loop_number())];
     loops.push((published.terms.clone(), wiring.identifiers.terms));
     let io = wiring.io_nodes().map(|io| {
-        let all = published.io.iter().filter(|(other, _)| other == io);
+        let all = published.io.iter().filter(move |(other, _)| *other == io);
         let outputs = all.flat_map(|(_, outputs)| outputs.iter().map(IoOutput::in_sheet));
-        (io.id, node_objects::io(io.id, outputs, controller.id))
+        let id = wiring.node(io).id();
+        (io, node_objects::io(id, outputs, controller.id()))
     });
     let others = [
         (
-            controller.id,
-            node_objects::controller(controller.id, &loops, &[], &[]),
+            wiring.shared.nodes.manager(),
+            node_objects::controller(controller.id(), &loops, &[], &[]),
         ),
         (
-            drive.id,
-            node_objects::drive(drive.id, PlantSignals::of(database, &drive.name), []),
+            wiring.drive,
+            node_objects::drive(drive.id(), PlantSignals::of(database, &drive.name), []),
         ),
     ];
     io.chain(others).collect()

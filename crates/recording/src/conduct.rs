@@ -9,8 +9,9 @@ use canopen::emcy::EmergencyMessage;
 use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID};
 use canopen::sdo::DEFAULT_REQUEST_ID as SDO_REQUESTS;
 use canopen::{NmtCommand, NmtState, emcy};
-use dbc::{SignalHandle, names};
-use plan::{ControlLoop, Plan, each_once};
+use dbc::{Database, SignalHandle, names};
+use plan::{Plan, message_of};
+use scenario::node::Node;
 
 use crate::identifiers::ByIdentifier;
 
@@ -77,13 +78,13 @@ pub(crate) struct ConductReader {
 impl ConductReader {
     /// Makes a reader of the nodes of a plan.
     pub(crate) fn new(plan: &Plan) -> Self {
-        let ids = each_once(plan.nodes().map(|node| node.id));
-        let of_nodes = ids.iter().flat_map(|id| {
-            let number = u16::from(*id);
+        let ids = plan.rig_nodes().map(|(_, node)| node.id());
+        let of_nodes = ids.flat_map(|id| {
+            let number = u16::from(id);
             [
-                (ERROR_CONTROL_ID + number, Watched::Heartbeat(*id, None)),
-                (emcy::DEFAULT_ID + number, Watched::Emergency(*id)),
-                (SDO_REQUESTS + number, Watched::Requests(*id)),
+                (ERROR_CONTROL_ID + number, Watched::Heartbeat(id, None)),
+                (emcy::DEFAULT_ID + number, Watched::Emergency(id)),
+                (SDO_REQUESTS + number, Watched::Requests(id)),
             ]
         });
         let services = of_nodes.chain([(COMMAND_ID, Watched::Orders)]);
@@ -92,7 +93,8 @@ impl ConductReader {
         let mut words = Vec::new();
         for one in &plan.loops {
             let drive = drives.len();
-            let (status, control) = (status(one), control(one));
+            let (database, node) = (plan.database(), one.drive());
+            let (status, control) = (status(database, node), control(database, node));
             words.extend(status.map(|word| {
                 let state = None;
                 (word.raw_id(), Watched::Status { drive, word, state })
@@ -107,7 +109,7 @@ impl ConductReader {
                 (command.raw_id(), watched)
             }));
             drives.push(WatchedDrive {
-                node_id: one.nodes.drive.id,
+                node_id: one.drive().id(),
                 is_asked: true,
             });
         }
@@ -206,13 +208,13 @@ fn read(watched: &mut Watched, drives: &mut [WatchedDrive], frame: &CanFrame) ->
 }
 
 /// The state in the statusword of a loop's drive.
-fn status(one: &ControlLoop) -> Option<SignalHandle> {
-    let message = one.message(&one.nodes.drive, names::TPDO1).ok()?;
+fn status(database: &Database, drive: &Node) -> Option<SignalHandle> {
+    let message = message_of(database, drive, names::TPDO1).ok()?;
     Some(message.handle(message.signal(names::STATUSWORD)?))
 }
 
 /// The command in the controlword of a loop's drive.
-fn control(one: &ControlLoop) -> Option<SignalHandle> {
-    let message = one.message(&one.nodes.drive, names::RPDO1).ok()?;
+fn control(database: &Database, drive: &Node) -> Option<SignalHandle> {
+    let message = message_of(database, drive, names::RPDO1).ok()?;
     Some(message.handle(message.signal(names::CONTROLWORD)?))
 }

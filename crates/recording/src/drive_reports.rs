@@ -6,8 +6,8 @@ use std::time::Duration;
 use can::CanFrame;
 use canopen::cia402::STATUSWORD;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
-use dbc::{Coding, names};
-use plan::ControlLoop;
+use dbc::{Coding, Database, names};
+use plan::{ControlLoop, message_of};
 use scenario::rig::{Timeouts, object_address};
 
 /// Index and sub-index of an object.
@@ -33,20 +33,20 @@ pub fn watch(one: &ControlLoop) -> Duration {
 }
 
 /// Returns the requests for a drive's power state and for its current, if it measures that.
-pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
-    let drive = one.nodes.drive.id;
+pub fn requests(database: &Database, one: &ControlLoop) -> [Option<CanFrame>; 2] {
+    let drive = one.drive().id();
     let request = |(index, sub_index): ObjectAddress| {
         let [low, high] = index.to_le_bytes();
         let data = [UPLOAD, low, high, sub_index, 0, 0, 0, 0];
         CanFrame::new(DEFAULT_REQUEST_ID + u16::from(drive), &data)
     };
-    let current = current(one).map(|(object, _)| object);
+    let current = current(database, one).map(|(object, _)| object);
     [Some(STATUSWORD_OBJECT), current].map(|object| object.map(request))
 }
 
 /// Returns the object of the measured current, with the coding of its value.
-fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
-    let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
+fn current(database: &Database, one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
+    let feedback = message_of(database, one.drive(), names::TPDO1).ok()?;
     let signal = feedback.signal(&one.trial.wiring.drive_quantities().name(names::OUTPUT))?;
     let real = one.real_drive.as_ref();
     let object = real.map_or(&signal.object, |drive| &drive.real.current.object);
@@ -70,11 +70,11 @@ pub(crate) struct DriveReportReader {
 }
 
 impl DriveReportReader {
-    pub(crate) fn new(one: &ControlLoop) -> Self {
-        let drive = one.nodes.drive.id;
+    pub(crate) fn new(database: &Database, one: &ControlLoop) -> Self {
+        let drive = one.drive().id();
         Self {
             raw_id: u32::from(DEFAULT_RESPONSE_ID) + u32::from(drive),
-            current: current(one),
+            current: current(database, one),
             reports: DriveReports::default(),
         }
     }

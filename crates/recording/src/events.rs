@@ -9,10 +9,10 @@ use dbc::{Database, Signal, SignalHandle, names};
 use platform::terminal::printable;
 use scenario::Trial;
 use scenario::expect::Emergency;
+use scenario::node::Nodes;
 
 use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
-use crate::node_names::NodeNames;
 use crate::occurrences::{Notes, Occurrence};
 
 /// Silence after which an error of the bus makes a new event.
@@ -110,7 +110,8 @@ impl EventSignal {
 
 /// Reader of events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
-    node_names: NodeNames,
+    nodes: Nodes,
+    has_several_loops: bool,
     signals: ByIdentifier<EventSignal>,
     /// Events with recording times.
     events: Notes<Event>,
@@ -119,14 +120,15 @@ pub(crate) struct EventReader {
 }
 
 impl EventReader {
-    /// Makes the reader of the nodes with these names.
-    pub(crate) fn new(database: &Database, node_names: NodeNames) -> Self {
-        let signals = event_signals(database, &node_names)
+    /// Makes the reader of these nodes.
+    pub(crate) fn new(database: &Database, nodes: &Nodes, has_several_loops: bool) -> Self {
+        let signals = event_signals(database, nodes)
             .into_iter()
             .map(|signal| (signal.signal.raw_id(), signal));
         Self {
             signals: signals.collect(),
-            node_names,
+            nodes: nodes.clone(),
+            has_several_loops,
             events: Notes::default(),
             bus_errors: BTreeMap::new(),
         }
@@ -154,7 +156,10 @@ impl EventReader {
                 (level, format!("{node}: {label}"))
             }
             EventKind::Command => {
-                let addressee = addressee(&stamped.frame, &self.node_names);
+                let addressee = match self.has_several_loops {
+                    true => addressee(&stamped.frame, &self.nodes),
+                    false => String::new(),
+                };
                 (Level::Info, format!("NMT command: {label}{addressee}"))
             }
             EventKind::Emergency if value == 0.0 => {
@@ -181,7 +186,7 @@ impl EventReader {
 
     /// Takes the report of a CAN driver. An error that it may report with each frame makes an event only when it begins.
     fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) {
-        let node = name_or_bench(message.node, &self.node_names);
+        let node = name_or_bench(message.node, &self.nodes);
         let text = format!("{node}: {}", message.text);
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time.saturating_sub(before) < BUS_ERROR_PAUSE);
@@ -232,7 +237,7 @@ pub(crate) fn planned(trial: &Trial, loop_name: Option<&str>) -> Events {
         }
     }
     for fault in trial.loop_faults() {
-        let text = fault.text(loop_name.is_some());
+        let text = fault.text(&trial.wiring.shared.nodes, loop_name.is_some());
         add(fault.from_seconds.unwrap_or(0.0), Level::Warning, &text);
         let is_instant = fault.from_seconds == fault.until_seconds;
         if let Some(end) = fault.until_seconds.filter(|_| !is_instant) {
@@ -253,7 +258,7 @@ pub fn word(value: f64) -> u16 {
 }
 
 /// Returns the signals that make events: commands of NMT, and for each node its state, its statusword and its emergencies.
-fn event_signals(database: &Database, node_names: &NodeNames) -> Vec<EventSignal> {
+fn event_signals(database: &Database, nodes: &Nodes) -> Vec<EventSignal> {
     let make = |message: &str, name: &str, kind, node: &str| {
         let message = database.message(message)?;
         let definition = message.signal(name)?;
@@ -267,7 +272,8 @@ fn event_signals(database: &Database, node_names: &NodeNames) -> Vec<EventSignal
             cause: cause(database, &message.name),
         })
     };
-    let node_events = node_names.nodes().flat_map(|node| {
+    let node_events = nodes.iter().flat_map(|(_, node)| {
+        let node = node.name.as_str();
         let services = [
             (names::HEARTBEAT, names::NMT_STATE, EventKind::State),
             (names::TPDO1, names::STATUSWORD, EventKind::State),
@@ -280,18 +286,20 @@ fn event_signals(database: &Database, node_names: &NodeNames) -> Vec<EventSignal
     [nmt].into_iter().chain(node_events).flatten().collect()
 }
 
-/// Returns the name of the node with this number, or `bench` for an unknown one.
-fn name_or_bench(node: u8, node_names: &NodeNames) -> &str {
-    node_names.name(node).unwrap_or("bench")
+/// Returns the name of the node with this node-ID, or of the bench for an unknown one.
+fn name_or_bench(id: u8, nodes: &Nodes) -> &str {
+    nodes
+        .with_id(id)
+        .map_or(names::BENCH, |node| &nodes[node].name)
 }
 
-/// Describes the addressee of a command, if there are several drives.
-fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
-    match (node_names.has_several_loops, frame.data()) {
-        (true, [_, 0, ..]) => " to all nodes".to_owned(),
-        (true, [_, node, ..]) => match node_names.name(*node) {
-            Some(name) => format!(" to {name}"),
-            None => format!(" to node {node}"),
+/// Describes the addressee of a command.
+fn addressee(frame: &CanFrame, nodes: &Nodes) -> String {
+    match frame.data() {
+        [_, 0, ..] => " to all nodes".to_owned(),
+        [_, id, ..] => match nodes.with_id(*id) {
+            Some(node) => format!(" to {}", nodes[node].name),
+            None => format!(" to node {id}"),
         },
         _ => String::new(),
     }
@@ -307,10 +315,18 @@ fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
 mod tests {
     use dbc::Quantities;
     use dbc::messages::{Heading, services};
+    use scenario::node::{Node, Profile};
 
     use super::*;
-    use crate::node_names::tests::two_loops;
     use crate::occurrences::in_order;
+
+    /// Returns the nodes of two loops with a drive each.
+    fn two_drives() -> Nodes {
+        let drives = [("left", 0x12), ("right", 0x13)];
+        let drives = drives.map(|(name, id)| Node::canopen(name, id, Profile::Drive));
+        let controller = Node::canopen("controller", 0x01, Profile::Manager);
+        Nodes::new([controller].into_iter().chain(drives)).unwrap()
+    }
 
     #[test]
     fn no_event_steers_a_terminal() {
@@ -320,18 +336,14 @@ mod tests {
 
     #[test]
     fn among_several_loops_an_event_names_its_node() {
-        let node_names = two_loops();
-        let to = |node| addressee(&CanFrame::new(0, &[1, node]), &node_names);
+        let nodes = two_drives();
+        let to = |node| addressee(&CanFrame::new(0, &[1, node]), &nodes);
         assert_eq!(
             [0x13, 0, 0x14].map(to),
             [" to right", " to all nodes", " to node 20"]
         );
         assert_eq!(
-            addressee(&CanFrame::new(0, &[1, 0x10]), &NodeNames::default()),
-            ""
-        );
-        assert_eq!(
-            [0x01, 0x13, 0x7F].map(|node| name_or_bench(node, &node_names)),
+            [0x01, 0x13, 0x7F].map(|node| name_or_bench(node, &nodes)),
             ["controller", "right", "bench"]
         );
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
@@ -360,7 +372,7 @@ mod tests {
         let heading = Heading::new("controller_emergency".to_owned(), "controller", []);
         let causes = services::causes_at(&drives);
         let bus = Database::from_messages(vec![services::emergency(heading, 0x081, false, causes)]);
-        let mut reader = EventReader::new(&bus, two_loops());
+        let mut reader = EventReader::new(&bus, &two_drives(), true);
         for node in [0x12, 0x13] {
             let frame = CanFrame::new(0x081, &[0, 0x10, 1, node, 6, 0, 0, 0]);
             reader.on_frame(&Stamped::new(Duration::ZERO, frame));

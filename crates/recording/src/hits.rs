@@ -278,23 +278,24 @@ fn inside(fault: &Fault, plan: &Plan) -> Vec<Hit> {
         frames: 0,
         amount,
     };
-    let Some(node) = &fault.node else {
+    let Some(index) = fault.node else {
         // A fault of a plant changes what each of its drives measures.
         let loops = plan.loops.iter();
         let here =
-            loops.filter(|one| fault.is_at_drive(one.nodes.drive.id, &one.trial.wiring.plant));
-        let drives = here.map(|one| one.nodes.drive.name.as_str());
+            loops.filter(|one| fault.is_at_drive(one.trial.wiring.drive, &one.trial.wiring.plant));
+        let drives = here.map(|one| one.drive().name.as_str());
         return drives
             .map(|drive| hit(Some(drive), Effect::Changed, 0.0))
             .collect();
     };
+    let node = &plan.nodes[index];
     let own = Some(node.name.as_str());
     let one = match fault.kind.name {
         _ if fault.kind.group != Group::Node => hit(own, Effect::Changed, 0.0),
         "slow_cycle" => hit(own, Effect::Late, fault.number("delay_milliseconds")),
         "clock_drift" => hit(own, Effect::Clock, fault.number("parts_per_million")),
         "lost_heartbeat" => Hit {
-            identifier: Some(ERROR_CONTROL_ID + u16::from(node.id)),
+            identifier: Some(ERROR_CONTROL_ID + u16::from(node.id())),
             ..hit(None, Effect::Lost, 0.0)
         },
         "late_boot" => Hit {

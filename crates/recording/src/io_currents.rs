@@ -7,7 +7,7 @@ use can::CanFrame;
 use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID, NmtCommand};
 use canopen::sdo::DEFAULT_REQUEST_ID;
 use dbc::node_objects::{CONSUMER_HEARTBEAT_TIME, IO_WATCH_MILLISECONDS};
-use dbc::{SignalHandle, names};
+use dbc::{Database, SignalHandle, names};
 use plan::ControlLoop;
 
 /// Largest number of spans that are kept.
@@ -41,10 +41,11 @@ struct IoNode {
 }
 
 impl IoCurrentReader {
-    pub(crate) fn new(one: &ControlLoop) -> Self {
+    pub(crate) fn new(database: &Database, one: &ControlLoop) -> Self {
         let nodes = one.trial.wiring.io_nodes().filter_map(|io| {
+            let io = one.node(io);
             let commands = names::message(&io.name, names::RPDO1);
-            let mut columns = one.columns();
+            let mut columns = one.columns(database);
             let column = columns.find(|column| column.message.name == commands)?;
             let mut outputs = column.signals;
             outputs.retain(|(_, signal)| signal.unit.ends_with(['A', 'V']));
@@ -52,7 +53,7 @@ impl IoCurrentReader {
                 .iter()
                 .map(|(_, signal)| column.message.handle(signal));
             let node = IoNode {
-                id: io.id,
+                id: io.id(),
                 raw_id: column.message.raw_id,
                 outputs: handles.collect(),
                 watch: Duration::from_millis(IO_WATCH_MILLISECONDS.into()),
@@ -62,7 +63,7 @@ impl IoCurrentReader {
             (!node.outputs.is_empty()).then_some(node)
         });
         Self {
-            manager: one.nodes.controller.id,
+            manager: one.controller().id(),
             beat: None,
             nodes: nodes.collect(),
             spans: Vec::new(),

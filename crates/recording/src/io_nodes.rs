@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use can::CanFrame;
-use dbc::names;
+use dbc::{Database, names};
 use plan::ControlLoop;
 
 /// Reader of the heartbeats of the io nodes that disturb a loop, and of the commands to them.
@@ -15,14 +15,14 @@ pub(crate) struct IoReader {
 }
 
 impl IoReader {
-    pub(crate) fn new(one: &ControlLoop) -> Self {
+    pub(crate) fn new(database: &Database, one: &ControlLoop) -> Self {
         let mut reader = Self {
             seen: BTreeMap::new(),
             is_one_missing: false,
         };
         for change in one.trial.judged_disturbances() {
             for service in [names::HEARTBEAT, names::RPDO1] {
-                match one.database.message(&names::message(&change.node, service)) {
+                match database.message(&names::message(&change.node, service)) {
                     Some(message) => drop(reader.seen.insert(message.raw_id, false)),
                     None => reader.is_one_missing = true,
                 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use dbc::SignalMissing;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use hdrhistogram::Histogram;
-use plan::{ControlLoop, each_once};
+use plan::{ControlLoop, Plan, each_once};
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
@@ -144,6 +144,7 @@ pub struct Host {
 /// If the database lacks a signal.
 pub fn latencies(
     frames: impl IntoIterator<Item = Stamped>,
+    plan: &Plan,
     one: &ControlLoop,
 ) -> Result<[Histogram<u64>; 3], SignalMissing> {
     let mut latencies = [(); 3].map(|()| {
@@ -151,7 +152,7 @@ pub fn latencies(
             .expect("constant bounds that the histogram takes")
     });
     let [sync_to_position, position_to_command, round_trip] = &mut latencies;
-    let mut cycle = CycleReader::new(one)?;
+    let mut cycle = CycleReader::new(plan, one)?;
     let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
     for stamped in frames {
         let time = cycle.on_frame(&stamped).filter(|time| *time < end);
@@ -205,12 +206,13 @@ pub struct CycleReader {
 impl CycleReader {
     /// # Errors
     /// If the database lacks a signal.
-    pub fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+    pub fn new(plan: &Plan, one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let database = plan.database();
         Ok(Self {
-            clock: one.scenario_clock()?,
-            position_id: one.position()?.raw_id(),
-            followed_id: one.commanding_position()?.raw_id(),
-            command_id: one.target()?.raw_id(),
+            clock: plan.scenario_clock()?,
+            position_id: one.position(database)?.raw_id(),
+            followed_id: one.commanding_position(database)?.raw_id(),
+            command_id: one.target(database)?.raw_id(),
             sync: None,
             has_position: false,
             followed: None,
@@ -290,7 +292,7 @@ mod tests {
             (3100, 0x210),
         ]
         .map(|(micros, id)| stamped(micros, id, &enabled));
-        let latencies = latencies(frames, plan.only_loop().unwrap()).unwrap();
+        let latencies = latencies(frames, &plan, plan.only_loop().unwrap()).unwrap();
         let counts = latencies.each_ref().map(Histogram::len);
         let [sync_to_position, position_to_command, round_trip] =
             latencies.map(|histogram| Quantiles::new(&histogram, 1));
@@ -307,7 +309,7 @@ mod tests {
             [controller.pid_pair]\n[[reference.hold]]\nat_seconds = 0.0\nposition_degrees = 5.0\n";
         let (beside, read) = (Beside::new(Path::new("t.toml")), |_: &str| unreachable!());
         let plan = Plan::parse(&beside, text.to_owned(), read, &Catalogue::shipped()).unwrap();
-        let drive = |one: &&ControlLoop| one.nodes.drive.name == "extensor";
+        let drive = |one: &&ControlLoop| one.drive().name == "extensor";
         let extensor = plan.loops.iter().find(drive).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
         let frames = [
@@ -323,7 +325,7 @@ mod tests {
             (2200, 0x212),
         ]
         .map(|(micros, id)| stamped(micros, id, &enabled));
-        let latencies = latencies(frames, extensor).unwrap();
+        let latencies = latencies(frames, &plan, extensor).unwrap();
         let found = latencies.map(|histogram| (histogram.len(), histogram.max()));
         assert_eq!(found, [(2, 600), (1, 250), (1, 450)]);
     }

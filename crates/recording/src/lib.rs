@@ -25,7 +25,6 @@ mod io_nodes;
 pub mod latency;
 pub mod log;
 pub mod losses;
-mod node_names;
 pub mod occurrences;
 mod pieces;
 pub mod progress;

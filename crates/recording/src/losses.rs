@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use can::CanFrame;
-use dbc::{Message, names};
-use plan::ControlLoop;
-use scenario::node::{Node, Part};
+use dbc::{Database, Message, names};
+use plan::{ControlLoop, message_of};
+use scenario::node::NodeIndex;
 
 use crate::events::{Event, Level};
 use crate::identifiers::ByIdentifier;
@@ -20,7 +20,7 @@ pub const HEARTBEATS_MAX: u32 = 5;
 /// Time in which the heartbeat of a node did not come for longer than the others wait for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LostHeartbeat {
-    pub node: Part,
+    pub node: NodeIndex,
     /// Scenario time at which the first missing heartbeat was due.
     pub due_seconds: f64,
     /// Scenario time of the next heartbeat; infinite if none came.
@@ -32,7 +32,7 @@ struct Watched {
     /// Name for the user; empty for the temperature of the plant, whose loss has no consequence.
     what: String,
     /// Node of this heartbeat, if the others stop without it.
-    heartbeat_sender: Option<Part>,
+    heartbeat_sender: Option<NodeIndex>,
     period: Duration,
     limit: Duration,
     /// Scenario time of the last one.
@@ -58,12 +58,11 @@ pub(crate) struct LossReader {
 }
 
 impl LossReader {
-    pub(crate) fn new(one: &ControlLoop) -> Self {
+    pub(crate) fn new(database: &Database, one: &ControlLoop) -> Self {
         let sync_period = one.trial.run.bus.sync_period();
-        let nodes = &one.nodes;
-        let [controller, drive] = [&nodes.controller, &nodes.drive].map(Node::in_sentence);
+        let [controller, drive] = one.both().map(|node| one.node(node).in_sentence());
         let signal = &one.trial.wiring.sensor.quantity.name;
-        let drives = |service| one.message(&nodes.drive, service).ok();
+        let drives = |service| message_of(database, one.drive(), service).ok();
         let watch = |message: &Message, what, heartbeat_sender, period, periods_max: u32| {
             let watched = Watched {
                 what,
@@ -76,22 +75,23 @@ impl LossReader {
         };
         let cyclic = [
             (
-                one.database.message(names::SYNC),
+                database.message(names::SYNC),
                 format!("SYNC from {controller}"),
             ),
             (drives(names::TPDO1), format!("{signal} from {drive}")),
         ]
         .map(|(message, what)| Some(watch(message?, what, None, sync_period, PERIODS_MAX)));
-        let of_plant = one.database.plant_messages(&nodes.drive.name);
+        let of_plant = database.plant_messages(&one.drive().name);
         let period = sync_period * u32::from(one.trial.wiring.truth_every_cycles());
         let truth = |message| Some(watch(message, String::new(), None, period, PERIODS_MAX));
         let is_heated = |message: &&Message| message.signals.iter().any(is_temperature);
         let heated = of_plant.filter(is_heated).map(truth);
-        let heartbeats = one.trial.wiring.all_nodes().map(|node| {
-            let message = one.message(node, names::HEARTBEAT).ok()?;
+        let heartbeats = one.trial.wiring.all_nodes().map(|index| {
+            let node = one.node(index);
+            let message = message_of(database, node, names::HEARTBEAT).ok()?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let what = format!("heartbeat from {}", node.in_sentence());
-            let sender = Some(node.part).filter(|part| *part != Part::Io);
+            let sender = Some(index).filter(|index| one.both().contains(index));
             Some(watch(message, what, sender, period, HEARTBEATS_MAX))
         });
         let watched = cyclic.into_iter().chain(heated).chain(heartbeats);

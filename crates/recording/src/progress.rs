@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use dbc::{Quantities, SignalHandle, SignalMissing};
+use dbc::{Database, Quantities, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
 use scenario::reference::Trajectory;
 
@@ -48,12 +48,12 @@ struct LoopReader {
 }
 
 impl LoopReader {
-    fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+    fn new(database: &Database, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let scenario = &one.trial;
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
             name: one.loop_name().map(str::to_owned),
-            position: one.position()?,
+            position: one.position(database)?,
             quantities: scenario.wiring.quantities.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
         })
@@ -79,7 +79,8 @@ impl ProgressReader {
     /// # Errors
     /// If the database lacks the position of a loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
-        let loops = plan.loops.iter().map(LoopReader::new);
+        let loops = plan.loops.iter();
+        let loops = loops.map(|one| LoopReader::new(plan.database(), one));
         Ok(Self {
             loops: loops.collect::<Result<_, _>>()?,
             period: plan.sync_period(),

@@ -15,11 +15,11 @@ use can::{CanFrame, STANDARD_IDS};
 use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID};
 use canopen::sdo::{DEFAULT_REQUEST_ID as SDO_REQUESTS, DEFAULT_RESPONSE_ID as SDO_RESPONSES};
 use canopen::{NmtState, emcy};
-use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
-use plan::ControlLoop;
+use dbc::{Database, names};
+use plan::{ControlLoop, message_of};
 use scenario::fault::{Fault, Faults, Group};
-use scenario::node::{Node, Part};
+use scenario::node::{Node, NodeIndex};
 
 use crate::run_folder::{file, read_rows};
 
@@ -331,16 +331,16 @@ pub struct SourceReader {
 
 impl SourceReader {
     /// Makes a reader that has seen no frame.
-    pub fn new(one: &ControlLoop) -> Self {
+    pub fn new(database: &Database, one: &ControlLoop) -> Self {
         let scenario = &one.trial;
         let is_changing = |fault: &Fault| fault.kind.is_rate_changed;
-        let [is_ours, is_emulated] = [Part::Controller, Part::Drive].map(|part| one.is_ours(part));
+        let [is_ours, is_emulated] = one.both().map(|node| one.node(node).is_ours());
         let cycle = scenario.run.bus.sync_period();
-        let controller = &one.nodes.controller;
-        let id = |service| identifier(one, controller, service);
+        let controller = one.controller();
+        let id = |service| identifier(database, controller, service);
         // The usual identifiers (CiA 301, 7.3.5).
-        let number = u16::from(controller.id);
-        let watched = Vec::from_iter(watched(one, cycle, is_ours, is_emulated));
+        let number = u16::from(controller.id());
+        let watched = Vec::from_iter(watched((database, one), cycle, is_ours, is_emulated));
         let mut places = Box::new([UNWATCHED; STANDARD_IDS]);
         for (place, (identifier, _)) in (0..).zip(&watched) {
             places[usize::from(*identifier)] = place;
@@ -352,7 +352,7 @@ impl SourceReader {
                 is_rate_changed: scenario.loop_faults().any(is_changing),
                 is_sync_shifted: scenario
                     .loop_faults()
-                    .any(|fault| is_changing(fault) && fault.is_at_controller()),
+                    .any(|fault| is_changing(fault) && fault.is_at(one.controller_index())),
                 is_bus_faulty: scenario.run.faults.in_group(Group::Bus).next().is_some(),
                 ..Sources::default()
             },
@@ -361,10 +361,10 @@ impl SourceReader {
             controller_emergency: id(names::EMERGENCY).unwrap_or(emcy::DEFAULT_ID + number),
             is_ours,
             is_emulated,
-            drive: u16::from(one.nodes.drive.id),
-            controller: controller.id,
+            drive: u16::from(one.drive().id()),
+            controller: controller.id(),
             sync: None,
-            boot_ups_left: starts_anew(&scenario.run.faults),
+            boot_ups_left: starts_anew(&scenario.run.faults, one.controller_index()),
             newcomers: BTreeSet::new(),
             has_restarted: false,
             is_stop_scripted: scenario.run.faults.of("nmt_stop").next().is_some(),
@@ -536,14 +536,14 @@ impl SourceReader {
 
 /// Returns the frames that controller and drive send, with whether those are canrig's.
 fn watched(
-    one: &ControlLoop,
+    (database, one): (&Database, &ControlLoop),
     cycle: Duration,
     is_ours: bool,
     is_emulated: bool,
 ) -> BTreeMap<u16, Watched> {
-    let (controller, drive) = (&one.nodes.controller, &one.nodes.drive);
-    let position = identifier(one, drive, names::TPDO1);
-    let command = identifier(one, drive, names::RPDO1);
+    let (controller, drive) = (one.controller(), one.drive());
+    let position = identifier(database, drive, names::TPDO1);
+    let command = identifier(database, drive, names::RPDO1);
     let ours = Watched {
         is_ours,
         reporter: Some(SYNC_COB_ID),
@@ -572,11 +572,11 @@ fn watched(
     watch(Some(SYNC_COB_ID), SYNC, "SYNC", cycle, &ours);
     watch(command, COMMAND, "commands to the drive", cycle, &ours);
     for (node, sender) in [(controller, &ours), (drive, &drives)] {
-        let message = one.message(node, names::HEARTBEAT).ok();
+        let message = message_of(database, node, names::HEARTBEAT).ok();
         let period = message.map(|message| Duration::from_millis(message.cycle_time_milliseconds));
         let [heartbeat, emergency] =
-            [names::HEARTBEAT, names::EMERGENCY].map(|service| identifier(one, node, service));
-        let kind = node.part.word();
+            [names::HEARTBEAT, names::EMERGENCY].map(|service| identifier(database, node, service));
+        let kind = node.word();
         let heartbeats = format!("heartbeats of the {kind}");
         watch(heartbeat, HEARTBEAT, &heartbeats, period, sender);
         let emergencies = format!("emergencies of the {kind}");
@@ -587,16 +587,16 @@ fn watched(
 }
 
 /// Returns how often a scenario restarts the controller.
-fn starts_anew(faults: &Faults) -> usize {
+fn starts_anew(faults: &Faults, controller: NodeIndex) -> usize {
     let crashes = faults.of("crash");
     let starts = crashes
         .filter(|fault| fault.until_seconds.is_some())
         .chain(faults.of("restart"));
-    starts.filter(|fault| fault.is_at_controller()).count()
+    starts.filter(|fault| fault.is_at(controller)).count()
 }
 
-fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {
-    u16::try_from(one.message(node, service).ok()?.raw_id).ok()
+fn identifier(database: &Database, node: &Node, service: &str) -> Option<u16> {
+    u16::try_from(message_of(database, node, service).ok()?.raw_id).ok()
 }
 
 #[cfg(test)]
@@ -633,7 +633,7 @@ mod tests {
     }
 
     fn read(plan: &Plan, mut frames: Frames) -> Sources {
-        let mut reader = SourceReader::new(plan.only_loop().unwrap());
+        let mut reader = SourceReader::new(plan.database(), plan.only_loop().unwrap());
         frames.sort_by_key(|(time, _)| *time);
         for (time, frame) in &frames {
             reader.on_frame(*time, time.checked_sub(PERIOD), frame);

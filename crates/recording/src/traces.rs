@@ -63,7 +63,7 @@ pub(crate) struct TraceReader {
 impl TraceReader {
     /// Makes a reader of all signals that the scenario names, and of the true position that it judges. The judge reports names
     /// without a signal.
-    pub(crate) fn new(one: &ControlLoop) -> Self {
+    pub(crate) fn new(database: &Database, one: &ControlLoop) -> Self {
         let scenario = &one.trial;
         let mut collected = BTreeMap::new();
         let named = scenario.expect.named_signals().map(|(_, name)| name);
@@ -73,7 +73,7 @@ impl TraceReader {
             let Ok(path) = one.names().find(name) else {
                 continue;
             };
-            if let Some(found) = collect(path, one) {
+            if let Some(found) = collect(path, database, one) {
                 collected.insert(path, found);
             }
         }
@@ -124,9 +124,9 @@ impl TraceReader {
 }
 
 /// Returns the longest time between two messages of a kind; without a cycle time of their own they follow the SYNC.
-pub fn silence_seconds_max(message: &str, one: &ControlLoop) -> f64 {
-    let cycle_time = cycle_time(message, &one.database).unwrap_or_default();
-    let period = one.trial.run.bus.sync_period() * one.every_cycles(message);
+pub fn silence_seconds_max(message: &str, database: &Database, one: &ControlLoop) -> f64 {
+    let cycle_time = cycle_time(message, database).unwrap_or_default();
+    let period = one.trial.run.bus.sync_period() * one.every_cycles(database, message);
     (PERIODS_MAX * cycle_time.max(period)).as_secs_f64()
 }
 
@@ -135,12 +135,13 @@ fn cycle_time(message: &str, database: &Database) -> Option<Duration> {
     Some(Duration::from_millis(message.cycle_time_milliseconds))
 }
 
-fn collect(path: &str, one: &ControlLoop) -> Option<Collected> {
-    let database = &one.database;
+fn collect(path: &str, database: &Database, one: &ControlLoop) -> Option<Collected> {
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
-    let silence = || silence_seconds_max(message, one);
-    let column = one.columns().find(|one| one.message.name == message);
+    let silence = || silence_seconds_max(message, database, one);
+    let column = one
+        .columns(database)
+        .find(|one| one.message.name == message);
     Some(Collected {
         handle: database.signal(path)?,
         follows_sync: column.is_some(),

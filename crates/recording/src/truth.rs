@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use dbc::{Signal, SignalHandle, SignalMissing, names};
-use plan::ControlLoop;
+use dbc::{Database, Signal, SignalHandle, SignalMissing, names};
+use plan::{ControlLoop, message_of};
 use platform::series::{Series, SeriesWriter};
 
 use crate::log::Stamped;
@@ -45,13 +45,13 @@ pub(crate) struct TruthReader {
 }
 
 impl TruthReader {
-    pub(crate) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let message = one.message(&one.nodes.drive, names::TRUTH).ok();
+    pub(crate) fn new(database: &Database, one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let message = message_of(database, one.drive(), names::TRUTH).ok();
         let quantities = one.trial.wiring.drive_quantities();
         let signals = message.map(|message| {
             let [time, output, peak_temperature] = SIGNALS.map(|pattern| {
                 let name = quantities.name(pattern);
-                one.database.signal_of(&message.name, &name)
+                database.signal_of(&message.name, &name)
             });
             Ok([time?, output?, peak_temperature?])
         });
@@ -106,7 +106,7 @@ mod tests {
     fn a_plant_without_a_temperature_has_none() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let plan = testing::plan(text);
-        let mut reader = TruthReader::new(&plan.loops[0]).unwrap();
+        let mut reader = TruthReader::new(plan.database(), plan.only_loop().unwrap()).unwrap();
         let mut message = Database::shipped().builder("drive_truth").unwrap();
         let signal = Database::shipped().signal("drive_truth.plant_peak_temperature_celsius");
         let signal = signal.unwrap();

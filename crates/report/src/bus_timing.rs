@@ -58,7 +58,7 @@ impl BusTiming {
     /// # Errors
     /// The database lacks a message of a drive.
     pub(super) fn new(frames: &Frames, plan: &Plan) -> Result<Self, SignalMissing> {
-        let readers = plan.loops.iter().map(CycleReader::new);
+        let readers = plan.loops.iter().map(|one| CycleReader::new(plan, one));
         let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
         let duration = plan.duration();
         let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);

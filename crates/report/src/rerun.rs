@@ -80,8 +80,9 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), ReportError> {
 /// Sends the layout of a run that has just begun, with all groups that may follow.
 pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), ReportError> {
     let pages = plan.loops.iter().map(|control_loop| Page {
+        plan,
         control_loop,
-        groups: groups::expected(control_loop),
+        groups: groups::expected(plan, control_loop),
     });
     blueprint::send(output, &Vec::from_iter(pages), &[], PlayState::Following)
 }
@@ -100,7 +101,7 @@ fn log_loop<'a>(
     } else {
         (Known::Whole, rows.max(1))
     };
-    let mut recording = Recording::begin(output, control_loop, known)?;
+    let mut recording = Recording::begin(output, (one.plan, control_loop), known)?;
     let mut frames = run.frames.iter();
     for begin in (0..rows.max(1)).step_by(piece_rows) {
         let end = rows.min(begin + piece_rows);

@@ -27,6 +27,7 @@ pub struct Run<'a> {
 /// Loop of a judged run.
 #[derive(Clone, Copy)]
 pub(crate) struct RunLoop<'a> {
+    pub(crate) plan: &'a Plan,
     pub(crate) control_loop: &'a ControlLoop,
     pub(crate) timeline: &'a Timeline,
 }
@@ -34,8 +35,10 @@ pub(crate) struct RunLoop<'a> {
 impl<'a> Run<'a> {
     /// Returns the loops of the run.
     pub(crate) fn loops(&self) -> impl Iterator<Item = RunLoop<'a>> + use<'a> {
-        let loops = self.plan.loops.iter().zip(self.timelines);
-        loops.map(|(control_loop, timeline)| RunLoop {
+        let plan = self.plan;
+        let loops = plan.loops.iter().zip(self.timelines);
+        loops.map(move |(control_loop, timeline)| RunLoop {
+            plan,
             control_loop,
             timeline,
         })

@@ -64,9 +64,8 @@ fn written_sheets(path: &Path, plan: &Plan) -> Result<Option<Vec<(Node, String)>
     if !path.is_dir() {
         return Ok(None);
     }
-    let mut nodes = Vec::from_iter(plan.nodes());
-    nodes.sort_by_key(|node| node.id);
-    nodes.dedup_by_key(|node| node.id);
+    let mut nodes = Vec::from_iter(plan.rig_nodes().map(|(_, node)| node));
+    nodes.sort_by_key(|node| node.id());
     let mut sheets = Vec::new();
     for node in nodes {
         let name = format!("{}/{}.eds", file::SHEETS, node.name);

@@ -14,7 +14,7 @@ use crate::lines::EventLines;
 use crate::number;
 use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
-use crate::scenarios::{Use, is_to_play, load_for, scenario_files};
+use crate::scenarios::{Use, is_to_play, load_for, playable, scenario_files};
 use crate::terminal::Terminal;
 use judge::verdict::{SpoiledPlay, Tries};
 use plan::Plan;
@@ -263,7 +263,8 @@ pub(crate) fn prepared(
         external: testbed.external(),
         ..Use::default()
     };
-    let plan = load_for(path, values, &wanted).map_err(failed)?;
+    let plan = load_for(path, values, &wanted).and_then(playable);
+    let plan = plan.map_err(failed)?;
     testbed.prepare(plan).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("`{}`: {reason}", path.display())));
         Exit::CannotStart

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use miette::MietteDiagnostic;
-use scenario::node::Part;
+use scenario::node::Profile;
 use scenario::overrides::{overridden, set};
 use scenario::rig::nodes::Rig;
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
@@ -40,6 +40,24 @@ const ALL: &str = "all";
 /// There is no such scenario, or it is not valid.
 pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
     load_for(path, values, &Use::default())
+}
+
+/// Loads as [`load`], to play the scenario.
+///
+/// # Errors
+/// As [`load`], or the rig has no loop.
+pub fn load_to_play(path: &Path, values: &ValueArgs) -> Result<Plan, Failure> {
+    load(path, values).and_then(playable)
+}
+
+/// Returns a plan that can be played.
+///
+/// # Errors
+/// The rig has no loop.
+pub(crate) fn playable(plan: Plan) -> Result<Plan, Failure> {
+    let required = plan.require_loop();
+    let playable = required.map(|()| plan);
+    playable.map_err(|why| Failure::invalid(MietteDiagnostic::new(why)))
 }
 
 /// Use of a scenario, which decides what it must have.
@@ -138,7 +156,7 @@ fn led_from_outside(
     read: &dyn Fn(&str) -> io::Result<String>,
 ) -> String {
     let document = text.parse::<toml::Table>().ok();
-    let laws = Part::Controller.word();
+    let laws = Profile::Manager.word();
     let without_law = document.filter(|document| !document.contains_key(laws));
     match without_law {
         Some(document) if external.contains(&controller_name(&document, read)) => {
@@ -157,7 +175,7 @@ fn controller_name(document: &toml::Table, read: &dyn Fn(&str) -> io::Result<Str
     });
     let rig = rig_text.and_then(|text| Rig::parse(&text, "").ok());
     let of_rig = rig.as_ref().and_then(Rig::controller);
-    let controller = of_rig.map_or(Part::Controller.word(), |(name, _)| name);
+    let controller = of_rig.map_or(Profile::Manager.word(), |(name, _)| name);
     controller.to_owned()
 }
 

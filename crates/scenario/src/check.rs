@@ -20,6 +20,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::Expect;
 use crate::nearest::meant_or_known;
+use crate::node::Nodes;
 use crate::reference::Reference;
 use crate::rig::nodes::{LOAD_OUTPUT, Outputs, Rig, kind_of_output};
 use crate::run::Run;
@@ -96,20 +97,21 @@ pub(crate) fn trial(check: &mut Check<'_>, trial: &Trial) {
     }
     travel(check, trial);
     chirps(check, &trial.reference);
-    signals::check(check, trial);
+    signals::check(check, &trial.expect, trial.run.duration_seconds);
     let expects = [&trial.expect, &trial.run.expect];
     requirements::check(check, expects, &trial.wiring.quantities);
 }
 
 /// Checks the facts that all loops share.
-pub(crate) fn run(check: &mut Check<'_>, run: &Run) {
+pub(crate) fn run(check: &mut Check<'_>, run: &Run, nodes: &Nodes) {
     name(check, "name", &run.name);
     requirements::names(check, "requirements", &run.requirements);
     limits::of_bus(check, &run.expect);
     let expects = [&run.expect, &Expect::default()];
     requirements::check(check, expects, &Quantities::default());
+    signals::check(check, &run.expect, run.duration_seconds);
     disturbances(check, run);
-    faults(check, &run.faults, run.duration_seconds);
+    faults(check, &run.faults, nodes, run.duration_seconds);
 }
 
 /// Refuses control characters: the name goes into terminals, XML and file names.

@@ -127,7 +127,7 @@ impl Trial {
         let mut changes = self.run.disturbance.changes();
         let io = &self.wiring.shared.io;
         changes.retain(|one| {
-            let is_its = |io: &&IoWiring| io.node.name == one.node;
+            let is_its = |io: &&IoWiring| self.wiring.node(io.node).name == one.node;
             let port = io
                 .iter()
                 .find(is_its)

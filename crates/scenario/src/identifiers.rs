@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use canopen::cob_id::is_restricted;
 
-use crate::node::Part;
+use crate::node::Profile;
 use crate::rig::nodes::{CONTROLLER_NODE_ID, Rig};
 
 /// Number of TPDOs in which a controller publishes the terms of the law of a loop.
@@ -92,7 +92,7 @@ impl Rig {
         let mut all = Vec::from_iter(loops);
         let mut taken = BTreeSet::from(SHARED);
         let nodes = self.node.values();
-        for node in nodes.filter(|node| node.kind != Part::Controller) {
+        for node in nodes.filter(|node| node.kind != Profile::Manager) {
             taken.extend(PREDEFINED.map(|function| function + u16::from(node.node_id)));
         }
         let mut homeless: Vec<(u8, &mut u16)> = Vec::new();

@@ -8,16 +8,25 @@ use crate::contour::Contour;
 use crate::document::Document;
 use crate::error::Source;
 use crate::load::{RigText, is_scenario};
+use crate::node::Nodes;
+use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::sweep::Sweep;
 use crate::trial::Trial;
+use crate::wiring::IoWiring;
 
 /// Scenario and the rig that it names, resolved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
     /// Facts that its loops share.
     pub shared: Shared,
+    /// Nodes of the run.
+    pub nodes: Nodes,
+    /// Io nodes, in the order of their names.
+    pub io: Vec<IoWiring>,
+    /// Plants by name, their files in the folder of the rig file.
+    pub plants: BTreeMap<String, PlantModel>,
     /// Loops, in the order of their names.
     pub loops: Vec<Trial>,
     /// EDS of each external drive, by the drive's name.
@@ -43,19 +52,8 @@ pub struct Shared {
     pub contours: Vec<Contour>,
     /// Keys that `canrig sweep` varies to make many scenarios of this one; all other commands ignore them.
     pub sweep: Option<Sweep>,
-    /// Programs that play nodes, by the names of the nodes.
-    pub programs: BTreeMap<String, NodeProgram>,
     /// Whether the scenario has laws that are not used, since a program leads.
     pub has_unused_law: bool,
-}
-
-/// Program that plays a node.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct NodeProgram {
-    /// Program and its arguments.
-    pub command: Vec<String>,
-    /// Name of the file that names the program, relative to the scenario; empty for the scenario itself.
-    pub named_in: String,
 }
 
 impl Scenario {

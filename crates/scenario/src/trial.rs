@@ -11,7 +11,7 @@ use crate::controller::Controller;
 use crate::expect::Expect;
 use crate::fault::{Fault, Faults, Group};
 use crate::identifiers::Identifiers;
-use crate::node::{Node, Part};
+use crate::node::NodeIndex;
 use crate::plant::PlantModel;
 use crate::reference::Reference;
 use crate::rig::nodes::{Amplifier, Sensor};
@@ -78,37 +78,40 @@ impl Trial {
 
     /// Returns the faults of its loop: those of its drive and plant, and those of no drive.
     pub fn loop_faults(&self) -> impl Iterator<Item = &Fault> {
-        let (id, plant) = (self.wiring.nodes.drive.id, &self.wiring.plant);
+        let wiring = &self.wiring;
         let faults = self.run.faults.iter();
-        faults.filter(move |fault| fault.is_in_loop(id, plant))
+        faults.filter(move |fault| wiring.is_hit_by(fault, wiring.drive, &wiring.plant))
     }
 
     /// Returns the faults that it would have if its drive were the one that it follows, and had all plants of the loop.
     pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
-        let (wiring, id) = (&self.wiring, self.wiring.nodes.followed.id);
+        let wiring = &self.wiring;
         let faults = self.run.faults.iter();
         faults.filter(move |fault| {
             let mut plants = wiring.touched().chain([&wiring.plant]);
-            plants.any(|plant| fault.is_in_loop(id, plant))
+            plants.any(|plant| wiring.is_hit_by(fault, wiring.followed, plant))
         })
     }
 
     /// Returns the faults by which its position may deviate: those of its nodes and plants, of other drives of these plants, and of
     /// no drive.
     pub fn position_faults(&self) -> impl Iterator<Item = &Fault> {
-        let (wiring, nodes) = (&self.wiring, &self.wiring.nodes);
+        let wiring = &self.wiring;
         let is_touched = |plant: &str| wiring.touches(plant);
-        let is_near = move |node: &Node| {
+        let is_near = move |index: NodeIndex| {
+            let node = wiring.node(index);
             let is_it = |one: &LoopFacts| {
                 let is_led = one.is_led_by(&wiring.loop_name);
                 one.drive == node.name && (is_led || is_touched(&one.emulated))
             };
-            let is_own = [nodes.drive.id, nodes.followed.id].contains(&node.id);
-            node.part != Part::Drive || is_own || wiring.shared.loops.iter().any(is_it)
+            let is_own = [wiring.drive, wiring.followed].contains(&index);
+            let is_own_io = node.is_io() && wiring.io_nodes().any(|io| io == index);
+            let is_elsewhere = node.is_drive() || node.is_io();
+            !is_elsewhere || is_own || is_own_io || wiring.shared.loops.iter().any(is_it)
         };
         let faults = self.run.faults.iter();
         faults.filter(move |fault| {
-            fault.node.as_ref().is_none_or(is_near) && fault.plant.as_deref().is_none_or(is_touched)
+            fault.node.is_none_or(is_near) && fault.plant.as_deref().is_none_or(is_touched)
         })
     }
 
@@ -120,9 +123,9 @@ impl Trial {
 
     /// Returns the faults of its drive, and of the plant that the drive moves.
     pub fn drive_faults(&self) -> Faults {
-        let Wiring { nodes, plant, .. } = &self.wiring;
+        let Wiring { drive, plant, .. } = &self.wiring;
         let faults = &self.run.faults;
-        faults.only(|fault| fault.is_at_drive(nodes.drive.id, plant))
+        faults.only(|fault| fault.is_at_drive(*drive, plant))
     }
 
     /// Returns the values that an emulated drive has in its data sheet: the unit of positions and velocities, the amplifier's
@@ -131,7 +134,7 @@ impl Trial {
         let mut presets = Vec::from(self.wiring.sensor.quantity.unit.presets());
         presets.extend(self.amplifier.presets());
         let channel = self.wiring.identifiers.second_sdo;
-        let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0).second_sdo;
+        let usual = Identifiers::new(0, self.wiring.drive().id(), 0).second_sdo;
         for (sub_index, (identifier, usual)) in (1..).zip(channel.into_iter().zip(usual)) {
             if identifier != usual {
                 presets.push(Preset::new(SECOND_SDO, sub_index, identifier.into()));

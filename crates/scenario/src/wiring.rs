@@ -6,8 +6,9 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::fault::Fault;
 use crate::identifiers::Identifiers;
-use crate::node::{LoopNodes, Node};
+use crate::node::{Node, NodeIndex, Nodes};
 use crate::rig::nodes::{Amplifier, FAN_OUTPUT, LOAD_OUTPUT, kind_of_output};
 use dbc::{
     CommandRange, Port, Ports, Quantities, Quantity, conversion, local_name, plant_of_port,
@@ -93,6 +94,8 @@ impl LoopFacts {
 pub struct SharedWiring {
     /// Name of the rig; empty without a rig file.
     pub rig: String,
+    /// Nodes of the run.
+    pub nodes: Nodes,
     /// All loops of the rig, in the order of their names.
     pub loops: Vec<LoopFacts>,
     /// All io nodes of the rig, in the order of their names.
@@ -100,22 +103,9 @@ pub struct SharedWiring {
 }
 
 impl SharedWiring {
-    /// Returns the name of a node as a device (0x1008): that of the rig comes first. `None` for the devices of the shipped data
-    /// sheets, which have their names there, and without a rig file.
+    /// Returns the name of a node as a device; see [`device_name`].
     pub fn device_name(&self, node: &str) -> Option<String> {
-        /// Most characters of the rig's name, so that a line of an EDS holds the whole.
-        const RIG_MAX: usize = 120;
-        if self.rig == RIG_OF_SHEETS {
-            return None;
-        }
-        // A comment of an EDS begins with a semicolon.
-        let rig = self
-            .rig
-            .chars()
-            .take(RIG_MAX)
-            .collect::<String>()
-            .replace(';', ",");
-        (!rig.trim().is_empty()).then(|| format!("{} {node}", rig.trim()))
+        device_name(&self.rig, node)
     }
 
     /// Returns the io nodes that act on some of these plants.
@@ -125,11 +115,27 @@ impl SharedWiring {
     }
 }
 
+/// Returns the name of a node as a device (0x1008): that of its rig comes first. `None` for the devices of the shipped data
+/// sheets, which have their names there, and without a rig file.
+pub fn device_name(rig: &str, node: &str) -> Option<String> {
+    /// Most characters of the rig's name, so that a line of an EDS holds the whole.
+    const RIG_MAX: usize = 120;
+    if rig == RIG_OF_SHEETS {
+        return None;
+    }
+    // A comment of an EDS begins with a semicolon.
+    let rig = rig.chars().take(RIG_MAX).collect::<String>();
+    let rig = rig.replace(';', ",");
+    (!rig.trim().is_empty()).then(|| format!("{} {node}", rig.trim()))
+}
+
 /// Wiring of the drive of a loop, from the rig file; that of the shipped rig by default.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
-    /// Nodes of its loop.
-    pub nodes: LoopNodes,
+    /// Drive of the loop.
+    pub drive: NodeIndex,
+    /// Drive whose signal the loop follows: mostly its own.
+    pub followed: NodeIndex,
     /// Name of the plant that it moves; empty without a rig file.
     pub plant: String,
     /// Input that its amplifier drives, as `PLANT.PORT`; the first one if empty.
@@ -171,7 +177,58 @@ pub struct LedBy {
     pub place: usize,
 }
 
+impl Default for Wiring {
+    fn default() -> Self {
+        Self {
+            drive: Nodes::DEFAULT_DRIVE,
+            followed: Nodes::DEFAULT_DRIVE,
+            plant: String::new(),
+            input: String::new(),
+            output: String::new(),
+            sensor: Measured::default(),
+            feedback: Measured::default(),
+            amplifier: Amplifier::default(),
+            quantities: Quantities::default(),
+            record: None,
+            beside: Vec::new(),
+            is_second: false,
+            plausible: Plausible::default(),
+            led_by: None,
+            identifiers: Identifiers::default(),
+            loop_name: String::new(),
+            shared: Arc::default(),
+        }
+    }
+}
+
 impl Wiring {
+    /// Replaces the nodes of the run by the same ones, played otherwise.
+    pub fn set_nodes(&mut self, nodes: &Nodes) {
+        if self.shared.nodes != *nodes {
+            Arc::make_mut(&mut self.shared).nodes = nodes.clone();
+        }
+    }
+
+    /// Returns a node of the run.
+    pub fn node(&self, index: NodeIndex) -> &Node {
+        &self.shared.nodes[index]
+    }
+
+    /// Returns the controller, which leads all loops.
+    pub fn controller(&self) -> &Node {
+        self.node(self.shared.nodes.manager())
+    }
+
+    /// Returns the drive of its loop.
+    pub fn drive(&self) -> &Node {
+        self.node(self.drive)
+    }
+
+    /// Returns the drive whose signal its loop follows.
+    pub fn followed_drive(&self) -> &Node {
+        self.node(self.followed)
+    }
+
     /// Returns the number of its loop among those of the rig, from 0.
     pub fn loop_number(&self) -> u8 {
         let is_its = |one: &LoopFacts| one.name == self.loop_name;
@@ -209,26 +266,38 @@ impl Wiring {
     }
 
     /// Returns the io nodes with outputs that are signals of its loop.
-    pub fn io_nodes(&self) -> impl Iterator<Item = &Node> {
+    pub fn io_nodes(&self) -> impl Iterator<Item = NodeIndex> {
         let is_here = |io: &&IoWiring| io.outputs.values().any(|port| self.has_output(port));
         let io = self.shared.io.iter().filter(is_here);
-        io.map(|io| &io.node)
+        io.map(|io| io.node)
     }
 
     /// Returns controller, drive and io nodes of its loop, in this order.
-    pub fn all_nodes(&self) -> impl Iterator<Item = &Node> {
-        self.nodes.both().into_iter().chain(self.io_nodes())
+    pub fn all_nodes(&self) -> impl Iterator<Item = NodeIndex> {
+        let controller = self.shared.nodes.manager();
+        [controller, self.drive].into_iter().chain(self.io_nodes())
     }
 
     /// Checks whether a signal of a node of its loop is one of the loop: outputs of an io node are those of the loops on which they
     /// act.
-    pub fn has_signal(&self, node: Option<&Node>, signal: &str) -> bool {
+    pub fn has_signal(&self, node: Option<NodeIndex>, signal: &str) -> bool {
         let mut nodes = self.shared.io.iter();
-        let io = nodes.find(|io| Some(&io.node) == node);
+        let io = nodes.find(|io| Some(io.node) == node);
         io.is_none_or(|io| match io.outputs.get(signal) {
             Some(port) => self.has_output(port),
             None => kind_of_output(signal).is_none(),
         })
+    }
+
+    /// Checks whether a fault belongs to its loop, as the loop of a drive and a plant: it happens to them, to an io node of the
+    /// loop, or to no drive, plant or io node in particular.
+    pub(crate) fn is_hit_by(&self, fault: &Fault, drive: NodeIndex, plant: &str) -> bool {
+        let Some(index) = fault.node else {
+            return fault.plant.as_deref().is_none_or(|name| name == plant);
+        };
+        let node = self.node(index);
+        let is_own_io = || self.io_nodes().any(|io| io == index);
+        index == drive || !node.is_drive() && (!node.is_io() || is_own_io())
     }
 
     /// Returns the number of cycles from one publication of the truth about its plant to the next.
@@ -306,13 +375,13 @@ impl Wiring {
         if self.follows_itself() {
             measured.to_owned()
         } else {
-            format!("{}.{measured}", self.nodes.drive.name)
+            format!("{}.{measured}", self.drive().name)
         }
     }
 
     /// Checks whether its loop follows its own sensor.
     pub fn follows_itself(&self) -> bool {
-        self.nodes.followed.id == self.nodes.drive.id
+        self.followed == self.drive
     }
 
     /// Returns the index of the output that the sensor reads.
@@ -388,7 +457,7 @@ impl Wiring {
 #[derive(Clone, Debug, PartialEq)]
 pub struct IoWiring {
     /// Io node with these outputs.
-    pub node: Node,
+    pub node: NodeIndex,
     /// Inputs on which its outputs act, by the names of the outputs.
     pub outputs: BTreeMap<String, String>,
 }

@@ -39,7 +39,7 @@ pub fn plan_beside(text: &str, files: &[(&str, &str)], catalogue: &Catalogue) ->
 /// The text is not valid, or has no loop with such a drive.
 pub fn part(text: &str, drive: &str) -> Trial {
     let loops = plan(text).loops.into_iter();
-    let mut loops = loops.filter(|one| one.nodes.drive.name == drive);
+    let mut loops = loops.filter(|one| one.drive().name == drive);
     let found = loops.next();
     found
         .unwrap_or_else(|| panic!("no loop has the drive {drive}"))

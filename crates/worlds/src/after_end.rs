@@ -16,7 +16,8 @@ const MARGIN: Duration = Duration::from_millis(50);
 pub(crate) fn rounds(plan: &Plan) -> [(Vec<CanFrame>, Duration); 3] {
     let watches = plan.loops.iter().map(drive_reports::watch);
     let off = watches.fold(MARGIN, |longest, watch| longest.max(watch + MARGIN));
-    let requests = Vec::from_iter(plan.loops.iter().map(drive_reports::requests));
+    let request = |one| drive_reports::requests(plan.database(), one);
+    let requests = Vec::from_iter(plan.loops.iter().map(request));
     let round = |number: usize| requests.iter().filter_map(|each| each[number]).collect();
     [
         (Vec::new(), off),

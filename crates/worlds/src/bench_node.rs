@@ -7,12 +7,11 @@ use std::time::Duration;
 
 use can::{CanFrame, Filter, Node, Progress};
 use canopen::{NmtCommand, NodeId};
+use dbc::Database;
 use dbc::names::{RPDO1, SET_POINT, message as message_name, set_point};
 use dbc::{MessageBuilder, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
 use scenario::disturbance::{Change, value_at};
-use scenario::fault::Faults;
-use scenario::node::Part;
 use scenario::wiring::IoOutput;
 
 use crate::error::WorldError;
@@ -52,12 +51,12 @@ impl BenchNode {
         let mut frames = Vec::new();
         // On a bus without an io node its identifier may belong to another node.
         for (io, outputs) in plan.io_on_bus() {
-            frames.extend(disturbances(plan, io, outputs)?);
+            frames.extend(disturbances(plan, &plan.nodes[*io], outputs)?);
         }
-        frames.extend(stop_orders(&plan.shared.run.faults));
+        frames.extend(stop_orders(plan));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         let loops = plan.loops.iter();
-        let real_drives = loops.filter(|one| !one.is_ours(Part::Drive));
+        let real_drives = loops.filter(|one| one.drive().is_external());
         Ok(Self {
             clock: plan.scenario_clock()?,
             frames: frames.into(),
@@ -118,7 +117,9 @@ impl SetPoints {
         Ok(Self {
             period: plan.sync_period(),
             every_cycles: every_cycles.unwrap_or(1).into(),
-            loops: sent.map(SentSetPoint::new).collect::<Result<_, _>>()?,
+            loops: sent
+                .map(|one| SentSetPoint::new(plan.database(), one))
+                .collect::<Result<_, _>>()?,
         })
     }
 
@@ -134,10 +135,9 @@ impl SetPoints {
 }
 
 impl SentSetPoint {
-    fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+    fn new(database: &Database, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = set_point(one.name());
         let value = one.trial.wiring.quantities.name(SET_POINT);
-        let database = &one.database;
         Ok(Self {
             trajectory: one.trial.reference.trajectory(),
             frame: database.builder(&message)?,
@@ -155,10 +155,10 @@ impl SentSetPoint {
 }
 
 /// Returns the NMT stops that are faults of the scenario, each with its scenario time.
-fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
-    let orders = faults.of("nmt_stop");
+fn stop_orders(plan: &Plan) -> impl Iterator<Item = (f64, CanFrame)> {
+    let orders = plan.shared.run.faults.of("nmt_stop");
     orders.filter_map(|order| {
-        let node = NodeId::new(order.node.as_ref()?.id);
+        let node = NodeId::new(plan.nodes[order.node?].id());
         Some((order.from_seconds?, NmtCommand::Stop.frame(node)))
     })
 }

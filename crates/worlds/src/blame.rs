@@ -106,7 +106,7 @@ impl<'a> Seen<'a> {
         let mut loops = self.plan.loops.iter();
         let is_played = |one: &&ControlLoop| one.loop_name().is_some();
         let plays = loops.find(|one| is_played(one) && emulator_name(one) == participant);
-        plays.map_or(participant, |one| &one.nodes.drive.name)
+        plays.map_or(participant, |one| &one.drive().name)
     }
 
     /// Returns the name of a participant for a message: for a plant's emulator, with the drive that it plays.
@@ -166,7 +166,7 @@ impl<'a> Seen<'a> {
     fn violated(&self, drive: &str, error: &WorldError) -> EarlyEnd {
         let mut loops = self.plan.loops.iter();
         let supervisor = loops
-            .find(|one| one.nodes.drive.name == drive)
+            .find(|one| one.drive().name == drive)
             .map(Supervisor::new);
         let shown = supervisor.and_then(|mut supervisor| {
             let mut frames = self.frames.iter();
@@ -187,8 +187,8 @@ impl<'a> Seen<'a> {
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
         let mut loops = self.plan.loops.iter();
-        let its_loop = loops.find(|one| one.nodes.drive.name == drive)?;
-        let position = its_loop.drive_position().ok()?;
+        let its_loop = loops.find(|one| one.drive().name == drive)?;
+        let position = its_loop.drive_position(self.plan.database()).ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 
@@ -245,21 +245,22 @@ impl<'a> Seen<'a> {
         ];
         parts.extend(self.plan.loops.iter().map(|one| {
             let state = self.last_state(one).unwrap_or("no statusword");
-            format!("{}: {state}", one.nodes.drive.name)
+            format!("{}: {state}", one.drive().name)
         }));
         parts.join(", ")
     }
 
     /// The state in the last statusword of a loop's drive.
     fn last_state(&self, one: &'a ControlLoop) -> Option<&'a str> {
-        let path = format!("{}.{STATUSWORD}", message(&one.nodes.drive.name, TPDO1));
-        let statusword = one.database.require(&path).ok()?;
+        let path = format!("{}.{STATUSWORD}", message(&one.drive().name, TPDO1));
+        let database = self.plan.database();
+        let statusword = database.require(&path).ok()?;
         let last = statusword.decode(&self.last(statusword.raw_id())?.frame)?;
-        one.database.definition(&path)?.label(last)
+        database.definition(&path)?.label(last)
     }
 
     fn controller_id(&self) -> u16 {
-        self.plan.controller().id.into()
+        self.plan.controller().id().into()
     }
 
     /// Returns the end by a node that gave up by itself. If a controller gave a drive up, the end is the drive's.
@@ -308,9 +309,9 @@ impl<'a> Seen<'a> {
         };
         let mut loops = self.plan.loops.iter();
         let is_meant =
-            |one: &&ControlLoop| self.plan.loops.len() == 1 || one.nodes.drive.id == node_id;
+            |one: &&ControlLoop| self.plan.loops.len() == 1 || one.drive().id() == node_id;
         let drive = loops.find(is_meant).filter(|_| is_of_drive)?;
-        Some((drive.nodes.drive.name.as_str(), noticed?))
+        Some((drive.drive().name.as_str(), noticed?))
     }
 
     /// Returns the errors that nodes reported.

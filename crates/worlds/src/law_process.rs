@@ -17,7 +17,6 @@ use platform::port_seat::{CLOSED, NoAnswer, PortSeat};
 use platform::program::{Order, START_PATIENCE};
 use platform::seat::{Header, IS_MISSING, Kind, numbers};
 use platform::stop::is_requested;
-use scenario::node::Part;
 use scenario::process_law::{LawSetup, Plays, ProcessLaw};
 
 use crate::fmu_plant;
@@ -157,7 +156,7 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
         format!("{name}: a program leads, so [controller] of the scenario is left out")
     });
     let loops = plan.loops.iter();
-    let ours = loops.filter(|one| one.is_ours(Part::Controller));
+    let ours = loops.filter(|one| one.controller().is_ours());
     let laws = ours.filter_map(|one| one.trial.controller.process_law());
     let folder = scenario_folder(plan);
     let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());

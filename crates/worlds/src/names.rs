@@ -1,7 +1,6 @@
 //! Names of the participants of a run, in messages and on the command line of their processes.
 
 use plan::{ControlLoop, Plan, each_once};
-use scenario::node::Part;
 
 pub(crate) use dbc::names::BENCH;
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
@@ -10,9 +9,9 @@ pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 /// controller.
 pub(crate) fn played(plan: &Plan) -> Vec<&str> {
     let loops = plan.loops.iter();
-    let mut names = emulator_names(loops.filter(|one| one.is_ours(Part::Drive)));
+    let mut names = emulator_names(loops.filter(|one| one.drive().is_ours()));
     let controller = plan.controller();
-    names.extend((!plan.is_external(controller)).then_some(controller.name.as_str()));
+    names.extend(controller.is_ours().then_some(controller.name.as_str()));
     names
 }
 

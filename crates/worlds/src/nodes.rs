@@ -9,7 +9,6 @@ use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{InvalidEmulator, catalogue};
 use scenario::ControllerView;
 use scenario::fault::Actor;
-use scenario::node::Part;
 
 use crate::error::WorldError;
 use crate::law_process::LawPlace;
@@ -23,7 +22,7 @@ use plan::{ControlLoop, Plan};
 /// # Errors
 /// If the plant cannot be emulated.
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
-    let is_its = |one: &&ControlLoop| one.is_ours(Part::Drive) && emulator_name(one) == name;
+    let is_its = |one: &&ControlLoop| one.drive().is_ours() && emulator_name(one) == name;
     let drives = plan.loops.iter().filter(is_its);
     let loops = Vec::from_iter(drives.map(|one| &one.trial));
     match catalogue::joint_emulator(&loops, plan.database()) {
@@ -73,7 +72,7 @@ pub fn faulty_controller(plan: &Plan, laws: LawPlace) -> Result<Box<dyn Node>, W
     if !plan.has_faults() {
         return Ok(Box::new(node));
     }
-    let mut faults = faults_at(plan, plan.controller());
+    let mut faults = faults_at(plan, plan.nodes.manager());
     if laws.is_real_time {
         let planned = &mut faults.faults;
         planned.retain(|one| one.fault.kind.actor != Actor::Process);

@@ -3,7 +3,7 @@
 
 use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle, names};
 use plan::{ControlLoop, Plan};
-use scenario::node::{Node, Part};
+use scenario::node::NodeIndex;
 use serde_json::{Value, json};
 
 /// Version of the file.
@@ -12,40 +12,40 @@ const VERSION: u32 = 1;
 const ROWS_MAX: f64 = 100_000.0;
 
 /// Returns the part of a node.
-pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
+pub(crate) fn of(plan: &Plan, index: NodeIndex) -> Value {
+    let node = &plan.nodes[index];
     let all = plan.loops.iter();
-    let loops = all.filter(|one| {
-        one.trial
-            .wiring
-            .all_nodes()
-            .any(|other| other.id == node.id)
-    });
+    let loops = all.filter(|one| one.trial.wiring.all_nodes().any(|other| other == index));
     json!({
         "version": VERSION,
-        "node": {"name": node.name, "node_id": node.id, "kind": node.part.word()},
+        "node": {"name": node.name, "node_id": node.id(), "kind": node.word()},
         "bus": {
             "bits_per_second": 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
             "period_seconds": plan.sync_period().as_secs_f64(),
         },
-        "loops": Vec::from_iter(loops.map(|one| loop_part(plan, one, node.part))),
+        "loops": Vec::from_iter(loops.map(|one| loop_part(plan, one, index))),
     })
 }
 
-fn loop_part(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
+fn loop_part(plan: &Plan, one: &ControlLoop, node: NodeIndex) -> Value {
     let wiring = &one.trial.wiring;
     let commands = wiring.amplifier.range();
-    let drive = &one.nodes.drive;
+    let drive = one.drive();
+    let io = wiring.io_nodes().map(|io| {
+        let io = one.node(io);
+        json!({"name": io.name, "node_id": io.id()})
+    });
     let mut told = json!({
         "name": one.name(),
-        "drive": {"name": drive.name, "node_id": drive.id},
-        "io": Vec::from_iter(wiring.io_nodes().map(|io| json!({"name": io.name, "node_id": io.id}))),
+        "drive": {"name": drive.name, "node_id": drive.id()},
+        "io": Vec::from_iter(io),
         "signal": wiring.quantities.name(names::POSITION),
         "range": wiring.feedback.range(),
         "command_range": [commands.min, commands.max],
-        "reads": frame(plan, one.position().ok()),
-        "writes": frame(plan, one.target().ok()),
+        "reads": frame(plan, one.position(plan.database()).ok()),
+        "writes": frame(plan, one.target(plan.database()).ok()),
     });
-    if part == Part::Controller && wiring.led_by.is_none() {
+    if node == plan.nodes.manager() && wiring.led_by.is_none() {
         let (end, period) = (
             plan.duration().as_secs_f64(),
             plan.sync_period().as_secs_f64(),

@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use plan::Plan;
-use scenario::node::Part;
 
 use crate::programs::faults_at;
 
@@ -26,14 +25,14 @@ pub(super) struct ProcessFaults(VecDeque<(Duration, String, ProcessAction)>);
 
 impl ProcessFaults {
     pub(super) fn new(plan: &Plan) -> Self {
+        let controller = plan.nodes.manager();
         let programs = plan
-            .programs()
-            .into_iter()
-            .map(|(node, _)| node)
-            .filter(|node| node.part != Part::Controller);
+            .external_nodes()
+            .filter(|node| plan.nodes[*node].program().is_some() && *node != controller);
         let mut actions = Vec::new();
-        for node in programs.chain([plan.controller()]) {
-            for fault in faults_at(plan, node).faults {
+        for index in programs.chain([controller]) {
+            let node = &plan.nodes[index];
+            for fault in faults_at(plan, index).faults {
                 let (begin, end) = match fault.name() {
                     "crash" => (ProcessAction::Kill, ProcessAction::Start),
                     "hang" => (ProcessAction::Suspend, ProcessAction::Resume),

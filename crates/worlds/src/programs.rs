@@ -12,13 +12,13 @@ use platform::lockstep::{ANSWER_PATIENCE, Answer, Failure, Local, Participant, R
 use platform::program::{
     BUS_VARIABLE, END_PATIENCE, ORDERLY, Order, Program, START_PATIENCE, open_seat,
 };
-use scenario::node::{Node, Part};
+use scenario::node::NodeIndex;
 use tempfile::NamedTempFile;
 
 use crate::error::{Doing, WorldError};
 use crate::law_process::{CLOSED_PATIENCE, end_of};
 use crate::part;
-use plan::{Plan, each_once};
+use plan::Plan;
 
 /// Time for a node that canrig does not start to come to its seat.
 const EXPECTED_PATIENCE: Duration = Duration::from_secs(15);
@@ -47,7 +47,8 @@ impl Default for Hosting<'_> {
 /// Instructions to start a program and to speak with it.
 #[derive(Clone, Debug)]
 pub(crate) struct ProgramOrder {
-    node: Node,
+    index: NodeIndex,
+    name: String,
     /// Its command and its folder; `None` if canrig does not start it.
     pub(crate) command: Option<(Vec<String>, PathBuf)>,
     log: Option<PathBuf>,
@@ -60,31 +61,31 @@ pub(crate) struct ProgramOrder {
 impl ProgramOrder {
     /// Makes the orders for all nodes that canrig does not run itself: drives, io nodes, the controller.
     pub(crate) fn all(plan: &Plan, logs: Option<&Path>, patience: Option<Duration>) -> Vec<Self> {
-        let mut nodes = each_once(plan.nodes().filter(|node| plan.is_external(node)));
-        nodes.sort_by_key(|node| node.part == Part::Controller);
-        let order = |node: &Node| {
-            let program = plan.shared.programs.get(&node.name);
+        let order = |index: NodeIndex| {
+            let node = &plan.nodes[index];
+            let program = node.program();
             let beside = &plan.shared.beside;
             Self {
-                node: node.clone(),
+                index,
+                name: node.name.clone(),
                 command: program.map(|one| beside.command(&one.command, &one.named_in)),
                 log: logs.map(|logs| logs.join(format!("{}.log", node.name))),
-                part: part::of(plan, node).to_string(),
+                part: part::of(plan, index).to_string(),
                 setting: Setting {
                     now: Duration::ZERO,
                     bits_per_second: 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
                     seed: plan.shared.run.seed,
-                    node_id: node.id,
+                    node_id: node.id(),
                 },
                 patience,
             }
         };
-        nodes.into_iter().map(order).collect()
+        plan.external_nodes().map(order).collect()
     }
 
     /// Returns its name among the participants.
     pub(crate) fn name(&self) -> &str {
-        &self.node.name
+        &self.name
     }
 
     /// Starts the program of the node, on a bus.
@@ -109,8 +110,8 @@ impl ProgramOrder {
             part: Some(part.path()),
             environment: &[
                 (BUS_VARIABLE, bus),
-                ("CANRIG_NODE", self.node.name.clone()),
-                ("CANRIG_NODE_ID", self.node.id.to_string()),
+                ("CANRIG_NODE", self.name.clone()),
+                ("CANRIG_NODE_ID", self.setting.node_id.to_string()),
                 ("CANRIG_PART", part.path().to_string_lossy().into_owned()),
                 ("CANRIG_CLOCK", clock.to_owned()),
                 ("CANRIG_SEED", self.setting.seed.to_string()),
@@ -415,9 +416,9 @@ impl Guests {
         for order in ProgramOrder::all(plan, hosting.logs, hosting.patience) {
             let node = order.seat(Duration::ZERO, hosting.announce)?;
             if plan.has_faults() {
-                let (faults, clock) = (faults_at(plan, &order.node), plan.scenario_clock()?);
+                let (faults, clock) = (faults_at(plan, order.index), plan.scenario_clock()?);
                 let faulty = Faulty::new(Asked::new(node), faults, clock, Asked::renew);
-                guests.faulty.push((order.node.name, faulty));
+                guests.faulty.push((order.name, faulty));
             } else {
                 guests.plain.push(node);
             }
@@ -448,6 +449,6 @@ impl Guests {
 }
 
 /// Returns the faults of a node.
-pub(crate) fn faults_at(plan: &Plan, node: &Node) -> FaultPlan {
-    FaultPlan::new(&plan.shared.run.faults.at_node(node.id), node.id)
+pub(crate) fn faults_at(plan: &Plan, node: NodeIndex) -> FaultPlan {
+    FaultPlan::new(&plan.shared.run.faults.at_node(node), plan.nodes[node].id())
 }

@@ -7,7 +7,6 @@ use dbc::{Database, SignalMissing};
 use plan::{ControlLoop, Plan};
 use recording::capture::Capture;
 use recording::sources::{Sent, SourceReader};
-use scenario::node::Part;
 
 use crate::error::WorldError;
 use crate::senders::Senders;
@@ -23,12 +22,14 @@ pub(super) struct SecondMasterWatch {
 impl SecondMasterWatch {
     /// Makes a watch for each real drive.
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
-        let is_real = |one: &&ControlLoop| !one.is_ours(Part::Drive);
+        let is_real = |one: &&ControlLoop| one.drive().is_external();
         let real = plan.loops.iter().filter(is_real);
         Ok(Self {
             clock: plan.scenario_clock()?,
             database: Arc::clone(plan.database()),
-            drives: real.map(SourceReader::new).collect(),
+            drives: real
+                .map(|one| SourceReader::new(plan.database(), one))
+                .collect(),
             taken: 0,
         })
     }

@@ -41,8 +41,8 @@ impl SilenceWatch {
         let sync = is_sound.then_some(SYNC_COB_ID.into());
         let mut nodes = vec![node(&plan.controller().name, sync)];
         for one in plan.loops.iter().filter(|_| is_sound) {
-            let position = one.drive_position()?.raw_id();
-            nodes.push(node(&one.nodes.drive.name, Some(position)));
+            let position = one.drive_position(plan.database())?.raw_id();
+            nodes.push(node(&one.drive().name, Some(position)));
         }
         Ok(Self {
             nodes,

@@ -97,8 +97,8 @@ impl<'a> StallRecorder<'a> {
 /// Returns the owner of a process by its participant's name: a node that canrig plays is the
 /// controller or emulates a plant.
 fn who(name: &str, plan: &Plan) -> Who {
-    let mut nodes = plan.nodes();
-    let other = nodes.find(|node| node.name == name && plan.is_external(node));
+    let node = plan.nodes.find(name).map(|node| &plan.nodes[node]);
+    let other = node.filter(|node| node.is_external());
     match other.and_then(|node| NodeName::new(&node.name)) {
         _ if name == plan.controller().name => Who::Controller,
         Some(node) => Who::Node(node),

@@ -30,8 +30,8 @@ impl Supervisor {
             (drive.layout.clone(), watch)
         });
         Self {
-            name: one.nodes.drive.name.clone(),
-            node_id: NodeId::new(one.nodes.drive.id),
+            name: one.drive().name.clone(),
+            node_id: NodeId::new(one.drive().id()),
             limited,
         }
     }

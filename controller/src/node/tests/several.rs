@@ -21,8 +21,12 @@ fn bus() -> Bus {
 fn bus_with(tables: [&str; 2]) -> Bus {
     let mut views = tables.map(view);
     for (number, (view, node_id)) in (0..).zip(views.iter_mut().zip([DRIVE, SECOND])) {
-        view.wiring.nodes.drive.id = node_id.get();
-        view.wiring.nodes.followed.id = node_id.get();
+        let controller = RigNode::canopen("controller", 0x01, Profile::Manager);
+        let drive = RigNode::canopen("drive", node_id.get(), Profile::Drive);
+        let nodes = Nodes::new([controller, drive]).unwrap();
+        let drive = nodes.find("drive").unwrap();
+        (view.wiring.drive, view.wiring.followed) = (drive, drive);
+        view.wiring.set_nodes(&nodes);
         view.wiring.identifiers = Identifiers::new(1, node_id.get(), number);
     }
     let plans = views.iter().map(|view| LoopPlan::new(view, None).unwrap());

@@ -22,7 +22,7 @@ use runner::console::{Bar, print};
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::RUNS;
-use runner::scenarios::load;
+use runner::scenarios::load_to_play;
 
 /// Largest number of lost parts in a message.
 const NAMED_MAX: usize = 20;
@@ -83,7 +83,7 @@ pub struct SubmitArgs {
 
 /// Runs the command.
 pub fn submit(args: &SubmitArgs) -> Result<Exit, Failure> {
-    let plan = load(&args.scenario, &args.values)?;
+    let plan = load_to_play(&args.scenario, &args.values)?;
     let seed = args.seed;
     let (cases, arguments): (Box<dyn Cases>, _) = match args.torture {
         Some(runs) => {

@@ -12,7 +12,7 @@ use runner::console::print_error;
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::RUNS;
-use runner::scenarios::load;
+use runner::scenarios::load_to_play;
 use worlds::law_process::started_by;
 
 /// Arguments of `sweep`.
@@ -37,7 +37,7 @@ pub struct SweepArgs {
 
 /// Runs the command.
 pub fn sweep(args: &SweepArgs) -> Result<Exit, Failure> {
-    let plan = load(&args.scenario, &args.values)?;
+    let plan = load_to_play(&args.scenario, &args.values)?;
     let cases = SweepCases::new(&plan)?;
     started_by(&plan).iter().for_each(|line| print_error(line));
     if args.part.plan {

@@ -17,7 +17,7 @@ use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
 use runner::recorded::require_inside;
 use runner::run::RUNS;
-use runner::scenarios::load;
+use runner::scenarios::load_to_play;
 
 /// Arguments of `merge`.
 #[derive(Args, Debug)]
@@ -45,7 +45,7 @@ pub fn merge(args: &MergeArgs) -> Result<Exit, Failure> {
         return Err(Exit::CannotStart.because(reason));
     }
     let scenario = require_inside(first, file::SCENARIO)?;
-    let plan = load(&scenario, &ValueArgs::default())?;
+    let plan = load_to_play(&scenario, &ValueArgs::default())?;
     let cases: Box<dyn Cases> = match TortureCases::read(first, &plan)? {
         Some(torture) => Box::new(torture),
         None => Box::new(SweepCases::new(&plan)?),

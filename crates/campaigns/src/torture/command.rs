@@ -17,7 +17,7 @@ use runner::console::{print, print_error};
 use runner::exit::{Exit, Failure};
 use runner::play::ValueArgs;
 use runner::run::{self, RUNS, RunPlace};
-use runner::scenarios::load;
+use runner::scenarios::load_to_play;
 use worlds::law_process::started_by;
 use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
@@ -46,7 +46,7 @@ pub struct TortureArgs {
 /// Draws and plays the mixes that have no row yet, makes tables and page, and prints the invariants that broke. Of all mixes
 /// together, it shrinks the first that broke each invariant; `canrig merge` does so for parts.
 pub fn torture(args: &TortureArgs) -> Result<Exit, Failure> {
-    let plan = load(&args.scenario, &ValueArgs::default())?;
+    let plan = load_to_play(&args.scenario, &ValueArgs::default())?;
     let cases = TortureCases::new(&plan, args.draws);
     // The first case shows whether torture can play the scenario at all.
     if let Err(reason) = cases.case(1).plan() {

@@ -24,7 +24,7 @@ fn has(one: &ControlLoop, kind: &Kind) -> bool {
 
 impl Nodes<'_> {
     fn nodes(&self) -> Vec<&str> {
-        let drives = self.0.loops.iter().map(|one| one.nodes.drive.name.as_str());
+        let drives = self.0.loops.iter().map(|one| one.drive().name.as_str());
         [self.0.controller().name.as_str()]
             .into_iter()
             .chain(drives)
@@ -40,13 +40,13 @@ impl Nodes<'_> {
     fn identifiers(&self) -> Vec<u32> {
         let of = |base: u32| {
             let loops = self.0.loops.iter();
-            loops.map(move |one| base + u32::from(one.nodes.drive.id))
+            loops.map(move |one| base + u32::from(one.drive().id()))
         };
         let pdos = of(0x180).chain(of(0x200));
         [u32::from(SYNC_COB_ID)]
             .into_iter()
             .chain(pdos)
-            .chain([u32::from(ERROR_CONTROL_ID) + u32::from(self.0.controller().id)])
+            .chain([u32::from(ERROR_CONTROL_ID) + u32::from(self.0.controller().id())])
             .chain(of(ERROR_CONTROL_ID.into()))
             .collect()
     }
@@ -56,7 +56,7 @@ impl Nodes<'_> {
         let first = drawn.as_integer().unwrap_or_default();
         let taken = |id: &i64| {
             let mut loops = self.0.loops.iter();
-            loops.any(|one| i64::from(one.nodes.drive.id) == *id)
+            loops.any(|one| i64::from(one.drive().id()) == *id)
         };
         let mut candidates = (first..=127).chain(FREE_NODE_ID_MIN.into()..first);
         candidates.find(|id| !taken(id)).unwrap_or(first).into()
@@ -74,7 +74,7 @@ impl Nodes<'_> {
         // With a single drive, a fault need not name it.
         let name = fault.get("node").and_then(Value::as_str);
         let mut loops = self.0.loops.iter();
-        let named = loops.find(|one| name.is_none_or(|name| name == one.nodes.drive.name));
+        let named = loops.find(|one| name.is_none_or(|name| name == one.drive().name));
         let Some(wiring) = named.map(|one| &one.trial.wiring) else {
             return fault;
         };
@@ -112,7 +112,7 @@ impl Nodes<'_> {
         let able = Vec::from_iter(self.0.loops.iter().filter(|one| has(one, kind)));
         match able.as_slice() {
             [_] if self.0.loops.len() == 1 => None,
-            able => Some(pick(stream, able).nodes.drive.name.clone().into()),
+            able => Some(pick(stream, able).drive().name.clone().into()),
         }
     }
 }

@@ -73,7 +73,7 @@ fn violation_of_loop(
         })
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager", HEARTBEAT_SECONDS_MAX);
-            let (manager, drive) = (one.nodes.controller.id, one.nodes.drive.id);
+            let (manager, drive) = (one.controller().id(), one.drive().id());
             let is_it = |frame: &CanFrame| is_of_manager(frame, manager, drive);
             no_current_without(what, is_it, frames, trial, timeline)
         })
@@ -87,8 +87,8 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let breach = verdict.cause.as_ref();
     let breach = breach.filter(|cause| BREACHES.contains(&cause.duty.as_str()));
     let guilty = breach.filter(|cause| {
-        let mut nodes = played.plan.nodes();
-        nodes.any(|node| node.name == cause.node)
+        let mut nodes = played.plan.rig_nodes();
+        nodes.any(|(_, node)| node.name == cause.node)
     });
     if let Some(guilty) = guilty {
         return violated("blame", guilty.description.clone());

@@ -4,7 +4,7 @@ use std::iter::Peekable;
 
 use plan::ControlLoop;
 use recording::timeline::Timeline;
-use scenario::node::Part;
+use scenario::node::NodeIndex;
 
 /// Duty of a node towards the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -16,30 +16,42 @@ pub(crate) enum Duty {
     /// A command for each position, before the next one.
     Command,
     /// A heartbeat within the time that the others wait for it.
-    Heartbeat(Part),
+    Heartbeat(NodeIndex),
     /// To leave the nodes in operation: an external controller may stop them by NMT.
     Nmt,
     /// To lead: not to disable the drive, change how it communicates, or flood the bus.
     Lead,
-    /// To stay in the state into which the manager put the node with this node-ID.
-    State(u8),
+    /// To stay in the state into which the manager put this node.
+    State(NodeIndex),
 }
 
 impl Duty {
     /// Returns the node of a loop that has the duty.
-    pub(crate) fn node(self, one: &ControlLoop) -> Part {
+    pub(crate) fn node(self, one: &ControlLoop) -> NodeIndex {
         match self {
-            Self::Sync | Self::Command | Self::Nmt | Self::Lead => Part::Controller,
-            Self::Position => Part::Drive,
-            Self::Heartbeat(node) => node,
-            Self::State(id) if id == one.nodes.controller.id => Part::Controller,
-            Self::State(_) => Part::Drive,
+            Self::Sync | Self::Command | Self::Nmt | Self::Lead => one.controller_index(),
+            Self::Position => one.drive_index(),
+            Self::Heartbeat(node) | Self::State(node) => node,
         }
+    }
+
+    /// Returns its place among several duties in a text: those of the controller come before the same ones of the drive.
+    pub(crate) fn place(self, one: &ControlLoop) -> (usize, bool) {
+        let kind = match self {
+            Self::Sync => 0,
+            Self::Position => 1,
+            Self::Command => 2,
+            Self::Heartbeat(_) => 3,
+            Self::Nmt => 4,
+            Self::Lead => 5,
+            Self::State(_) => 6,
+        };
+        (kind, self.node(one) != one.controller_index())
     }
 
     /// Returns whether an external node has the duty.
     pub(crate) fn is_of_external(self, one: &ControlLoop) -> bool {
-        !one.is_ours(self.node(one))
+        one.node(self.node(one)).is_external()
     }
 
     /// Returns the name in `verdict.json`, which is also what is missing after a breach.

@@ -4,7 +4,7 @@
 use recording::stalls::Who;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::expect::rounded;
-use scenario::node::Part;
+use scenario::node::NodeIndex;
 use serde::{Deserialize, Serialize};
 
 use super::breaches::Duty;
@@ -108,17 +108,16 @@ impl Lasting {
 }
 
 /// Returns the name of a node in the rig.
-pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: Part) -> &'a str {
-    let node = evidence.control_loop.nodes.of(node);
-    node.map_or("", |node| &node.name)
+pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: NodeIndex) -> &'a str {
+    &evidence.control_loop.node(node).name
 }
 
 /// Returns the name for the part that a stall held up.
 fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
     match stretch.stall.who {
         Who::Machine | Who::Bus => "host",
-        Who::Controller => node_name(evidence, Part::Controller),
-        Who::PlantEmulator | Who::Node(_) => node_name(evidence, Part::Drive),
+        Who::Controller => &evidence.control_loop.controller().name,
+        Who::PlantEmulator | Who::Node(_) => &evidence.control_loop.drive().name,
     }
 }
 

@@ -7,13 +7,14 @@ use std::cell::OnceCell;
 use canopen::cia402::State;
 use canopen::nmt::ERROR_CONTROL_ID;
 use canopen::{NmtCommand, NmtState};
-use plan::ControlLoop;
+use dbc::Database;
+use plan::{ControlLoop, message_of};
 use recording::conduct::{Act, NodeAct};
 use recording::losses::{HEARTBEATS_MAX, LostHeartbeat};
 use recording::reasons::{Reason, Reasons};
 use recording::timeline::Timeline;
 use scenario::expect::Emergency;
-use scenario::node::{Node, Part};
+use scenario::node::{Node, NodeIndex};
 
 use super::breaches::{Duty, missed_cycles};
 use super::hits::LoopHits;
@@ -59,7 +60,7 @@ pub(crate) enum Root {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Departure {
     pub(crate) at_seconds: f64,
-    pub(crate) node_id: u8,
+    pub(crate) node: NodeIndex,
     pub(crate) root: Root,
     /// Scenario time at which the node did its duties again although it was ordered to stop; infinite if it did not.
     until_seconds: f64,
@@ -76,14 +77,17 @@ pub(crate) struct Departures {
 impl Departures {
     pub(super) fn new(
         timeline: &Timeline,
-        control_loop: &ControlLoop,
+        (database, control_loop): (&Database, &ControlLoop),
         hits: &LoopHits<'_>,
         reasons: &Reasons,
         judged_until: f64,
     ) -> Self {
         let mut finder = Finder {
             timeline,
+            database,
             control_loop,
+            controller: control_loop.controller_index(),
+            drive: control_loop.drive_index(),
             hits,
             found: Self::default(),
             last_position_seconds: OnceCell::new(),
@@ -98,10 +102,10 @@ impl Departures {
     }
 
     /// The latest departure of a node before a time, if its loop has not run again since.
-    pub(crate) fn latest(&self, node_id: u8, before: f64) -> Option<&Departure> {
+    pub(crate) fn latest(&self, node: NodeIndex, before: f64) -> Option<&Departure> {
         let until = self.all.partition_point(|one| one.at_seconds <= before);
         let mut latest_first = self.all[..until].iter().rev();
-        let latest = latest_first.find(|one| one.node_id == node_id)?;
+        let latest = latest_first.find(|one| one.node == node)?;
         let returns = &self.returns;
         let next = returns.partition_point(|at| *at <= latest.at_seconds);
         let has_returned = returns.get(next).is_some_and(|at| *at < before);
@@ -131,7 +135,7 @@ pub(super) fn lost_heartbeat_before<'a>(
     let mut lost = timeline.lost_heartbeats.iter();
     lost.find(|lost| {
         let waited = since - lost.due_seconds;
-        lost.node == Part::Controller
+        lost.node == control_loop.controller_index()
             && lost.back_seconds >= since
             && (watch / 2.0..=2.0 * watch).contains(&waited)
     })
@@ -140,7 +144,10 @@ pub(super) fn lost_heartbeat_before<'a>(
 /// Finds departures act by act.
 struct Finder<'a, 'b> {
     timeline: &'a Timeline,
+    database: &'a Database,
     control_loop: &'a ControlLoop,
+    controller: NodeIndex,
+    drive: NodeIndex,
     hits: &'a LoopHits<'b>,
     found: Departures,
     /// Scenario time of the drive's last position, once it was asked for.
@@ -149,19 +156,20 @@ struct Finder<'a, 'b> {
 
 impl<'a> Finder<'a, '_> {
     fn on_act(&mut self, act: &NodeAct) {
-        let (at, id) = (act.at_seconds, act.node_id);
-        let (controller, drive) = (self.controller().id, self.drive().id);
+        let at = act.at_seconds;
+        let node = self.with_id(act.node_id);
+        let is_drive = node == Some(self.drive);
         match act.act {
-            Act::Emergency { code, about, cause } if id == controller => {
+            Act::Emergency { code, about, cause } if node == Some(self.controller) => {
                 self.on_report(at, code, about, cause);
             }
-            Act::Emergency { code, .. } if id == drive && self.is_ours(Part::Drive) => {
+            Act::Emergency { code, .. } if is_drive && self.is_ours(self.drive) => {
                 self.on_emergency(at, code);
             }
-            Act::Power { state, is_asked } if id == drive => self.on_power(at, state, is_asked),
-            Act::Heartbeat(state) => self.on_heartbeat(at, id, state),
-            Act::Ordered(command) => self.on_order(at, id, command),
-            Act::Written { index } if id == drive && COMMUNICATION.contains(&index) => {
+            Act::Power { state, is_asked } if is_drive => self.on_power(at, state, is_asked),
+            Act::Heartbeat(state) => self.on_heartbeat(at, node, state),
+            Act::Ordered(command) => self.on_order(at, act.node_id, command),
+            Act::Written { index } if is_drive && COMMUNICATION.contains(&index) => {
                 self.on_written(at);
             }
             _ => {}
@@ -172,7 +180,7 @@ impl<'a> Finder<'a, '_> {
     fn emergency(&self, reason: &Reason) -> Option<NodeAct> {
         let id = |name: &str| {
             let mut nodes = [self.controller(), self.drive()].into_iter();
-            nodes.find(|node| node.name == name).map(|node| node.id)
+            nodes.find(|node| node.name == name).map(Node::id)
         };
         let about = match reason.about.as_str() {
             "" => 0,
@@ -190,31 +198,36 @@ impl<'a> Finder<'a, '_> {
     }
 
     fn controller(&self) -> &'a Node {
-        &self.control_loop.nodes.controller
+        self.control_loop.controller()
     }
 
     fn drive(&self) -> &'a Node {
-        &self.control_loop.nodes.drive
+        self.control_loop.drive()
     }
 
-    fn is_ours(&self, part: Part) -> bool {
-        self.control_loop.is_ours(part)
+    /// Returns the node of the loop with a node-ID.
+    fn with_id(&self, id: u8) -> Option<NodeIndex> {
+        self.control_loop.trial.wiring.shared.nodes.with_id(id)
     }
 
-    fn add(&mut self, at_seconds: f64, node_id: u8, root: Root) {
-        self.add_until(at_seconds, f64::INFINITY, node_id, root);
+    fn is_ours(&self, node: NodeIndex) -> bool {
+        self.control_loop.node(node).is_ours()
     }
 
-    fn add_until(&mut self, at_seconds: f64, until_seconds: f64, node_id: u8, root: Root) {
+    fn add(&mut self, at_seconds: f64, node: NodeIndex, root: Root) {
+        self.add_until(at_seconds, f64::INFINITY, node, root);
+    }
+
+    fn add_until(&mut self, at_seconds: f64, until_seconds: f64, node: NodeIndex, root: Root) {
         // Where the recording does not say what its faults hit, a departure beside one may be due to it.
         let is_unknown =
             matches!(root, Root::Own(_)) && self.hits.may_explain(at_seconds, at_seconds);
         let root = if is_unknown { Root::Unknown } else { root };
         // A node that has left does not leave again, whatever it says afterwards.
-        if self.found.latest(node_id, at_seconds).is_none() {
+        if self.found.latest(node, at_seconds).is_none() {
             let departure = Departure {
                 at_seconds,
-                node_id,
+                node,
                 root,
                 until_seconds,
             };
@@ -224,20 +237,20 @@ impl<'a> Finder<'a, '_> {
 
     /// Adds the departure of a node that an NMT command takes from its duties. It ends with the first frame by which the node does
     /// them again: it was started since, or did not obey.
-    fn add_ordered(&mut self, at_seconds: f64, node_id: u8, root: Root) {
-        let frames = match node_id {
-            id if id == self.controller().id => &self.timeline.syncs_seconds,
-            id if id == self.drive().id => &self.timeline.positions_seconds,
-            _ => return self.add(at_seconds, node_id, root),
+    fn add_ordered(&mut self, at_seconds: f64, node: NodeIndex, root: Root) {
+        let frames = match node {
+            node if node == self.controller => &self.timeline.syncs_seconds,
+            node if node == self.drive => &self.timeline.positions_seconds,
+            _ => return self.add(at_seconds, node, root),
         };
         // A frame that was under way still comes.
         let from = at_seconds + 2.0 * self.timeline.period_seconds;
         let next = frames.get(frames.partition_point(|time| time < from));
-        self.add_until(at_seconds, next.unwrap_or(f64::INFINITY), node_id, root);
+        self.add_until(at_seconds, next.unwrap_or(f64::INFINITY), node, root);
     }
 
-    fn root_of(&self, node_id: u8, at: f64) -> Option<Root> {
-        self.found.latest(node_id, at).map(|one| one.root)
+    fn root_of(&self, node: NodeIndex, at: f64) -> Option<Root> {
+        self.found.latest(node, at).map(|one| one.root)
     }
 
     /// Takes the controller's reason to give up. One of canrig's says what it is; another one may stop for what it watches.
@@ -245,14 +258,14 @@ impl<'a> Finder<'a, '_> {
         if OF_THE_BUS.contains(&code) {
             return;
         }
-        let (controller, drive) = (self.controller().id, self.drive().id);
-        if !self.is_ours(Part::Controller) {
+        let (controller, drive) = (self.controller, self.drive);
+        if !self.is_ours(self.controller) {
             if let Some(root) = self.root_of(drive, at).or_else(|| self.expected_stop(at)) {
                 self.add(at, controller, root);
             }
             return;
         }
-        let is_elsewhere = about != 0 && about != drive;
+        let is_elsewhere = about != 0 && about != self.drive().id();
         let root = match cause {
             _ if is_elsewhere => Root::Elsewhere,
             _ if code == LOST_HEARTBEAT => self.root_of_state(at),
@@ -272,7 +285,7 @@ impl<'a> Finder<'a, '_> {
     }
 
     /// A protection that trips is no node's breach if a fault changed what the drive measures; else it is the node's.
-    fn protected(&self, at: f64, node_id: u8) -> Root {
+    fn protected(&self, at: f64, node: NodeIndex) -> Root {
         let drive = self.drive();
         let hits = self.hits;
         let is_hit = hits.changed(drive, f64::NEG_INFINITY, at)
@@ -281,14 +294,14 @@ impl<'a> Finder<'a, '_> {
         if is_hit {
             Root::Fault
         } else {
-            self.root_of(self.drive().id, at)
-                .unwrap_or(Root::Own(Duty::State(node_id)))
+            self.root_of(self.drive, at)
+                .unwrap_or(Root::Own(Duty::State(node)))
         }
     }
 
     /// Explains why no position came for longer than the controller tolerates.
     fn root_of_silence(&self, at: f64) -> Root {
-        if let Some(root) = self.root_of(self.drive().id, at) {
+        if let Some(root) = self.root_of(self.drive, at) {
             return root;
         }
         let since = at
@@ -302,12 +315,12 @@ impl<'a> Finder<'a, '_> {
                 && breach.from_seconds < at
         });
         let lately = Vec::from_iter(lately);
-        let first = lately.first().filter(|_| !self.is_ours(Part::Drive));
+        let first = lately.first().filter(|_| !self.is_ours(self.drive));
         let heartbeat = first.and_then(|first| {
             lost_heartbeat_before(self.timeline, self.control_loop, first.from_seconds)
         });
         if let Some(lost) = heartbeat {
-            return self.root_of_heartbeat(self.controller(), lost.due_seconds, at);
+            return self.root_of_heartbeat(self.controller, lost.due_seconds, at);
         }
         self.hits.rewind();
         let is_own = lately
@@ -326,16 +339,16 @@ impl<'a> Finder<'a, '_> {
     /// Explains why a drive is not operational, not enabled or not heard, as its controller says.
     fn root_of_state(&self, at: f64) -> Root {
         let drive = self.drive();
-        if let Some(root) = self.root_of(drive.id, at) {
+        if let Some(root) = self.root_of(self.drive, at) {
             return root;
         }
         let patience = self.heartbeat_patience(drive);
         let mut lost = self.timeline.lost_heartbeats.iter();
         let lost = lost.find(|lost| {
-            lost.node == Part::Drive && lost.due_seconds <= at && lost.back_seconds + patience >= at
+            lost.node == self.drive && lost.due_seconds <= at && lost.back_seconds + patience >= at
         });
         if let Some(lost) = lost {
-            return self.root_of_heartbeat(drive, lost.due_seconds, at.min(lost.back_seconds));
+            return self.root_of_heartbeat(self.drive, lost.due_seconds, at.min(lost.back_seconds));
         }
         let hits = self.hits;
         let since = at - patience;
@@ -347,26 +360,27 @@ impl<'a> Finder<'a, '_> {
         {
             return Root::Fault;
         }
-        let heartbeat = [Duty::Heartbeat(Part::Drive)];
+        let heartbeat = [Duty::Heartbeat(self.drive)];
         match self.missed_by(self.controller(), &heartbeat, since, at) {
             // What the controller saw of a drive that is not canrig's is the drive's.
-            Root::Unknown if !self.is_ours(Part::Drive) => Root::Own(Duty::State(drive.id)),
+            Root::Unknown if !self.is_ours(self.drive) => Root::Own(Duty::State(self.drive)),
             root => root,
         }
     }
 
-    fn root_of_heartbeat(&self, node: &Node, due: f64, until: f64) -> Root {
+    fn root_of_heartbeat(&self, index: NodeIndex, due: f64, until: f64) -> Root {
+        let node = self.control_loop.node(index);
         let patience = self.heartbeat_patience(node);
         if self.hits.took_heartbeats(node, due, until, patience) {
             Root::Fault
         } else {
-            Root::Own(Duty::Heartbeat(node.part))
+            Root::Own(Duty::Heartbeat(index))
         }
     }
 
     /// Longest time for which nodes wait for the heartbeat of a node.
     fn heartbeat_patience(&self, node: &Node) -> f64 {
-        let message = self.control_loop.message(node, dbc::names::HEARTBEAT).ok();
+        let message = message_of(self.database, node, dbc::names::HEARTBEAT).ok();
         let period = message.map_or(0, |message| message.cycle_time_milliseconds);
         f64::from(HEARTBEATS_MAX) * period.max(1) as f64 / 1e3
     }
@@ -374,9 +388,9 @@ impl<'a> Finder<'a, '_> {
     /// Whether a receiver missed the frames of these duties by a fault.
     fn missed_by(&self, receiver: &Node, duties: &[Duty], from: f64, until: f64) -> Root {
         let identifiers = duties.iter().filter_map(|duty| match duty {
-            Duty::Heartbeat(part) => {
-                let node = self.control_loop.nodes.of(*part)?;
-                Some(ERROR_CONTROL_ID + u16::from(node.id))
+            Duty::Heartbeat(node) => {
+                let node = self.control_loop.node(*node);
+                Some(ERROR_CONTROL_ID + u16::from(node.id()))
             }
             duty => self.hits.identifier(*duty),
         });
@@ -393,14 +407,14 @@ impl<'a> Finder<'a, '_> {
         let (drive, controller) = (self.drive(), self.controller());
         if code == BUS_OFF && self.hits.was_off(drive, at - OFF_SECONDS, at) {
             // It waits until it is started again (0x1029, CiA 301).
-            self.add(at, drive.id, Root::Fault);
+            self.add(at, self.drive, Root::Fault);
         }
         if OF_THE_BUS.contains(&code) {
             return;
         }
         let owed = match code {
             LOST_HEARTBEAT => Some((
-                Duty::Heartbeat(Part::Controller),
+                Duty::Heartbeat(self.controller),
                 self.heartbeat_patience(controller),
             )),
             LOST_SYNC => Some((Duty::Sync, 0.05f64.max(3.0 * self.timeline.period_seconds))),
@@ -410,15 +424,15 @@ impl<'a> Finder<'a, '_> {
         let root = match owed {
             Some((duty, patience)) => self.root_of_loss(at, duty, patience),
             None if self.hits.changed(drive, f64::NEG_INFINITY, at) => Root::Fault,
-            None => Root::Own(Duty::State(drive.id)),
+            None => Root::Own(Duty::State(self.drive)),
         };
-        self.add(at, drive.id, root);
+        self.add(at, self.drive, root);
     }
 
     /// Explains why a drive of canrig's lost a service of the controller.
     fn root_of_loss(&self, at: f64, duty: Duty, patience: f64) -> Root {
         let (controller, drive) = (self.controller(), self.drive());
-        if let Some(root) = self.root_of(controller.id, at) {
+        if let Some(root) = self.root_of(self.controller, at) {
             return root;
         }
         let since = at - patience;
@@ -443,27 +457,27 @@ impl<'a> Finder<'a, '_> {
             self.found.returns.push(at);
             return;
         }
-        let (drive, controller) = (self.drive(), self.controller());
+        let drive = self.drive();
         // What another state it goes to afterwards does not matter.
-        if self.found.latest(drive.id, at).is_some() {
+        if self.found.latest(self.drive, at).is_some() {
             return;
         }
         let is_fault = matches!(state, State::Fault | State::FaultReactionActive);
         let is_hit =
             self.hits.changed_order(drive, at) || self.hits.kept_from_running(drive, at, at, at);
         if is_hit {
-            self.add(at, drive.id, Root::Fault);
-        } else if is_asked && !self.is_ours(Part::Controller) {
+            self.add(at, self.drive, Root::Fault);
+        } else if is_asked && !self.is_ours(self.controller) {
             let root = self.expected_stop(at).unwrap_or(Root::Own(Duty::Lead));
-            self.add(at, controller.id, root);
-            self.add(at, drive.id, root);
-        } else if let Some(root) = self.root_of(controller.id, at) {
-            self.add(at, drive.id, root);
-        } else if (!is_asked || is_fault) && !self.is_ours(Part::Drive) {
+            self.add(at, self.controller, root);
+            self.add(at, self.drive, root);
+        } else if let Some(root) = self.root_of(self.controller, at) {
+            self.add(at, self.drive, root);
+        } else if (!is_asked || is_fault) && !self.is_ours(self.drive) {
             let root = self
                 .watched_by_drive(at)
-                .unwrap_or(Root::Own(Duty::State(drive.id)));
-            self.add(at, drive.id, root);
+                .unwrap_or(Root::Own(Duty::State(self.drive)));
+            self.add(at, self.drive, root);
         }
         // A drive of canrig's says in an emergency why it leaves the state.
     }
@@ -472,10 +486,10 @@ impl<'a> Finder<'a, '_> {
     fn watched_by_drive(&self, at: f64) -> Option<Root> {
         let mut lost = self.timeline.lost_heartbeats.iter();
         let lost = lost.find(|lost| {
-            lost.node == Part::Controller && lost.due_seconds < at && lost.back_seconds >= at
+            lost.node == self.controller && lost.due_seconds < at && lost.back_seconds >= at
         });
         if let Some(lost) = lost {
-            return Some(self.root_of_heartbeat(self.controller(), lost.due_seconds, at));
+            return Some(self.root_of_heartbeat(self.controller, lost.due_seconds, at));
         }
         let syncs = &self.timeline.syncs_seconds;
         let heard = syncs.partition_point(|time| time <= at);
@@ -496,30 +510,30 @@ impl<'a> Finder<'a, '_> {
     }
 
     /// Takes a new state in a heartbeat.
-    fn on_heartbeat(&mut self, at: f64, id: u8, state: NmtState) {
-        let (controller, drive) = (self.controller(), self.drive());
-        let node = [controller, drive].into_iter().find(|node| node.id == id);
-        let Some(node) = node.filter(|_| state != NmtState::Operational) else {
+    fn on_heartbeat(&mut self, at: f64, node: Option<NodeIndex>, state: NmtState) {
+        let own = node.filter(|node| self.control_loop.both().contains(node));
+        let Some(index) = own.filter(|_| state != NmtState::Operational) else {
             return;
         };
+        let node = self.control_loop.node(index);
         let has_booted = state == NmtState::Initialising;
-        if !has_booted && (self.is_ours(node.part) || id == controller.id) {
+        if !has_booted && (node.is_ours() || index == self.controller) {
             return;
         }
         let root = if self.hits.kept_from_running(node, at, at, at)
             || self.hits.changed(node, at - 0.1, at)
         {
             Root::Fault
-        } else if self.is_ours(node.part) {
+        } else if node.is_ours() {
             // canrig's nodes boot when they are told to, or by a fault.
             return;
-        } else if id == drive.id {
-            let root = self.root_of(controller.id, at);
-            root.unwrap_or(Root::Own(Duty::State(id)))
+        } else if index == self.drive {
+            let root = self.root_of(self.controller, at);
+            root.unwrap_or(Root::Own(Duty::State(index)))
         } else {
-            Root::Own(Duty::State(id))
+            Root::Own(Duty::State(index))
         };
-        self.add(at, id, root);
+        self.add(at, index, root);
     }
 
     /// Takes an NMT command that takes a node from its duties. That of a fault is a hit; a controller of canrig's gives it when
@@ -528,30 +542,30 @@ impl<'a> Finder<'a, '_> {
         if command == NmtCommand::Start {
             return;
         }
-        let (controller, drive) = (self.controller(), self.drive());
         let io = self.control_loop.trial.wiring.io_nodes();
-        let io = io.map(|node| node.id);
-        let meant = Vec::from_iter([drive.id].into_iter().chain(io));
-        let meant = Vec::from_iter(meant.into_iter().filter(|node| id == 0 || *node == id));
+        let obeying = [self.drive].into_iter().chain(io);
+        let addressee = self.with_id(id);
+        let meant = obeying.filter(|node| id == 0 || addressee == Some(*node));
+        let meant = Vec::from_iter(meant);
         if self.hits.commanded(at) {
             for node in meant {
                 self.add_ordered(at, node, Root::Fault);
             }
-            if id == controller.id {
-                self.add_ordered(at, id, Root::Fault);
+            if addressee == Some(self.controller) {
+                self.add_ordered(at, self.controller, Root::Fault);
             }
             return;
         }
-        if self.is_ours(Part::Controller) || meant.is_empty() {
+        if self.is_ours(self.controller) || meant.is_empty() {
             return;
         }
         let before = self
-            .root_of(drive.id, at)
-            .or_else(|| self.root_of(controller.id, at));
+            .root_of(self.drive, at)
+            .or_else(|| self.root_of(self.controller, at));
         let root = before
             .or_else(|| self.expected_stop(at))
             .unwrap_or(Root::Own(Duty::Nmt));
-        self.add(at, controller.id, root);
+        self.add(at, self.controller, root);
         for node in meant {
             self.add_ordered(at, node, root);
         }
@@ -559,7 +573,7 @@ impl<'a> Finder<'a, '_> {
 
     /// Takes an object for communication that a controller wrote in mid-run: if the drive is silent from then on, that is why.
     fn on_written(&mut self, at: f64) {
-        if self.is_ours(Part::Controller) {
+        if self.is_ours(self.controller) {
             return;
         }
         let timeline = self.timeline;
@@ -571,8 +585,7 @@ impl<'a> Finder<'a, '_> {
         });
         let is_silent = last.is_none_or(|time| time <= at + timeline.period_seconds);
         if is_silent {
-            let drive = self.drive().id;
-            self.add(at, drive, Root::Own(Duty::Lead));
+            self.add(at, self.drive, Root::Own(Duty::Lead));
         }
     }
 
@@ -587,7 +600,7 @@ impl<'a> Finder<'a, '_> {
 /// Returns whether the scenario demands or limits how the controller stops.
 pub(crate) fn expects_stop(control_loop: &ControlLoop) -> bool {
     let expect = &control_loop.trial.expect;
-    let controller = &control_loop.nodes.controller;
+    let controller = control_loop.controller();
     let is_of_controller = |wanted: Emergency| wanted.node == controller.name;
     let mut demanded = expect.listed("emcy").iter();
     let demands = demanded.any(|text| text.parse().is_ok_and(is_of_controller));

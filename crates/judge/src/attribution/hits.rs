@@ -5,6 +5,7 @@ use std::cell::Cell;
 use std::collections::BTreeSet;
 
 use canopen::nmt::{COMMAND_ID, ERROR_CONTROL_ID};
+use dbc::Database;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::ControlLoop;
 use recording::hits::{Effect, Hit, Hits};
@@ -57,6 +58,7 @@ impl HeldUp {
 /// Hits that concern a loop.
 pub(crate) struct LoopHits<'a> {
     timeline: &'a Timeline,
+    database: &'a Database,
     control_loop: &'a ControlLoop,
     hits: Option<&'a Hits>,
     /// Cycles whose SYNC, position or command a fault only held up, and those in which none came at all.
@@ -68,13 +70,14 @@ pub(crate) struct LoopHits<'a> {
 impl<'a> LoopHits<'a> {
     pub(super) fn new(
         timeline: &'a Timeline,
-        control_loop: &'a ControlLoop,
+        (database, control_loop): (&'a Database, &'a ControlLoop),
         circumstances: &'a Circumstances,
         due: u64,
     ) -> Self {
         let hits = circumstances.unrecorded.hits.as_ref();
         let mut found = Self {
             timeline,
+            database,
             control_loop,
             hits,
             held_up: Default::default(),
@@ -140,9 +143,7 @@ impl<'a> LoopHits<'a> {
         } else {
             self.is_held_up(duty, breach.cycle)
         };
-        let Some(node) = self.node_of(duty) else {
-            return false;
-        };
+        let node = self.node_of(duty);
         is_held_up
             || self.kept_from_running(node, from, until, stays_since)
             || self.is_lost(duty, breach.cycle)
@@ -170,11 +171,13 @@ impl<'a> LoopHits<'a> {
 
     /// Whether the frame of a duty reached nobody, or the frame that triggers it did not reach its node.
     fn is_lost(&self, duty: Duty, cycle: u64) -> bool {
-        let nodes = &self.control_loop.nodes;
         let own = self.identifier(duty);
         let trigger = match duty {
-            Duty::Position => Some((&nodes.drive, self.identifier(Duty::Sync))),
-            Duty::Command => Some((&nodes.controller, self.identifier(Duty::Position))),
+            Duty::Position => Some((self.control_loop.drive(), self.identifier(Duty::Sync))),
+            Duty::Command => {
+                let controller = self.control_loop.controller();
+                Some((controller, self.identifier(Duty::Position)))
+            }
             _ => None,
         };
         let due = self.timeline.cycle_start_seconds(cycle);
@@ -266,9 +269,7 @@ impl<'a> LoopHits<'a> {
 
     /// Error of the mean SYNC period in percent that faults explain until a time.
     pub(crate) fn period_error_percent(&self, at: f64, periods: f64) -> f64 {
-        let Some(controller) = self.node_of(Duty::Sync) else {
-            return 0.0;
-        };
+        let controller = self.node_of(Duty::Sync);
         let length = periods * self.timeline.period_seconds;
         let sync = self.identifier(Duty::Sync);
         let acts = |hit: &&Hit| hit.is_at(&controller.name) && hit.overlaps(at - length, at);
@@ -289,7 +290,7 @@ impl<'a> LoopHits<'a> {
         until: f64,
         patience: f64,
     ) -> bool {
-        let identifier = ERROR_CONTROL_ID + u16::from(node.id);
+        let identifier = ERROR_CONTROL_ID + u16::from(node.id());
         let is_taken = |hit: &Hit| {
             let is_lost = hit.effect == Effect::Lost && hit.node.is_none() && hit.is_of(identifier);
             let is_down = hit.effect == Effect::NotRun && hit.is_at(&node.name);
@@ -335,7 +336,7 @@ impl<'a> LoopHits<'a> {
     pub(super) fn changed_order(&self, drive: &Node, at: f64) -> bool {
         let command = self.identifier(Duty::Command);
         let is_obeyed = |identifier: u16| {
-            let is_to_node = identifier & NODE_ID_BITS == u16::from(drive.id);
+            let is_to_node = identifier & NODE_ID_BITS == u16::from(drive.id());
             let is_to_all = [COMMAND_ID, SYNC_COB_ID].contains(&identifier);
             is_to_node || is_to_all || Some(identifier) == command
         };
@@ -355,7 +356,7 @@ impl<'a> LoopHits<'a> {
 
     /// Whether frames of a node reached no other node in a time, since it was off the bus.
     pub(super) fn was_off(&self, node: &Node, from: f64, until: f64) -> bool {
-        let is_its = |identifier: u16| identifier & NODE_ID_BITS == u16::from(node.id);
+        let is_its = |identifier: u16| identifier & NODE_ID_BITS == u16::from(node.id());
         let mut lost = self.within(Effect::Lost, from, until);
         lost.any(|hit| hit.node.is_none() && hit.identifier.is_some_and(is_its))
     }
@@ -378,7 +379,7 @@ impl<'a> LoopHits<'a> {
 
     /// Whether a fault lost or held up frames of a duty in a time.
     pub(super) fn is_hit_in(&self, duty: Duty, from: f64, until: f64) -> bool {
-        let Some((node, identifier)) = self.node_of(duty).zip(self.identifier(duty)) else {
+        let (node, Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
             return false;
         };
         let lost = self.within(Effect::Lost, from, until);
@@ -396,8 +397,8 @@ impl<'a> LoopHits<'a> {
             .is_some()
     }
 
-    fn node_of(&self, duty: Duty) -> Option<&'a Node> {
-        self.control_loop.nodes.of(duty.node(self.control_loop))
+    fn node_of(&self, duty: Duty) -> &'a Node {
+        self.control_loop.node(duty.node(self.control_loop))
     }
 
     /// Identifier of the frame of a duty.
@@ -405,8 +406,8 @@ impl<'a> LoopHits<'a> {
         let one = self.control_loop;
         let raw_id = match duty {
             Duty::Sync => SYNC_COB_ID.into(),
-            Duty::Position => one.drive_position().ok()?.raw_id(),
-            Duty::Command => one.target().ok()?.raw_id(),
+            Duty::Position => one.drive_position(self.database).ok()?.raw_id(),
+            Duty::Command => one.target(self.database).ok()?.raw_id(),
             _ => return None,
         };
         u16::try_from(raw_id).ok()
@@ -419,7 +420,7 @@ impl<'a> LoopHits<'a> {
             Duty::Command => self.delay(Duty::Position, at),
             _ => 0.0,
         };
-        let (Some(node), Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
+        let (node, Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
             return trigger;
         };
         let late = self.within(Effect::Late, at, at + self.timeline.period_seconds);
@@ -429,7 +430,7 @@ impl<'a> LoopHits<'a> {
 
     /// Number of frames of a duty that faults may still hold up at the end.
     fn pending(&self, duty: Duty) -> u64 {
-        let (Some(node), Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
+        let (node, Some(identifier)) = (self.node_of(duty), self.identifier(duty)) else {
             return 0;
         };
         let (period, end) = (self.timeline.period_seconds, self.end_seconds());

@@ -10,13 +10,14 @@ pub(crate) mod stalls;
 
 use std::collections::BTreeMap;
 
+use dbc::Database;
 use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::losses::LostHeartbeat;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::events::Window;
-use scenario::node::Part;
+use scenario::node::NodeIndex;
 
 use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
 use self::departures::{Departures, Root, expects_stop};
@@ -75,19 +76,20 @@ pub(crate) struct Attribution<'a> {
 impl<'a> Attribution<'a> {
     pub(crate) fn new(
         timeline: &'a Timeline,
-        one: &'a ControlLoop,
+        (database, one): (&'a Database, &'a ControlLoop),
         circumstances: &'a Circumstances,
     ) -> Self {
         let host = &circumstances.host;
         let stretches = stretches(timeline, &host.stalls);
         let period_seconds = timeline.period_seconds;
-        let felt = [Part::Controller, Part::Drive]
+        let felt = one
+            .both()
             .map(|node| FeltStalls::of(node, &stretches, one, period_seconds));
         let due = due(timeline, one, circumstances.ended_early.as_ref());
-        let hits = LoopHits::new(timeline, one, circumstances, due);
+        let hits = LoopHits::new(timeline, (database, one), circumstances, due);
         let reasons = &circumstances.unrecorded.reasons;
         let judged_until = one.trial.judged_end_seconds();
-        let departures = Departures::new(timeline, one, &hits, reasons, judged_until);
+        let departures = Departures::new(timeline, (database, one), &hits, reasons, judged_until);
         let mut attribution = Self {
             timeline,
             control_loop: one,
@@ -97,7 +99,8 @@ impl<'a> Attribution<'a> {
             hits,
             departures,
             stood: [None; 2],
-            undecided: [Part::Controller, Part::Drive]
+            undecided: one
+                .both()
                 .map(|node| undecided(node, &stretches, one, host)),
             silent_from: 0,
             cycles: Totals::default(),
@@ -132,17 +135,17 @@ impl<'a> Attribution<'a> {
         let prevailing = longest(&self.cycles.stalls).filter(|_| prevails);
         [Duty::Sync, Duty::Position].map(|duty| {
             if !is_by_canrig(&duty) {
-                return self.undecided[place(duty.node(self.control_loop))].map(Some);
+                return self.undecided[self.place(duty.node(self.control_loop))].map(Some);
             }
-            let is_punctual = circumstances.is_punctual(duty.node(self.control_loop));
+            let is_punctual = circumstances.is_punctual(duty == Duty::Sync);
             (prevails || is_punctual).then_some(prevailing)
         })
     }
 
     /// Returns the longest stall of a run whose stalls leave open what a node broke that stands
     /// still with the machine.
-    pub(crate) fn undecided(&self, node: Part) -> Option<Stretch> {
-        self.undecided[place(node)]
+    pub(crate) fn undecided(&self, node: NodeIndex) -> Option<Stretch> {
+        self.undecided[self.place(node)]
     }
 
     /// Attributes each of these breaches, which are in the order of time, to the first explanation that fits it: a hit on this very
@@ -158,7 +161,7 @@ impl<'a> Attribution<'a> {
         breaches.map(move |breach| {
             let goes_on = stay.filter(|stay| stay.next_cycle == breach.cycle);
             let since = goes_on.map_or(breach.from_seconds, |stay| stay.since);
-            let felt = &self.felt[place(breach.duty.node(self.control_loop))];
+            let felt = &self.felt[self.place(breach.duty.node(self.control_loop))];
             let allowance = allowances.entry(breach.duty);
             let stall = allowance
                 .or_insert_with(|| Allowance::of(felt))
@@ -210,7 +213,7 @@ impl<'a> Attribution<'a> {
             }
         }
         if duty == Duty::Position
-            && !one.is_ours(Part::Drive)
+            && one.drive().is_external()
             && let Some(cause) = self.answered_silence(since)
         {
             return cause;
@@ -232,10 +235,10 @@ impl<'a> Attribution<'a> {
         let next = floods.partition_point(|(_, ends)| *ends < from);
         floods.get(next).filter(|(begins, _)| *begins <= until)?;
         let one = self.control_loop;
-        match [Part::Controller, Part::Drive].map(|part| one.is_ours(part)) {
+        match one.both().map(|node| one.node(node).is_ours()) {
             [true, true] => None,
             [false, true] => Some(self.by_node(Duty::Lead, breach)),
-            [true, false] => Some(self.by_node(Duty::State(one.nodes.drive.id), breach)),
+            [true, false] => Some(self.by_node(Duty::State(one.drive_index()), breach)),
             [false, false] => Some(Cause::Unknown(breach.duty)),
         }
     }
@@ -244,22 +247,26 @@ impl<'a> Attribution<'a> {
     fn answered_silence(&self, since: f64) -> Option<Cause> {
         let lost = departures::lost_heartbeat_before(self.timeline, self.control_loop, since)?;
         let explained = self.heartbeat_explained(lost);
-        Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(Part::Controller))))
+        Some(explained.unwrap_or(Cause::Node(Duty::Heartbeat(
+            self.control_loop.controller_index(),
+        ))))
     }
 
     /// Returns why a node that is silent since a time, or the one that it depends on, has left its duties by another time. A
     /// controller that is not canrig's and goes on without its drive for longer than it waits for it falls silent by itself.
-    fn departed(&self, node: Part, since: f64, until: f64) -> Option<Root> {
-        let nodes = &self.control_loop.nodes;
-        let (own, other) = match node {
-            Part::Controller => (&nodes.controller, &nodes.drive),
-            _ => (&nodes.drive, &nodes.controller),
+    fn departed(&self, node: NodeIndex, since: f64, until: f64) -> Option<Root> {
+        let one = self.control_loop;
+        let is_controller = node == one.controller_index();
+        let other = if is_controller {
+            one.drive_index()
+        } else {
+            one.controller_index()
         };
         let until = until + TIME_TOLERANCE_SECONDS;
-        let departure = self.departures.latest(own.id, until);
+        let departure = self.departures.latest(node, until);
         let departure = departure.or_else(|| {
-            let others = self.departures.latest(other.id, until)?;
-            let is_free = node == Part::Controller && !self.control_loop.is_ours(node);
+            let others = self.departures.latest(other, until)?;
+            let is_free = is_controller && one.controller().is_external();
             let patience = self.drive_lost_seconds();
             (!is_free || since <= others.at_seconds + patience).then_some(others)
         });
@@ -278,7 +285,7 @@ impl<'a> Attribution<'a> {
     /// fault that has ended: what comes after the recovery was not tried. A stop that the scenario limits is none.
     pub(crate) fn not_recovered(&self) -> Option<Breach> {
         let one = self.control_loop;
-        let is_alone = [Part::Controller, Part::Drive].map(|part| one.is_ours(part)) == [true; 2];
+        let is_alone = one.controller().is_ours() && one.drive().is_ours();
         let lasting = self.cycles.lasting(self.due)?;
         let end = self.timeline.cycle_start_seconds(lasting.last_cycle);
         let is_open = lasting.cause == Cause::Fault && !self.hits.go_on(end);
@@ -287,7 +294,7 @@ impl<'a> Attribution<'a> {
 
     /// Returns why the heartbeats of a node stay away, unless that is a stall or its own.
     fn heartbeat_explained(&self, lost: &LostHeartbeat) -> Option<Cause> {
-        let node = self.control_loop.nodes.of(lost.node)?;
+        let node = self.control_loop.node(lost.node);
         let (due, back) = (lost.due_seconds, lost.back_seconds);
         if self
             .hits
@@ -321,15 +328,20 @@ impl<'a> Attribution<'a> {
         })
     }
 
+    /// Returns the place of a node among controller and drive.
+    fn place(&self, node: NodeIndex) -> usize {
+        usize::from(node != self.control_loop.controller_index())
+    }
+
     /// Returns the stall that explains the missing frames of a node.
-    pub(crate) fn stall(&self, node: Part, from: f64, until: f64) -> Option<Stretch> {
-        self.felt[place(node)].explaining(from, until)
+    pub(crate) fn stall(&self, node: NodeIndex, from: f64, until: f64) -> Option<Stretch> {
+        self.felt[self.place(node)].explaining(from, until)
     }
 
     /// Attributes a miss that neither a noticed stall nor a fault explains.
     fn by_node(&self, duty: Duty, breach: &Breach) -> Cause {
         let node = duty.node(self.control_loop);
-        let stood = self.stood[place(node)].filter(|_| breach.cycle < self.silent_from);
+        let stood = self.stood[self.place(node)].filter(|_| breach.cycle < self.silent_from);
         let cause =
             stood.map(|prevailing| {
                 Cause::Host(prevailing.unwrap_or_else(|| {
@@ -342,7 +354,7 @@ impl<'a> Attribution<'a> {
         let is_by_canrig = !duty.is_of_external(one)
             && !matches!(duty, Duty::State(_))
             && !one.trial.run.faults.is_empty();
-        let is_alone = one.is_ours(Part::Controller) && one.is_ours(Part::Drive);
+        let is_alone = one.controller().is_ours() && one.drive().is_ours();
         cause.unwrap_or_else(|| {
             if !is_by_canrig {
                 Cause::Node(duty)
@@ -355,10 +367,11 @@ impl<'a> Attribution<'a> {
     }
 
     /// Returns the stall of one of canrig's nodes that shows in the cycle that it missed.
-    fn stood_in(&self, node: Part, from_seconds: f64, until_seconds: f64) -> Stretch {
-        let who = match node {
-            Part::Controller => Who::Controller,
-            _ => Who::PlantEmulator,
+    fn stood_in(&self, node: NodeIndex, from_seconds: f64, until_seconds: f64) -> Stretch {
+        let who = if node == self.control_loop.controller_index() {
+            Who::Controller
+        } else {
+            Who::PlantEmulator
         };
         let [from, until] =
             [from_seconds, until_seconds].map(|time| self.timeline.recorded_time(time));
@@ -370,7 +383,7 @@ impl<'a> Attribution<'a> {
     }
 
     /// Returns the stall of one of canrig's nodes that was silent in real time and came back.
-    fn stood_since(&self, node: Part, from_seconds: f64) -> Option<Stretch> {
+    fn stood_since(&self, node: NodeIndex, from_seconds: f64) -> Option<Stretch> {
         let mut lost = self.timeline.lost_heartbeats.iter().filter(|lost| {
             let is_in = from_seconds + HEARTBEAT_SECONDS >= lost.due_seconds
                 && from_seconds <= lost.back_seconds;
@@ -378,7 +391,7 @@ impl<'a> Attribution<'a> {
         });
         let lost = lost
             .next()
-            .filter(|_| self.is_real_time && self.control_loop.is_ours(node))?;
+            .filter(|_| self.is_real_time && self.control_loop.node(node).is_ours())?;
         Some(self.stood_in(node, lost.due_seconds, lost.back_seconds))
     }
 
@@ -410,14 +423,6 @@ struct Silence {
 fn silence_seconds_max(timeline: &Timeline) -> f64 {
     let (periods, seconds) = SILENT_AT_END;
     seconds.max(periods as f64 * timeline.period_seconds)
-}
-
-/// Returns the index of a node among controller and drive.
-fn place(node: Part) -> usize {
-    match node {
-        Part::Controller => 0,
-        _ => 1,
-    }
 }
 
 /// Kinds of cycles whose commands break their duty: missing or late.

@@ -6,7 +6,7 @@ use plan::ControlLoop;
 use recording::latency::Host;
 use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
-use scenario::node::Part;
+use scenario::node::NodeIndex;
 
 use crate::timing::distrusted_percent;
 
@@ -75,12 +75,12 @@ pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
 /// Returns the longest stall if stalls cover more of the run than is trusted and a node that canrig
 /// did not start stands still with the machine: whether its process could run is not known.
 pub(super) fn undecided(
-    node: Part,
+    node: NodeIndex,
     stretches: &[Stretch],
     one: &ControlLoop,
     host: &Host,
 ) -> Option<Stretch> {
-    let name = &one.nodes.of(node)?.name;
+    let name = &one.node(node).name;
     let duration = Duration::from_secs_f64(one.trial.run.duration_seconds);
     let is_distrusted = || distrusted_percent(&host.stalls, duration).is_some();
     let is_open = host.on_this_machine.contains(name) && is_distrusted();
@@ -110,19 +110,17 @@ impl FeltStalls {
     /// Selects the stalls that a node feels: those of the machine and the bus, and those of its own
     /// process. The stalls of canrig's emulators do not explain a node that canrig does not play.
     pub(super) fn of(
-        node: Part,
+        node: NodeIndex,
         stretches: &[Stretch],
         one: &ControlLoop,
         period_seconds: f64,
     ) -> Self {
-        let is_felt = |stretch: &&Stretch| match (stretch.stall.who, node) {
-            (Who::Machine | Who::Bus, _) | (Who::Controller, Part::Controller) => true,
-            (Who::PlantEmulator, Part::Controller) => false,
-            (Who::Controller | Who::PlantEmulator, _) => one.is_ours(Part::Drive),
-            (Who::Node(_), node) => {
-                let felt = one.nodes.of(node);
-                felt.is_some_and(|node| stretch.stall.who.is_node(&node.name))
-            }
+        let is_controller = node == one.controller_index();
+        let is_felt = |stretch: &&Stretch| match (stretch.stall.who, is_controller) {
+            (Who::Machine | Who::Bus, _) | (Who::Controller, true) => true,
+            (Who::PlantEmulator, true) => false,
+            (Who::Controller | Who::PlantEmulator, false) => one.drive().is_ours(),
+            (Who::Node(_), _) => stretch.stall.who.is_node(&one.node(node).name),
         };
         let mut felt: Vec<Stretch> = stretches.iter().filter(is_felt).copied().collect();
         felt.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));

@@ -267,7 +267,7 @@ proptest! {
             unrecorded: Unrecorded { hits: Some(Hits::new(Vec::new(), &plan)), ..Unrecorded::default() },
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+        let attribution = Attribution::new(&timelines[0], (plan.database(), plan.only_loop().unwrap()), &circumstances);
         prop_assert_eq!(attribution.due, cycles.len() as u64);
         let missed = missed_cycles(&timelines[0], attribution.due);
         let found: Vec<_> = attribution.attributed(missed).map(|(breach, cause)| {
@@ -288,7 +288,11 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
     let plan = setup(100, &[], &[]);
     let timelines = decode(&frames(&cycles).into(), &plan).unwrap();
     let circumstances = Circumstances::default();
-    let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+    let attribution = Attribution::new(
+        &timelines[0],
+        (plan.database(), plan.only_loop().unwrap()),
+        &circumstances,
+    );
     let too_many = |percent_max, lost| attribution.cycles.too_many(percent_max, lost);
     // Each duty has its own share: that of SYNC is within the limit.
     assert_eq!(too_many(1.0, 0), [(Duty::Position, 2.0, 0.07)]);
@@ -320,8 +324,11 @@ fn where_stalls_prevail_frames_that_canrigs_nodes_left_out_prove_nothing() {
             },
             ..Circumstances::default()
         };
-        let attribution =
-            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+        let attribution = Attribution::new(
+            &timelines[0],
+            (plan.database(), plan.only_loop().unwrap()),
+            &circumstances,
+        );
         attribution.cycles.too_many(1.0, 0).is_empty()
     };
     assert!(by_nodes(5, &[]));
@@ -349,8 +356,16 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
             },
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(timeline, plan.only_loop().unwrap(), &circumstances);
-        let stretch = attribution.stall(Part::Drive, 0.39, 0.39 + silence_seconds);
+        let attribution = Attribution::new(
+            timeline,
+            (plan.database(), plan.only_loop().unwrap()),
+            &circumstances,
+        );
+        let stretch = attribution.stall(
+            plan.only_loop().unwrap().drive_index(),
+            0.39,
+            0.39 + silence_seconds,
+        );
         stretch.map(|stretch| stretch.stall.length())
     };
     let milliseconds = |count| Some(Duration::from_millis(count));
@@ -387,8 +402,11 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
             ended_early,
             ..Circumstances::default()
         };
-        let attribution =
-            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+        let attribution = Attribution::new(
+            &timelines[0],
+            (plan.database(), plan.only_loop().unwrap()),
+            &circumstances,
+        );
         attribution.cycles.percent(true)
     };
     assert_eq!(percent(&frames(&silent), None), 60.0);
@@ -420,7 +438,11 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
         },
         ..Circumstances::default()
     };
-    let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+    let attribution = Attribution::new(
+        &timelines[0],
+        (plan.database(), plan.only_loop().unwrap()),
+        &circumstances,
+    );
     let is_of_the_host = |from_seconds, until_seconds| {
         attribution.is_of_the_host(Window {
             from_seconds,
@@ -443,7 +465,7 @@ fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs() {
             .unwrap()
             .remove(0);
         timeline.lost_heartbeats = vec![LostHeartbeat {
-            node: Part::Controller,
+            node: plan.nodes.manager(),
             due_seconds: 0.3,
             back_seconds: 0.5,
         }];
@@ -454,8 +476,12 @@ fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs() {
             },
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timeline, plan.only_loop().unwrap(), &circumstances);
-        let stretch = attribution.stood_since(Part::Controller, 0.35);
+        let attribution = Attribution::new(
+            &timeline,
+            (plan.database(), plan.only_loop().unwrap()),
+            &circumstances,
+        );
+        let stretch = attribution.stood_since(plan.nodes.manager(), 0.35);
         stretch.map(|stretch| (stretch.from_seconds, stretch.until_seconds))
     };
     assert_eq!(stood(&[]), Some((0.3, 0.5)));
@@ -484,8 +510,11 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
             },
             ..Circumstances::default()
         };
-        let attribution =
-            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+        let attribution = Attribution::new(
+            &timelines[0],
+            (plan.database(), plan.only_loop().unwrap()),
+            &circumstances,
+        );
         let stay = attribution.cycles.lasting(100).unwrap();
         (stay.first.cycle, word(stay.cause))
     };
@@ -516,8 +545,11 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
             },
             ..Circumstances::default()
         };
-        let attribution =
-            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
+        let attribution = Attribution::new(
+            &timelines[0],
+            (plan.database(), plan.only_loop().unwrap()),
+            &circumstances,
+        );
         attribution.cycles.too_many(1.0, 0).len()
     };
     assert_eq!(too_many(0, 0, &[]), 0);

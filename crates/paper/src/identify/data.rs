@@ -127,7 +127,7 @@ impl IdentificationData {
         }
         let timelines = timeline::decode(frames, plan).map_err(of_other_dbc)?;
         let timeline = &timelines[0];
-        check_frames(frames, only, timeline)?;
+        check_frames(frames, (plan, only), timeline)?;
         check_values(timeline, &only.trial)?;
         let mut measurement = Self {
             path: path.to_owned(),
@@ -270,12 +270,16 @@ fn disturbances(timeline: &Timeline) -> impl Fn(usize) -> Inputs {
 }
 
 /// Checks whether the frames are of the rig.
-fn check_frames(frames: &Frames, one: &ControlLoop, timeline: &Timeline) -> Result<(), String> {
-    let position = one.position().map_err(of_other_dbc)?;
+fn check_frames(
+    frames: &Frames,
+    (plan, one): (&Plan, &ControlLoop),
+    timeline: &Timeline,
+) -> Result<(), String> {
+    let position = one.position(plan.database()).map_err(of_other_dbc)?;
     let is_drive = |stamped: Stamped| stamped.frame.raw_id() == position.raw_id();
     if !frames.iter().any(is_drive) {
         let (count, id) = (frames.len(), position.raw_id());
-        let message = names::message(&one.nodes.drive.name, names::TPDO1);
+        let message = names::message(&one.drive().name, names::TPDO1);
         return Err(format!(
             "none of its {count} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
         ));

@@ -3,7 +3,6 @@
 use dbc::CommandRange;
 use plan::ControlLoop;
 use scenario::Trial;
-use scenario::node::Part;
 use scenario::plant::Sma;
 use toml::{Table, Value};
 
@@ -60,7 +59,8 @@ pub fn text_on_shipped_rig(
 fn names(control_loop: &ControlLoop) -> Vec<(&str, String)> {
     let wiring = &control_loop.trial.wiring;
     let named = wiring.all_nodes().map(|node| {
-        let shipped = Some(node.part.word()).filter(|_| node.part != Part::Io);
+        let node = wiring.node(node);
+        let shipped = Some(node.word()).filter(|_| !node.is_io());
         (node.name.as_str(), shipped.unwrap_or(IO).to_owned())
     });
     let loop_name = (wiring.loop_name.as_str(), LOOP.to_owned());

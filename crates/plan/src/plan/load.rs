@@ -5,7 +5,9 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use dbc::Database;
+use dbc::{Database, Ports};
+use scenario::node::NodeIndex;
+use scenario::wiring::IoOutput;
 use scenario::{Asked, Beside, Objection, Reading, Scenario, ScenarioError, Trial, text_of};
 
 use super::{ControlLoop, Plan};
@@ -51,7 +53,40 @@ impl Plan {
             ..Asked::default()
         };
         let scenario = Scenario::parse(beside, text, &mut read_file, &asked)?;
-        planned(&scenario, catalogue)
+        let plan = planned(&scenario, catalogue)?;
+        match plan.unknown_signal() {
+            Some(objection) => Err(scenario.objected(objection)),
+            None => Ok(plan),
+        }
+    }
+
+    /// Finds a name of no signal of the bus, or of several, in the expectations of a rig without loops.
+    fn unknown_signal(&self) -> Option<Objection> {
+        let mut named = self.shared.run.expect.named_signals();
+        named.find_map(|(path, name)| {
+            let messages = self.database.messages().iter();
+            let paths = messages.flat_map(|message| {
+                let signals = message.signals.iter();
+                signals
+                    .map(move |signal| (&signal.name, format!("{}.{}", message.name, signal.name)))
+            });
+            let is_meant = |(signal, path): &(&String, String)| {
+                signal.eq_ignore_ascii_case(name) || path.eq_ignore_ascii_case(name)
+            };
+            let found = Vec::from_iter(paths.filter(is_meant).map(|(_, path)| path));
+            let (message, label) = match found.len() {
+                0 => (
+                    format!("no signal is called `{name}`"),
+                    "not on the bus".to_owned(),
+                ),
+                1 => return None,
+                count => {
+                    let message = format!("`{name}` is the name of {count} signals");
+                    (message, format!("it may be {}", found.join(", ")))
+                }
+            };
+            Some(Objection::new(path, message, label))
+        })
     }
 
     /// Parses as [`Plan::parse`], but accepts names of unknown signals in the scenario.
@@ -91,7 +126,8 @@ impl Plan {
         let read = &mut |name: &str| beside.read_text(name);
         let scenario = Scenario::parse(&beside, text_of(path)?, read, &asked)?;
         let one = |trial| ControlLoop::from_recording(trial, database);
-        named(&scenario, one).map_err(|objection| scenario.objected(objection))
+        let plan = named(&scenario, one).map_err(|objection| scenario.objected(objection))?;
+        Ok(plan.with_database(database))
     }
 
     /// Makes the plan of another scenario with the same plants and laws. The meaning of the frames is shared, unless a value of the
@@ -132,8 +168,11 @@ impl Plan {
         if let Some(objection) = output_objection(self, &scenario.shared.run.disturbance) {
             return Err(scenario.objected(objection));
         }
-        let (shared, loops) = (scenario.shared, self.loops.clone());
-        let mut plan = Self { shared, loops };
+        let mut plan = Self {
+            shared: scenario.shared,
+            nodes: scenario.nodes,
+            ..self.clone()
+        };
         for (one, trial) in plan.loops.iter_mut().zip(scenario.loops) {
             one.trial = trial;
         }
@@ -204,13 +243,29 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
         let frames = catalogue.frames(&trial);
         ControlLoop::with_frames(trial, frames)
     };
-    let plan = named(scenario, alone)?;
+    let mut plan = named(scenario, alone)?;
+    plan.io = io_outputs(scenario, catalogue);
     let mut loops = plan.loops.iter();
     let objection = loops.find_map(|one| two_columns(&one.frames));
     match objection.or_else(|| output_objection(&plan, &plan.shared.run.disturbance)) {
         Some(objection) => Err(objection),
         None => checked(plan.composed()),
     }
+}
+
+/// Returns the io nodes of a rig, each with its outputs on the ports of its plants.
+fn io_outputs(scenario: &Scenario, catalogue: &Catalogue) -> Vec<(NodeIndex, Vec<IoOutput>)> {
+    let io = scenario.io.iter().map(|io| {
+        let plants = BTreeSet::from_iter(io.plants());
+        let plants = scenario
+            .plants
+            .iter()
+            .filter(|(name, _)| plants.contains(name.as_str()));
+        let ports = plants.map(|(name, plant)| Some((&**name, catalogue.plant_ports(plant)?)));
+        let ports = ports.collect::<Option<Vec<_>>>().map(Ports::joined);
+        (io.node, io.outputs(&ports.unwrap_or_default()))
+    });
+    io.collect()
 }
 
 /// Refuses a plan of which two messages have one name or one identifier, or whose frames do not fit on its bus.
@@ -227,7 +282,7 @@ pub(super) fn checked(plan: Plan) -> Result<Plan, Objection> {
 /// Finds names of signals in a scenario that its recording does not have. An external drive has no truth.
 fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection> {
     let wiring = &trial.wiring;
-    let drive = &wiring.nodes.drive.name;
+    let drive = &wiring.drive().name;
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
@@ -238,10 +293,8 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
 /// Makes the plan of loops that `make` makes, each with its real drive.
 fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let rig = &scenario.shared.rig;
-    let others = rig.node.values().filter(|node| !node.is_ours());
-    let external = BTreeSet::from_iter(others.map(|node| node.node_id));
     let loops = scenario.loops.iter().map(|trial| {
-        let drive = &trial.wiring.nodes.drive.name;
+        let drive = &trial.wiring.drive().name;
         let load = |real| LoadedDrive::new(real, scenario.sheets.get(drive)).map(Arc::new);
         let real_drive = rig.real_drive(drive).map(load).transpose();
         Ok(ControlLoop {
@@ -249,13 +302,15 @@ fn named(scenario: &Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Pla
                 let message = format!("the drive `{drive}` cannot be led");
                 Objection::new(format!("node.{drive}"), message, error.to_string())
             })?,
-            external: external.clone(),
             ..make(trial.clone())
         })
     });
     Ok(Plan {
         shared: scenario.shared.clone(),
+        nodes: scenario.nodes.clone(),
         loops: loops.collect::<Result<_, _>>()?,
+        database: Arc::default(),
+        io: Vec::new(),
     })
 }
 

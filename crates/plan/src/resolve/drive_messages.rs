@@ -27,7 +27,7 @@ const USED: [Pdo; 2] = [Pdo::Transmit(1), Pdo::Receive(1)];
 
 /// Composes the messages of a loop's drive.
 pub(super) fn compose_drive(one: &ControlLoop, bus: &BusNodes<'_>) -> Vec<Message> {
-    let (node, wiring) = (&one.nodes.drive, &one.trial.wiring);
+    let (node, wiring) = (one.drive(), &one.trial.wiring);
     let (own, manager) = (&*node.name, &*bus.controller.name);
     let heading_of = |pdo: Pdo| {
         let heading = match pdo {
@@ -103,7 +103,7 @@ fn emulated_objects(one: &ControlLoop) -> (ObjectDictionary, Carried) {
     };
     let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
     let presets = one.trial.presets().into_iter().chain(pace);
-    let objects = node_objects::drive(one.nodes.drive.id, Some(truth), presets);
+    let objects = node_objects::drive(one.drive().id(), Some(truth), presets);
     let own = [
         (POSITION, feedback_signal(&wiring.sensor)),
         (OUTPUT, measured_output(output, amplifier)),

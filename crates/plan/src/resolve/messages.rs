@@ -8,7 +8,7 @@ use dbc::loops::TERMS_EVERY_CYCLES;
 use dbc::messages::{Carried, Heading, Pdo, compose, services};
 use dbc::node_objects;
 use dbc::{Coding, Database, Kind, Message, Port, Signal, carried_terms, names};
-use scenario::node::{Node, Part};
+use scenario::node::{Node, Profile};
 use scenario::wiring::IoOutput;
 
 use super::drive_messages::compose_drive;
@@ -37,7 +37,7 @@ pub fn database(plan: &Plan) -> Database {
         messages.extend(compose_drive(one, &bus));
     }
     for (io, outputs) in plan.io_outputs() {
-        messages.extend(io_node(io, outputs, plan.controller(), &bus));
+        messages.extend(io_node(&plan.nodes[*io], outputs, plan.controller(), &bus));
     }
     Database::from_messages(messages)
 }
@@ -53,8 +53,8 @@ impl<'a> BusNodes<'a> {
     fn new(plan: &'a Plan) -> Self {
         Self {
             controller: plan.controller(),
-            drives: plan.loops.iter().map(|one| &one.nodes.drive).collect(),
-            io: plan.io_outputs().map(|(io, _)| io).collect(),
+            drives: plan.loops.iter().map(|one| one.drive()).collect(),
+            io: plan.io_outputs().map(|(io, _)| &plan.nodes[*io]).collect(),
         }
     }
 
@@ -80,7 +80,7 @@ impl<'a> BusNodes<'a> {
         vec![
             services::nmt_command(
                 nmt.about("NMT node control (CiA 301, 7.2.8.2.1)."),
-                nodes.map(|node| (node.id, &*node.name)),
+                nodes.map(|node| (node.id(), &*node.name)),
             ),
             services::sync(
                 sync.about("SYNC with counter (CiA 301, 7.2.5): drives sample and apply commands at each SYNC. Period 0x1006, overflow 0x1019."),
@@ -96,7 +96,7 @@ impl<'a> BusNodes<'a> {
         heartbeat_milliseconds: u64,
         causes: Vec<(i64, String)>,
     ) -> Vec<Message> {
-        let is_manager = node.part == Part::Controller;
+        let is_manager = node.profile() == Some(Profile::Manager);
         let own = &*node.name;
         let watching = if is_manager {
             vec![names::BENCH]
@@ -111,12 +111,12 @@ impl<'a> BusNodes<'a> {
         } else {
             from_node(names::HEARTBEAT)
         };
-        let id = u32::from(node.id);
+        let id = u32::from(node.id());
         vec![
             services::emergency(
                 from_node(names::EMERGENCY).about(format!("EMCY of {own} (CiA 301, 7.2.7).")),
                 EMERGENCY + id,
-                node.part == Part::Drive,
+                node.is_drive(),
                 causes,
             ),
             services::sdo(
@@ -158,12 +158,16 @@ fn controller(plan: &Plan, bus: &BusNodes<'_>) -> Vec<Message> {
         (terms, one.trial.wiring.identifiers.terms)
     });
     let terms = Vec::from_iter(terms);
-    let drives = Vec::from_iter(bus.drives.iter().map(|drive| drive.id));
-    let io = Vec::from_iter(bus.io.iter().map(|io| io.id));
-    let objects = node_objects::controller(node.id, &terms, &drives, &io);
+    let drives = Vec::from_iter(bus.drives.iter().map(|drive| drive.id()));
+    let io = Vec::from_iter(bus.io.iter().map(|io| io.id()));
+    let objects = node_objects::controller(node.id(), &terms, &drives, &io);
     let led = plan.loops.iter().map(|one| {
-        let drive = &one.nodes.drive;
-        (&*drive.name, drive.id, one.trial.wiring.drive_quantities())
+        let drive = one.drive();
+        (
+            &*drive.name,
+            drive.id(),
+            one.trial.wiring.drive_quantities(),
+        )
     });
     let causes = services::causes_at(&Vec::from_iter(led));
     let mut messages = bus.services(node, heartbeat_of(&objects), causes);
@@ -184,8 +188,7 @@ fn controller(plan: &Plan, bus: &BusNodes<'_>) -> Vec<Message> {
         );
         Some(Heading::new(name, &node.name, [names::BENCH]).about(comment))
     };
-    let is_ours = plan.loops.iter().all(|one| one.is_ours(Part::Controller));
-    if is_ours {
+    if node.is_ours() {
         messages.extend(compose(&objects, &carried, SYNC_MILLISECONDS, heading));
     }
     if plan.set_points_every_cycles().is_some() {
@@ -207,7 +210,7 @@ fn controller(plan: &Plan, bus: &BusNodes<'_>) -> Vec<Message> {
 /// Composes the messages of an io node with these outputs.
 fn io_node(node: &Node, outputs: &[IoOutput], manager: &Node, bus: &BusNodes<'_>) -> Vec<Message> {
     let in_sheet = outputs.iter().map(IoOutput::in_sheet);
-    let objects = node_objects::io(node.id, in_sheet, manager.id);
+    let objects = node_objects::io(node.id(), in_sheet, manager.id());
     let carried = outputs.iter().map(|output| {
         let sub_index = u8::try_from(output.place + 1).unwrap_or(u8::MAX);
         ((IO_OUTPUTS, sub_index), vec![io_signal(&output.port)])

@@ -2,7 +2,7 @@
 //! and only the signals whose bits changed are decoded.
 
 use can::CanFrame;
-use dbc::{SignalHandle, SignalMissing};
+use dbc::{Database, SignalHandle, SignalMissing};
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -14,8 +14,8 @@ pub(super) struct Columns(Vec<MessageColumns>);
 
 impl Columns {
     /// Makes columns that keep at most `kept_max` rows of each signal in memory.
-    pub(super) fn new(one: &ControlLoop, kept_max: usize) -> Self {
-        let messages = one.columns();
+    pub(super) fn new(database: &Database, one: &ControlLoop, kept_max: usize) -> Self {
+        let messages = one.columns(database);
         Self(
             messages
                 .map(|one| MessageColumns::new(one, kept_max))

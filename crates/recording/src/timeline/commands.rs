@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use can::CanFrame;
-use dbc::{SignalHandle, SignalMissing};
+use dbc::{Database, SignalHandle, SignalMissing};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
 use scenario::node::Node;
@@ -40,18 +40,19 @@ pub(super) struct CommandReader {
 impl CommandReader {
     /// Makes a reader that keeps at most `kept_max` cycles of each kind in memory.
     pub(super) fn new(
+        database: &Database,
         one: &ControlLoop,
         period: Duration,
         kept_max: usize,
     ) -> Result<Self, SignalMissing> {
-        let [controller, drive] = [&one.nodes.controller, &one.nodes.drive].map(Node::in_sentence);
+        let [controller, drive] = [one.controller(), one.drive()].map(Node::in_sentence);
         let what = match one.loop_name() {
             Some(_) => format!("command from {controller} to {drive}"),
             None => format!("command from {controller}"),
         };
         Ok(Self {
-            position_id: one.position()?.raw_id(),
-            command: one.target()?,
+            position_id: one.position(database)?.raw_id(),
+            command: one.target(database)?,
             period,
             what,
             cycle: None,
@@ -152,7 +153,8 @@ mod tests {
     fn found(milliseconds: u64, cycles: &[&str]) -> (Vec<u64>, Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * 1000 * milliseconds);
         let plan = plan();
-        let mut reader = CommandReader::new(plan.only_loop().unwrap(), micros(1), 100).unwrap();
+        let mut reader =
+            CommandReader::new(plan.database(), plan.only_loop().unwrap(), micros(1), 100).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * milliseconds * place);

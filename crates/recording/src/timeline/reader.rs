@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::scenario_clock::SYNC_COB_ID;
-use dbc::{SignalMissing, names};
+use dbc::{Database, SignalMissing, names};
 use plan::{ControlLoop, Plan};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
 use scenario::{Trial, cycle_start_seconds, nearest_cycle};
@@ -23,7 +23,6 @@ use crate::io_currents::IoCurrentReader;
 use crate::io_nodes::IoReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
-use crate::node_names::NodeNames;
 use crate::occurrences::{Occurrence, in_order};
 use crate::sources::SourceReader;
 use crate::traces::TraceReader;
@@ -61,11 +60,11 @@ impl<'a> RunReader<'a> {
         // All loops together have as much in memory as one.
         let kept_max = KEPT_MAX / plan.loops.len();
         let loops = plan.loops.iter();
-        let readers = loops.map(|one| LoopReader::new(one, kept_max));
+        let readers = loops.map(|one| LoopReader::new(plan.database(), one, kept_max));
         let loops = readers.collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             passing: Passing::new(plan)?,
-            events: EventReader::new(plan.database(), NodeNames::new(plan)),
+            events: EventReader::new(plan.database(), &plan.nodes, plan.loops.len() > 1),
             conduct: (plan.has_faults() || !plan.external_names().is_empty())
                 .then(|| ConductReader::new(plan)),
             read_by: ByIdentifier::of_readers(loops.iter().map(LoopReader::raw_ids)),
@@ -165,10 +164,10 @@ struct Arrivals {
 }
 
 impl Arrivals {
-    fn new(one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
+    fn new(database: &Database, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         Ok(Self {
-            position_id: one.drive_position()?.raw_id(),
-            command_id: one.target()?.raw_id(),
+            position_id: one.drive_position(database)?.raw_id(),
+            command_id: one.target(database)?.raw_id(),
             positions_seconds: SeriesWriter::keeping(kept_max),
             commands_seconds: SeriesWriter::keeping(kept_max),
         })
@@ -188,11 +187,11 @@ impl LoopReader {
     ///
     /// # Errors
     /// If the database lacks a signal that the bench needs.
-    fn new(one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
+    fn new(database: &Database, one: &ControlLoop, kept_max: usize) -> Result<Self, SignalMissing> {
         let period = one.trial.run.bus.sync_period();
         let late_after = period + period / 2;
         let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
-        let (wiring, columns) = (&one.trial.wiring, Columns::new(one, kept_max));
+        let (wiring, columns) = (&one.trial.wiring, Columns::new(database, one, kept_max));
         let quantities = &wiring.quantities;
         let measured_position = wiring.name_in_loop(&wiring.sensor.quantity.key());
         Ok(Self {
@@ -203,14 +202,14 @@ impl LoopReader {
             period,
             late_after,
             late_from: late_after,
-            losses: LossReader::new(one),
-            commands: CommandReader::new(one, period, kept_max)?,
-            truth: TruthReader::new(one)?,
-            io_nodes: IoReader::new(one),
-            io_currents: IoCurrentReader::new(one),
-            drive_reports: DriveReportReader::new(one),
-            traces: TraceReader::new(one),
-            sources: SourceReader::new(one),
+            losses: LossReader::new(database, one),
+            commands: CommandReader::new(database, one, period, kept_max)?,
+            truth: TruthReader::new(database, one)?,
+            io_nodes: IoReader::new(database, one),
+            io_currents: IoCurrentReader::new(database, one),
+            drive_reports: DriveReportReader::new(database, one),
+            traces: TraceReader::new(database, one),
+            sources: SourceReader::new(database, one),
             position: columns.place(&quantities.name(names::POSITION))?,
             measured_position: columns.place(&measured_position)?,
             current: columns.place(&quantities.name(names::OUTPUT)).ok(),
@@ -218,7 +217,7 @@ impl LoopReader {
             cycle: SeriesWriter::keeping(kept_max),
             syncs_seconds: SeriesWriter::keeping(kept_max),
             arrivals: (!one.trial.run.faults.is_empty())
-                .then(|| Arrivals::new(one, kept_max))
+                .then(|| Arrivals::new(database, one, kept_max))
                 .transpose()?,
             cycles_due: 0,
             is_over: false,
@@ -572,8 +571,7 @@ mod tests {
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let plan = testing::plan(text);
-            let one = plan.only_loop().unwrap();
-            let database = &*one.database;
+            let database = plan.database();
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),

@@ -21,7 +21,6 @@ use recording::frames::Clock;
 use recording::occurrences::Occurrence;
 use recording::run_folder::file;
 use recording::timeline::{Timeline, all_events};
-use scenario::node::Part;
 
 /// Largest number of listed events; a run with more of them has a single cause, which the first ones show.
 const EVENTS_MAX: usize = 300;
@@ -110,7 +109,7 @@ fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
 
 fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
-    let is_external = |one: RunLoop<'_>| !one.control_loop.is_ours(Part::Drive);
+    let is_external = |one: RunLoop<'_>| one.control_loop.drive().is_external();
     html! {
         h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }

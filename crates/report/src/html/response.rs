@@ -13,7 +13,7 @@ type Curve<'a> = (&'a str, &'a str, fn(&FrequencyPoint) -> f64);
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let symbol = shown_unit(run.timeline.quantities.feedback.unit.symbol());
-    let responses = frequency_responses(run.timeline, run.control_loop);
+    let responses = frequency_responses(run.plan.database(), run.timeline, run.control_loop);
     let points = || responses.iter().flatten();
     let curves: [Curve<'_>; 3] = [
         ("Gain", "", |point| point.gain),

@@ -68,7 +68,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let plot =
         |title: &str, unit, signals: &[Drawn<'_>]| signal_plot(timeline, title, unit, signals);
     in_time.push(plot(&command.title(), command.unit.symbol(), &currents));
-    let mut signals = Vec::from_iter(control_loop.plant_signals());
+    let mut signals = Vec::from_iter(control_loop.plant_signals(run.plan.database()));
     let has_wire = signals.iter().any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
         in_time.push(plot("Wire temperature", "°C", &TEMPERATURES));
@@ -78,7 +78,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let signals = signals.into_iter();
     in_time.extend(signals.map(|signal| own_plot(timeline, signal, "true", True)));
     let terms = if control_loop.trial.controller.is_from_outside() {
-        let terms = control_loop.terms();
+        let terms = control_loop.terms(run.plan.database());
         Vec::from_iter(terms.map(|term| own_plot(timeline, term, "law", Estimated)))
     } else {
         let variable = plot("Sliding variable", "m/s²", &[SLIDING_VARIABLE]);

@@ -23,12 +23,13 @@ use super::output::{Output, begin};
 use super::times::RUN_TIME;
 use super::{APPLICATION, ReportError, drawing, groups, hysteresis};
 use crate::shown_unit;
-use plan::ControlLoop;
+use plan::{ControlLoop, Plan};
 
 type Result<T> = std::result::Result<T, ReportError>;
 
 /// Page of a loop in the layout.
 pub(crate) struct Page<'a> {
+    pub(super) plan: &'a Plan,
     pub(super) control_loop: &'a ControlLoop,
     pub(super) groups: BTreeSet<&'a str>,
 }
@@ -139,7 +140,7 @@ impl<'a> Layout<'a> {
             let title = "Martensite fraction over temperature";
             middle.push(self.drawing(title, groups::HYSTERESIS, hysteresis::BOUNDS, 1.7)?);
         }
-        for view in groups::custom_views(page.control_loop) {
+        for view in groups::custom_views(page.plan, page.control_loop) {
             if has(view.style.group) {
                 middle.push(self.plot(&view.title, view.style.group, 1.0)?);
             }

@@ -9,7 +9,7 @@ use super::groups::line;
 use super::output::{Output, send_scalars, send_static};
 use super::times::{self, Moment};
 use crate::ReportError;
-use plan::ControlLoop;
+use plan::{ControlLoop, Plan};
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
 use scenario::{Trial, cycle_start_seconds, nearest_cycle};
@@ -72,10 +72,14 @@ impl BusReader {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub(super) fn new(control_loop: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
+    pub(super) fn new(
+        plan: &Plan,
+        control_loop: &ControlLoop,
+        is_thinned: bool,
+    ) -> Result<Self, SignalMissing> {
         let trial = &control_loop.trial;
         Ok(Self {
-            cycle: CycleReader::new(control_loop)?,
+            cycle: CycleReader::new(plan, control_loop)?,
             period: Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3),
             end: Duration::from_secs_f64(trial.run.duration_seconds),
             bits_per_second: 1e3 * f64::from(trial.run.bus.bitrate_kilobits_per_second),

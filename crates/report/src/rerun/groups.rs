@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use dbc::{Database, Quantities};
 
 use crate::{shown_unit, title};
-use plan::ControlLoop;
+use plan::{ControlLoop, Plan};
 
 /// Style of a signal.
 #[derive(Clone, Copy)]
@@ -110,18 +110,21 @@ pub(super) struct CustomView<'a> {
 }
 
 /// Returns the signals of a scenario's plant and law that need separate views.
-pub(super) fn custom_views(control_loop: &ControlLoop) -> Vec<CustomView<'_>> {
+pub(super) fn custom_views<'a>(
+    plan: &'a Plan,
+    control_loop: &'a ControlLoop,
+) -> Vec<CustomView<'a>> {
     let trial = &control_loop.trial;
     let quantities = &trial.wiring.quantities;
     let is_measured = |style: Style<'_>| style.group == quantities.feedback.name;
     let has_view = |name: &str| known(name, quantities).is_some_and(|style| !is_measured(style));
     let signals = control_loop
-        .plant_signals()
+        .plant_signals(plan.database())
         // A position that the loop does not follow is no second line next to the loop's own.
         .filter(|it| trial.plant().custom.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
     let terms = control_loop
-        .terms()
+        .terms(plan.database())
         .filter(|_| trial.controller.is_from_outside())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
@@ -173,14 +176,14 @@ pub(super) fn style<'a>(
 }
 
 /// Returns the groups that a run will have, before its first frame.
-pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
+pub(super) fn expected<'a>(plan: &'a Plan, control_loop: &'a ControlLoop) -> BTreeSet<&'a str> {
     let scenario = &control_loop.trial;
     let mut groups = BTreeSet::new();
     if !scenario.reference.is_empty() {
         groups.insert("error");
     }
-    let views = custom_views(control_loop);
-    let signals = control_loop.plant_signals();
+    let views = custom_views(plan, control_loop);
+    let signals = control_loop.plant_signals(plan.database());
     let quantities = &scenario.wiring.quantities;
     groups.extend(signals.map(|signal| style(&signal.name, quantities, &[], &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
@@ -239,7 +242,7 @@ mod tests {
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n\
             [bus]\nsync_period_milliseconds = 2.0\n[controller.open_loop]\n";
         let plan = testing::plan_beside(text, &[], &catalogue);
-        let views = custom_views(plan.only_loop().unwrap());
+        let views = custom_views(&plan, plan.only_loop().unwrap());
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
         assert_eq!(
             titles,
@@ -251,7 +254,7 @@ mod tests {
         assert_eq!(group("position_millimetres"), "position");
         assert_eq!(group("winding_temperature_celsius"), "temperature");
         assert!(
-            !expected(plan.only_loop().unwrap()).contains("error"),
+            !expected(&plan, plan.only_loop().unwrap()).contains("error"),
             "it has no set-point"
         );
     }

@@ -47,6 +47,7 @@ pub(crate) enum Known {
 /// Log of a loop for a file or a viewer.
 pub(crate) struct Recording<'o, 'a> {
     output: Folder<'o>,
+    plan: &'a Plan,
     control_loop: &'a ControlLoop,
     known: Known,
     bus: BusReader,
@@ -68,7 +69,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
     /// Begins a recording with the constant properties.
     pub(crate) fn begin(
         output: &'o mut dyn Output,
-        control_loop: &'a ControlLoop,
+        (plan, control_loop): (&'a Plan, &'a ControlLoop),
         known: Known,
     ) -> Result<Self, ReportError> {
         let mut output = Folder::for_loop(output, control_loop);
@@ -86,15 +87,16 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
         }
         Ok(Self {
             output,
+            plan,
             control_loop,
             known,
-            bus: BusReader::new(control_loop, known == Known::Thinned)?,
+            bus: BusReader::new(plan, control_loop, known == Known::Thinned)?,
             drawing,
             hysteresis: Hysteresis::new(pause_seconds),
             disturbed: changes.map(|change| change.output).collect(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
-            custom_views: groups::custom_views(control_loop),
+            custom_views: groups::custom_views(plan, control_loop),
             end_seconds: 0.0,
         })
     }
@@ -127,6 +129,7 @@ impl<'o, 'a: 'o> Recording<'o, 'a> {
             self.groups.insert(groups::HYSTERESIS);
         }
         let page = Page {
+            plan: self.plan,
             control_loop: self.control_loop,
             groups: self.groups,
         };

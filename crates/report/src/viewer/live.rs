@@ -86,7 +86,11 @@ fn follow(
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let mut shown = Vec::new();
     for (output, control_loop) in outputs.iter_mut().zip(&plan.loops) {
-        shown.push(Recording::begin(output, control_loop, Known::SoFar)?);
+        shown.push(Recording::begin(
+            output,
+            (plan, control_loop),
+            Known::SoFar,
+        )?);
     }
     let mut reader = RunReader::new(plan)?;
     rerun::expect_all(&mut stream.clone(), plan)?;

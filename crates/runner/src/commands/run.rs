@@ -6,7 +6,6 @@ use clap::{Args, ValueEnum};
 use platform::bus::BusAddress;
 use platform::claim::Claim;
 use scenario::fault::{Faults, Group};
-use scenario::node::Part;
 
 use crate::event::{Listener, RunEvent};
 use crate::exit::{Exit, Failure};
@@ -168,11 +167,10 @@ impl<'a> RunTestbed<'a> {
     /// Keeps the place of the manager until the next scenario, on a bus that outlives this one. The next scenario reports errors
     /// of that bus.
     fn keep_place(&mut self, plan: &Plan, address: &BusAddress) {
-        let is_ours = |one: &ControlLoop| one.is_ours(Part::Controller);
-        let is_manager = plan.loops.iter().all(is_ours);
+        let controller = plan.controller();
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
-        if is_manager && is_lasting {
-            self.vigil = Vigil::begin(address, plan.controller().id).ok();
+        if controller.is_ours() && is_lasting {
+            self.vigil = Vigil::begin(address, controller.id()).ok();
         }
     }
 
@@ -199,7 +197,7 @@ impl<'a> RunTestbed<'a> {
             Ok(plan) => plan,
             Err(exit) => return Ok(exit),
         };
-        let has_drive = |one: &ControlLoop| !one.is_ours(Part::Drive);
+        let has_drive = |one: &ControlLoop| one.drive().is_external();
         if !plan.loops.iter().any(has_drive) {
             return Err(Exit::Usage.because(NOTHING_TO_CHECK));
         }

@@ -61,14 +61,22 @@ struct ListedSignal<'a> {
 }
 
 impl<'a> ListedSignal<'a> {
-    fn of(one: Option<&'a ControlLoop>, message: &'a Message, signal: &'a Signal) -> Self {
+    fn of(
+        database: &Database,
+        one: Option<&'a ControlLoop>,
+        message: &'a Message,
+        signal: &'a Signal,
+    ) -> Self {
         let coding = &signal.coding;
         let physical = |raw: i64| raw as f64 * coding.factor + coding.offset;
         let labels = signal.labels.iter();
         Self {
             loop_name: one.map(ControlLoop::name),
             path: format!("{}.{}", message.name, signal.name),
-            signal: one.map_or_else(|| signal.name.clone(), |one| one.name_of(message, signal)),
+            signal: match one {
+                Some(one) => one.name_of(database, message, signal),
+                None => signal.name.clone(),
+            },
             unit: &signal.unit,
             sender: message.sender.as_deref(),
             message: &message.name,
@@ -162,16 +170,16 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
     let places = [None].into_iter().chain(several.iter().map(Some));
     let signals = places.flat_map(|place| {
         let is_here = move |(message, signal): &(&Message, &Signal)| {
-            let is_of = |one: &ControlLoop| one.owns(&message.name, &signal.name);
+            let is_of = |one: &ControlLoop| one.owns(database, &message.name, &signal.name);
             place.map_or_else(|| !several.iter().any(is_of), is_of)
         };
         let messages = database.messages().iter();
         let sent = messages
             .flat_map(|message| message.signals.iter().map(move |signal| (message, signal)))
             .filter(is_here);
-        let followed = place.into_iter().flat_map(ControlLoop::followed);
+        let followed = place.into_iter().flat_map(|one| one.followed(database));
         sent.chain(followed)
-            .map(move |(message, signal)| ListedSignal::of(place, message, signal))
+            .map(move |(message, signal)| ListedSignal::of(database, place, message, signal))
     });
     signals.collect()
 }

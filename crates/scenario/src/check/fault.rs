@@ -7,10 +7,11 @@ use super::pieces::{entries, windows};
 use crate::error::Problem;
 use crate::fault::{Actor, Fault, Faults, Group, KINDS, Kind, Time};
 use crate::load::Reading;
+use crate::node::Nodes;
 use crate::trial::Trial;
 
 /// Checks that faults begin within the run and end after they begin.
-pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, duration_seconds: f64) {
+pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, nodes: &Nodes, duration_seconds: f64) {
     // The times of an entry that could not be read may be what is wrong with it.
     let read = BTreeSet::from_iter(faults.iter().map(Fault::path));
     for group in Group::ALL {
@@ -26,7 +27,7 @@ pub(super) fn faults(check: &mut Check<'_>, faults: &Faults, duration_seconds: f
             check.at(&fault.path(), message, "`until_seconds` is missing");
         }
         check.add(forged(check, fault));
-        check.add(at_program(check, fault));
+        check.add(at_program(check, fault, nodes));
     }
 }
 
@@ -44,9 +45,10 @@ fn forged(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
 }
 
 /// Refuses faults that a program which plays a node cannot have: canrig can only end it, halt it and order it to stop.
-fn at_program(check: &Check<'_>, fault: &Fault) -> Option<Problem> {
-    let node = &fault.node.as_ref()?.name;
-    check.rig.node.get(node)?.program.as_ref()?;
+fn at_program(check: &Check<'_>, fault: &Fault, nodes: &Nodes) -> Option<Problem> {
+    let node = &nodes[fault.node?];
+    node.program()?;
+    let node = &node.name;
     (fault.kind.actor == Actor::Node).then(|| {
         let message = format!("{} cannot happen to a program", fault.kind.heading());
         let is_possible = |kind: &&Kind| matches!(kind.actor, Actor::Process | Actor::Message);
@@ -66,7 +68,7 @@ pub(crate) fn faults_of_loops(
     reading: Reading,
 ) {
     let loop_at = |fault: &Fault| {
-        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
+        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.drive, &one.wiring.plant);
         loops.iter().find(is_at)
     };
     let sensors = faults.in_group(Group::Sensor);

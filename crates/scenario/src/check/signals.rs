@@ -7,24 +7,24 @@ use super::requirements::names;
 use super::{Check, name};
 use crate::document::Document;
 use crate::error::Problem;
-use crate::expect::{Demand, Expected, Sequence, SignalCheck};
+use crate::expect::{Demand, Expect, Expected, Sequence, SignalCheck};
 use crate::trial::Trial;
 
 /// Time by which a window may end after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;
 
 /// Checks the demands on signals, and the sequences.
-pub(super) fn check(check: &mut Check<'_>, trial: &Trial) {
-    let (document, duration_seconds) = (check.document, trial.run.duration_seconds);
+pub(super) fn check(check: &mut Check<'_>, expect: &Expect, duration_seconds: f64) {
+    let document = check.document;
     let mut rows = BTreeSet::new();
-    for (index, signal) in trial.expect.signal.iter().enumerate() {
+    for (index, signal) in expect.signal.iter().enumerate() {
         let path = format!("expect.signal.{index}");
         let window = (signal.from_seconds, signal.until_seconds);
         check.add(window_problem(document, &path, window, duration_seconds));
         demands(check, &path, signal, &mut rows);
         names(check, &format!("{path}.requirements"), &signal.requirements);
     }
-    for (index, sequence) in trial.expect.sequence.iter().enumerate() {
+    for (index, sequence) in expect.sequence.iter().enumerate() {
         let path = format!("expect.sequence.{index}");
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
         check.add(window_problem(document, &path, window, duration_seconds));

@@ -106,9 +106,9 @@ pub enum Form {
     Whole(u32, u32),
     /// One of these words, each with its description.
     Word(&'static [(&'static str, &'static str)]),
-    /// The name of the controller or of a drive.
+    /// The name of the controller, of a drive or of an io node.
     Node,
-    /// As `Node`, or canrig's own node.
+    /// The name of the controller or of a drive, or canrig's own node.
     Station,
 }
 
@@ -218,7 +218,7 @@ impl Group {
                 "Faults of the bus, in virtual time on the modelled bus only. A fault of frames hits the frames of one identifier, or all frames if none is given: each with a probability, and after a hit a number of them in a row."
             }
             Self::Node => {
-                "Faults of a drive's node or of the controller. The node itself behaves wrongly, and `bus.log` shows the frames that it still sends. In real time a crash or hang of the controller is a SIGKILL or SIGSTOP of its process; the other kinds are the same in all worlds."
+                "Faults of the node of a drive, of an io node or of the controller. The node itself behaves wrongly, and `bus.log` shows the frames that it still sends. In real time a crash or hang of the controller is a SIGKILL or SIGSTOP of its process; the other kinds are the same in all worlds."
             }
             Self::Sensor => {
                 "Faults of the position sensor. They act before the drive, so `bus.log` shows the wrong position that the drive sends. Their order: offset, drift, noise and spikes act on the position before its conversion, then lost bits and stuck on the converted number."
@@ -429,16 +429,16 @@ pub static KINDS: &[Kind] = &[
                 form: Form::Word(&[
                     (
                         "hold",
-                        "The current stays: the amplifier keeps its last command.",
+                        "The current stays: the amplifier keeps its last command, as do the outputs of an io node.",
                     ),
                     (
                         "zero",
-                        "No current: the amplifier is switched off with its drive.",
+                        "No current: the amplifier is switched off with its drive. The outputs of an io node are at rest.",
                     ),
                 ]),
                 need: Need::DefaultWord("zero"),
                 drawn: Drawn::Word("hold"),
-                text: "Behaviour of the drive's amplifier meanwhile.",
+                text: "Behaviour of the drive's amplifier, or of the io node's outputs, meanwhile.",
             },
         ],
         text: "The node is dead, as without power. When the fault ends, it boots again, without memory.",
@@ -447,7 +447,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "hang",
         actor: Actor::Process,
-        text: "The node hangs; then it continues as if no time had passed, with the first 32 of the frames that arrived meanwhile. The drive's amplifier keeps its current.",
+        text: "The node hangs; then it continues as if no time had passed, with the first 32 of the frames that arrived meanwhile. The drive's amplifier keeps its current, an io node its outputs.",
         ..AT_NODE
     },
     Kind {

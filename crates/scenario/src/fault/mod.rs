@@ -12,7 +12,7 @@ mod tests;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::node::{Node, Part};
+use crate::node::{NodeIndex, Nodes};
 
 pub use kinds::{Actor, Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
 pub(crate) use read::read;
@@ -33,7 +33,7 @@ pub struct Fault {
     /// Index among the faults of its kind in the file.
     pub index: usize,
     /// Node that fails, or of which a part fails; `None` if the bus or a plant fails.
-    pub node: Option<Node>,
+    pub node: Option<NodeIndex>,
     /// Plant that fails, if the file names it in place of a drive.
     pub plant: Option<String>,
     /// Start; `None` if it acts while a node boots, before the start of the scenario.
@@ -87,34 +87,24 @@ impl Fault {
             && self.until_seconds.is_none_or(|end| time_seconds < end)
     }
 
-    /// Checks whether it happens to the controller or a part of it.
-    pub fn is_at_controller(&self) -> bool {
-        self.is_at(Part::Controller)
+    /// Checks whether it happens to a node or a part of it.
+    pub fn is_at(&self, node: NodeIndex) -> bool {
+        self.node == Some(node)
     }
 
-    fn is_at(&self, part: Part) -> bool {
-        self.node.as_ref().is_some_and(|node| node.part == part)
-    }
-
-    /// Checks whether it happens to the drive with this node-ID, or to the plant that the drive moves.
-    pub fn is_at_drive(&self, node_id: u8, plant: &str) -> bool {
-        match &self.node {
-            Some(node) => node.part == Part::Drive && node.id == node_id,
+    /// Checks whether it happens to this drive, or to the plant that the drive moves.
+    pub fn is_at_drive(&self, drive: NodeIndex, plant: &str) -> bool {
+        match self.node {
+            Some(node) => node == drive,
             None => self.plant.as_deref().is_some_and(|name| name == plant),
         }
     }
 
-    /// Checks whether it belongs to the loop of this drive: it happens to this drive, or to no drive or plant in particular.
-    pub fn is_in_loop(&self, drive_node_id: u8, plant: &str) -> bool {
-        let is_elsewhere = self.is_at(Part::Drive) || self.plant.is_some();
-        !is_elsewhere || self.is_at_drive(drive_node_id, plant)
-    }
-
-    /// Describes the fault; `are_drives_named` adds the name of the drive.
-    pub fn text(&self, are_drives_named: bool) -> String {
+    /// Describes a fault of a run with these nodes; `are_drives_named` adds the name of the drive.
+    pub fn text(&self, nodes: &Nodes, are_drives_named: bool) -> String {
         let (group, name) = (self.kind.group, self.kind.name.replace('_', " "));
-        let whose = match (&self.node, &self.plant) {
-            (Some(node), _) => Some(node.name.as_str()),
+        let whose = match (self.node, &self.plant) {
+            (Some(node), _) => Some(nodes[node].name.as_str()),
             (None, plant) => plant.as_deref(),
         };
         match (group, whose) {
@@ -152,9 +142,9 @@ impl Faults {
         self.iter().filter(move |fault| fault.kind.group == group)
     }
 
-    /// Returns the faults of the node with this node-ID.
-    pub fn at_node(&self, node_id: u8) -> Self {
-        self.only(|fault| fault.node.as_ref().is_some_and(|node| node.id == node_id))
+    /// Returns the faults of a node.
+    pub fn at_node(&self, node: NodeIndex) -> Self {
+        self.only(|fault| fault.is_at(node))
     }
 
     /// Returns those faults that fulfil a condition.

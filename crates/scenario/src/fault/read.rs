@@ -11,20 +11,22 @@ use crate::document::{Document, KeyContext};
 use crate::error::Problem;
 use crate::load::{Naming, in_unit, only_one, without_problems};
 use crate::nearest::meant_or_known;
-use crate::node::{Node, Part};
+use crate::node::{NodeIndex, Nodes, Profile};
 use crate::rig::nodes::{Rig, RigNode};
 use crate::schema;
 use crate::structure::{self, check_table, number};
-use crate::wiring::Wiring;
 
 const PLANT: &str = "plant";
 const NODE: &str = "node";
-const BENCH: &str = "bench";
 
 /// Reads the faults of a document, and the problems among them. An entry that is no table is left out: the check against the
 /// schema has reported it.
-pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>) {
-    let reader = Reader { document, rig };
+pub(crate) fn read(document: &Document<'_>, rig: &Rig, nodes: &Nodes) -> (Faults, Vec<Problem>) {
+    let reader = Reader {
+        document,
+        rig,
+        nodes,
+    };
     let mut problems = reader.shape();
     let mut faults = Vec::new();
     for kind in KINDS {
@@ -44,6 +46,7 @@ pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>)
 struct Reader<'a, 'text> {
     document: &'a Document<'text>,
     rig: &'a Rig,
+    nodes: &'a Nodes,
 }
 
 impl<'text> Reader<'_, 'text> {
@@ -65,9 +68,8 @@ impl<'text> Reader<'_, 'text> {
             Some(_) => None,
             None => self.node(kind, &path, table).map_err(one)?,
         };
-        let drive = node.as_ref().filter(|node| node.part == Part::Drive);
-        let wiring = drive.map_or_else(Wiring::default, |drive| self.rig.wiring_of(&drive.name));
-        let table = self.in_loop_unit(kind, (span, table.clone()), &wiring)?;
+        let named = node.map(|node| self.nodes[node].name.as_str());
+        let table = self.in_loop_unit(kind, (span, table.clone()), named.unwrap_or_default())?;
         let keys = kind.keys.iter().filter(|key| !key.names_node());
         // An entry that lacks a key was refused above.
         let values = keys.filter_map(|key| Some((key.name, value(key, &table)?)));
@@ -106,36 +108,40 @@ impl<'text> Reader<'_, 'text> {
     }
 
     /// Returns the node to which a fault happens; `None` if it happens to the bus, or if the schema does not admit the name.
-    fn node(&self, kind: &Kind, path: &str, table: &DeTable<'_>) -> Result<Option<Node>, Problem> {
+    fn node(
+        &self,
+        kind: &Kind,
+        path: &str,
+        table: &DeTable<'_>,
+    ) -> Result<Option<NodeIndex>, Problem> {
         let is_drive_fault = kind.is_drive_fault();
         let key = match kind.node_key() {
             Some(key) => key.name,
             None if is_drive_fault => NODE,
             None => return Ok(None),
         };
-        let nodes = &self.rig.node;
-        let found = |name: &str, node: &RigNode| Node::new(name, node.node_id, node.kind);
         let Some(named) = table.get(key) else {
-            let only = only_one(self.rig.of_kind(Part::Drive)).filter(|_| is_drive_fault);
+            let only = only_one(self.rig.of_kind(Profile::Drive)).filter(|_| is_drive_fault);
             if only.is_some() || !is_drive_fault {
-                return Ok(only.map(|(name, node)| found(name, node)));
+                return Ok(only.and_then(|(name, _)| self.nodes.find(name)));
             }
-            let drives = self.rig.of_kind(Part::Drive).map(|(name, _)| name);
+            let drives = self.rig.of_kind(Profile::Drive).map(|(name, _)| name);
             let known = Vec::from_iter(drives).join(", ");
             let label = format!("`{NODE}` is missing; known are: {known}");
             return Err(self.document.problem(path, "for which node?", label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        let Some(node) = nodes.get(name) else {
-            if name == BENCH && kind.group == Group::Bus {
-                return Ok(Some(Node::new(name, 0, Part::Bench)));
+        let found = self.nodes.find(name);
+        let profile = found.and_then(|index| self.nodes[index].profile());
+        let label = match profile {
+            // canrig's own node is in no rig file: it has only what happens to its frames.
+            None if found.is_some() && kind.group == Group::Bus => return Ok(found),
+            None => return Err(self.unknown(path, [key, name], self.rig.node.keys())),
+            Some(Profile::Io) if kind.group == Group::Bus => {
+                "an io node; faults of the bus happen to drives, the controller and the bench"
             }
-            return Err(self.unknown(path, [key, name], nodes.keys()));
-        };
-        let label = match node.kind {
-            Part::Io => "an io node; faults happen to drives and the controller",
-            Part::Controller if is_drive_fault => "no drive",
-            _ => return Ok(Some(found(name, node))),
+            Some(Profile::Io | Profile::Manager) if is_drive_fault => "no drive",
+            Some(_) => return Ok(found),
         };
         let message = format!("{} cannot happen to `{name}`", kind.heading());
         Err(self
@@ -161,20 +167,22 @@ impl<'text> Reader<'_, 'text> {
         &self,
         kind: &Kind,
         (span, mut table): (Range<usize>, DeTable<'text>),
-        wiring: &Wiring,
+        drive: &str,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
         let part = &schema::FAULTS["definitions"][definition(kind)];
-        let quantities = wiring.drive_quantities();
+        let quantities = self.rig.quantities_of(drive);
+        let (loop_name, _) = self.rig.loop_of(drive).unzip();
         let naming = Naming {
             source: &self.document.source,
             quantities: &quantities,
-            loop_name: &wiring.loop_name,
+            loop_name: loop_name.map_or("", String::as_str),
             schema: &schema::FAULTS,
         };
         naming.apply(&mut table, part).map_err(one)?;
+        let measured = self.rig.node.get(drive).map(RigNode::measured);
         let key_context = KeyContext {
-            measured: wiring.sensor.clone(),
-            commands: wiring.amplifier.range(),
+            measured: measured.unwrap_or_default(),
+            commands: self.rig.parts_of(drive).1.range(),
             quantities,
         };
         let document = self.document.with_loop(DeTable::new(), key_context);

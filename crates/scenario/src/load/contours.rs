@@ -12,7 +12,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, without_problems};
 use crate::nearest::meant_or_known;
-use crate::rig::nodes::Rig;
+use crate::rig::nodes::{Rig, RigLoop};
 use crate::schema;
 use crate::trial::Trial;
 use dbc::{Quantities, Unit};
@@ -52,8 +52,10 @@ pub(super) fn read_contours(
 
 /// Returns the unit of a loop.
 fn unit_of(name: &str, rig: &Rig) -> Unit {
-    let wiring = rig.wiring_of(rig.drive_of_loop(name));
-    wiring.feedback.quantity.unit
+    let followed = rig.loops.get(name).map(RigLoop::followed);
+    rig.quantities_of(followed.unwrap_or_default())
+        .feedback
+        .unit
 }
 
 /// Replaces the names of a contour's limits by their patterns. All loops of a contour have one unit.

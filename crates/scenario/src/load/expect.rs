@@ -7,8 +7,9 @@ use toml::de::{DeTable, DeValue};
 
 use super::nodes::fill;
 use super::sections::{ALL, CONTOUR, EXPECT, Selector};
+use crate::document::Document;
 use crate::error::Problem;
-use crate::fault::Faults;
+use crate::fault::{Fault, Faults};
 use crate::metrics::{Form, METRICS, Metric, Needs, Subject, is_bus_metric};
 use crate::nearest::nearest;
 use crate::schema;
@@ -16,6 +17,8 @@ use crate::wiring::Wiring;
 
 const TIMING: &str = "timing";
 const JUDGED_UNTIL: &str = "judged_until_seconds";
+/// Expectations of signals, of a loop or of the bus.
+const OF_SIGNALS: [&str; 2] = ["signal", "sequence"];
 const REQUIREMENTS: &str = "requirements";
 
 /// Checks whether a key of `[expect]` belongs to all loops together.
@@ -33,6 +36,21 @@ fn is_bus_requirement(key: &str) -> bool {
     let timing = &schema::RUN["definitions"]["TimingLimits"]["properties"];
     let mut timing = timing.as_object().into_iter().flatten();
     is_bus_metric(key) || timing.any(|(limit, _)| key.starts_with(limit))
+}
+
+/// Finds expectations of a loop in the scenario of a rig without one: there, signals and sequences are of the bus.
+pub(super) fn of_no_loop(scenario: &Document<'_>) -> Vec<Problem> {
+    let is_of_bus = |key: &&str| is_shared(key) || OF_SIGNALS.contains(key);
+    let of_loops = scenario
+        .keys(EXPECT)
+        .into_iter()
+        .filter(|key| !is_of_bus(key));
+    let problems = of_loops.map(|key| {
+        let path = format!("{EXPECT}.{key}");
+        let message = format!("`{key}` of which loop?");
+        scenario.key_problem(&path, message, "the rig has no loop")
+    });
+    problems.collect()
 }
 
 /// Leaves those limits in `[expect]` that are on the bus, or those on the only loop, with their requirements.
@@ -123,8 +141,8 @@ impl<'text> Selector<'_, 'text> {
 /// Returns the limits on a drive and its plant, with their requirements, and the end of the judgement; reactions to faults only if it
 /// has faults.
 fn of_drive<'text>(limits: &DeTable<'text>, wiring: &Wiring, faults: &Faults) -> DeTable<'text> {
-    let (drive, plant) = (wiring.nodes.drive.id, &wiring.plant);
-    let has_faults = faults.iter().any(|fault| fault.is_in_loop(drive, plant));
+    let is_hit = |fault: &Fault| wiring.is_hit_by(fault, wiring.drive, &wiring.plant);
+    let has_faults = faults.iter().any(is_hit);
     let is_its = |metric: &&Metric| {
         ![Subject::Cycles, Subject::Bus].contains(&metric.subject)
             && metric.form != Form::List

@@ -16,7 +16,7 @@ use crate::check::{self, Check};
 use crate::custom::Section;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::node::Part;
+use crate::node::Profile;
 use crate::rig::nodes::{LOOPS_MAX, NODES_MAX, Rig};
 use crate::rig::{RealDrive, object_address};
 use crate::schema;
@@ -93,7 +93,7 @@ impl Rig {
             check_custom(document, Section::Plant, &path, table, &mut problems);
         }
         for node in rig.node.values_mut() {
-            node.external |= node.kind == Part::Drive && node.limits.is_some();
+            node.external |= node.kind == Profile::Drive && node.limits.is_some();
         }
         problems.extend(Check::new(document, &rig, Vec::new()).of_rig());
         rig.add_led_drives();
@@ -230,7 +230,7 @@ impl Check<'_> {
     }
 
     fn controllers(&mut self) {
-        let mut controllers = self.rig.of_kind(Part::Controller);
+        let mut controllers = self.rig.of_kind(Profile::Manager);
         match (controllers.next(), controllers.next()) {
             (Some(_), None) => {}
             (None, _) => {
@@ -250,9 +250,9 @@ impl Check<'_> {
     fn nodes(&mut self) {
         for (name, node) in &self.rig.node {
             let parts = [
-                ("amplifier", node.amplifier.is_some(), Part::Drive),
-                ("sensor", node.sensor.is_some(), Part::Drive),
-                ("outputs", node.outputs.is_some(), Part::Io),
+                ("amplifier", node.amplifier.is_some(), Profile::Drive),
+                ("sensor", node.sensor.is_some(), Profile::Drive),
+                ("outputs", node.outputs.is_some(), Profile::Io),
             ];
             for (part, is_there, kind) in parts {
                 let path = format!("node.{name}");
@@ -276,7 +276,7 @@ impl Check<'_> {
         for (name, node) in &self.rig.node {
             let path = format!("node.{name}");
             match (!node.is_ours(), node.kind) {
-                (false, _) | (true, Part::Io) => {
+                (false, _) | (true, Profile::Io) => {
                     for key in EXTERNAL_KEYS {
                         let path = format!("{path}.{key}");
                         if self.document.has(&path) {
@@ -285,8 +285,8 @@ impl Check<'_> {
                         }
                     }
                 }
-                (true, Part::Controller) if !node.external => {}
-                (true, Part::Controller) => {
+                (true, Profile::Manager) if !node.external => {}
+                (true, Profile::Manager) => {
                     let message = "a rig file's controller is canrig's";
                     let path = format!("{path}.external");
                     let problem = self.document.problem(&path, message, "here");
@@ -294,10 +294,9 @@ impl Check<'_> {
                         "to test one of your own, leave this out and play with --external controller, or write program = [\"./controller\"]",
                     ));
                 }
-                (true, Part::Drive) => self.external_drive(name),
-                (true, Part::Bench) => {}
+                (true, Profile::Drive) => self.external_drive(name),
             }
-            if node.kind == Part::Io {
+            if node.kind == Profile::Io {
                 self.add(self.io_beside_external(name));
             }
         }
@@ -418,7 +417,7 @@ impl Check<'_> {
             for (key, port, wanted) in amplifier.chain(sensor).chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
-                    if node.kind == Part::Drive && node.is_ours() {
+                    if node.kind == Profile::Drive && node.is_ours() {
                         let message = format!("`{name}` is wired to no plant");
                         let label = format!("`{key}` is missing, as in \"PLANT.{wanted}\"");
                         self.at_key(&path, message, label);
@@ -459,9 +458,6 @@ impl Check<'_> {
         let rig = self.rig;
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
         let mut is_one_in_two = false;
-        if rig.loops.is_empty() {
-            self.at_key("loop", "the rig has no loop", "write [loop.NAME]");
-        }
         for (name, one) in &rig.loops {
             let path = format!("loop.{name}.outputs");
             let first_drive = one.first();
@@ -490,7 +486,7 @@ impl Check<'_> {
         // loop's drive.
         let is_said = is_one_in_two || rig.loops.values().any(|one| one.outputs.is_empty());
         let is_followed = |drive: &str| rig.loops.values().any(|one| one.followed() == drive);
-        for (drive, node) in rig.of_kind(Part::Drive) {
+        for (drive, node) in rig.of_kind(Profile::Drive) {
             let is_watched = is_followed(drive) && node.is_ours();
             if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
@@ -511,7 +507,7 @@ impl Check<'_> {
                 format!("there is no node `{drive}`"),
                 meant_or_known(drive, self.rig.node.keys()),
             ),
-            Some(node) if node.kind != Part::Drive => (
+            Some(node) if node.kind != Profile::Drive => (
                 format!("`{drive}` is no drive"),
                 "a loop is moved by drives".to_owned(),
             ),
@@ -544,7 +540,7 @@ impl Check<'_> {
         let path = format!("loop.{name}.feedback");
         // A loop without a drive has been reported already.
         let first = first?;
-        let drives = || self.rig.of_kind(Part::Drive).map(|(name, _)| name);
+        let drives = || self.rig.of_kind(Profile::Drive).map(|(name, _)| name);
         if drives().all(|drive| drive != node) {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which no drive measures");

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::contours::read_contours;
-use super::expect::{is_shared, keep_part};
+use super::expect::{is_shared, keep_part, of_no_loop};
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
 use super::sections::{CONTROLLER, DISTURBANCE, EXPECT, SHARED, Selector};
@@ -18,9 +18,10 @@ use crate::custom::Section;
 use crate::document::{Document, KeyContext};
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault;
+use crate::node::{NodeProgram, Nodes};
 use crate::rig::nodes::Rig;
 use crate::run::Run;
-use crate::scenario::{NodeProgram, Scenario, Shared};
+use crate::scenario::{Scenario, Shared};
 use crate::schema;
 use crate::table::ReadTable;
 use crate::trial::Trial;
@@ -147,6 +148,11 @@ fn resolve(
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
     let (rig, problems) = overlaid.map_err(fail)?;
     let programs = programs(&rig, &files);
+    let Some(nodes) = rig.nodes(&programs) else {
+        let label = "no node has kind = \"controller\"";
+        let problem = rig_document.key_problem("node", "nobody leads the drives", label);
+        return Err(nodes::fail(rig_name, vec![problem]));
+    };
     let mut resolver = Resolver {
         files: &files,
         check: Check::new(document, &rig, problems),
@@ -165,7 +171,7 @@ fn resolve(
     let selector = Selector {
         scenario: document,
         rig: &rig,
-        shared: rig.shared(),
+        shared: rig.shared(&nodes),
     };
     // A misspelt table is one problem; the keys that are then missing are not further ones.
     let unknown = selector.unknown_keys();
@@ -173,8 +179,9 @@ fn resolve(
         resolver.check.add(unknown);
         return Err(fail(resolver.check.problems));
     }
-    resolver.read_run();
-    let loops = resolver.read_loops(&selector);
+    resolver.read_run(&nodes);
+    let io = selector.shared.io.clone();
+    let mut loops = resolver.read_loops(&selector);
     let mut check = resolver.check;
     let contours = read_contours(document, &rig, &loops).unwrap_or_else(|found| {
         check.add(found);
@@ -193,17 +200,32 @@ fn resolve(
     if !check.problems.is_empty() {
         return Err(fail(check.problems));
     }
+    let mut has_process = loops.iter().map(|one| one.controller.process_law());
+    let nodes = if has_process.any(|law| law.is_some()) {
+        let manager = nodes.manager();
+        nodes.changed(|index, node| node.is_under_test |= index == manager)
+    } else {
+        nodes
+    };
+    for one in &mut loops {
+        one.wiring.set_nodes(&nodes);
+    }
+    let plants = rig.plant.iter();
+    let plants = plants.map(|(name, plant)| (name.clone(), plant.beside(&files.path)));
+    let plants = plants.collect();
     let shared = Shared {
         run,
         contours,
         sweep,
         has_unused_law: rig.is_led_by_program() && document.has(CONTROLLER),
         rig: Arc::new(rig),
-        programs,
         ..Shared::default()
     };
     Ok(Scenario {
         shared,
+        nodes,
+        io,
+        plants,
         loops,
         sheets,
         rig_text: files.rig,
@@ -228,21 +250,28 @@ struct Resolver<'a> {
 
 impl Resolver<'_> {
     /// Reads the facts of the run.
-    fn read_run(&mut self) {
+    fn read_run(&mut self, nodes: &Nodes) {
         let (scenario, rig) = (&self.files.scenario, self.check.rig);
-        let (faults, wrong_faults) = fault::read(scenario, rig);
+        let (faults, wrong_faults) = fault::read(scenario, rig, nodes);
         self.has_all_faults = wrong_faults.is_empty();
         self.check.add(wrong_faults);
         let is_swept = self.asked.reading == Reading::ToPlay;
         let sweep = is_swept.then_some(SWEEP);
-        let has_limits = scenario.keys(EXPECT).into_iter().any(is_shared);
+        let has_loops = !rig.loops.is_empty();
+        if !has_loops {
+            self.check.add(of_no_loop(scenario));
+        }
+        let has_limits = scenario
+            .keys(EXPECT)
+            .into_iter()
+            .any(|key| !has_loops || is_shared(key));
         let expect = has_limits.then_some(EXPECT);
         let read = |tables: [Option<&str>; 2]| {
             let tables = tables.into_iter().flatten();
             let keys = SHARED.into_iter().chain(expect).chain(tables);
             let mut header = scenario.only(&Vec::from_iter(keys));
             header.rewrite(|root| {
-                if let Some(expect) = root.get_mut(EXPECT) {
+                if let Some(expect) = root.get_mut(EXPECT).filter(|_| has_loops) {
                     keep_part(expect.get_mut(), true);
                 }
             });
@@ -271,7 +300,7 @@ impl Resolver<'_> {
         if run.duration_seconds.is_nan() || run.duration_seconds <= 0.0 {
             run.duration_seconds = f64::INFINITY;
         }
-        check::run(&mut self.check, &run);
+        check::run(&mut self.check, &run, nodes);
         self.run = Some(Arc::new(run));
     }
 
@@ -314,7 +343,7 @@ impl Resolver<'_> {
         let Some(run) = &self.run else {
             return without_problems(problems, None);
         };
-        let drive = &wiring.nodes.drive.name;
+        let drive = &wiring.drive().name;
         trial.run = Arc::clone(run);
         trial.plants = rig.emulated_with(drive, path);
         // A drive that moves no plant has the actuator of the paper.

@@ -205,6 +205,10 @@ impl<'text> Selector<'_, 'text> {
 
     /// Checks whether the tables of a section have the names of loops; those of an only loop need not.
     pub(super) fn is_by_loop(&self, section: &str) -> bool {
+        // Without loops, what is expected is expected of the bus.
+        if section == EXPECT && self.rig.loops.is_empty() {
+            return false;
+        }
         let keys = self.scenario.keys(section);
         let is_name = |key: &&str| *key == ALL || self.rig.loops.contains_key(*key);
         !self.rig.has_only_loop() || keys.iter().any(is_name)
@@ -290,9 +294,12 @@ impl<'text> Selector<'_, 'text> {
         let problems = unknown.map(|key| {
             let is_limit = section == EXPECT && self.rig.has_limit(key);
             let (message, label) = if is_limit || schema::is_key(section, key) {
-                let first = loops.first().copied().unwrap_or_default();
-                let label =
-                    format!("write [{section}.{first}], or [{section}.{ALL}] for all loops");
+                let label = match loops.first() {
+                    Some(first) => {
+                        format!("write [{section}.{first}], or [{section}.{ALL}] for all loops")
+                    }
+                    None => "the rig has no loop".to_owned(),
+                };
                 (format!("`{key}` of which loop?"), label)
             } else {
                 let message = format!("the rig has no loop `{key}`");

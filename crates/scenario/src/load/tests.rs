@@ -103,10 +103,9 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
         panic!("{loops:?}")
     };
     let place = |one: &Trial| {
-        let nodes = &one.wiring.nodes;
         (
             one.wiring.loop_name.clone(),
-            nodes.drive.id,
+            one.wiring.drive().id(),
             one.wiring.io_nodes().count(),
         )
     };
@@ -1141,8 +1140,8 @@ fn a_fault_happens_to_a_node_that_can_have_it() {
     for (fault, said) in [
         ("[[fault.sensor.stuck]]\nnode = \"controller\"", "no drive"),
         (
-            "[[fault.node.hang]]\nnode = \"module\"",
-            "faults happen to drives and the controller",
+            "[[fault.bus.duplicate]]\nsender = \"module\"",
+            "faults of the bus happen to drives",
         ),
         (
             "[[fault.node.hang]]\nnode = \"bench\"",

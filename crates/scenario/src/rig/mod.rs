@@ -70,7 +70,7 @@ impl RealDrive {
             max: plausible.max.unwrap_or(highest),
             rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
         });
-        drive.node_id = wiring.nodes.drive.id;
+        drive.node_id = wiring.drive().id();
         drive.command.units_per_ampere = commands.counts_per_unit;
         drive.current.units_per_ampere = commands.counts_per_unit;
         drive.position.increments_per_unit = wiring.sensor.counts_per_unit();

@@ -12,7 +12,7 @@ use crate::bus::Bus;
 use crate::identifiers::Identifiers;
 use crate::load::only_one;
 use crate::metrics::METRICS;
-use crate::node::{LoopNodes, Node, Part};
+use crate::node::{Node, NodeIndex, NodeProgram, Nodes, Player, Profile};
 use crate::plant::{I2t, PlantModel};
 use crate::wiring::{
     IoWiring, LedBy, LoopFacts, Measured, Plausible, SharedWiring, TRAVEL_MILLIMETRES, Wiring,
@@ -52,9 +52,9 @@ pub struct Rig {
     /// The nodes by name.
     #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub node: BTreeMap<String, RigNode>,
-    /// The loops by name.
-    #[serde(rename = "loop")]
-    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}, "minProperties" = 1))]
+    /// The loops by name. A rig without drives has none.
+    #[serde(default, rename = "loop")]
+    #[schemars(extend("propertyNames" = {"pattern": NAME_PATTERN}))]
     pub loops: BTreeMap<String, RigLoop>,
 }
 
@@ -180,27 +180,40 @@ impl Rig {
         plants.map(str::to_owned).collect()
     }
 
-    /// Returns what its loops share.
-    pub(crate) fn shared(&self) -> Arc<SharedWiring> {
-        let io = self.of_kind(Part::Io).map(|(name, node)| IoWiring {
-            node: Node::new(name, node.node_id, Part::Io),
-            outputs: node.outputs.clone().unwrap_or_default().0,
+    /// Returns its nodes, some of which programs play; `None` without a controller.
+    pub(crate) fn nodes(&self, programs: &BTreeMap<String, NodeProgram>) -> Option<Nodes> {
+        Nodes::new(self.node.iter().map(|(name, node)| {
+            let canopen = Node::canopen(name, node.node_id, node.kind);
+            match programs.get(name) {
+                Some(program) => canopen.played_by(Player::Program(program.clone())),
+                None if node.external => canopen.played_by(Player::Expected),
+                None => canopen,
+            }
+        }))
+    }
+
+    /// Returns what its loops share, with the nodes of the run.
+    pub(crate) fn shared(&self, nodes: &Nodes) -> Arc<SharedWiring> {
+        let io = self.of_kind(Profile::Io).filter_map(|(name, node)| {
+            Some(IoWiring {
+                node: nodes.find(name)?,
+                outputs: node.outputs.clone().unwrap_or_default().0,
+            })
         });
         Arc::new(SharedWiring {
             rig: self.name.clone(),
+            nodes: nodes.clone(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
             io: io.collect(),
         })
     }
 
-    /// Returns the wiring of a drive.
-    pub fn wiring_of(&self, drive: &str) -> Wiring {
-        self.wiring_in(&self.shared(), drive)
-    }
-
     /// Returns the wiring of a drive of a rig whose loops share these facts.
     pub(crate) fn wiring_in(&self, shared: &Arc<SharedWiring>, drive: &str) -> Wiring {
-        let Some(node) = self.node.get(drive) else {
+        let index = |name: &str| -> Option<(NodeIndex, &RigNode)> {
+            Some((shared.nodes.find(name)?, self.node.get(name)?))
+        };
+        let Some((drive_index, node)) = index(drive) else {
             return Wiring::default();
         };
         let plant = self.plant_of(drive).unwrap_or_default();
@@ -213,18 +226,13 @@ impl Rig {
         });
         let others = Vec::from_iter(others.map(|(_, node)| node));
         let inputs = others.iter().filter_map(|other| other.amplifier_port());
-        let named = |(name, node): (&str, &RigNode)| Node::new(name, node.node_id, node.kind);
         let (loop_name, rig_loop) = self.loop_of(drive).unzip();
         let followed = rig_loop.map_or(drive, RigLoop::followed);
-        let followed_node = self.node.get(followed).unwrap_or(node);
-        let controller = self.controller().map(named);
+        let (followed, followed_node) = index(followed).unwrap_or((drive_index, node));
         let recorded = node.record.as_ref();
         Wiring {
-            nodes: LoopNodes {
-                controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
-                drive: named((drive, node)),
-                followed: named((followed, followed_node)),
-            },
+            drive: drive_index,
+            followed,
             plant: plant.to_owned(),
             input: node.amplifier_port().unwrap_or_default().to_owned(),
             output: node.sensor_port().unwrap_or_default().to_owned(),
@@ -247,7 +255,7 @@ impl Rig {
     }
 
     /// Returns the loop whose first drive this is.
-    fn loop_of(&self, drive: &str) -> Option<(&String, &RigLoop)> {
+    pub(crate) fn loop_of(&self, drive: &str) -> Option<(&String, &RigLoop)> {
         let is_its = |one: &RigLoop| one.first() == Some(drive);
         self.loops.iter().find(|(_, one)| is_its(one))
     }
@@ -279,18 +287,18 @@ impl Rig {
 
     /// Returns the controller with its name.
     pub fn controller(&self) -> Option<(&str, &RigNode)> {
-        self.of_kind(Part::Controller).next()
+        self.of_kind(Profile::Manager).next()
     }
 
     /// Returns the nodes of a kind by name.
-    pub(crate) fn of_kind(&self, kind: Part) -> impl Iterator<Item = (&str, &RigNode)> {
+    pub(crate) fn of_kind(&self, kind: Profile) -> impl Iterator<Item = (&str, &RigNode)> {
         let nodes = self.node.iter().filter(move |(_, node)| node.kind == kind);
         nodes.map(|(name, node)| (name.as_str(), node))
     }
 
     /// Checks whether a name, which then has several words, is that of a limit on what a drive measures or gets.
     pub(crate) fn has_limit(&self, name: &str) -> bool {
-        let drives = self.of_kind(Part::Drive).filter(|_| name.contains('_'));
+        let drives = self.of_kind(Profile::Drive).filter(|_| name.contains('_'));
         let mut measured = drives.map(|(_, node)| node.quantities());
         measured.any(|one| METRICS.iter().any(|metric| one.name(metric.name) == name))
     }
@@ -339,7 +347,7 @@ impl Rig {
             if let Some(outputs) = &mut node.outputs {
                 outputs.0.retain(|_, port| plant_of_port(port) == plant);
             }
-            is_io || name == drive || node.kind == Part::Controller
+            is_io || name == drive || node.kind == Profile::Manager
         });
         if let Some(node) = rig.node.get_mut(drive) {
             node.mode_of_operation = Some(real.mode_of_operation);
@@ -440,7 +448,7 @@ pub struct DriveDefaults {
 #[schemars(rename = "RigNode")]
 pub struct RigNode {
     /// Kind of the node.
-    pub kind: Part,
+    pub kind: Profile,
     /// Its node-ID.
     #[schemars(range(min = 1, max = 127))]
     pub node_id: u8,
@@ -529,7 +537,7 @@ impl RigNode {
     }
 
     /// Returns the signal of its sensor with its range.
-    fn measured(&self) -> Measured {
+    pub(crate) fn measured(&self) -> Measured {
         let sensor = self.sensor.clone().unwrap_or_default();
         Measured {
             quantity: self.measured_quantity(),

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::{CONTOURS, RIG, RUN, TRIAL, entries, part_of, resolve};
 use crate::document::KeyContext;
 use crate::fault;
-use crate::node::Part;
+use crate::node::Profile;
 use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
 use dbc::{Quantities, Quantity, Unit, conversion, is_gain, is_pattern, known_units};
@@ -152,7 +152,7 @@ fn rig_part(schema: &mut Value) -> Value {
 
 /// Returns the schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
-    let drives = rig.of_kind(Part::Drive);
+    let drives = rig.of_kind(Profile::Drive);
     let mut loops = Vec::from_iter(drives.map(|(_, node)| node.quantities()));
     loops.dedup();
     let mut schema = loops_schema(&loops, travel(rig));
@@ -184,7 +184,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
                 let part_schema = json!({"allOf": [definition], "default": {}});
                 (part.to_owned(), part_schema)
             });
-        let is_emulated = node.kind == Part::Drive && node.is_ours();
+        let is_emulated = node.kind == Profile::Drive && node.is_ours();
         let truth = is_emulated.then(|| (TRUTH.to_owned(), schema_of_truth()));
         (name.clone(), table(parts.chain(truth)))
     });
@@ -210,8 +210,11 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 
 /// Returns the range of set-points: each lies within the range of one of the loops' sensors.
 fn travel(rig: &Rig) -> Option<KeyContext> {
-    let drives = rig.loops.keys().map(|name| rig.drive_of_loop(name));
-    let ranges = drives.map(|drive| rig.wiring_of(drive).feedback.range());
+    let followed = rig
+        .loops
+        .values()
+        .filter_map(|one| rig.node.get(one.followed()));
+    let ranges = followed.map(|node| node.measured().range());
     let [min, max] = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])?;
     let mut travel = KeyContext::default();
     (travel.measured.min, travel.measured.max) = (min, Some(max));

@@ -13,12 +13,12 @@ use plan::Plan;
 use recording::hits::{Effect, Hit};
 use recording::reasons::Reasons;
 use scenario::fault::{Actor, Fault, Group, Touch};
-use scenario::node::Part;
+use scenario::node::Node;
 
 use super::error_state::{Activity, ErrorState};
 use super::hit_notes::HitNotes;
 use crate::agenda::Timed;
-use crate::names::{BENCH, emulator_name};
+use crate::names::emulator_name;
 
 /// Largest number of frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
@@ -31,17 +31,14 @@ const LOSE: &str = "lose";
 /// Returns the nodes behind the CAN controller of a participant, in the order of their node-IDs: a node, or the drives of an
 /// emulator; that of canrig's own node is 0.
 fn nodes_behind(participant: &str, plan: &Plan) -> Vec<(u8, String)> {
-    if let Some(node) = plan.nodes().find(|node| node.name == participant) {
-        return vec![(node.id, node.name.clone())];
-    }
-    if participant == BENCH {
-        return vec![(0, BENCH.to_owned())];
+    if let Some(node) = plan.nodes.find(participant) {
+        let node = &plan.nodes[node];
+        return vec![(node.id(), node.name.clone())];
     }
     let loops = plan.loops.iter();
-    let emulated =
-        loops.filter(|one| one.is_ours(Part::Drive) && emulator_name(one) == participant);
-    let drives = emulated.map(|one| &one.nodes.drive);
-    let mut nodes = Vec::from_iter(drives.map(|drive| (drive.id, drive.name.clone())));
+    let emulated = loops.filter(|one| one.drive().is_ours() && emulator_name(one) == participant);
+    let drives = emulated.map(|one| one.drive());
+    let mut nodes = Vec::from_iter(drives.map(|drive| (drive.id(), drive.name.clone())));
     nodes.sort_unstable();
     nodes
 }
@@ -63,13 +60,13 @@ struct Hitting {
 
 impl Hitting {
     fn new(plan: &Plan, fault: Fault) -> Self {
-        let node = fault.node.as_ref();
-        let drive = node.filter(|node| node.part == Part::Drive);
+        let node = fault.node.map(|node| &plan.nodes[node]);
+        let drive = node.filter(|node| node.is_drive());
         let run_seed = plan.shared.run.seed;
-        let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive.id));
+        let seed = drive.map_or(run_seed, |drive| drive_seed(run_seed, drive.id()));
         Self {
             identifier: identifier(&fault),
-            node: node.map(|node| node.id),
+            node: node.map(Node::id),
             stream: Stream::for_fault(seed, &fault),
             burst_left: 0,
             path: fault.path(),

@@ -20,7 +20,7 @@ use can::Filter;
 use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
-use scenario::node::{Node, Part};
+use scenario::node::{Node, Player};
 use scenario::rig::RealDrive;
 
 use crate::bus_choice::RunBus;
@@ -112,10 +112,7 @@ impl Preflight {
     fn check_drives(&self, bus: &RunBus, session: &mut Session<'_>) -> Result<End, WorldError> {
         let plan = session.plan;
         // A program is not there before its run, and no current flows in it.
-        let is_external = |one: &&ControlLoop| {
-            let drive = &one.nodes.drive.name;
-            !one.is_ours(Part::Drive) && !plan.shared.programs.contains_key(drive)
-        };
+        let is_external = |one: &&ControlLoop| one.drive().player == Player::Expected;
         let has_passed = |one: &&ControlLoop| self.passed.borrow().contains(&who(one));
         let unchecked = plan.loops.iter().filter(is_external);
         let unchecked = Vec::from_iter(unchecked.filter(|one| !has_passed(one)));
@@ -125,8 +122,7 @@ impl Preflight {
         (session.report)(&PreflightEvent::Begun);
         let bit_rate = plan.shared.run.bus.bitrate_kilobits_per_second;
         session.pass(interface::checks(bus, bit_rate))?;
-        let is_led_elsewhere = |one: &&ControlLoop| !one.is_ours(Part::Controller);
-        if unchecked.iter().any(is_led_elsewhere) {
+        if plan.controller().is_external() {
             let text = "left to the external controller, which leads it".to_owned();
             session.pass(vec![Check("drive", Found::Open(text))])?;
             return Ok(End::Completed);
@@ -143,7 +139,7 @@ impl Preflight {
     /// Makes the checks of one drive.
     fn check_drive(&self, one: &ControlLoop, session: &mut Session<'_>) -> Result<End, WorldError> {
         if one.loop_name().is_some() {
-            (session.report)(&PreflightEvent::Drive(one.nodes.drive.name.clone()));
+            (session.report)(&PreflightEvent::Drive(one.drive().name.clone()));
         }
         let drive = self.drive(one)?;
         match session.interview(&drive, one)? {
@@ -167,7 +163,7 @@ impl Preflight {
         let cooling = Duration::from_secs_f64(preflight.cooling_seconds);
         let text = format!("the plant cools for {} s", cooling.as_secs_f64());
         (session.report)(&PreflightEvent::Step(text));
-        session.cool(cooling, one.nodes.controller.id)
+        session.cool(cooling, one.controller().id())
     }
 
     /// Returns the drive, or one like the emulated drive if the rig does not describe it, with the user's choice on heating.
@@ -187,7 +183,7 @@ impl Preflight {
 /// Identifies a drive: scenarios of one command may name several rigs.
 fn who(one: &ControlLoop) -> String {
     let real = one.real_drive.as_deref().map(|drive| &drive.real);
-    format!("{} {real:?}", one.nodes.drive.id)
+    format!("{} {real:?}", one.drive().id())
 }
 
 /// Plan whose drives are checked, and the place; the folder of the recording is in `parent`.
@@ -217,13 +213,13 @@ impl Session<'_> {
         drive: &LoadedDrive,
         one: &ControlLoop,
     ) -> Result<Result<Vec<Check>, BrokenOff>, WorldError> {
-        let nodes = iter::once(&one.nodes.drive)
+        let nodes = iter::once(one.drive())
             .chain(io_of(self.plan, one))
-            .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
+            .filter_map(|node| Some((NodeId::new(node.id())?, node.name.clone())));
         let watch = self.watch;
         let bus = self.connection.join(&[Filter::ALL])?;
         let guest = Guest::new(bus, || watch.is_interrupted());
-        let interview = Interview::new(guest, drive, one.nodes.controller.id);
+        let interview = Interview::new(guest, drive, one.controller().id());
         Ok(interview.checks(&Vec::from_iter(nodes)))
     }
 
@@ -289,8 +285,9 @@ impl Session<'_> {
 
 /// Returns the io nodes on the bus with outputs that are signals of a loop.
 fn io_of<'a>(plan: &'a Plan, one: &'a ControlLoop) -> impl Iterator<Item = &'a Node> {
-    let io = plan.io_on_bus().map(|(io, _)| io);
-    io.filter(|io| one.trial.wiring.io_nodes().any(|own| own == *io))
+    let io = plan.io_on_bus().map(|(io, _)| *io);
+    let io = io.filter(|io| one.trial.wiring.io_nodes().any(|own| own == *io));
+    io.map(|io| &plan.nodes[io])
 }
 
 /// Returns the plan of the session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
@@ -313,12 +310,12 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let acts = |io: &&Node| plan.shared.rig.acts_on(&io.name, &one.nodes.drive.name);
+    let acts = |io: &&Node| plan.shared.rig.acts_on(&io.name, &one.drive().name);
     let io = io_of(plan, one).filter(acts).map(|io| io.name.as_str());
     let rig = plan
         .shared
         .rig
-        .with_one_drive(&one.nodes.drive.name, &drive.real, io);
+        .with_one_drive(&one.drive().name, &drive.real, io);
     let read = |name: &str| match name {
         RIG => Ok(rig.to_toml()),
         _ => Ok(drive.eds.clone()),

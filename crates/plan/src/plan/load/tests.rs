@@ -1,9 +1,9 @@
 use std::fs;
 
 use can::CanFrame;
-use scenario::node::Part;
 
 use super::*;
+use crate::plan::message_of;
 
 const SERVO: &str = include_str!("../../../../../tests/foreign/servo.eds");
 const SCENARIO: &str = "schema = 1\nname = \"two servos\"\nrig = \"rigs/two.toml\"\nduration_seconds = 4.0\n\
@@ -49,23 +49,26 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
     assert_eq!(plan.external_names(), ["x", "y"]);
     for (one, name, node_id) in [(x, "x", 0x20), (y, "y", 0x22)] {
         assert_eq!(
-            (one.nodes.drive.name.as_str(), one.nodes.drive.id),
+            (one.drive().name.as_str(), one.drive().id()),
             (name, node_id)
         );
-        assert!(!one.is_ours(Part::Drive) && one.is_ours(Part::Controller));
+        assert!(one.drive().is_external() && one.controller().is_ours());
         let drive = one.real_drive.as_ref().unwrap();
         assert_eq!(drive.layout.node_id.get(), node_id);
         assert_eq!(drive.layout.mode_of_operation, -1);
         assert!((drive.real.limits.current_amperes - 1.0).abs() < 1e-12);
         let feedback = drive.layout.feedback.id();
-        assert_eq!(one.position().unwrap().raw_id(), u32::from(feedback));
-        assert!(one.message(&one.nodes.drive, "truth").is_err());
+        assert_eq!(
+            one.position(plan.database()).unwrap().raw_id(),
+            u32::from(feedback)
+        );
+        assert!(message_of(plan.database(), one.drive(), "truth").is_err());
     }
-    let id = |name: &str| x.database.message(name).unwrap().raw_id;
+    let id = |name: &str| plan.database().message(name).unwrap().raw_id;
     assert_eq!(id("y_heartbeat"), 0x722);
     assert_eq!(id("controller_y_tpdo1"), 0x1A1);
     let frame = CanFrame::new(0x722, &[5]);
-    assert!(y.database.message_of(&frame).unwrap().name == "y_heartbeat");
+    assert!(plan.database().message_of(&frame).unwrap().name == "y_heartbeat");
 }
 
 #[test]
@@ -123,7 +126,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     };
     let y = external(&["y"]).unwrap();
     assert_eq!(truth(&y), [false, true]);
-    let are_external = y.loops.iter().map(|one| !one.is_ours(Part::Drive));
+    let are_external = y.loops.iter().map(|one| one.drive().is_external());
     assert_eq!(Vec::from_iter(are_external), [false, true]);
     assert_eq!(y.external_names(), ["y"]);
     let controller = external(&["controller"]).unwrap();
@@ -131,7 +134,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
         controller
             .loops
             .iter()
-            .all(|one| !one.is_ours(Part::Controller))
+            .all(|one| one.controller().is_external())
     );
     let unknown = external(&["controler"]).unwrap_err();
     assert!(unknown.contains("did you mean `controller`?"), "{unknown}");

@@ -1,7 +1,7 @@
 //! Finds rigs that the format can describe and this bench cannot serve.
 
 use crate::check::Check;
-use crate::node::Part;
+use crate::node::Profile;
 use crate::wiring::IO_OUTPUTS_MAX;
 use dbc::names::{NAME_RULE, is_name};
 
@@ -43,8 +43,9 @@ impl Check<'_> {
         let named = Vec::from_iter(rig.node.values().flat_map(|node| node.plants()));
         let mut drives = rig.node.iter();
         let is_one_ours = drives.any(|(name, node)| node.is_ours() && rig.plant_of(name).is_some());
+        let has_drives = rig.of_kind(Profile::Drive).next().is_some();
         let is_moved = |plant: &str| {
-            let mut drives = rig.of_kind(Part::Drive);
+            let mut drives = rig.of_kind(Profile::Drive);
             drives.any(|(drive, _)| rig.plant_of(drive) == Some(plant))
         };
         for plant in rig.plant.keys() {
@@ -52,7 +53,7 @@ impl Check<'_> {
                 let label =
                     "an amplifier, a sensor, a record or an output of an io node is wired to it";
                 (format!("no node names the plant `{plant}`"), label)
-            } else if !is_one_ours && !is_moved(plant) {
+            } else if has_drives && !is_one_ours && !is_moved(plant) {
                 let label = "no drive of this rig is canrig's";
                 (format!("nobody emulates the plant `{plant}`"), label)
             } else {
