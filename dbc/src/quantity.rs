@@ -13,6 +13,10 @@ const CURRENT: &str = "current";
 const AMPERES: &str = "amperes";
 /// Names of values that are computed for each loop.
 const COMPUTED: [&str; 2] = ["set_point", "error"];
+/// Names that a recording has for its cycles and times, and for the temperature of a plant.
+const RECORDED: [&str; 3] = ["cycle", "time_seconds", "peak_temperature_celsius"];
+/// Name of what an amplifier gives to a port that is called like its unit alone.
+const SHARE_NAME: &str = "share";
 
 /// Places in the names of keys, metrics and signals, which each loop fills with its quantities: see [`Quantities::name`].
 pub const UNIT: &str = "{unit}";
@@ -67,7 +71,11 @@ impl Quantity {
             }
             _ => {
                 let name = port.strip_suffix(unit).unwrap_or(port);
-                Self::new(name.trim_end_matches('_'), Unit::from_word(unit))
+                let name = match name.trim_end_matches('_') {
+                    "" => SHARE_NAME,
+                    name => name,
+                };
+                Self::new(name, Unit::from_word(unit))
             }
         }
     }
@@ -99,9 +107,9 @@ impl Quantity {
         first.chain(letters).collect()
     }
 
-    /// Checks whether its name is also the name of a value that is computed.
+    /// Checks whether its name is also the name of a value that is computed, or of a column that each recording has.
     pub fn is_ambiguous(&self) -> bool {
-        COMPUTED.contains(&&*self.name)
+        COMPUTED.contains(&&*self.name) || RECORDED.contains(&&*self.key())
     }
 }
 
@@ -352,6 +360,7 @@ mod tests {
                 "turning_speed_revolutions_per_minute",
             ),
             ("tank.valve_percent", "valve", "percent", "valve_percent"),
+            ("tank.percent", "share", "percent", "share_percent"),
             (
                 "wire.convection_factor",
                 "convection_factor",
@@ -366,6 +375,13 @@ mod tests {
                 "{port}"
             );
             assert_eq!(quantity.key(), key);
+        }
+        for (port, is_ambiguous) in [("a.dwell_seconds", true), ("a.cycle", true), ("a.b", false)] {
+            assert_eq!(
+                Quantity::of_port(port).is_ambiguous(),
+                is_ambiguous,
+                "{port}"
+            );
         }
         let known = Vec::from_iter(Quantity::known().map(|quantity| quantity.key()));
         assert!(

@@ -193,21 +193,17 @@ fn law_of_a_wire(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     Some(document.key_problem(&format!("controller.{law}"), message, label))
 }
 
-/// Refuses a pair of drives that command two quantities: the output of the law is added to one and taken from the other.
+/// Refuses a pair of drives whose commands are in two units: the output of the law is added to one and taken from the other.
 fn pair_of_one_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let wiring = &trial.wiring;
     trial.controller.pid_pair.as_ref()?;
-    let first = &wiring.quantities.output;
+    let first = &wiring.quantities.output.unit;
     let loops = wiring.shared.loops.iter();
     let other = loops
         .filter(|one| one.is_led_by(&wiring.loop_name))
-        .map(|one| &one.quantities.output)
-        .find(|output| *output != first)?;
-    let label = format!(
-        "the drives' commands are `{}` and `{}`",
-        first.words(),
-        other.words()
-    );
+        .map(|one| &one.quantities.output.unit)
+        .find(|unit| *unit != first)?;
+    let label = format!("the drives' commands are in {first} and in {other}");
     Some(document.key_problem(
         "controller.pid_pair",
         "`pid_pair` commands one quantity",

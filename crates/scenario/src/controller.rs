@@ -25,7 +25,7 @@ pub struct Controller {
     pub pid: Option<Pid>,
     /// PID for two drives that pull against each other.
     pub pid_pair: Option<PidPair>,
-    /// A current profile without feedback.
+    /// A command profile without feedback.
     pub open_loop: Option<OpenLoop>,
     /// A program in any language.
     pub program: Option<Program>,
@@ -250,7 +250,7 @@ impl Default for SlidingModePaper {
     }
 }
 
-/// PID with anti-windup; the output is a current.
+/// PID with anti-windup.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pid {
@@ -343,14 +343,14 @@ pub fn drives_led_by(law: &str) -> Option<usize> {
     }
 }
 
-/// A current profile without feedback; built like `[reference]`.
+/// A command profile without feedback; built like `[reference]`.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OpenLoop {
-    /// Current jumps to a value and stays.
+    /// The command jumps to a value and stays.
     #[schemars(length(max = 10_000))]
     pub step: Vec<CurrentStep>,
-    /// Current moves linearly from its present value.
+    /// The command moves linearly from its present value.
     #[schemars(length(max = 10_000))]
     pub ramp: Vec<CurrentRamp>,
     /// A course of the current from a CSV file, such as that of a recording.
@@ -359,20 +359,20 @@ pub struct OpenLoop {
     pub table: Vec<CurrentTable>,
 }
 
-/// Current jumps to a value and stays.
+/// The command jumps to a value and stays.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentStep {
     /// Time of the jump.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
-    /// Current after the jump, within the range of the amplifier.
+    /// Command after the jump, within the range of the amplifier.
     #[schemars(range(min = -32_767_000.0, max = 32_767_000.0))]
     #[serde(rename = "{command}_{command_unit}")]
     pub current: f64,
 }
 
-/// Current moves linearly from its present value.
+/// The command moves linearly from its present value.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentRamp {
@@ -382,7 +382,7 @@ pub struct CurrentRamp {
     /// End of the ramp.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
-    /// Current at the end, within the range of the amplifier.
+    /// Command at the end, within the range of the amplifier.
     #[schemars(range(min = -32_767_000.0, max = 32_767_000.0))]
     #[serde(rename = "{command}_{command_unit}")]
     pub current: f64,

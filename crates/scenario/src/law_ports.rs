@@ -11,6 +11,8 @@ use dbc::{Port, Ports, Quantities, Quantity, Unit, conversion};
 /// Beginnings of the names of a law's ports.
 const SET_POINT: &str = "set_point_";
 const COMMAND: &str = "command";
+/// Unit in which a number without one can be given, too.
+const PERCENT: &str = "percent";
 /// Ends of the names of a set-point's derivatives.
 const VELOCITY: &str = "_per_second";
 const ACCELERATION: &str = "_per_second_squared";
@@ -190,6 +192,8 @@ fn find_command(output: &str, targets: &[Quantity]) -> Option<(usize, f64)> {
     targets.iter().enumerate().find_map(|(place, target)| {
         let (number, rest) = split_drive_number(output, &target.name)?;
         let factor = match rest.strip_prefix('_') {
+            // A number without a unit can only be given in percent; any other word is not its unit.
+            Some(unit) if target.unit.word().is_empty() && unit != PERCENT => return None,
             Some(unit) => conversion(unit, target.unit.word())?,
             None if rest.is_empty() && target.unit.word().is_empty() => 1.0,
             None => return None,
@@ -599,6 +603,8 @@ mod tests {
             ("current_milliamperes", Some((0, 1e-3))),
             ("mass_2_grams", Some((1, 1e-3))),
             ("convection_factor_3", Some((2, 1.0))),
+            ("convection_factor_3_percent", Some((2, 0.01))),
+            ("convection_factor_3_permille", None),
             ("current_2_amperes", None),
             ("mass_kilograms", None),
             ("voltage_volts", None),

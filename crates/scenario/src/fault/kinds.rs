@@ -575,7 +575,7 @@ pub static KINDS: &[Kind] = &[
         keys: &[
             Key::number("{command}_{command_unit}_max", 0.0, 32_767_000.0)
                 .drawn(Drawn::Between(0.01, 1.0))
-                .with_text("Largest current that it still gives."),
+                .with_text("Largest output that it still gives."),
         ],
         text: "The amplifier saturates below its largest current.",
         ..AMPLIFIER
@@ -585,7 +585,7 @@ pub static KINDS: &[Kind] = &[
         keys: &[
             Key::number("{command}_{command_unit}", -32_767_000.0, 32_767_000.0)
                 .drawn(Drawn::Between(0.01, 1.0))
-                .with_text("Current that flows, within the range of the amplifier."),
+                .with_text("Output that acts, within the range of the amplifier."),
         ],
         text: "A current flows whatever is commanded.",
         ..AMPLIFIER

@@ -921,7 +921,7 @@ fn a_law_is_refused_in_a_loop_that_it_cannot_lead() {
     let rig = JOINT_RIG.replace("extensor_current_amperes", "extensor_volts");
     let found = error(JOINT, &rig.replace("extensor.current", "extensor.voltage"));
     assert!(
-        found.contains("the drives' commands are `current` and `voltage`"),
+        found.contains("the drives' commands are in amperes and in volts"),
         "{found}"
     );
     let named = |text: &str| text.replace("extensor", "timing");

@@ -564,7 +564,7 @@ impl RigNode {
 #[schemars(rename = "RigAmplifier")]
 pub struct Amplifier {
     /// The port that it drives, as in `"wire.current_amperes"`. The port's unit decides the output quantity: a current, always in
-    /// amperes; a voltage, in volts; a mass, in kilograms; and so on. A percentage or a number without a unit takes the port's
+    /// amperes; else what the unit measures, in this unit: a voltage, a mass. A percentage or a number without a unit takes the port's
     /// name.
     #[schemars(length(min = 1, max = 200))]
     pub port: Option<String>,

@@ -14,6 +14,14 @@ impl Check<'_> {
             let output = node.commanded_quantity();
             let is_current = output == Quantity::current();
             let path = format!("node.{name}.amplifier");
+            if output.is_ambiguous() {
+                let message = format!(
+                    "`{}` is the name of something else of a recording",
+                    output.key()
+                );
+                let label = "an amplifier cannot drive a port of this name and unit";
+                self.at(&format!("{path}.port"), message, label);
+            }
             if !is_current && !node.is_ours() {
                 let message = format!(
                     "the amplifier of the external drive `{name}` gives `{}`, not a current",
