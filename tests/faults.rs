@@ -38,7 +38,7 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
     assert!(catalogue.len() >= 25, "{} cases", catalogue.len());
     for path in &catalogue {
         let plan = Plan::load(path, worlds::catalogue::catalogue()).unwrap();
-        let expect = &plan.loops[0].trial.expect;
+        let expect = &plan.only_loop().unwrap().trial.expect;
         assert!(plan.has_faults(), "{} has no fault", path.display());
         assert!(
             expect.of("safe_state").is_some() && expect.of("temperature_celsius").is_some(),
@@ -52,7 +52,7 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
 #[test]
 fn a_reaction_that_does_not_come_fails() {
     let is_safe_wanted = |plan: &Plan| {
-        let expect = &plan.loops[0].trial.expect;
+        let expect = &plan.only_loop().unwrap().trial.expect;
         let limit = expect.limit("safe_state");
         limit.is_some_and(|limit| limit.admits(1.0))
     };

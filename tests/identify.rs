@@ -132,7 +132,10 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
     );
     let path = result.join("scenario.toml");
     let again = plan::Plan::load(&path, worlds::catalogue::catalogue()).unwrap();
-    assert_eq!(again.loops[0].trial.plant().actuator(), Some(plant));
+    assert_eq!(
+        again.only_loop().unwrap().trial.plant().actuator(),
+        Some(plant)
+    );
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn plant(folder: &Path, text: &str) -> Table {
     let path = folder.join("plant.toml");
     fs::write(&path, text).unwrap();
     let plan = plan::Plan::load(&path, worlds::catalogue::catalogue()).unwrap();
-    let scenario = &plan.loops[0].trial;
+    let scenario = &plan.only_loop().unwrap().trial;
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
     let numbers = |numbers: &[(&str, f64)], resolution_bits: u32| {

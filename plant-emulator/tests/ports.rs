@@ -73,8 +73,9 @@ fn scenario(input: &str) -> Trial {
     scenario.sensor.resolution_bits = Some(20);
     let id = if input == "left" { 0x10 } else { 0x12 };
     let controller = Node::canopen("controller", 0x01, Profile::Manager);
-    let nodes = Nodes::new([controller, Node::canopen("drive", id, Profile::Drive)]).unwrap();
-    let drive = nodes.find("drive").unwrap();
+    let nodes = Nodes::new([controller, Node::canopen("drive", id, Profile::Drive)])
+        .expect("it has a controller");
+    let drive = nodes.find("drive").expect("it is one of them");
     scenario.wiring = Wiring {
         drive,
         followed: drive,

@@ -149,7 +149,7 @@ fn view(tables: &str) -> ControllerView {
     let beside = Beside::new(Path::new("t.toml"));
     let mut none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     let scenario = Scenario::parse(&beside, text, &mut none, &Asked::default()).unwrap();
-    scenario.loops[0].controller_view()
+    scenario.loops.first().unwrap().controller_view()
 }
 
 fn drive(node_id: NodeId) -> Device<TestDrive> {

@@ -188,7 +188,9 @@ mod tests {
         });
         let joined_rows = |x, y| {
             let mut loops = two(Outcome::Pass, Outcome::Pass);
-            (loops[0].1.metrics, loops[1].1.metrics) = (vec![x], vec![y]);
+            for ((_, verdict), row) in loops.iter_mut().zip([x, y]) {
+                verdict.metrics = vec![row];
+            }
             joined(loops, &[]).metrics
         };
         let joined_row = |x, y| joined_rows(load(x), load(y));

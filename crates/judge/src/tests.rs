@@ -104,7 +104,7 @@ fn a_limit_is_missed_where_the_scenario_lacks_what_its_metric_needs() {
          [expect]\nrecovery_time_seconds = { max = 1.0 }\n",
     );
     let mut plan = step_plan("");
-    plan.loops[0].trial.expect = others.loops[0].trial.expect.clone();
+    plan.loops.first_mut().unwrap().trial.expect = others.only_loop().unwrap().trial.expect.clone();
     let verdict = verdict_on(&plan, &frames(4000, |_| Some(10.0)), 0);
     let recovery = row(&verdict, "recovery_time_seconds");
     let lacks = Some("the scenario lacks a [[disturbance.…]]");
@@ -149,7 +149,7 @@ fn the_edge_of_a_band_is_inside_whatever_its_decimals() {
     check(fan, recovers, "recovery_time_seconds", 0.5);
     // And 13.15 - 13 is more than 5 % of 3.
     let mut small = step_plan("");
-    small.loops[0].trial.reference.step[0].position = 13.0;
+    small.loops.first_mut().unwrap().trial.reference.step[0].position = 13.0;
     let settles = |cycle: u32| Some(if cycle < 1100 { 10.0 } else { 13.15 });
     let verdict = verdict_on(&small, &frames(4000, settles), 0);
     assert_eq!(value(&verdict, "settling_time_seconds"), Some(0.1));
@@ -204,7 +204,7 @@ fn chirp_plan(added: &str) -> Plan {
 /// Returns the frames of a position that follows the chirp with this gain, 30° late and 1 mm high.
 fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
     let plan = chirp_plan("");
-    let chirp = plan.loops[0].trial.reference.chirp[0].clone();
+    let chirp = plan.only_loop().unwrap().trial.reference.chirp[0].clone();
     frames(4000, |cycle| {
         let phase = chirp.phase_at(f64::from(cycle) / 1e3);
         let late = phase.radians() - 30_f64.to_radians();
@@ -442,7 +442,8 @@ fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
     let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
     let with_fault = step_plan(&format!("{CRASH}[expect]\n{limits}"));
-    plan.loops[0].trial.expect = with_fault.loops[0].trial.expect.clone();
+    plan.loops.first_mut().unwrap().trial.expect =
+        with_fault.only_loop().unwrap().trial.expect.clone();
     let timelines = decode(&frames.into(), &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
@@ -539,7 +540,12 @@ fn the_limits_of_a_scenario_are_those_of_its_verdict() {
     let judged: Vec<_> = rows
         .filter_map(|row| Some((row.name, row.limit?)))
         .collect();
-    let all = limited.loops[0].trial.expected_rows().into_iter();
+    let all = limited
+        .only_loop()
+        .unwrap()
+        .trial
+        .expected_rows()
+        .into_iter();
     let expected = all.filter_map(|row| Some((row.name, row.limit?)));
     assert_eq!(Vec::from_iter(expected), judged);
     assert_eq!(judged.len(), 5);

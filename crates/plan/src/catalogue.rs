@@ -640,7 +640,7 @@ outputs = ["drive.current"]
         let beside = Beside::new(Path::new("t.toml"));
         let read = |_: &str| Ok(RIG.to_owned());
         let plan = Plan::parse(&beside, text.to_owned(), read, &catalogue).unwrap();
-        let names = plan.loops[0].names();
+        let names = plan.only_loop().unwrap().names();
         assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
         assert_eq!(names.find("sum"), Ok("controller_tpdo1.sum"));
         assert!(names.find("wire_temperature_celsius").is_err());

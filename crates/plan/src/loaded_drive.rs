@@ -200,7 +200,7 @@ outputs = ["drive.current"]
     }
 
     fn drive(plan: &Plan) -> Arc<LoadedDrive> {
-        plan.loops[0].real_drive.clone().unwrap()
+        plan.only_loop().unwrap().real_drive.clone().unwrap()
     }
 
     #[test]
@@ -233,7 +233,7 @@ outputs = ["drive.current"]
     fn a_set_point_on_the_limit_is_admitted() {
         let admits = |max: &str| {
             let plan = load_plan(&RIG.replace("max = 45.0", max), SCENARIO).unwrap();
-            drive(&plan).admits(&plan.loops[0].trial)
+            drive(&plan).admits(&plan.only_loop().unwrap().trial)
         };
         assert_eq!(admits("max = 36.0"), Ok(()));
         assert!(admits("max = 35.9").is_err());
@@ -248,7 +248,7 @@ outputs = ["drive.current"]
                 .replace("= 36.0", "= 20.0");
             let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 1.0\n");
             let plan = load_plan(&rig, &text).unwrap();
-            drive(&plan).admits(&plan.loops[0].trial)
+            drive(&plan).admits(&plan.only_loop().unwrap().trial)
         };
         let step = |at: f64, to: f64| {
             format!("[[reference.step]]\nat_seconds = {at:?}\nposition_millimetres = {to:?}\n")

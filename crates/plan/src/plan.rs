@@ -324,9 +324,8 @@ impl Plan {
     /// # Errors
     /// The database has no statusword of a drive.
     pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
-        let drives = self.loops.first().into_iter();
-        let drives = drives.flat_map(|one| &one.trial.wiring.shared.loops);
-        ScenarioClock::new(&self.database, drives.map(|one| one.drive.as_str()))
+        let drives = self.loops.iter().map(|one| one.drive().name.as_str());
+        ScenarioClock::new(&self.database, drives)
     }
 
     /// Returns the length of the run.

@@ -175,7 +175,11 @@ mod tests {
         };
         let rig = scenario::rig::shipped::text("sma_actuator").unwrap();
         let scenario = Scenario::from_rig(rig, "rig.toml").unwrap();
-        SignalNames::new(Database::shipped(), &scenario.loops[0].wiring, &published)
+        SignalNames::new(
+            Database::shipped(),
+            &scenario.loops.first().unwrap().wiring,
+            &published,
+        )
     }
 
     #[track_caller]

@@ -202,7 +202,15 @@ mod tests {
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
         write_plan(&folder, &plan).unwrap();
         let read = read_plan(folder.path(), None, &Catalogue::shipped()).unwrap();
-        let drive = |plan: &Plan| plan.loops[0].real_drive.as_ref().unwrap().eds.clone();
+        let drive = |plan: &Plan| {
+            plan.only_loop()
+                .unwrap()
+                .real_drive
+                .as_ref()
+                .unwrap()
+                .eds
+                .clone()
+        };
         assert_eq!(drive(&read), drive(&plan));
         assert_eq!(read.shared.tables, plan.shared.tables);
         // Frames whose meaning cannot be read do not get that of the catalogue.

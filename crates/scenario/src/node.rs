@@ -25,7 +25,7 @@ pub struct Node {
     pub name: String,
     /// How it takes part in the traffic on the bus.
     pub speaks: Speaks,
-    /// Who plays it.
+    /// Player of the node.
     pub player: Player,
     /// Whether the run tests it: canrig does not play it, or its law is a process.
     pub is_under_test: bool,
@@ -63,7 +63,7 @@ pub enum Profile {
     Io,
 }
 
-/// Who plays a node.
+/// Player of a node.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub enum Player {
     /// The emulator of the plants that the node moves.

@@ -203,7 +203,7 @@ fn recorded(controller: &str, plant: &str) -> Result<Trial, String> {
     let read = &mut |name: &str| beside.read_text(name);
     let loaded = Scenario::parse(&beside, text(controller), read, &asked);
     loaded
-        .map(|scenario| scenario.loops[0].clone())
+        .map(|scenario| scenario.loops.first().expect("it has a loop").clone())
         .map_err(|error| format!("{:?}", miette::Report::new(error)))
 }
 

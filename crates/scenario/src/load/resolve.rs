@@ -19,6 +19,7 @@ use crate::document::{Document, KeyContext};
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault;
 use crate::node::{NodeProgram, Nodes};
+use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::scenario::{Scenario, Shared};
@@ -148,11 +149,8 @@ fn resolve(
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
     let (rig, problems) = overlaid.map_err(fail)?;
     let programs = programs(&rig, &files);
-    let Some(nodes) = rig.nodes(&programs) else {
-        let label = "no node has kind = \"controller\"";
-        let problem = rig_document.key_problem("node", "nobody leads the drives", label);
-        return Err(nodes::fail(rig_name, vec![problem]));
-    };
+    let nodes = rig.nodes(&programs);
+    let nodes = nodes.ok_or_else(|| without_controller(&rig_document, rig_name))?;
     let mut resolver = Resolver {
         files: &files,
         check: Check::new(document, &rig, problems),
@@ -200,19 +198,8 @@ fn resolve(
     if !check.problems.is_empty() {
         return Err(fail(check.problems));
     }
-    let mut has_process = loops.iter().map(|one| one.controller.process_law());
-    let nodes = if has_process.any(|law| law.is_some()) {
-        let manager = nodes.manager();
-        nodes.changed(|index, node| node.is_under_test |= index == manager)
-    } else {
-        nodes
-    };
-    for one in &mut loops {
-        one.wiring.set_nodes(&nodes);
-    }
-    let plants = rig.plant.iter();
-    let plants = plants.map(|(name, plant)| (name.clone(), plant.beside(&files.path)));
-    let plants = plants.collect();
+    let nodes = with_tested_controller(nodes, &mut loops);
+    let plants = plants(&rig, &files);
     let shared = Shared {
         run,
         contours,
@@ -230,6 +217,34 @@ fn resolve(
         sheets,
         rig_text: files.rig,
     })
+}
+
+/// Refuses a rig without a controller.
+fn without_controller(document: &Document<'_>, rig_name: &str) -> ScenarioError {
+    let label = "no node has kind = \"controller\"";
+    let problem = document.key_problem("node", "nobody leads the drives", label);
+    nodes::fail(rig_name, vec![problem])
+}
+
+/// Returns the nodes of a run with these loops, which they get, too: the controller is under test if its law is a process.
+fn with_tested_controller(nodes: Nodes, loops: &mut [Trial]) -> Nodes {
+    let mut laws = loops.iter().map(|one| one.controller.process_law());
+    if laws.all(|law| law.is_none()) {
+        return nodes;
+    }
+    let manager = nodes.manager();
+    let nodes = nodes.changed(|index, node| node.is_under_test |= index == manager);
+    for one in loops {
+        one.wiring.set_nodes(&nodes);
+    }
+    nodes
+}
+
+/// Returns the plants of a rig by name, their files in the folder of the rig file.
+fn plants(rig: &Rig, files: &Files<'_>) -> BTreeMap<String, PlantModel> {
+    let plants = rig.plant.iter();
+    let plants = plants.map(|(name, plant)| (name.clone(), plant.beside(&files.path)));
+    plants.collect()
 }
 
 /// Reader of the facts and the trials of a run.

@@ -595,7 +595,7 @@ fn a_rig_that_ships_is_a_rig_file_whose_text_is_kept() {
         ("[expect]", "[expect.position]"),
     ] {
         let named = load_shipped(&ON_SHIPPED.replace(flat, by_loop)).unwrap();
-        assert_eq!(&named.loops[0], one, "{by_loop}");
+        assert_eq!(named.loops.first().unwrap(), one, "{by_loop}");
     }
 }
 
@@ -644,7 +644,7 @@ fn a_scenario_gives_other_values_to_its_rig() {
     let more = "[bus]\nsync_period_milliseconds = 2.0\n[plant.wire.heat]\nambient_celsius = 30.0\n\
         [node.drive.sensor]\nnoise_rms = 0.1\nmax = 50.0\n[node.drive.amplifier]\nmax = 0.5\n";
     let loops = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap();
-    let scenario = &loops.loops[0];
+    let scenario = loops.loops.first().unwrap();
     assert_eq!(scenario.run.bus.sync_period_milliseconds, 2.0);
     assert_eq!(loops.shared.rig.bus.sync_period_milliseconds, 2.0);
     assert_eq!(
@@ -845,8 +845,12 @@ fn a_disturbance_of_a_plant_without_a_loop_is_not_judged() {
         let loops = load_text(&format!("{JOINT}{disturbance}"), &rig)
             .unwrap()
             .loops;
-        assert_eq!(loops[0].disturbances().len(), 1);
-        assert_eq!(loops[0].judged_disturbances().len(), judged, "{plant}");
+        assert_eq!(loops.first().unwrap().disturbances().len(), 1);
+        assert_eq!(
+            loops.first().unwrap().judged_disturbances().len(),
+            judged,
+            "{plant}"
+        );
     }
 }
 
@@ -996,7 +1000,14 @@ fn gains_and_names_are_those_of_the_loop() {
         1,
     );
     let converted = load_text(&by_revolution, JOINT_RIG).unwrap();
-    let gains = converted.loops[0].controller.pid_pair.as_ref().unwrap();
+    let gains = converted
+        .loops
+        .first()
+        .unwrap()
+        .controller
+        .pid_pair
+        .as_ref()
+        .unwrap();
     assert!((gains.proportional - 0.03).abs() < 1e-12);
     let said = |from: &str, to: &str| load_text(&tilted, &spindle.replace(from, to)).unwrap_err();
     let error = said("flexor.tilt", "flexor.position");
@@ -1010,7 +1021,7 @@ fn gains_and_names_are_those_of_the_loop() {
 #[test]
 fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     let loops = load_text(JOINT, JOINT_RIG).unwrap();
-    let angle = &loops.loops[0];
+    let angle = loops.loops.first().unwrap();
     assert_eq!(angle.wiring.feedback.quantity.unit.word(), "degrees");
     assert_eq!(angle.wiring.feedback.range(), [-60.0, 60.0]);
     let law = angle.controller.pid_pair.as_ref().unwrap();

@@ -101,7 +101,10 @@ fn no_fault_hits_the_report_of_a_plant_whatever_its_identifier() {
     let shipped = scenario::rig::shipped::text("sma_actuator").unwrap();
     let rig = shipped.replace("node_id = 0x10", "node_id = 0x30");
     let plan = testing::plan_beside(text, &[("rig.toml", &rig)], &Catalogue::shipped());
-    assert_eq!(plan.loops[0].trial.wiring.identifiers.truth, 0x6D0);
+    assert_eq!(
+        plan.loops.first().unwrap().trial.wiring.identifiers.truth,
+        0x6D0
+    );
     let participants = ["plant-emulator".to_owned()];
     let mut faults = BusFaults::new(&plan, &participants).unwrap().unwrap();
     for (id, data) in [(0x1B0, &[0x37, 2, 0, 0, 0, 0, 0, 0][..]), (0x080, &[1])] {
