@@ -362,7 +362,7 @@ fn names_of_a_current_are_refused(folder: &Path) {
         );
         assert_eq!(code, Some(3), "{stderr}");
         assert!(
-            stderr.contains(right) && stderr.contains("commands a voltage"),
+            stderr.contains(right) && stderr.contains("is `voltage`"),
             "{stderr}"
         );
         fs::write(&step, text).unwrap();
