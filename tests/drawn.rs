@@ -166,9 +166,12 @@ impl Axis {
         let units = Vec::from_iter(known_units());
         let (inputs, output) = match plant.name {
             "fmu" => {
-                let input = draw.choose(&units);
+                // An amplifier cannot give a time, whose name a recording has.
+                let inputs = units.iter().map(|unit| format!("in_{unit}"));
+                let inputs = inputs.filter(|port| !Quantity::of_port(port).is_ambiguous());
+                let input = draw.choose(&Vec::from_iter(inputs));
                 let output = draw.choose(&units);
-                (vec![format!("in_{input}")], format!("out_{output}"))
+                (vec![input], format!("out_{output}"))
             }
             _ => {
                 let inputs = plant.inputs.iter().map(|&input| input.to_owned());

@@ -1,6 +1,7 @@
 //! A scenario on its rig.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::beside::Beside;
@@ -14,7 +15,7 @@ use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::sweep::Sweep;
 use crate::trial::Trial;
-use crate::wiring::IoWiring;
+use crate::wiring::SharedWiring;
 
 /// Scenario and the rig that it names, resolved.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,16 +24,24 @@ pub struct Scenario {
     pub shared: Shared,
     /// Nodes of the run.
     pub nodes: Nodes,
-    /// Io nodes, in the order of their names.
-    pub io: Vec<IoWiring>,
-    /// Plants by name, their files in the folder of the rig file.
-    pub plants: BTreeMap<String, PlantModel>,
+    /// Facts of the rig that its loops share, with its io nodes.
+    pub wiring: Arc<SharedWiring>,
     /// Loops, in the order of their names.
     pub loops: Vec<Trial>,
     /// EDS of each external drive, by the drive's name.
     pub sheets: BTreeMap<String, String>,
+    /// Place of the rig file.
+    pub(crate) rig_path: PathBuf,
     /// Text of the rig file.
     pub(crate) rig_text: RigText,
+}
+
+impl Scenario {
+    /// Returns the plants by name, their files in the folder of the rig file.
+    pub fn plants(&self) -> impl Iterator<Item = (&str, PlantModel)> {
+        let plants = self.shared.rig.plant.iter();
+        plants.map(|(name, plant)| (name.as_str(), plant.beside(&self.rig_path)))
+    }
 }
 
 /// Facts of a run that belong to no single loop.

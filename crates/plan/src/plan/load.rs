@@ -171,7 +171,9 @@ impl Plan {
         let mut plan = Self {
             shared: scenario.shared,
             nodes: scenario.nodes,
-            ..self.clone()
+            loops: self.loops.clone(),
+            database: Arc::clone(&self.database),
+            io: self.io.clone(),
         };
         for (one, trial) in plan.loops.iter_mut().zip(scenario.loops) {
             one.trial = trial;
@@ -255,13 +257,10 @@ fn composed(scenario: &Scenario, catalogue: &Catalogue) -> Result<Plan, Objectio
 
 /// Returns the io nodes of a rig, each with its outputs on the ports of its plants.
 fn io_outputs(scenario: &Scenario, catalogue: &Catalogue) -> Vec<(NodeIndex, Vec<IoOutput>)> {
-    let io = scenario.io.iter().map(|io| {
+    let io = scenario.wiring.io.iter().map(|io| {
         let plants = BTreeSet::from_iter(io.plants());
-        let plants = scenario
-            .plants
-            .iter()
-            .filter(|(name, _)| plants.contains(name.as_str()));
-        let ports = plants.map(|(name, plant)| Some((&**name, catalogue.plant_ports(plant)?)));
+        let plants = scenario.plants().filter(|(name, _)| plants.contains(name));
+        let ports = plants.map(|(name, plant)| Some((name, catalogue.plant_ports(&plant)?)));
         let ports = ports.collect::<Option<Vec<_>>>().map(Ports::joined);
         (io.node, io.outputs(&ports.unwrap_or_default()))
     });

@@ -19,7 +19,6 @@ use crate::document::{Document, KeyContext};
 use crate::error::{Problem, ScenarioError, Source};
 use crate::fault;
 use crate::node::{NodeProgram, Nodes};
-use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
 use crate::run::Run;
 use crate::scenario::{Scenario, Shared};
@@ -178,7 +177,7 @@ fn resolve(
         return Err(fail(resolver.check.problems));
     }
     resolver.read_run(&nodes);
-    let io = selector.shared.io.clone();
+    let wiring = Arc::clone(&selector.shared);
     let mut loops = resolver.read_loops(&selector);
     let mut check = resolver.check;
     let contours = read_contours(document, &rig, &loops).unwrap_or_else(|found| {
@@ -199,7 +198,6 @@ fn resolve(
         return Err(fail(check.problems));
     }
     let nodes = with_tested_controller(nodes, &mut loops);
-    let plants = plants(&rig, &files);
     let shared = Shared {
         run,
         contours,
@@ -211,8 +209,8 @@ fn resolve(
     Ok(Scenario {
         shared,
         nodes,
-        io,
-        plants,
+        wiring,
+        rig_path: files.path,
         loops,
         sheets,
         rig_text: files.rig,
@@ -238,13 +236,6 @@ fn with_tested_controller(nodes: Nodes, loops: &mut [Trial]) -> Nodes {
         one.wiring.set_nodes(&nodes);
     }
     nodes
-}
-
-/// Returns the plants of a rig by name, their files in the folder of the rig file.
-fn plants(rig: &Rig, files: &Files<'_>) -> BTreeMap<String, PlantModel> {
-    let plants = rig.plant.iter();
-    let plants = plants.map(|(name, plant)| (name.clone(), plant.beside(&files.path)));
-    plants.collect()
 }
 
 /// Reader of the facts and the trials of a run.
