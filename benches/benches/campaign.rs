@@ -20,9 +20,9 @@ const SWEEP: &str = "../scenarios/sweeps/plants.toml";
 const CASES: [usize; 2] = [1, 201];
 /// Number of cycles of these cases, repeated in the benchmark's name for `benches/count_instructions`.
 const CYCLES: u64 = 24_000;
-/// Limit for one case, which resolves its scenario and the rig that it names: 22 379 were counted when the limit was set. 730 of
-/// them are for the law that learns whether its wire remembers.
-const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22_400;
+/// Limit for one case, which resolves its scenario and the rig that it names: 22 461 were counted when the limit was set. 730 of
+/// them are for the law that learns whether its wire remembers, 150 for the list of nodes that all parts of a run share.
+const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22_500;
 
 /// Number of cases that are resolved without being played.
 const CASES_RESOLVED: usize = 100;
