@@ -10,7 +10,7 @@ mod objects;
 
 use std::time::Duration;
 
-use canopen::cia402::{self, CYCLIC_SYNCHRONOUS_TORQUE, OptionCodes, StateMachine, Status};
+use canopen::cia402::{self, Level, Mode, OptionCodes, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
@@ -219,7 +219,8 @@ impl Drive {
             && self.plant.failure().is_none()
             && services.nmt_state() == NmtState::Operational
             && self.machine.is_current_allowed()
-            && self.objects.mode(services.dictionary()) == CYCLIC_SYNCHRONOUS_TORQUE
+            && Mode::find(self.objects.mode(services.dictionary()))
+                .is_some_and(|mode| matches!(mode.level, Level::Torque))
     }
 
     /// Ends every call that may have changed the state: removes a current without permission, and updates the
@@ -236,6 +237,7 @@ impl Drive {
             is_remote: services.nmt_state() == NmtState::Operational,
             is_limit_active: self.is_limit_active,
             mode,
+            ..Status::default()
         });
         self.objects
             .set_status(services.dictionary_mut(), statusword, mode);

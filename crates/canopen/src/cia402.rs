@@ -1,8 +1,13 @@
 //! The drive profile CiA 402: the power state machine, statusword, option codes, modes and limits, as pure functions
 //! and states for both ends of the bus.
 //!
-//! The drive at hand has no moving mass: its output is a current, and every ramp to standstill is the step to 0. So in
-//! each state but Operation enabled the current is 0 at once, and the option codes decide only which state follows.
+//! A drive whose mode commands a torque has no ramps: every stop is the step to 0, and the option codes decide only which
+//! state follows. A drive that moves sets [`StateMachine::set_ramps`]: then a stop is a ramp, and the state that follows comes
+//! when the drive reports [`StateMachine::on_standstill`].
+
+mod modes;
+
+pub use modes::{Bit12, CYCLIC_SYNCHRONOUS_TORQUE, Generator, Level, MODES, Mode, WithoutValue};
 
 use crate::object_dictionary::{AbortCode, Accepted, ObjectDictionary};
 
@@ -28,9 +33,6 @@ pub const MODES_OF_OPERATION: u16 = 0x6060;
 pub const MODES_OF_OPERATION_DISPLAY: u16 = 0x6061;
 /// Object 0x6502: bit n - 1 represents mode n.
 pub const SUPPORTED_DRIVE_MODES: u16 = 0x6502;
-
-/// Mode of operation 10: cyclic synchronous torque.
-pub const CYCLIC_SYNCHRONOUS_TORQUE: i8 = 10;
 
 /// The states of the power state machine (CiA 402-2, figure 7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -126,11 +128,43 @@ impl Command {
 const FAULT_RESET_BIT: u16 = 1 << 7;
 const HALT_BIT: u16 = 1 << 8;
 
+/// The ramp of a stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ramp {
+    /// 0x6084.
+    SlowDown,
+    /// 0x6085.
+    QuickStop,
+    /// As fast as the limits of torque and current allow.
+    Limit,
+}
+
+impl Ramp {
+    /// Returns the ramp that the option codes 0x605A, 0x605D and 0x605E number alike from 1 to 4; `None` for 0, which
+    /// disables at once.
+    fn of(code: i16) -> Option<Self> {
+        match code {
+            1 => Some(Self::SlowDown),
+            2 => Some(Self::QuickStop),
+            3 | 4 => Some(Self::Limit),
+            _ => None,
+        }
+    }
+}
+
 /// The option codes 0x6007 and 0x605A to 0x605E.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
     /// 0x605A: 0 to 4 lead to Switch on disabled; 5 to 8 stay in Quick stop active.
     pub quick_stop: i16,
+    /// 0x605B: 1 slows down before it disables.
+    pub shutdown: i16,
+    /// 0x605C: 1 slows down before it disables.
+    pub disable_operation: i16,
+    /// 0x605D.
+    pub halt: i16,
+    /// 0x605E.
+    pub fault_reaction: i16,
     /// 0x6007: 1 fault, 2 disable voltage, 3 quick stop.
     pub abort_connection: i16,
 }
@@ -139,6 +173,10 @@ impl Default for OptionCodes {
     fn default() -> Self {
         Self {
             quick_stop: 2,
+            shutdown: 0,
+            disable_operation: 1,
+            halt: 1,
+            fault_reaction: 2,
             abort_connection: 1,
         }
     }
@@ -154,12 +192,30 @@ impl OptionCodes {
         let default = Self::default();
         Self {
             quick_stop: get(QUICK_STOP_OPTION_CODE, default.quick_stop),
+            shutdown: get(SHUTDOWN_OPTION_CODE, default.shutdown),
+            disable_operation: get(DISABLE_OPERATION_OPTION_CODE, default.disable_operation),
+            halt: get(HALT_OPTION_CODE, default.halt),
+            fault_reaction: get(FAULT_REACTION_OPTION_CODE, default.fault_reaction),
             abort_connection: get(ABORT_CONNECTION_OPTION_CODE, default.abort_connection),
         }
     }
 
+    /// Returns the ramp of a quick stop; 5 to 8 are the ramps of 1 to 4.
+    fn quick_stop_ramp(&self) -> Option<Ramp> {
+        Ramp::of(if self.stays_in_quick_stop() {
+            self.quick_stop - 4
+        } else {
+            self.quick_stop
+        })
+    }
+
+    /// Checks whether the drive stays in Quick stop active after a quick stop.
+    fn stays_in_quick_stop(&self) -> bool {
+        matches!(self.quick_stop, 5..=8)
+    }
+
     /// Checks whether an option code may be written. 0x6007 = 0 ("no action") is refused: without its manager the drive must not
-    /// keep heating. Every ramp of the standard is accepted, since each is the same step to 0 here.
+    /// go on driving.
     ///
     /// # Errors
     /// [`AbortCode::INVALID_VALUE`].
@@ -208,17 +264,45 @@ pub struct Status {
     pub is_remote: bool,
     /// Bit 11: a limit cuts the command.
     pub is_limit_active: bool,
-    /// Mode of operation (0x6061); bit 12 depends on it.
+    /// Mode of operation (0x6061), which decides the meaning of bits 10, 12 and 13.
     pub mode: i8,
+    /// Bit 10 in modes that have a target to reach.
+    pub is_target_reached: bool,
+    /// Bit 12 in modes that acknowledge a set-point.
+    pub is_set_point_acknowledged: bool,
+    /// Bit 12 in modes that report a speed of 0.
+    pub is_speed_zero: bool,
+    /// Bit 13 in modes that have a following error.
+    pub has_following_error: bool,
+}
+
+/// What the power stage lets the drive do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// No current.
+    Off,
+    /// The drive follows its target.
+    Follow,
+    /// The drive comes to a standstill by this ramp, and stands under power.
+    Stop(Ramp),
+}
+
+/// A stop that has not come to its end, and the state that follows at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Stop {
+    ramp: Ramp,
+    then: State,
 }
 
 /// The power state machine of a drive.
 ///
-/// Current may flow only while [`StateMachine::is_current_allowed`].
+/// A torque may be commanded only while [`StateMachine::is_current_allowed`]; with ramps, [`StateMachine::motion`] says more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StateMachine {
     state: State,
     controlword: u16,
+    has_ramps: bool,
+    stop: Option<Stop>,
 }
 
 impl StateMachine {
@@ -227,9 +311,47 @@ impl StateMachine {
         self.state
     }
 
-    /// Checks whether the drive may follow its target: Operation enabled and no halt.
+    /// Sets whether a stop takes a ramp. Without ramps a stop that is under way is over.
+    pub fn set_ramps(&mut self, has_ramps: bool) {
+        self.has_ramps = has_ramps;
+        if !has_ramps {
+            self.on_standstill();
+        }
+    }
+
+    /// Checks whether the drive may follow its target: Operation enabled, no halt and no stop under way.
     pub fn is_current_allowed(&self) -> bool {
-        self.state == State::OperationEnabled && self.controlword & HALT_BIT == 0
+        self.state == State::OperationEnabled
+            && self.stop.is_none()
+            && self.controlword & HALT_BIT == 0
+    }
+
+    /// Checks whether the power stage is on. In a mode of torque no current flows in a stop all the same.
+    pub fn is_powered(&self) -> bool {
+        matches!(
+            self.state,
+            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+        )
+    }
+
+    /// Returns what a drive with ramps may do.
+    pub fn motion(&self, codes: &OptionCodes) -> Motion {
+        if let Some(Stop { ramp, .. }) = self.stop {
+            return Motion::Stop(ramp);
+        }
+        match self.state {
+            State::OperationEnabled if self.controlword & HALT_BIT == 0 => Motion::Follow,
+            State::OperationEnabled => Motion::Stop(Ramp::of(codes.halt).unwrap_or(Ramp::SlowDown)),
+            State::QuickStopActive => Motion::Stop(Ramp::QuickStop),
+            _ => Motion::Off,
+        }
+    }
+
+    /// Ends the stop that is under way: the drive stands still.
+    pub fn on_standstill(&mut self) {
+        if let Some(Stop { then, .. }) = self.stop.take() {
+            self.state = then;
+        }
     }
 
     /// Obeys a controlword that has taken effect. `is_fault_present` keeps a fault from being reset.
@@ -259,13 +381,28 @@ impl StateMachine {
         self.controlword |= controlword & HALT_BIT;
     }
 
-    /// Transitions 13 and 14: the reaction is the current's step to 0 and over at once.
+    /// Transitions 13 and 14 at once, for a fault in which the drive cannot brake.
     pub fn on_fault(&mut self) {
-        self.state = State::Fault;
+        self.enter(State::Fault);
+    }
+
+    /// Transition 13, and 14 at standstill, by 0x605E. Without power it is over at once.
+    pub fn react_to_fault(&mut self, codes: &OptionCodes) {
+        match self.state {
+            State::FaultReactionActive | State::Fault => {}
+            _ if self.is_powered() => {
+                let ramp = Ramp::of(codes.fault_reaction);
+                self.begin_stop(ramp, State::FaultReactionActive, State::Fault);
+            }
+            _ => self.on_fault(),
+        }
     }
 
     /// Disables at once, as for the command "disable voltage" (NMT stop, leaving Operational).
     pub fn disable(&mut self) {
+        if self.state == State::FaultReactionActive {
+            self.enter(State::Fault);
+        }
         self.obey(Command::DisableVoltage, &OptionCodes::default());
     }
 
@@ -276,55 +413,91 @@ impl StateMachine {
             _ if !is_enabled => {}
             2 => self.obey(Command::DisableVoltage, codes),
             3 => self.obey(Command::QuickStop, codes),
-            _ => self.on_fault(),
+            _ => self.react_to_fault(codes),
         }
         is_enabled
     }
 
     /// Returns the statusword 0x6041.
     pub fn statusword(&self, status: &Status) -> u16 {
-        let follows_target = status.mode == CYCLIC_SYNCHRONOUS_TORQUE && self.is_current_allowed();
         let bit = |number: u16, is_set: bool| u16::from(is_set) << number;
-        self.state.status_bits()
+        let mut statusword = self.state.status_bits()
             | bit(4, status.is_voltage_enabled)
             | bit(7, status.has_warning)
             | bit(9, status.is_remote)
-            | bit(11, status.is_limit_active)
-            | bit(12, follows_target)
+            | bit(11, status.is_limit_active);
+        if let Some(mode) = Mode::find(status.mode) {
+            let bit_12 = match mode.bit_12 {
+                Bit12::FollowsTarget => self.is_current_allowed(),
+                Bit12::SetPointAcknowledge => status.is_set_point_acknowledged,
+                Bit12::SpeedIsZero => status.is_speed_zero,
+                Bit12::None => false,
+            };
+            statusword |= bit(10, mode.has_target_reached && status.is_target_reached)
+                | bit(12, bit_12)
+                | bit(13, mode.has_following_error && status.has_following_error);
+        }
+        statusword
     }
 
     /// Transitions 2 to 12 and 16 (CiA 402-2, figure 7 and table 26).
     fn obey(&mut self, command: Command, codes: &OptionCodes) {
-        self.state = match (self.state, command) {
-            (State::SwitchOnDisabled, Command::Shutdown) => State::ReadyToSwitchOn, // 2
-            (State::ReadyToSwitchOn, Command::SwitchOn) => State::SwitchedOn,       // 3
-            (State::ReadyToSwitchOn | State::SwitchedOn, Command::EnableOperation) => {
-                State::OperationEnabled // 4, and 3 before it
-            }
-            (State::OperationEnabled, Command::SwitchOn) => State::SwitchedOn, // 5
-            (State::SwitchedOn | State::OperationEnabled, Command::Shutdown) => {
-                State::ReadyToSwitchOn // 6, 8
-            }
-            (
-                State::ReadyToSwitchOn | State::SwitchedOn,
-                Command::DisableVoltage | Command::QuickStop,
-            ) => State::SwitchOnDisabled, // 7, 10
-            (State::OperationEnabled | State::QuickStopActive, Command::DisableVoltage) => {
-                State::SwitchOnDisabled // 9, 12
-            }
-            (State::OperationEnabled, Command::QuickStop) if stays(codes) => {
-                State::QuickStopActive // 11
-            }
-            (State::OperationEnabled, Command::QuickStop) => State::SwitchOnDisabled, // 11, 12
-            (State::QuickStopActive, Command::EnableOperation) => State::OperationEnabled, // 16
-            (state, _) => state,
+        use State::{
+            OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
         };
+        let slow_down = |code| (code == 1).then_some(Ramp::SlowDown);
+        match (self.state, command) {
+            (SwitchOnDisabled, Command::Shutdown) => self.enter(ReadyToSwitchOn), // 2
+            (ReadyToSwitchOn, Command::SwitchOn) => self.enter(SwitchedOn),       // 3
+            // 4, and 3 before it; it also ends a stop that would have disabled.
+            (ReadyToSwitchOn | SwitchedOn | OperationEnabled, Command::EnableOperation) => {
+                self.enter(OperationEnabled);
+            }
+            (OperationEnabled, Command::SwitchOn) => {
+                let ramp = slow_down(codes.disable_operation);
+                self.begin_stop(ramp, OperationEnabled, SwitchedOn); // 5
+            }
+            (OperationEnabled, Command::Shutdown) => {
+                let ramp = slow_down(codes.shutdown);
+                self.begin_stop(ramp, OperationEnabled, ReadyToSwitchOn); // 8
+            }
+            (SwitchedOn, Command::Shutdown) => self.enter(ReadyToSwitchOn), // 6
+            (ReadyToSwitchOn | SwitchedOn, Command::DisableVoltage | Command::QuickStop) => {
+                self.enter(SwitchOnDisabled); // 7, 10
+            }
+            (OperationEnabled | QuickStopActive, Command::DisableVoltage) => {
+                self.enter(SwitchOnDisabled); // 9, 12
+            }
+            (OperationEnabled, Command::QuickStop) => {
+                let then = if codes.stays_in_quick_stop() {
+                    QuickStopActive
+                } else {
+                    SwitchOnDisabled
+                };
+                self.begin_stop(codes.quick_stop_ramp(), QuickStopActive, then); // 11, 12
+            }
+            (QuickStopActive, Command::EnableOperation) if codes.stays_in_quick_stop() => {
+                self.enter(OperationEnabled); // 16
+            }
+            _ => {}
+        }
     }
-}
 
-/// Checks whether the quick stop option code keeps the drive in Quick stop active.
-fn stays(codes: &OptionCodes) -> bool {
-    matches!(codes.quick_stop, 5..=8)
+    fn enter(&mut self, state: State) {
+        self.state = state;
+        self.stop = None;
+    }
+
+    /// Enters `then`: at once without a ramp, else at standstill after the state `meanwhile`.
+    fn begin_stop(&mut self, ramp: Option<Ramp>, meanwhile: State, then: State) {
+        match ramp.filter(|_| self.has_ramps) {
+            Some(ramp) => {
+                self.state = meanwhile;
+                self.stop = Some(Stop { ramp, then });
+            }
+            None => self.enter(then),
+        }
+    }
 }
 
 /// Limits a target torque by 0x6072 maximum torque and 0x6073 maximum current, all in permille of the rated values (0x6075,
@@ -338,16 +511,15 @@ pub fn limit_torque(target: i16, torque_max: u16, current_max: u16) -> (i16, boo
 /// Returns the name of a mode of operation (CiA 402-2, 0x6060) whose command is a position or a speed; `None` for the modes of a
 /// torque and of the maker, and for none.
 pub fn mode_without_torque(mode: i8) -> Option<&'static str> {
+    if let Some(row) = Mode::find(mode) {
+        return (row.level != Level::Torque).then_some(row.word);
+    }
     Some(match mode {
-        1 => "profile position",
         2 => "velocity",
-        3 => "profile velocity",
         6 => "homing",
         7 => "interpolated position",
-        8 => "cyclic synchronous position",
-        9 => "cyclic synchronous velocity",
         5 | 12.. => "which CiA 402 reserves",
-        ..=0 | 4 | 10 | 11 => return None,
+        _ => return None,
     })
 }
 
@@ -393,13 +565,14 @@ mod tests {
         OptionCodes {
             quick_stop,
             abort_connection,
+            ..OptionCodes::default()
         }
     }
 
     fn machine_in(state: State) -> StateMachine {
         StateMachine {
             state,
-            controlword: 0,
+            ..StateMachine::default()
         }
     }
 
@@ -431,7 +604,7 @@ mod tests {
             (OperationEnabled, QUICK_STOP, SwitchOnDisabled, QuickStopActive),         // 11, 12
             (QuickStopActive, SHUTDOWN, QuickStopActive, QuickStopActive),
             (QuickStopActive, SWITCH_ON, QuickStopActive, QuickStopActive),
-            (QuickStopActive, ENABLE, OperationEnabled, OperationEnabled),             // 16
+            (QuickStopActive, ENABLE, QuickStopActive, OperationEnabled),              // 16
             (QuickStopActive, DISABLE_VOLTAGE, SwitchOnDisabled, SwitchOnDisabled),    // 12
             (QuickStopActive, QUICK_STOP, QuickStopActive, QuickStopActive),
             (Fault, SHUTDOWN, Fault, Fault),
@@ -448,6 +621,113 @@ mod tests {
                 assert_eq!(machine.state(), to, "{from:?} by {controlword:#04x}");
             }
         }
+    }
+
+    fn moving(state: State) -> StateMachine {
+        StateMachine {
+            has_ramps: true,
+            ..machine_in(state)
+        }
+    }
+
+    /// Each stop with each value of its option code: the ramp, the state in it and the state at its end.
+    #[test]
+    fn a_stop_with_a_ramp_ends_at_standstill_and_not_before() {
+        use Ramp::{Limit, QuickStop, SlowDown};
+        let default = OptionCodes::default();
+        let ramps = [SlowDown, QuickStop, Limit, Limit];
+        for (code, ramp) in (1..).zip(ramps) {
+            for (quick_stop, then) in [(code, SwitchOnDisabled), (code + 4, QuickStopActive)] {
+                let codes = codes(quick_stop, 1);
+                let mut machine = moving(OperationEnabled);
+                machine.on_controlword(QUICK_STOP, &codes, false);
+                assert_eq!(machine.state(), QuickStopActive, "{quick_stop}");
+                assert_eq!(machine.motion(&codes), Motion::Stop(ramp), "{quick_stop}");
+                assert!(!machine.is_current_allowed());
+                machine.on_standstill();
+                assert_eq!(machine.state(), then, "{quick_stop}");
+            }
+            let codes = OptionCodes {
+                fault_reaction: code,
+                halt: code,
+                ..default
+            };
+            let mut machine = moving(OperationEnabled);
+            machine.on_controlword(ENABLE | HALT_BIT, &codes, false);
+            assert_eq!(machine.motion(&codes), Motion::Stop(ramp), "halt {code}");
+            machine.on_standstill();
+            assert_eq!(machine.state(), OperationEnabled, "halt {code}");
+            machine.react_to_fault(&codes);
+            assert_eq!(machine.state(), State::FaultReactionActive, "{code}");
+            assert_eq!(machine.motion(&codes), Motion::Stop(ramp), "{code}");
+            machine.on_controlword(DISABLE_VOLTAGE, &codes, false);
+            assert_eq!(machine.state(), State::FaultReactionActive, "no command");
+            machine.on_standstill();
+            assert_eq!(
+                (machine.state(), machine.motion(&codes)),
+                (Fault, Motion::Off)
+            );
+        }
+        let slow = OptionCodes {
+            shutdown: 1,
+            disable_operation: 1,
+            ..default
+        };
+        let at_once = OptionCodes {
+            shutdown: 0,
+            disable_operation: 0,
+            ..default
+        };
+        for (controlword, then) in [(SHUTDOWN, ReadyToSwitchOn), (SWITCH_ON, SwitchedOn)] {
+            let mut machine = moving(OperationEnabled);
+            machine.on_controlword(controlword, &slow, false);
+            assert_eq!(machine.state(), OperationEnabled);
+            assert_eq!(machine.motion(&slow), Motion::Stop(SlowDown));
+            machine.on_standstill();
+            assert_eq!(machine.state(), then);
+            let mut machine = moving(OperationEnabled);
+            machine.on_controlword(controlword, &at_once, false);
+            assert_eq!(machine.state(), then);
+        }
+    }
+
+    #[test]
+    fn the_code_0_disables_without_a_ramp() {
+        let codes = OptionCodes {
+            quick_stop: 0,
+            fault_reaction: 0,
+            ..OptionCodes::default()
+        };
+        let mut machine = moving(OperationEnabled);
+        machine.on_controlword(QUICK_STOP, &codes, false);
+        assert_eq!(machine.state(), SwitchOnDisabled);
+        let mut machine = moving(OperationEnabled);
+        machine.react_to_fault(&codes);
+        assert_eq!(machine.state(), Fault);
+    }
+
+    #[test]
+    fn a_stop_gives_way_to_harder_commands_and_to_enabling() {
+        let codes = OptionCodes::default();
+        let stopping = |controlword| {
+            let mut machine = moving(OperationEnabled);
+            machine.on_controlword(controlword, &codes, false);
+            machine
+        };
+        let mut machine = stopping(SWITCH_ON);
+        machine.on_controlword(QUICK_STOP, &codes, false);
+        assert_eq!(machine.state(), QuickStopActive);
+        let mut machine = stopping(SWITCH_ON);
+        machine.on_controlword(ENABLE, &codes, false);
+        assert_eq!(machine.motion(&codes), Motion::Follow);
+        let mut machine = stopping(QUICK_STOP);
+        machine.on_controlword(ENABLE, &codes, false);
+        assert_eq!(machine.state(), QuickStopActive, "16 needs 5 to 8");
+        machine.on_controlword(DISABLE_VOLTAGE, &codes, false);
+        assert_eq!(machine.motion(&codes), Motion::Off);
+        let mut machine = stopping(SWITCH_ON);
+        machine.set_ramps(false);
+        assert_eq!(machine.state(), SwitchedOn, "a mode without ramps");
     }
 
     #[test]
