@@ -324,7 +324,7 @@ mod tests {
             "\nFileName=y.eds\n",
             "\nNodeID=0x12\n",
             "\nNrOfTXPDO=3\n",
-            "\n[ManufacturerObjects]\nSupportedObjects=5\n1=0x2101\n2=0x2102\n3=0x2103\n4=0x2104\n",
+            "\n[ManufacturerObjects]\nSupportedObjects=6\n1=0x2101\n2=0x2102\n3=0x2103\n4=0x2104\n",
             "\n; In 0.01 N. How it pulls.\n[2101]\nParameterName=a\nObjectType=0x7\nDataType=0x0006\nAccessType=ro\nLowLimit=0\nHighLimit=3000\nPDOMapping=1\n",
             "\n[1802]\nParameterName=TPDO3 communication parameter\n",
             "\n[1A02sub1]\nParameterName=Application object 1\nObjectType=0x7\nDataType=0x0007\nAccessType=rw\nDefaultValue=0x21040010\n",

@@ -5,6 +5,7 @@
 use std::collections::BTreeSet;
 
 use canopen::ObjectDictionary;
+use canopen::cia402::{MODES, Mode};
 use canopen::eds;
 use canopen::object_dictionary::{Access, DataType, Entry};
 use dbc::{ByteOrder, CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Kind, Message, Signal};
@@ -499,8 +500,8 @@ fn device_types_and_ratings_are_those_of_the_profiles() {
     );
     assert_eq!(
         integer(&drive, 0x6502, 0),
-        1 << 9,
-        "cyclic synchronous torque only"
+        MODES.iter().map(Mode::supported_bit).sum::<u32>().into(),
+        "the modes that have a row"
     );
     let rated_milliamperes = integer(&drive, 0x6075, 0);
     let database = Database::shipped();

@@ -52,6 +52,11 @@ impl Amplifier {
         !(min..=max).contains(&self.wanted(command_permille))
     }
 
+    /// Returns the amplifier's range in permille of the rated value.
+    pub(crate) fn range_permille(&self) -> [f64; 2] {
+        [self.range.min, self.range.max].map(|end| end / self.rated * 1e3)
+    }
+
     /// Returns an output in permille of the rated value, as in 0x6078.
     pub fn permille(&self, output: f64) -> i16 {
         i16::from_le_bytes(rounded_16(output / self.rated * 1e3, SIGNED_16))

@@ -1,4 +1,7 @@
-//! The drive, node 0x10 (CiA 402, cyclic synchronous torque): samples the position and applies the current at SYNC.
+//! The drive, node 0x10 (CiA 402): samples the position, and follows its targets in the mode of operation that is chosen.
+//!
+//! In the modes of torque it applies the current at SYNC. In the modes of position and velocity it closes its own loops
+//! ([`motion`]), on its own clock and at SYNC, so that ramps and stops go on without SYNC.
 //!
 //! A command that follows from the sample of one SYNC acts from the next SYNC on: one cycle of delay. The current falls
 //! to 0 on any event that disables the drive, and by the drive's own timer when communication is lost.
@@ -6,11 +9,19 @@
 //! An active drive holds the plant that it is wired to. It advances the plant before it samples, before the current or
 //! a disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC do not touch the physics.
 
+mod clock;
+mod demand;
+mod interpolation;
+mod loops;
+mod motion;
+mod motion_objects;
 mod objects;
+mod set_points;
+mod window;
 
 use std::time::Duration;
 
-use canopen::cia402::{self, Level, Mode, OptionCodes, StateMachine, Status};
+use canopen::cia402::{self, Generator, Level, Mode, OptionCodes, State, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
@@ -21,6 +32,10 @@ use dbc::loops::drive_seed;
 use scenario::Trial;
 use scenario::plant::TARGET_TORQUE;
 
+use clock::LoopClock;
+use motion::Motion;
+pub(crate) use motion_objects::LoopConfig;
+use motion_objects::{MotionObjects, TARGET_POSITION};
 use objects::Objects;
 pub(crate) use objects::first_values;
 
@@ -73,6 +88,12 @@ pub struct Drive {
     /// Whether the latest command was beyond the limits of its object, and was cut to them on reception.
     is_command_cut: bool,
     is_stop_asked: bool,
+    /// Row of the mode of operation, and the value of 0x6060 to which it belongs.
+    row: (i8, Option<&'static Mode>),
+    motion: Motion,
+    motion_objects: MotionObjects,
+    clock: LoopClock,
+    has_followed_badly: bool,
 }
 
 impl Drive {
@@ -106,6 +127,11 @@ impl Drive {
             is_limit_active: false,
             is_command_cut: false,
             is_stop_asked: false,
+            row: (0, None),
+            motion: Motion::new(),
+            motion_objects: MotionObjects::find(dictionary)?,
+            clock: LoopClock::default(),
+            has_followed_badly: false,
             objects,
         })
     }
@@ -185,8 +211,8 @@ impl Drive {
         self.followed = self.followed.max(now);
     }
 
-    /// Samples the sensors into the dictionary.
-    fn sample(&mut self, services: &mut Services) {
+    /// Samples the sensors into the dictionary, and returns the position in increments.
+    fn sample(&mut self, services: &mut Services) -> f64 {
         let now = self.plant.now;
         self.advance();
         let true_position = self.plant.output(self.wires.output);
@@ -201,10 +227,87 @@ impl Drive {
         self.objects.set_output(dictionary, permille);
         self.objects
             .set_utilisation(dictionary, self.protection.utilisation());
+        position
+    }
+
+    /// Returns the row of the mode of operation.
+    fn row(&mut self, services: &Services) -> Option<&'static Mode> {
+        let id = self.objects.mode(services.dictionary());
+        if self.row.0 != id {
+            self.row = (id, Mode::find(id));
+        }
+        self.row.1
+    }
+
+    /// Returns the row of a mode whose loops the drive closes.
+    fn moving_row(&mut self, services: &Services) -> Option<&'static Mode> {
+        let row = self.row(services);
+        row.filter(|row| !matches!(row.level, Level::Torque))
+    }
+
+    /// Tells the power stage whether stops have ramps, and starts or ends the clock of the loops.
+    fn take_mode(&mut self, services: &Services) {
+        let is_moving = self.moving_row(services).is_some();
+        self.machine.set_ramps(is_moving);
+        if !is_moving {
+            self.motion.leave();
+            let is_profile = |row: &Mode| matches!(row.generator, Generator::Profile);
+            if !self.row.1.is_some_and(is_profile) {
+                self.clock = LoopClock::default();
+            }
+        } else if self.clock.next.is_none() {
+            self.clock.next = Some(services.now());
+        }
+    }
+
+    /// Takes a step of the loops, or applies the torque in a mode without loops.
+    fn act(&mut self, services: &mut Services, position: f64) {
+        match self.moving_row(services) {
+            Some(row) => self.step_loops(services, row, position),
+            None => self.apply(services),
+        }
+    }
+
+    /// Takes a step of the loops.
+    fn step_loops(&mut self, services: &mut Services, row: &'static Mode, position: f64) {
+        let codes = self.codes(services);
+        self.machine.set_ramps(true);
+        if self.machine.state() != State::OperationEnabled {
+            self.motion.forget_set_points();
+        }
+        let is_able = !self.is_stop_asked && self.plant.failure().is_none();
+        let allowed = if is_able {
+            self.machine.motion(&codes)
+        } else {
+            cia402::Motion::Off
+        };
+        let settings = (self.motion_objects).settings(services.dictionary(), &self.amplifier);
+        let now = services.now();
+        let torque = (self.motion).step(now, row, allowed, &settings, position);
+        let output = self.amplifier.output(rounded_permille(torque));
+        self.set_output(if allowed == cia402::Motion::Off {
+            0.0
+        } else {
+            output
+        });
+        let status = self.motion.status();
+        self.is_limit_active = status.is_limit_active;
+        if row.has_following_error && status.has_following_error && !self.has_followed_badly {
+            self.has_followed_badly = true;
+            self.machine.react_to_fault(&codes);
+            services.raise_error(ErrorCode::FOLLOWING_ERROR, [0; 5]);
+        } else if status.is_standing && matches!(allowed, cia402::Motion::Stop(_)) {
+            self.machine.on_standstill();
+            if services.nmt_state() != NmtState::Operational {
+                self.machine.disable();
+            }
+        }
+        let shown = self.motion.shown();
+        self.motion_objects.show(services.dictionary_mut(), &shown);
     }
 
     /// Applies the target torque, if it is allowed.
-    fn apply(&mut self, services: &Services) {
+    fn apply(&mut self, services: &mut Services) {
         if !self.may_drive(services) {
             return;
         }
@@ -212,33 +315,63 @@ impl Drive {
         self.is_limit_active = is_cut || self.is_command_cut || self.amplifier.clips(limited);
         let output = self.amplifier.output(limited);
         self.set_output(output);
+        (self.motion_objects).show_torque(services.dictionary_mut(), limited);
     }
 
-    fn may_drive(&self, services: &Services) -> bool {
+    /// Checks whether a mode of torque may command a current.
+    fn may_drive(&mut self, services: &Services) -> bool {
         !self.is_stop_asked
             && self.plant.failure().is_none()
             && services.nmt_state() == NmtState::Operational
             && self.machine.is_current_allowed()
-            && Mode::find(self.objects.mode(services.dictionary()))
-                .is_some_and(|mode| matches!(mode.level, Level::Torque))
+            && self
+                .row(services)
+                .is_some_and(|row| matches!(row.level, Level::Torque))
     }
 
     /// Ends every call that may have changed the state: removes a current without permission, and updates the
     /// statusword.
     fn settle(&mut self, services: &mut Services) {
-        if !self.may_drive(services) {
+        self.take_mode(services);
+        let is_moving = self.moving_row(services).is_some();
+        let may_drive = if is_moving {
+            self.machine.is_powered() && !self.is_stop_asked && self.plant.failure().is_none()
+        } else {
+            self.may_drive(services)
+        };
+        if !may_drive {
             self.set_output(0.0);
             self.is_limit_active = false;
+            if !is_moving {
+                (self.motion_objects).show_torque(services.dictionary_mut(), 0);
+            }
+        }
+        let is_faulty = matches!(
+            self.machine.state(),
+            State::Fault | State::FaultReactionActive
+        );
+        if self.has_followed_badly && !is_faulty {
+            self.has_followed_badly = false;
+            services.clear_error(ErrorCode::FOLLOWING_ERROR);
         }
         let mode = self.objects.mode(services.dictionary());
-        let statusword = self.machine.statusword(&Status {
+        let mut status = Status {
             is_voltage_enabled: true,
             has_warning: self.protection.utilisation() >= WARNING_UTILISATION,
             is_remote: services.nmt_state() == NmtState::Operational,
             is_limit_active: self.is_limit_active,
             mode,
+            is_target_reached: may_drive && !self.is_limit_active,
             ..Status::default()
-        });
+        };
+        if is_moving {
+            let motion = self.motion.status();
+            status.is_target_reached = motion.is_target_reached;
+            status.is_speed_zero = motion.is_speed_zero;
+            status.has_following_error = motion.has_following_error || self.has_followed_badly;
+            status.is_set_point_acknowledged = self.motion.is_set_point_acknowledged();
+        }
+        let statusword = self.machine.statusword(&status);
         self.objects
             .set_status(services.dictionary_mut(), statusword, mode);
     }
@@ -269,11 +402,26 @@ impl Drive {
     /// Reports a fault if the I²t protection trips. The fault is over when the load is well below the limit.
     fn protect(&mut self, services: &mut Services) {
         self.supervise_output(services);
-        if self.protection.is_tripped() && self.machine.is_current_allowed() {
+        let may_heat = self.machine.is_current_allowed()
+            || self.moving_row(services).is_some() && self.machine.is_powered();
+        if self.protection.is_tripped() && may_heat {
             self.machine.on_fault();
             services.raise_error(ErrorCode::THERMAL_OVERLOAD, [0; 5]);
         } else if self.protection.utilisation() < WARNING_UTILISATION {
             services.clear_error(ErrorCode::THERMAL_OVERLOAD);
+        }
+    }
+
+    /// Plans that a profile torque acts without a SYNC, once the value is stored.
+    fn apply_on_arrival(&mut self, services: &Services) {
+        let is_profile = |row: &Mode| {
+            matches!(
+                (row.level, row.generator),
+                (Level::Torque, Generator::Profile)
+            )
+        };
+        if self.row(services).is_some_and(is_profile) {
+            self.clock.next = Some(services.now());
         }
     }
 
@@ -287,14 +435,32 @@ impl Drive {
         let codes = self.codes(services);
         let is_fault_present =
             self.protection.utilisation() >= WARNING_UTILISATION || self.deviates_since.is_some();
+        self.take_mode(services);
         self.machine
             .on_controlword(controlword, &codes, is_fault_present);
+        if self.moving_row(services).is_some() {
+            let settings = (self.motion_objects).settings(services.dictionary(), &self.amplifier);
+            let is_enabled = self.machine.is_current_allowed();
+            (self.motion).on_controlword(controlword, is_enabled, &settings);
+        }
     }
+}
+
+/// Rounds a torque to the permille that the amplifier takes; 0 for NaN.
+fn rounded_permille(torque: f64) -> i16 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
+    )]
+    let permille = torque.round() as i16;
+    permille
 }
 
 impl Application for Drive {
     fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
         self.machine = StateMachine::default();
+        self.motion = Motion::new();
+        self.clock = LoopClock::default();
         self.is_command_cut = false;
         self.codes = None;
         let dictionary = services.dictionary();
@@ -307,32 +473,43 @@ impl Application for Drive {
     fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
         if state == NmtState::Operational {
             services.expect_heartbeats();
-        } else {
+        } else if !self.machine.is_stopping() {
             self.machine.disable();
         }
         self.settle(services);
     }
 
     fn on_sync(&mut self, services: &mut Services, _sync: &Sync) {
-        self.sample(services);
+        let position = self.sample(services);
         self.protect(services);
-        self.apply(services);
+        self.act(services, position);
+        if self.moving_row(services).is_some() {
+            let period = self.motion_objects.loop_period(services.dictionary());
+            self.clock.on_sync(services.now(), period);
+        }
         self.settle(services);
     }
 
     fn on_rpdo(&mut self, services: &mut Services, number: u16) {
         self.is_command_cut = services.is_rpdo_cut(number);
         self.objects.refuse_mode(services.dictionary_mut());
+        if self.moving_row(services).is_some()
+            && services.is_in_rpdo(number, self.motion_objects.target_position)
+        {
+            self.motion.on_target();
+        }
         let controlword = self.objects.controlword(services.dictionary());
         let before = self.machine;
         self.obey(controlword, services);
         self.settle_after(before, services);
+        self.apply_on_arrival(services);
     }
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
         let dictionary = services.dictionary();
         if let Some(controlword) = self.objects.waiting_controlword(dictionary, waiting) {
             let codes = self.codes(services);
+            self.take_mode(services);
             let before = self.machine;
             self.machine.on_waiting_controlword(controlword, &codes);
             self.settle_after(before, services);
@@ -365,7 +542,11 @@ impl Application for Drive {
                 self.obey(u16::from_le_bytes([low, high]), services);
                 self.settle(services);
             }
-            (TARGET_TORQUE, _) => self.is_command_cut = false,
+            (TARGET_TORQUE, _) => {
+                self.is_command_cut = false;
+                self.apply_on_arrival(services);
+            }
+            (TARGET_POSITION, _) => self.motion.on_target(),
             (index, &[low, high]) => OptionCodes::check(index, i16::from_le_bytes([low, high]))?,
             _ => {}
         }
@@ -374,6 +555,7 @@ impl Application for Drive {
 
     fn on_communication_loss(&mut self, services: &mut Services, _loss: CommunicationLoss) {
         let codes = self.codes(services);
+        self.take_mode(services);
         self.machine.on_communication_loss(&codes);
         self.settle(services);
     }
@@ -383,7 +565,21 @@ impl Application for Drive {
         let limits = self.objects.protection_limits(services.dictionary());
         self.protection.set_limits(limits);
         self.protect(services);
+        let now = services.now();
+        if self.clock.next.is_some_and(|next| next <= now) {
+            self.clock.next = None;
+            let position = self.sample(services);
+            self.act(services, position);
+            if self.moving_row(services).is_some() {
+                let period = self.motion_objects.loop_period(services.dictionary());
+                self.clock.on_step(now, period);
+            }
+        }
         self.settle(services);
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        self.clock.next
     }
 
     fn on_stop(&mut self, services: &mut Services) {

@@ -14,7 +14,7 @@ use scenario::Trial;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
-use crate::drive::{self, Drive};
+use crate::drive::{self, Drive, LoopConfig};
 use crate::objects::node_id;
 use crate::truth::Truth;
 use crate::wires::Wires;
@@ -162,6 +162,7 @@ impl Parts {
         let pace = truth_presets(wiring.loop_number(), wiring.truth_every_cycles());
         let presets = trial.presets().into_iter().chain(pace).chain(identity);
         let presets = presets.chain(drive::first_values(&wires, plant));
+        let presets = presets.chain(LoopConfig::default().presets());
         let truth = PlantSignals {
             published: wires.published.iter().map(|one| &one.signal).collect(),
             position: &wires.true_position,

@@ -276,7 +276,7 @@ pub struct Status {
     pub has_following_error: bool,
 }
 
-/// What the power stage lets the drive do.
+/// Motion that the power stage allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// No current.
@@ -324,6 +324,11 @@ impl StateMachine {
         self.state == State::OperationEnabled
             && self.stop.is_none()
             && self.controlword & HALT_BIT == 0
+    }
+
+    /// Checks whether a stop is under way.
+    pub fn is_stopping(&self) -> bool {
+        self.stop.is_some()
     }
 
     /// Checks whether the power stage is on. In a mode of torque no current flows in a stop all the same.

@@ -56,6 +56,8 @@ impl ErrorCode {
     pub const PDO_TOO_LONG: Self = Self(0x8220);
     /// Unexpected SYNC data length.
     pub const SYNC_LENGTH: Self = Self(0x8240);
+    /// The position is further from its demand than the window (0x6065) for too long.
+    pub const FOLLOWING_ERROR: Self = Self(0x8611);
     /// RPDO time-out.
     pub const RPDO_TIMEOUT: Self = Self(0x8250);
 

@@ -172,6 +172,12 @@ impl Services {
         rpdos.any(|rpdo| rpdo.number() == number && rpdo.is_cut())
     }
 
+    /// Checks whether an RPDO carries an object, as it is configured now.
+    pub fn is_in_rpdo(&self, number: u16, object: Handle) -> bool {
+        let mut rpdos = self.rpdos.iter();
+        rpdos.any(|rpdo| rpdo.number() == number && rpdo.carries(object))
+    }
+
     /// Makes the TPDOs of types 254 and 255 due whose mapped values have changed.
     #[inline]
     pub(crate) fn notice_changes(&mut self) {

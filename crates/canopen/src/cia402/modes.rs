@@ -80,6 +80,7 @@ pub const CYCLIC_SYNCHRONOUS_TORQUE: i8 = 10;
 const TORQUE_LIMITS: &[u16] = &[0x6072, 0x6073];
 const VELOCITY_LIMITS: &[u16] = &[0x607F, 0x60C5, 0x60C6, 0x6072, 0x6073];
 const POSITION_LIMITS: &[u16] = &[0x607D, 0x607F, 0x60C5, 0x60C6, 0x6072, 0x6073];
+const CYCLIC_POSITION_LIMITS: &[u16] = &[0x607D, 0x607F, 0x6072, 0x6073];
 
 const TORQUE: Mode = Mode {
     id: 4,
@@ -139,7 +140,10 @@ pub static MODES: [Mode; 6] = [
     POSITION,
     VELOCITY,
     TORQUE,
-    cyclic(8, "cyclic synchronous position", POSITION),
+    Mode {
+        limits: CYCLIC_POSITION_LIMITS,
+        ..cyclic(8, "cyclic synchronous position", POSITION)
+    },
     cyclic(9, "cyclic synchronous velocity", VELOCITY),
     cyclic(
         CYCLIC_SYNCHRONOUS_TORQUE,

@@ -49,6 +49,11 @@ impl Rpdo {
         })
     }
 
+    /// Checks whether the PDO carries an object.
+    pub(crate) fn carries(&self, object: Handle) -> bool {
+        self.mapping.place_of(object).is_some()
+    }
+
     /// Reads the configuration again after a write; an invalid one leaves the PDO without effect.
     pub(crate) fn configure(&mut self, dictionary: &ObjectDictionary) {
         match read(dictionary, self.place) {
