@@ -90,7 +90,7 @@ mod tests {
     fn a_velocity_step_overshoots_as_its_poles_say() {
         let velocities = velocity_step(&gains(0.0, 4.0 / CROSSOVER), FREE, 0.0);
         let highest = velocities.iter().copied().fold(0.0, f64::max);
-        let expected = 1000.0 * (1.0 + f64::exp(-2.0));
+        let expected = 1000.0 * (1.0 + libm::exp(-2.0));
         assert!((highest - expected).abs() < 1.0, "{highest}");
         let place = velocities.iter().position(|one| *one == highest).unwrap();
         let seconds = f64::from(u32::try_from(place).unwrap()) * STEP;
@@ -117,14 +117,17 @@ mod tests {
         let limits = [-2.0, 2.0];
         let velocities = velocity_step(&gains(0.0, 4.0 / CROSSOVER), limits, 0.0);
         let highest = velocities.iter().copied().fold(0.0, f64::max);
-        assert!(highest < 1000.0 * (1.0 + f64::exp(-2.0)) + 1.0, "{highest}");
+        assert!(
+            highest < 1000.0 * (1.0 + libm::exp(-2.0)) + 1.0,
+            "{highest}"
+        );
         assert!((velocities.last().unwrap() - 1000.0).abs() < 1e-6);
     }
 
     /// Kv = ωv/4: no overshoot; Kv = ωv/2: e^−π, 4.3 %.
     #[test]
     fn a_position_step_overshoots_as_its_gain_says() {
-        for (divisor, expected) in [(4.0, 0.0), (2.0, f64::exp(-std::f64::consts::PI))] {
+        for (divisor, expected) in [(4.0, 0.0), (2.0, libm::exp(-std::f64::consts::PI))] {
             let gains = gains(CROSSOVER / divisor, 0.0);
             let demand = Demand {
                 position: 1000.0,

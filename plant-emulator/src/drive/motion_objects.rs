@@ -194,7 +194,7 @@ impl MotionObjects {
                 .as_integer()
                 .try_into()
                 .unwrap_or_default(),
-            interpolation_seconds: get(value) * 10_f64.powf(get(index)),
+            interpolation_seconds: get(value) * libm::pow(10.0, get(index)),
         }
     }
 

@@ -46,11 +46,11 @@ pub(crate) fn cycle(manager: &mut Manager, controlword: u16, target: i32) -> u16
 }
 
 pub(crate) fn statusword(manager: &mut Manager) -> u16 {
-    u16::try_from(manager.read(DRIVE, 0x6041, 0) & 0xFFFF).unwrap()
+    u16::try_from(manager.read(DRIVE, 0x6041, 0) & 0xFFFF).expect("16 bits")
 }
 
 fn state(manager: &mut Manager) -> State {
-    State::from_statusword(statusword(manager)).unwrap()
+    State::from_statusword(statusword(manager)).expect("a state of CiA 402")
 }
 
 pub(crate) fn signed(manager: &mut Manager, index: u16) -> i32 {
@@ -170,7 +170,7 @@ fn cyclic_position_follows_a_sine() {
     for number in 0..2000 {
         let seconds = f64::from(number) * 1e-3;
         #[expect(clippy::cast_possible_truncation, reason = "micrometres of the travel")]
-        let target = (20_000.0 * (1.0 - (2.0 * seconds).cos())) as i32;
+        let target = (20_000.0 * (1.0 - libm::cos(2.0 * seconds))) as i32;
         let statusword = cycle(&mut manager, ENABLE, target);
         assert_eq!(statusword & (BIT_12 | FOLLOWING_ERROR), BIT_12);
         assert_eq!(signed(&mut manager, 0x6062), target, "{number}");

@@ -13,8 +13,8 @@ const COMMANDS: u32 = 40;
 const REACH: i32 = 601;
 
 fn any<T: Copy>(random: &mut TestRng, values: &[T]) -> T {
-    let count = u64::try_from(values.len()).unwrap();
-    values[usize::try_from(random.next_u64() % count).unwrap()]
+    let count = u64::try_from(values.len()).expect("a short list");
+    values[usize::try_from(random.next_u64() % count).expect("an index")]
 }
 
 /// Sends one command. None writes 0x607F, of which the bound of a jump follows.
@@ -110,7 +110,7 @@ fn a_thousand_random_masters_find_no_way_out_of_the_figure() {
         for _ in 0..COMMANDS {
             send(&mut manager, &mut random);
             // A drive that is stopped does not answer SDOs.
-            if random.next_u32() % 8 == 0 {
+            if random.next_u32().is_multiple_of(8) {
                 manager.run_for(milliseconds(u64::from(random.next_u32() % 5)));
                 demand = None;
             }
